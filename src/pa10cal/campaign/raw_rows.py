@@ -57,7 +57,7 @@ class RawRows:
     unused: tuple[str, ...]  # columns that were not requested
     quarantined: tuple[Quarantined, ...]  # rows that are not used
     # what stands where a column of numbers holds no finite one, by its name and the line
-    odd: dict[str, dict[int, str]] = field(default_factory=dict)
+    non_numeric: dict[str, dict[int, str]] = field(default_factory=dict)
     # the file's own columns, by the contract's names; empty where it has those
     own: Mapping[str, OwnColumn] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # what the reader should know, one clause each
@@ -89,9 +89,9 @@ class RawRows:
 
     def shown(self, name: str, row: int) -> str:
         """Return a column's name and what stands in a row, as the file has both."""
-        value, odd = float(self.columns[name][row]), self.odd.get(name, {})
+        value, non_numeric = float(self.columns[name][row]), self.non_numeric.get(name, {})
         line = int(self.line[row])
-        text = repr(odd[line]) if line in odd else f"{value:.10g}"
+        text = repr(non_numeric[line]) if line in non_numeric else f"{value:.10g}"
         if name not in self.own:
             return f"{name} = {text}"
         own = self.own[name]
@@ -117,7 +117,7 @@ class RawRows:
         """Quarantine the rows in which a column holds no finite number; a blank may be nan."""
         wrong: dict[int, str] = {}
         for name in names:
-            for line, text in self.odd.get(name, {}).items():
+            for line, text in self.non_numeric.get(name, {}).items():
                 if text != "" or not may_be_blank:
                     comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
                     wrong.setdefault(line, f"{self.name_of(name)} = {text!r}{comma}")
