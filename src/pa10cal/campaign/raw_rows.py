@@ -259,8 +259,7 @@ class Exclusions:
             if k in self.met or reading is None:
                 continue
             poses = raw.text_of("pose")
-            label = reading["label"] if (poses == reading["label"]).any() else reading["bare"]
-            struck = poses == label
+            struck = poses == reading["label" if reading["label"] in poses else "bare"]
             for name, number in (("load_N", reading["load"]), ("repeat", reading["repeat"])):
                 if number is not None:
                     struck &= raw[name] == float(number)

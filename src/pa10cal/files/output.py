@@ -54,9 +54,7 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
             remedy="give different paths",
         )
     mine = f".{os.getpid()}{_PARTIAL}"
-    besides = tuple(
-        path if path.name.startswith(mine) else path.with_name(mine + path.name) for path in paths
-    )
+    besides = tuple(path.with_name(mine + path.name.removeprefix(mine)) for path in paths)
     with ExitStack() as stack:
         for beside in set(besides) - set(paths):
             stack.callback(_remove, beside)
