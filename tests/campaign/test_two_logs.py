@@ -100,9 +100,9 @@ def described():
     }
 
 
-def read_with(tmp_path, logs, of_readings=(), **of_joints):
+def read_with(tmp_path, logs, of_readings=(), exclude=(), **of_joints):
     """Read two logs with further columns mapped."""
-    folder, content = tmp_path / "mine", described()
+    folder, content = tmp_path / "mine", described() | {"exclude": list(exclude)}
     logs.write(folder)
     content["columns"]["joints"] |= of_joints
     content["columns"]["readings"] |= dict(of_readings)
@@ -127,6 +127,16 @@ def test_rows_that_belong_together_are_joined_by_row(tmp_path, time_of_joints, s
     np.testing.assert_allclose(found.observations.states.q_rad, logs.q_rad[shown], atol=2e-4)
     np.testing.assert_allclose(1e3 * found.observations.measured.places_m[:, 0], p_mm)
     assert found.warnings == ()
+
+
+def test_a_line_is_excluded_of_the_file_that_is_named(tmp_path):
+    logs = two_logs(tmp_path, 5, dense=False)
+    exclude = [{"where": "tracker.csv:12", "why": "bumped"}]
+    found = read_with(tmp_path, logs, exclude=exclude)
+    (row,) = (row for row in found.quarantined if row.reason == "excluded: bumped")
+    assert (row.file, row.line) == ("tracker.csv", 12)
+    with pytest.raises(Pa10calError, match=r"nothing is there .*controller\.csv:12.*tracker\.csv"):
+        read_with(tmp_path, logs, exclude=[{"where": "controller.csv:12", "why": "bumped"}])
 
 
 TORQUES, U, U_TORQUES = ([f"{name}{k}" for k in range(1, 7)] for name in ("M", "u", "uM"))

@@ -72,6 +72,7 @@ def test_bounds_are_told_in_the_number_of_the_file(raw):
         ("lines 7 to 9", 3),
         ("lines 7-9", 3),
         ("poses.csv:7", 1),
+        ("raw/poses.csv:7", 1),
     ],
 )
 def test_rows_are_excluded_with_the_reason_that_is_stated(raw, where, left_out):
@@ -90,6 +91,22 @@ def test_a_label_with_a_colon_is_no_line_of_a_file(raw):
     assert "S1:40" not in found.observations.pose
 
 
+@pytest.mark.parametrize(
+    ("where", "label"),
+    [("pose 5", "pose 5"), ("pose pose 5", "pose 5"), ("5", "5"), ("pose P006", "P006")],
+)
+def test_a_label_may_begin_with_the_word_that_messages_put_before_it(raw, where, label):
+    raw.poses[:] = [line.replace("P003", "pose 5").replace("P004", "5") for line in raw.poses]
+    found = read(raw, exclude=[{"where": where, "why": "bumped"}])
+    assert [row.value for row in found.quarantined] == 3 * [label]
+
+
+def test_no_other_label_is_excluded_for_one_that_is_not_there(raw):
+    raw.poses[:] = [line.replace("P003", "pose 5") for line in raw.poses]
+    with pytest.raises(Pa10calError, match="nothing is there"):
+        read(raw, exclude=[{"where": "5", "why": "bumped"}])
+
+
 def test_excluded_rows_may_be_many_and_unreadable(raw):
     for k in range(1, 61):
         raw.poses[k] = raw.poses[k].replace(",grid,", ",?,", 1)
@@ -101,8 +118,8 @@ def test_excluded_rows_may_be_many_and_unreadable(raw):
 
 
 def test_an_exclusion_that_meets_nothing_is_refused(raw):
-    for where in ("P999", "line 999", "pose P003, 0 N, repeat 9"):
-        with pytest.raises(Pa10calError, match=r"exclude: nothing is there .*" + where):
+    for where in ("P999", "line 999", "pose P003, 0 N, repeat 9", "joints.csv:7"):
+        with pytest.raises(Pa10calError, match=rf"exclude: nothing is there .*{where}.*poses.csv"):
             read(raw, exclude=[{"where": where, "why": "none"}])
 
 

@@ -321,6 +321,12 @@ class TestCalibrationWithEffects:
         found = [x[f"base_p_cmm_{axis}"]["std"] for axis in "xyz"]
         np.testing.assert_allclose(found, expected, rtol=1e-6)
 
+    def test_what_poses_do_not_identify_is_as_uncertain_as_its_tolerance(self, calibrated):
+        every = read(calibrated)["parameters"].values()
+        held = [each for each in every if not each["identifiable"]]
+        assert held
+        assert all(each["std"] == each["tolerance"] for each in held)
+
     def test_named_are_those_of_a_search(self, work, found, calibrated, tmp_path):
         out = tmp_path / "named.json"
         assert calibrate_with(work, out, "named", named=found / "extended.json") == 0

@@ -146,6 +146,22 @@ def test_a_data_set_of_another_version_is_refused_by_checksum(tmp_path):
     assert not raw.exists()
 
 
+@pytest.mark.parametrize(
+    ("folders", "given"),
+    [
+        ("a", ["--dataset", "titan-robot-accuracy"]),
+        ("a", ["--source", "."]),
+        ("ab", ["--dataset", "titan-robot-accuracy", "--source", "."]),
+    ],
+)
+def test_a_data_set_needs_its_folder_and_one_campaign(tmp_path, capsys, folders, given):
+    raw = [str(tmp_path / name) for name in folders]
+    words = ["chain", "--campaign-dir", *raw, "--results", str(tmp_path / "results"), *given]
+    assert main(words) == REFUSED
+    assert "--dataset with --source and one folder" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
 def test_without_a_campaign_it_says_how_to_come_by_one(tmp_path, capsys):
     words = ["measured", "--results", str(tmp_path), "--out", str(tmp_path)]
     assert main(words) == REFUSED

@@ -7,7 +7,7 @@ import pytest
 
 from pa10cal.curve.pictures import draw_curve_gait, draw_curve_shape
 from pa10cal.curve.tables import CurveResults
-from pa10cal.figures.style import looks
+from pa10cal.figures.style import theme
 from pa10cal.results.studies import CurveRecord, CurveShape
 
 
@@ -53,7 +53,7 @@ def results():
 
 
 def test_a_shape_is_drawn_with_its_angles_and_near_limits(results):
-    with looks():
+    with theme():
         figure = draw_curve_shape(replace(results, time_s=results.time_s[:1]))
     space, angles = figure.axes
     named = {line.get_label(): line for line in (*space.lines, *angles.lines)}
@@ -67,7 +67,7 @@ def test_a_shape_is_drawn_with_its_angles_and_near_limits(results):
 
 
 def test_a_gait_is_drawn_with_angles_over_time_and_moves(results):
-    with looks():
+    with theme():
         figure = draw_curve_gait(results)
     images = [image for axes in figure.axes for image in axes.get_images()]
     np.testing.assert_array_equal(images[0].get_array(), results.a_deg.T)

@@ -108,8 +108,8 @@ def test_motion_that_no_model_holds_is_in_no_number_but_its_own():
     np.testing.assert_allclose(fallen.found_after.distance_mm[:6], off_mm[0][:6])
     assert fallen.without_motion is found.without_motion
     with_rivals = replace(plain, with_rivals=plain.found_after)
-    assert with_rivals.beside(found).with_rivals is plain.found_after
-    assert with_rivals.beside(found).without_motion is found.without_motion
+    assert with_rivals.with_nuisances_of(found).with_rivals is plain.found_after
+    assert with_rivals.with_nuisances_of(found).without_motion is found.without_motion
     assert len(trusted(with_rivals, suspected).with_rivals.distance_mm) == len(measured) - 6
 
 

@@ -11,7 +11,14 @@ from made_up_arm import Missing, at_joint, measure
 from made_up_model import fitted_to
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
-from pa10cal.discovery.gates import MOST_ALTERNATIVES, MOST_SIZES, doubts, gated, unfit, with_pulls
+from pa10cal.discovery.gates import (
+    MOST_ALTERNATIVES,
+    MOST_SIZES,
+    gated,
+    reasons_against_none,
+    unfit,
+    with_pulls,
+)
 from pa10cal.discovery.lack_of_fit import pure_error_test
 from pa10cal.terms.effects.joint import GearRatioError
 
@@ -100,11 +107,15 @@ def test_an_amount_within_its_uncertainty_is_no_name(wave):
 
 def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):
     """Any term that is there stands for uncertain weights; here the effect lowers the error."""
-    assert "the weights may differ from the description" not in "".join(doubts(wave.discovery))
+    assert "the weights may differ from the description" not in "".join(
+        reasons_against_none(wave.discovery)
+    )
     kind = type(wave.discovery.model.model.terms[0])
     monkeypatch.setattr(gates, "Weights", kind)
-    assert "the weights may differ from the description" in "".join(doubts(wave.discovery))
-    assert [*doubts(nothing_hidden.discovery)] == []
+    assert "the weights may differ from the description" in "".join(
+        reasons_against_none(wave.discovery)
+    )
+    assert [*reasons_against_none(nothing_hidden.discovery)] == []
 
 
 def test_too_many_alternatives_are_no_name(wave):

@@ -8,7 +8,7 @@ import pytest
 from made_up_arm import measure
 from pa10cal.discovery.discover import attitudes_off, discover, too_little
 from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
-from pa10cal.discovery.gap import left_by
+from pa10cal.discovery.gap import errors_of
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.observe.observations import reading_groups
 
@@ -82,7 +82,7 @@ class TestVerdict:
         assert found.effects == found.next_poses(3).poses == ()
         assert found.holdout is None
         assert found.train.before == found.train.after
-        expected = left_by(made.baseline, found.train.poses).distance_mm
+        expected = errors_of(made.baseline, found.train.poses).distance_mm
         assert found.train.before.mean_mm == pytest.approx(expected.mean())
 
     def test_it_shows_itself_in_a_notebook(self, found):

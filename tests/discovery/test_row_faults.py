@@ -16,9 +16,9 @@ from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.judge import confirm
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import (
-    carries,
     gross_errors,
     held_out_faults,
+    influential_pose,
     loads_exchanged,
     of_wrong_row,
     row_faults,
@@ -166,7 +166,9 @@ class TestNamesThatOnePoseCarries:
 
     def test_its_pose_is_left_out_and_told(self, null):
         pose = null.readings.pose[40]
-        campaign = null.discovery.prepared.without_pose(pose, carries(pose, "an effect", 0.5))
+        campaign = null.discovery.prepared.without_pose(
+            pose, influential_pose(pose, "an effect", 0.5)
+        )
         assert pose not in campaign.trusted.pose
         (fault,) = campaign.faults
         assert fault.decides

@@ -17,7 +17,7 @@ from made_up_results import elsewhere, small_results, taken_to_a_model
 from pa10cal.campaign.description import read_description
 from pa10cal.commands.command_line import run_command
 from pa10cal.evaluation.options import ChainOptions, PictureOptions
-from pa10cal.figures.style import WIDTH_MM, looks, write_figure
+from pa10cal.figures.style import WIDTH_MM, theme, write_figure
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.codec import write
 from pa10cal.results.discovery import VerdictRecord
@@ -153,7 +153,7 @@ def learnt(sighted, tmp_path_factory) -> ResultsBundle:
 
 @pytest.fixture
 def project_looks():
-    with looks():
+    with theme():
         yield
 
 

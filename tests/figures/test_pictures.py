@@ -30,10 +30,10 @@ import pickle, sys
 from pathlib import Path
 from pa10cal.figures.draw import of_campaign
 from pa10cal.figures.registry import entries
-from pa10cal.figures.style import looks, write_figure
+from pa10cal.figures.style import theme, write_figure
 results = pickle.loads(bytes.fromhex(sys.argv[1]))
 for name in sys.argv[3:]:
-    with looks():
+    with theme():
         figure = entries("campaign")[name].make(results)
         write_figure(figure, of_campaign(results).footer, Path(sys.argv[2]), name, 80)
 """

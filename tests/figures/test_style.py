@@ -9,11 +9,11 @@ from pa10cal.figures.style import (
     WIDTH_MM,
     draw_points,
     evenly,
-    looks,
     name_in_title,
     new_figure,
     panel,
     plain_log,
+    theme,
     write_figure,
 )
 
@@ -59,7 +59,7 @@ def test_long_titles_grow_upward_and_long_footers_downward(tmp_path, project_loo
 def test_settings_of_the_user_change_nothing(tmp_path):
     for k, size in enumerate((10.0, 33.0)):
         with mpl.rc_context({"font.size": size, "lines.linewidth": size, "axes.facecolor": "red"}):
-            with looks():
+            with theme():
                 write_figure(simple(), "footer", tmp_path / str(k), "line", 80)
             assert mpl.rcParams["font.size"] == size
     for ending in ("svg", "pdf", "png"):

@@ -1,15 +1,17 @@
 """Outputs are whole or not there."""
 
 import errno
+import fcntl
 import resource
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
 from hypothesis import strategies as st
 
 from pa10cal.errors import OutputError
-from pa10cal.files.output import whole_file, whole_files, write_text
+from pa10cal.files.output import remove_partials, whole_file, whole_files, write_text
 
 
 def write_half(path):
@@ -56,6 +58,21 @@ def test_several_outputs_appear_together(tmp_path):
             beside.write_text("whole")
         assert not any(path.exists() for path in paths)
     assert [path.read_text() for path in paths] == ["whole", "whole"]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_writes_into_an_unfinished_output_leaves_it_locked(tmp_path, fails):
+    path = tmp_path / "result.json"
+    with suppress(OSError), whole_file(path) as beside:
+        write_text(beside, "whole")
+        assert beside.read_text() == "whole"
+        assert list(tmp_path.iterdir()) == [beside]
+        with beside.open() as other, pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        remove_partials(tmp_path)  # as another process does
+        if fails:
+            write_half(beside)
+    assert list(tmp_path.iterdir()) == ([] if fails else [path])
 
 
 def test_two_outputs_at_one_place_are_refused_before_anything_is_written(tmp_path):

@@ -14,7 +14,7 @@ from pa10cal.numerics.exchange import (
     Information,
     SeparationCriterion,
     exchange,
-    one_by_one,
+    greedy_order,
 )
 
 CASES = {
@@ -78,7 +78,7 @@ def test_a_set_that_can_be_searched_whole_is_nearly_the_best(seed):
     white = rows_of(seed, 2, 4, 10.0, count=10)
     best = max(log_det(white, chosen) for chosen in combinations(range(10), 4))
     criterion = Information(white)
-    found = exchange(criterion, one_by_one(criterion, 4))
+    found = exchange(criterion, greedy_order(criterion, 4))
     assert found.values[-1] > best - 0.2
 
 
@@ -147,7 +147,7 @@ def test_a_small_sum_of_squares_costs_half_of_it_and_a_large_one_less():
 def test_the_least_of_several_is_what_a_set_is_chosen_by():
     several = [separation_of(seed)[2] for seed in range(3)]
     least = Combined(several)
-    found = exchange(least, one_by_one(least, 3))
+    found = exchange(least, greedy_order(least, 3))
     for each in several:
         each.restart(found.chosen)
     assert found.values[-1] == pytest.approx(min(each.value for each in several))

@@ -175,7 +175,7 @@ def test_which_joints_moved_is_told_apart():
     found, _ = with_arrivals(observed([0.0, 0.5, 0.5005, 0.3, 0.2], [0.0] * 5))
     assert found.states.arrival[:, 0].tolist() == [0, 1, 1, -1, -1]
     assert found.states.moved.T.tolist() == [[0, 1, 0, -1, -1], [0] * 5]
-    assert found.states.since_before is found.states.moved
+    assert found.states.move_from_previous is found.states.moved
 
 
 def test_campaigns_of_a_group_begin_anew_and_their_directions_are_kept():

@@ -81,8 +81,8 @@ class PoseStates:
         return int(self.q_rad.shape[1])
 
     @property
-    def since_before(self) -> Array:
-        """Direction in which each joint moved from the pose before, 0 where it stayed, (P, n)."""
+    def move_from_previous(self) -> Array:
+        """Direction moved from the pose before, (P, n): unlike `arrival` 0 where a joint stayed."""
         return self.arrival if self.moved is None else self.moved
 
     @property

@@ -18,7 +18,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.fit.problem import Solution
-from pa10cal.numerics.exchange import Information, one_by_one
+from pa10cal.numerics.exchange import Information, greedy_order
 from pa10cal.results.health import (
     CorrelatedPair,
     ExpectedUncertainty,
@@ -523,7 +523,7 @@ def poses_needed(
         return np.asarray(flat.T @ flat) * scales
 
     candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
-    order = pool[one_by_one(candidates, min(len(pool), _MOST))]
+    order = pool[greedy_order(candidates, min(len(pool), _MOST))]
     spread = gram(ended.position) / count
     enough = -(-ended.identifiability.rank // white.shape[1])
 

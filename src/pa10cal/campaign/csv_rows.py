@@ -344,8 +344,8 @@ def read_rows(
     )
     unused = tuple(name for name in header if name not in used)
     columns = {name: np.concatenate([read.pop(name) for _, read, _ in parts]) for name in used}
-    odd = {name: dict(ChainMap(*(odd[name] for _, _, odd in parts))) for name in used}
-    raw = RawRows(path.name, columns, right, {path.name: len(line)}, unused, listed, odd)
+    non_numeric = {name: dict(ChainMap(*(part[2][name] for part in parts))) for name in used}
+    raw = RawRows(path.name, columns, right, {path.name: len(line)}, unused, listed, non_numeric)
     if not last.ended and widths[-1] == width:
         # The last number of a file without a line end may lack digits that all others have.
         usual = int(np.bincount(decimals).argmax())
@@ -369,7 +369,7 @@ def _read_part(
     rows = [row for row in every if len(row) == len(header)]
     right = [line.number for line, row in zip(lines, every, strict=True) if len(row) == len(header)]
     columns: dict[str, NDArray[Any]] = {}
-    odd: dict[str, dict[int, str]] = {name: {} for name in used}
+    non_numeric: dict[str, dict[int, str]] = {name: {} for name in used}
     for name in used:
         at = header.index(name)
         fields = [row[at] for row in rows]
@@ -378,14 +378,14 @@ def _read_part(
             continue
         columns[name] = layout.numbers(fields)
         unread = np.flatnonzero(np.isnan(columns[name])).tolist()
-        odd[name] = {right[k]: fields[k] for k in unread}
+        non_numeric[name] = {right[k]: fields[k] for k in unread}
     known = (
         [line.number for line in lines],
         [len(row) for row in every],
         [hash(tuple(row)) for row in rows],
         [len(row[-1].partition(layout.decimal)[2]) for row in rows],
     )
-    return [np.array(numbers, dtype=np.int64) for numbers in known], columns, odd
+    return [np.array(numbers, dtype=np.int64) for numbers in known], columns, non_numeric
 
 
 def _check_header(

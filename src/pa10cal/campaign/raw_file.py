@@ -202,7 +202,7 @@ class RawFile:
             raw = raw.take(~off, f"{', '.join(turned.names[:2])} …: no rotation")
             raw = raw if turned.u is None else raw.finite(turned.u, may_be_blank=True)
         made: dict[str, NDArray[Any]] = {}
-        odd: dict[str, dict[int, str]] = {}
+        non_numeric: dict[str, dict[int, str]] = {}
         for name in sorted(wanted - {*QUATERNION, *(f"u_{part}" for part in QUATERNION)}):
             source = self.sources[name]
             if name in TEXT:
@@ -210,13 +210,13 @@ class RawFile:
             elif name == "time_s" and columns.time and columns.time.format:
                 seconds, text = _clock(raw, columns.time, from_first=self.key == "poses")
                 made[name], unread = seconds, np.flatnonzero(np.isnan(seconds))
-                odd[name] = {int(raw.line[k]): text[k] for k in unread}
+                non_numeric[name] = {int(raw.line[k]): text[k] for k in unread}
             else:
                 values = source.factor * raw.columns[source.name] + source.offset
                 # An uncertainty of 0 states nothing.
                 unstated = name.startswith("u_") & (values == 0.0)
                 made[name] = np.where(unstated, np.nan, values)
-                odd[name] = raw.odd[source.name]
+                non_numeric[name] = raw.non_numeric[source.name]
         if columns.kind is not None and "kind" in made:
             words = columns.kind.words
             made["kind"] = np.array([words.get(word, word) for word in made["kind"]], dtype=object)
@@ -228,7 +228,7 @@ class RawFile:
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
                 made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
-        return replace(raw, columns=made, odd=odd, own=self.sources)
+        return replace(raw, columns=made, non_numeric=non_numeric, own=self.sources)
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         key = rule_of(missing[0]).key

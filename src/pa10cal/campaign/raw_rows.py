@@ -57,7 +57,7 @@ class RawRows:
     unused: tuple[str, ...]  # columns that were not requested
     quarantined: tuple[Quarantined, ...]  # rows that are not used
     # what stands where a column of numbers holds no finite one, by its name and the line
-    odd: dict[str, dict[int, str]] = field(default_factory=dict)
+    non_numeric: dict[str, dict[int, str]] = field(default_factory=dict)
     # the file's own columns, by the contract's names; empty where it has those
     own: Mapping[str, OwnColumn] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # what the reader should know, one clause each
@@ -89,9 +89,9 @@ class RawRows:
 
     def shown(self, name: str, row: int) -> str:
         """Return a column's name and what stands in a row, as the file has both."""
-        value, odd = float(self.columns[name][row]), self.odd.get(name, {})
+        value, non_numeric = float(self.columns[name][row]), self.non_numeric.get(name, {})
         line = int(self.line[row])
-        text = repr(odd[line]) if line in odd else f"{value:.10g}"
+        text = repr(non_numeric[line]) if line in non_numeric else f"{value:.10g}"
         if name not in self.own:
             return f"{name} = {text}"
         own = self.own[name]
@@ -117,7 +117,7 @@ class RawRows:
         """Quarantine the rows in which a column holds no finite number; a blank may be nan."""
         wrong: dict[int, str] = {}
         for name in names:
-            for line, text in self.odd.get(name, {}).items():
+            for line, text in self.non_numeric.get(name, {}).items():
                 if text != "" or not may_be_blank:
                     comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
                     wrong.setdefault(line, f"{self.name_of(name)} = {text!r}{comma}")
@@ -223,9 +223,12 @@ def joined_listings(listings: Mapping[str, Path]) -> str:
 
 #: Beginning of the reason of rows that campaign.yaml excludes.
 EXCLUDED = "excluded"
-_LINES = re.compile(r"(?:.*\.\w+:|lines?\s+)(?P<first>\d+)(?:\s*(?:-|–|to)\s*(?P<last>\d+))?")
+_LINES = re.compile(
+    r"(?:(?:.*[/\\])?(?P<file>[^/\\]*\.\w+):|lines?\s+)"
+    r"(?P<first>\d+)(?:\s*(?:-|–|to)\s*(?P<last>\d+))?"
+)
 _READING = re.compile(
-    r"(?:pose )?(?P<label>[^,]+?)(?:, (?P<load>[-+.\d]+) N)?(?:, repeat (?P<repeat>\d+))?"
+    r"(?P<label>(?:pose )?(?P<bare>[^,]+?))(?:, (?P<load>[-+.\d]+) N)?(?:, repeat (?P<repeat>\d+))?"
 )
 
 
@@ -238,11 +241,13 @@ class Exclusions:
     met: set[int] = field(default_factory=set)
 
     def lines(self, raw: RawRows) -> RawRows:
-        """Leave out rows by their lines in the file."""
+        """Leave out rows by their lines in the file; lines of another file meet none."""
         for k, (where, why) in enumerate(self.stated):
-            if (lines := _LINES.fullmatch(where)) is not None:
+            lines = _LINES.fullmatch(where)
+            if lines is not None and lines["file"] in (None, raw.file):
                 first, last = int(lines["first"]), int(lines["last"] or lines["first"])
-                if any(first <= row.line <= last for row in raw.quarantined):
+                unread = (row.line for row in raw.quarantined if row.file == raw.file)
+                if any(first <= line <= last for line in unread):
                     self.met.add(k)
                 raw = self._without(raw, (raw.line >= first) & (raw.line <= last), k, why)
         return raw
@@ -251,16 +256,17 @@ class Exclusions:
         """Leave out rows by their labels, loads and repeats, and refuse what meets no row."""
         for k, (where, why) in enumerate(self.stated):
             reading = _READING.fullmatch(where)
-            if _LINES.fullmatch(where) or reading is None:
+            if k in self.met or reading is None:
                 continue
-            struck = raw.text_of("pose") == reading["label"]
+            poses = raw.text_of("pose")
+            struck = poses == reading["label" if reading["label"] in poses else "bare"]
             for name, number in (("load_N", reading["load"]), ("repeat", reading["repeat"])):
                 if number is not None:
                     struck &= raw[name] == float(number)
             raw = self._without(raw, struck, k, why)
         missed = [where for k, (where, _) in enumerate(self.stated) if k not in self.met]
         if missed:
-            raise _refusal("nothing", self.where, missed[0])
+            raise _refusal("nothing", self.where, missed[0], raw.file)
         return raw
 
     def _without(self, raw: RawRows, struck: NDArray[np.bool_], k: int, why: str) -> RawRows:

@@ -98,7 +98,7 @@ def read_tracked(
     screen = Screen(columns, arm, file, raw.line[once], found.take(once), listed)
     screen.run()
     off = screens.off_command(screen.found.pose, screen.found.states.q_rad, arm.prismatic)
-    screen.leave_out(off, screens.OTHER_COMMAND, screen.found.pose[off])
+    screen.quarantine(off, screens.OTHER_COMMAND, screen.found.pose[off])
     refuse_too_many_lost()
     found, moved, of_base = steadied(screen.found, str(file.path), screen.T_base_ee)
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
@@ -240,18 +240,18 @@ class Screen:
         def repeats(p_m: Array, seen: Mask) -> Mask:
             return screens.off_repeats(p_m, self.found.pose[seen], self.found.states.load_N[seen])
 
-        self._leave_out(self._by_target(reach), screens.OUT_OF_REACH)
+        self._quarantine_targets(self._by_target(reach), screens.OUT_OF_REACH)
         self._refuse_units()
-        self._leave_out_exchanged()
-        self._leave_out(self._by_target(repeats), screens.OFF_REPEATS)
+        self._quarantine_exchanged()
+        self._quarantine_targets(self._by_target(repeats), screens.OFF_REPEATS)
         misfit = misfit_of(self.found.measured, self.T_base_ee)
         if misfit is not None:
             self._look_at_poor_fit(misfit)
             off = screens.off_model(misfit, self.found.kind == "holdout")
-            self._leave_out(off, screens.OFF_MODEL)
-        self._leave_out(not_rigid(self.found.measured.places_m), NOT_RIGID)
+            self._quarantine_targets(off, screens.OFF_MODEL)
+        self._quarantine_targets(not_rigid(self.found.measured.places_m), NOT_RIGID)
 
-    def leave_out(self, off: Mask, reason: str, values: Iterable[object]) -> None:
+    def quarantine(self, off: Mask, reason: str, values: Iterable[object]) -> None:
         """Quarantine rows (N,), with what was found in each."""
         where = configurations(self.found.take(off))
         file = self.file.path.name
@@ -267,7 +267,7 @@ class Screen:
             judged[seen, b] = judge(places_m[seen, b], seen)
         return judged
 
-    def _leave_out(self, off: Mask, reason: str) -> None:
+    def _quarantine_targets(self, off: Mask, reason: str) -> None:
         """Quarantine rows with a target (N, B) that is off, naming the first of them."""
         lost, first = np.asarray(off.any(axis=1)), off.argmax(axis=1)
         values = []
@@ -275,9 +275,9 @@ class Screen:
             place_mm = 1e3 * self.found.measured.places_m[row, first[row]]
             numbers = ", ".join(f"{value:g}" for value in place_mm)
             values.append(f"{self._target(int(first[row]))} = {numbers}")
-        self.leave_out(lost, reason, values)
+        self.quarantine(lost, reason, values)
 
-    def _leave_out_exchanged(self) -> None:
+    def _quarantine_exchanged(self) -> None:
         """Quarantine rows whose targets are exchanged; refuse columns that are, in most rows."""
         names, places_m = self.found.measured.target_names, self.found.measured.places_m
         modelled = nominal_places(self.T_base_ee, places_m) if len(names) > 1 else None
@@ -289,7 +289,7 @@ class Screen:
         if 2 * len(texts) > len(swapped):
             value = f"{len(texts)} of {len(swapped)} rows fit the arm with their labels exchanged"
             raise _refusal("exchanged", self.file.path, value, texts[0])
-        self.leave_out(swapped, EXCHANGED, texts)
+        self.quarantine(swapped, EXCHANGED, texts)
 
     def _most_seen(self) -> tuple[int, Mask]:
         """Return the target that most rows have, and which these are."""

@@ -406,7 +406,7 @@ class TwoLogs:
         station, stations, note = self._joined(read, logged, samples)
         at = np.maximum(station, 0)
         first = stations.first[at]
-        columns, odd = dict(read.columns), dict(read.odd)
+        columns, non_numeric = dict(read.columns), dict(read.non_numeric)
         columns |= zip(q, stations.q_deg[at].T, strict=True)
         further = dict(zip(together, stations.tau_Nm.T, strict=False))
         further |= _uncertainties(logged, stations, [*q, *together])
@@ -421,9 +421,9 @@ class TwoLogs:
             # Poses and repeats that neither log has are made of the joint positions.
             if name in logged.columns:
                 columns[name] = logged[name][first]
-                unread, lines = logged.odd.get(name, {}), logged.line[first].tolist()
+                unread, lines = logged.non_numeric.get(name, {}), logged.line[first].tolist()
                 of_row = zip(read.line.tolist(), lines, strict=True)
-                odd[name] = {row: unread[line] for row, line in of_row if line in unread}
+                non_numeric[name] = {row: unread[line] for row, line in of_row if line in unread}
             elif name in counted:
                 columns[name] = counted[name]
         if "time_s" in columns and np.nanmin(columns["time_s"], initial=np.inf) >= SINCE_1970:
@@ -433,7 +433,7 @@ class TwoLogs:
         whole = replace(
             read,
             columns=columns,
-            odd=odd,
+            non_numeric=non_numeric,
             totals={**read.totals, **logged.totals},
             unused=(*read.unused, *logged.unused),
             quarantined=(*read.quarantined, *logged.quarantined),

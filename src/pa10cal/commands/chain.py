@@ -29,8 +29,8 @@ def chain(
         campaign_dir: folder of raw files; of a group several, whose own results lie beside
             --results already.
         results: folder of the campaign's results.
-        dataset: public data set that the folder of raw files is imported of first.
-        source: folder of that data set.
+        dataset: public data set that the one folder of raw files is imported of first.
+        source: folder of that data set; goes with --dataset.
         settings: sections ingest, base_frame, calibration, evaluation and discovery.
 
     Examples:
@@ -41,19 +41,27 @@ def chain(
     import traceback
 
     from pa10cal.commands.data import import_data
-    from pa10cal.errors import OutputError, Pa10calError
+    from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.reports.summary import summarise
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
     from pa10cal.stages.pipeline import stages
 
+    if bool(dataset) != bool(source) or (dataset and len(campaign_dir) > 1):
+        raise SettingsError(
+            "a data set is imported of its folder, for one campaign",
+            where="--dataset",
+            value=dataset or None,
+            allowed="--dataset with --source and one folder of raw files, or neither of them",
+            remedy="give both; for a group run pa10cal import first",
+        )
     raw, file = campaign_dir[0], ChainRecord.FILE
     name = results.name if len(campaign_dir) > 1 else raw.name
     _remove(results, file, *_WRITTEN)
     stage, written = "import", set[str]()
-    became: dict[str, Any] = {}
+    outcome: dict[str, Any] = {}
     try:
-        if dataset and source:
+        if source is not None:
             import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
         for each in stages(campaign_dir, results, settings):
             stage = each.name
@@ -62,17 +70,17 @@ def chain(
     except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
         raise
     except Pa10calError as error:
-        became = {"status": "refused", "stage": stage, "message": str(error)}
+        outcome = {"status": "refused", "stage": stage, "message": str(error)}
     except Exception as error:  # a fault of one campaign is not to end the others
         traceback.print_exc()
         message = f"internal fault: {type(error).__name__}: {error}"
-        became = {"status": "fault", "stage": stage, "message": message}
-    if became:
+        outcome = {"status": "fault", "stage": stage, "message": message}
+    if outcome:
         _remove(results, *written)
-        print(f"pa10cal chain: {name}: {stage}: {became['message']}", file=sys.stderr)
+        print(f"pa10cal chain: {name}: {stage}: {outcome['message']}", file=sys.stderr)
     else:
-        became = dict(summarise(results, settings.evaluation.calibration).became)
-    write(ChainRecord(**became | {"campaign": name}), results / file)
+        outcome = dict(summarise(results, settings.evaluation.calibration).outcome)
+    write(ChainRecord(**outcome | {"campaign": name}), results / file)
 
 
 def _remove(results: Path, *names: str) -> None:

@@ -105,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         try:
             if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow
-                from pa10cal.running.alone import end_with_parents, share
+                from pa10cal.running.run_lock import end_with_parents, share
 
                 end_with_parents()  # with the run that this is a job of
                 share()

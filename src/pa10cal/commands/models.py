@@ -218,10 +218,10 @@ def compensate(
     said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, loads_N)]
     rest = remarks("compensate", targets, said, asked.unused)
     words, counts = np.unique(found.status, return_counts=True)
-    became = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
     swung = int(np.count_nonzero(found.branch == "other"))
-    became += f"; {swung} on another branch than the nearest" if swung else ""
-    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {became}{rest}")
+    outcome += f"; {swung} on another branch than the nearest" if swung else ""
+    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}{rest}")
     if write == "cartesian":
         held = controller_columns(found.T_flange_tcp[None], form)
         shown = ", ".join(f"{name} {float(value[0]):.6g}" for name, value in held.items())

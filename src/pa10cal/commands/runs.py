@@ -50,7 +50,7 @@ def run(
     from pa10cal.files import ARMS
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import writing_into
-    from pa10cal.running.alone import WORK_FOLDER, alone
+    from pa10cal.running.run_lock import WORK_FOLDER, run_lock
 
     if group is None and len(folders) > 1:
         raise SettingsError(
@@ -105,7 +105,7 @@ def run(
     targets = ("campaigns",) if group is None else (str(out / group / "report.html"),)
     workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings)
     links = dict(zip(names, places, strict=True))
-    with alone(out), closing(RunDisplay(lines=False)) as display:
+    with run_lock(out), closing(RunDisplay(lines=False)) as display:
         with writing_into(out, "the results", "give another one with --out"):
             raw.mkdir(parents=True, exist_ok=True)
             for link in (*names, name, ARMS):  # of another run, perhaps to other folders
@@ -259,7 +259,7 @@ def fleet(
     from pa10cal.fleet.campaigns import campaigns_of
     from pa10cal.results.codec import read
     from pa10cal.results.fleet import FleetRecord
-    from pa10cal.running.alone import alone
+    from pa10cal.running.run_lock import run_lock
     from pa10cal.running.workflow import RunDisplay, Workflow, run_workflow, settings_of
 
     raw_dir, out = raw_dir.absolute(), out.absolute()
@@ -273,7 +273,7 @@ def fleet(
     workflow = Workflow(
         "workflow/run.smk", config, out, out, cores, targets, settings, profile=profile
     )
-    with alone(out), closing(RunDisplay(lines=False)) as display:
+    with run_lock(out), closing(RunDisplay(lines=False)) as display:
         run_workflow(workflow, display)
     found = read(FleetRecord, out / FleetRecord.FILE)
     for each in found.arms:

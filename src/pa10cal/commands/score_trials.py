@@ -102,5 +102,5 @@ def _line(bar: ScoreRow) -> str:
         return f"{bar.what}: no trial counts ({bar.target})"
     interval = f" ({bar.interval})" if bar.interval else ""
     verdict = {"yes": "met", "no": "NOT met"}.get(bar.verdict, bar.verdict)
-    reached = f"{bar.written(bar.reached)}{interval}"
+    reached = f"{bar.formatted(bar.reached)}{interval}"
     return f"{bar.what}: {reached} of {bar.trials} trials, {bar.target}: {verdict}"

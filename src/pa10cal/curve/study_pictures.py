@@ -16,7 +16,7 @@ from pa10cal.figures.style import evenly, label_space, new_figure, panel, plain_
 from pa10cal.figures.table import ResultTable, Row, frame_of
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import grid
-from pa10cal.reports.formatting import written
+from pa10cal.reports.formatting import display_name
 from pa10cal.results.codec import read
 from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
@@ -208,7 +208,7 @@ def tabulate_curve_calibration_summary(study: CurveCalibrationRecord) -> ResultT
             grid(
                 "Omitted: redundant parameters of the general model",
                 ("parameter", "the same as"),
-                [(written(name), _said(said)) for name, said in redundant.items()],
+                [(display_name(name), _said(said)) for name, said in redundant.items()],
             ),
         ),
         notes=(
@@ -263,7 +263,7 @@ def _said(weights: Mapping[str, float]) -> str:
     for name, weight in weights.items():
         size = f"{abs(weight):.3g}"
         times = "" if size == "1" else f"{size} "
-        parts.append(f"{'+' if weight > 0 else '−'} {times}{written(name)}")
+        parts.append(f"{'+' if weight > 0 else '−'} {times}{display_name(name)}")
     return " ".join(parts).removeprefix("+ ")
 
 

@@ -135,7 +135,7 @@ def _robot(
 ) -> fleet.MeasuredRobot:
     """Return the row of a campaign; what its stages did not come to is not in it."""
     folder, known = results / name, CAMPAIGNS.get(name)
-    became = read(fleet.ChainRecord, folder / fleet.ChainRecord.FILE)
+    outcome = read(fleet.ChainRecord, folder / fleet.ChainRecord.FILE)
     robot, kind = None, None
     with suppress(Pa10calError):  # where they can be read
         campaign = read_description(raw)
@@ -144,13 +144,13 @@ def _robot(
         "campaign": name,
         "robot": robot,
         "instrument": known.instrument if known else kind,
-        "status": became.status,
+        "status": outcome.status,
         "published": (known.published or None) if known else None,
     }
-    if became.status != "done":
+    if outcome.status != "done":
         return fleet.MeasuredRobot(
             **common,
-            message=_without_folders(f"{became.stage}: {became.message}", raw, results),
+            message=_without_folders(f"{outcome.stage}: {outcome.message}", raw, results),
             names=(),
             faults=(),
             errors={},

@@ -100,14 +100,14 @@ def read_bare_table(
     if 2 * commas.any(axis=1).sum() > len(words):
         first = int(np.argmax(commas.any(axis=1)))
         raise _refusal("commas", f"{path}:{line[fits][first]}", words[first][commas[first]][0])
-    columns, odd = {}, {}
+    columns, text = {}, {}
     for name, fields in zip(names, words.T, strict=True):
         columns[name] = np.array(pd.to_numeric(fields, errors="coerce"), dtype=float)
         unread = np.flatnonzero(~np.isfinite(columns[name]))
-        odd[name] = {int(line[fits][k]): str(fields[k]) for k in unread}
+        text[name] = {int(line[fits][k]): str(fields[k]) for k in unread}
     wrong_width = f"the number of fields is not {width}"
     listed = quarantined(file, line[~fits], wrong_width, widths[~fits])
-    return RawRows(file, columns, line[fits], {file: len(rows)}, (), listed, odd).finite(names)
+    return RawRows(file, columns, line[fits], {file: len(rows)}, (), listed, text).finite(names)
 
 
 def read_tables(

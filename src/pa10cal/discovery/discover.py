@@ -31,9 +31,9 @@ from pa10cal.discovery.noise import (
     repeated,
 )
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
-from pa10cal.discovery.row_faults import carries, of_wrong_row
+from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
 from pa10cal.discovery.torque_check import stated_wrongly
-from pa10cal.discovery.verdict import Searched, Verdict, is_named, label_of
+from pa10cal.discovery.verdict import SearchVerdict, Verdict, is_named, label_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
@@ -145,11 +145,11 @@ def discover(
     for _ in range(_MOST_CARRIERS):
         # A map is no name: it may well show at one pose.
         carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
-        if not (carried and isinstance(found, Searched)):
+        if not (carried and isinstance(found, SearchVerdict)):
             break
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
         first, pose = carried[0], str(carried[0].carrier)
-        fault = carries(pose, label_of(first.effect, None), first.gain)
+        fault = influential_pose(pose, label_of(first.effect, None), first.gain)
         campaign = campaign.without_pose(pose, fault)
         without = _judged(campaign, model)
         if without.unexplained:
@@ -158,7 +158,7 @@ def discover(
             found = found.without_names(reasons, found.train.after.mean_mm)
             break
         found = without
-    if isinstance(found, Searched):
+    if isinstance(found, SearchVerdict):
         found = with_lines_named(with_proposals(gated(found)))
     return with_compliance(found)
 

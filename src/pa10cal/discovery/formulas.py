@@ -10,13 +10,13 @@ from typing import TypeVar
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gates import harmless, unfit
 from pa10cal.discovery.short_forms import FormulaProposal, choose
-from pa10cal.discovery.verdict import MAP, Searched
+from pa10cal.discovery.verdict import MAP, SearchVerdict
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
 from pa10cal.terms.effects.joint import PeriodicError
 from pa10cal.terms.forms.catalogue import all_around, forms_at
 from pa10cal.terms.forms.form import Form
 
-V = TypeVar("V", bound=Searched[object])
+V = TypeVar("V", bound=SearchVerdict[object])
 
 #: Poses by which forms are ruled out, where there are many more.
 _FEW_POSES = 800
@@ -32,7 +32,7 @@ def with_proposals(found: V) -> V:
     return replace(found, proposed=tuple(_proposals(found)))
 
 
-def _proposals(found: Searched[object]) -> Iterator[FormulaProposal]:
+def _proposals(found: SearchVerdict[object]) -> Iterator[FormulaProposal]:
     """Yield one formula for everything without a name; else one for each place, where there is."""
     nameless = found.without_name
     if not nameless and not found.over_noise:
@@ -63,14 +63,14 @@ def _proposals(found: Searched[object]) -> Iterator[FormulaProposal]:
 
 
 def _chosen(
-    found: Searched[object], held: tuple[Effect, ...], forms: list[Form]
+    found: SearchVerdict[object], held: tuple[Effect, ...], forms: list[Form]
 ) -> FormulaProposal | None:
     """Return the shortest form that does as well as some effects without a name."""
     if not forms or sum(effect.linear for effect in held) > _MOST_HELD:
         return None
-    few = found.arena(held, _FEW_POSES)
+    few = found.comparison(held, _FEW_POSES)
     many = len(few.states) < len(found.states)
-    whole = partial(found.arena, held) if many else None
+    whole = partial(found.comparison, held) if many else None
     return choose(few, forms, held, found.error_rate, whole)
 
 

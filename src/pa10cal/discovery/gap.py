@@ -131,7 +131,7 @@ class PairedErrors:
             extrapolated=None if self.inside is None else ~self.inside,
         )
 
-    def beside(self, other: PairedErrors) -> PairedErrors:
+    def with_nuisances_of(self, other: PairedErrors) -> PairedErrors:
         """Return it with what another has that is in no model, where it has none of its own."""
         return replace(
             self,
@@ -171,13 +171,13 @@ def gap(
     """
     return PairedErrors(
         poses,
-        left_by(before, poses),
-        left_by(after, poses),
+        errors_of(before, poses),
+        errors_of(after, poses),
         noise_floor_mm,
         inside=None if seen is None else seen.inside(poses.states.q_rad),
         without_motion=None
         if T_moved is None
-        else (left_by(before, poses, T_moved), left_by(after, poses, T_moved)),
+        else (errors_of(before, poses, T_moved), errors_of(after, poses, T_moved)),
     )
 
 
@@ -240,7 +240,7 @@ def errors_by_name(
     def left_with(some: Sequence[Effect]) -> list[Deviations]:
         model, left = fitted_with(tuple(some)), []
         for of in gaps:
-            found = left_by(model, of.poses)
+            found = errors_of(model, of.poses)
             if within is not None:
                 found = found.with_others(~within.inside(of.poses.states.q_rad), of.found_before)
             left.append(found)
@@ -267,7 +267,7 @@ def errors_by_name(
     return ErrorsByName(steps, {each: without[each][-1] for each in effects})
 
 
-def left_by(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
+def errors_of(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
     """Return what a model leaves of complete poses, at which the base had moved (P, 4, 4)."""
     T_base_ee = model.as_read(poses) if T_moved is None else T_moved @ model.as_read(poses)
     return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)

@@ -19,7 +19,7 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.verdict import Searched, is_named, no_name
+from pa10cal.discovery.verdict import SearchVerdict, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
@@ -33,7 +33,7 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.weights import Weights
 
-V = TypeVar("V", bound=Searched[object])
+V = TypeVar("V", bound=SearchVerdict[object])
 
 #: Parameters of a named effect are within so many plausible sizes.
 MOST_SIZES = 10.0
@@ -59,7 +59,7 @@ NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
 def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
     found = _without_names_that_move_nothing(with_pulls(_with_names_that_pass(found)))
-    if found.verdict == "none" and (reasons := tuple(doubts(found))):
+    if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(
             of=None, form=None, shared_error_mm=found.train.after.mean_mm, why=why
@@ -176,7 +176,7 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
 
 
-def doubts(found: Searched[object]) -> Iterator[str]:
+def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     """Return why it cannot be said that nothing is missing."""
     train, holdout = found.train, found.trusted_holdout
     measured = train.poses.measured
@@ -320,7 +320,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
-def _beyond_uncertainty(found: Searched[object], gap: PairedErrors, rows: Mask) -> bool:
+def _beyond_uncertainty(found: SearchVerdict[object], gap: PairedErrors, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
     Where single poses scatter by more than noise, as joints do that stop where friction lets them,

@@ -13,14 +13,14 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Mask
-from pa10cal.calibration.health import FitSummary, GradeEvidence, health
+from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
     HeldOut,
+    calibrated_parameters,
     of_one_target,
     position_noise_mm,
-    reported_keys,
     summarise,
     summarise_by_load,
     summarise_trusted,
@@ -290,18 +290,15 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
     """Return every parameter with value, standard uncertainty and unit, effects by their place."""
     model, openly = found.model, found.ended.not_identifiable
     assert model.covariance is not None
-    parameters = {}
+    parameters: dict[str, CalibratedParameter] = {}
     for term in model.model.terms:
         columns = model.model.columns_of(term)
         report = term.report(model.x[columns])
-        names = [parameter.name for parameter in term.parameters]
+        is_open = np.array([parameter.name in openly for parameter in term.parameters], dtype=bool)
+        held = names_of(report.parameters, (report.jacobian[:, is_open] != 0.0).any(axis=1))
+        of_term = calibrated_parameters(report, model.covariance[columns, columns], held)
         place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
-        of_term = reported_keys(report, model.covariance[columns, columns])
-        for row, (name, keys) in zip(report.jacobian != 0.0, of_term.items(), strict=True):
-            held = not openly.isdisjoint(names[k] for k in np.flatnonzero(row))
-            parameters[f"{place}{name}"] = CalibratedParameter(
-                **keys, identifiable=not held, at_bound=False
-            )
+        parameters |= {f"{place}{name}": each for name, each in of_term.items()}
     R = model.T_instr_base[:3, :3]
     return parameters | base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)
 

@@ -369,7 +369,7 @@ def joint_series(
             weight=weight[:, j],
             error_rad=error_rad[:, j],
             torque_Nm=torque_Nm[:, j],
-            moved=states.since_before[:, j] != 0.0,
+            moved=states.move_from_previous[:, j] != 0.0,
         )
         found[j] = [whole.where(campaign == number) for number in np.unique(campaign)]
     return found

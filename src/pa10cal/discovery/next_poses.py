@@ -39,7 +39,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
-from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, one_by_one
+from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, greedy_order
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Separation as ExpectedSeparation
@@ -154,14 +154,14 @@ def separating_poses(
     every, count = Combined(pairs), min(count, len(pool))
     before = every.values
     for pair in pairs:
-        one_by_one(pair, count)
+        greedy_order(pair, count)
     possible = every.values
     sought = np.flatnonzero(possible - before >= LEAST_NATS).tolist()
     order = np.zeros(0, dtype=np.intp)
     if sought:
         closest = Combined([pairs[k] for k in sought])
-        chosen = exchange(closest, one_by_one(closest, count), most_sweeps=_MOST_SWEEPS).chosen
-        order = one_by_one(closest, count, among=chosen)
+        chosen = exchange(closest, greedy_order(closest, count), most_sweeps=_MOST_SWEEPS).chosen
+        order = greedy_order(closest, count, among=chosen)
     every.restart()
     steps = [every.values]
     for pose in order.tolist():
@@ -419,7 +419,7 @@ def without_repeats(
     poses = survey.poses
     joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
     noise = replace(noise, cov=noise.cov[rows], joint_rad=joint_rad)
-    white = whitener_of(noise.cov) @ survey.left_by(found.at)[:, :, None]
+    white = whitener_of(noise.cov) @ survey.net_residual(found.at)[:, :, None]
     scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
     in_time = InTime(survey.wander, drifts=False)
     cov = noise.cov * len(rows) / count

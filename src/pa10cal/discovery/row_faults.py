@@ -96,7 +96,7 @@ def of_wrong_row(finding: InputFinding) -> DiagnosedFault:
     return DiagnosedFault(kind=kind, **told, decides=kind == "label")
 
 
-def carries(pose: str, name: str, gain: float | None) -> DiagnosedFault:
+def influential_pose(pose: str, name: str, gain: float | None) -> DiagnosedFault:
     """Return the fault of a pose that carried a name alone."""
     what = (
         f"without this pose there is no evidence of {name}: one pose cannot show an effect of all"
@@ -398,10 +398,10 @@ def moved_between_repeats(readings: Observations, left: Array, group: Index) -> 
         apart[own] = left[own] - np.median(left[own], axis=0)
     rows = np.flatnonzero(several)
     rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
-    running = median_filter(apart[rows], size=(_WINDOW, 1), mode="nearest")
+    running_median = median_filter(apart[rows], size=(_WINDOW, 1), mode="nearest")
     for _, at in readings.measured.component_kinds:
         seen = readings.measured.components_seen[rows, at]
-        moved, rest = running[:, at], apart[rows, at] - running[:, at]
+        moved, rest = running_median[:, at], apart[rows, at] - running_median[:, at]
         if not seen.any():
             continue
         scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(rest[seen])))

@@ -25,7 +25,7 @@ from pa10cal.terms.forms.form import Form
 
 
 @dataclass(frozen=True, eq=False)
-class Arena:
+class FormComparison:
     """Where short forms are held against what they may stand for: R weighed rows, in B blocks."""
 
     data: Array  # (R,) measured minus predicted
@@ -157,9 +157,9 @@ class _Tried:
 
 @dataclass(frozen=True, eq=False)
 class _Judge:
-    """What forms are measured by in an arena."""
+    """What forms are measured by in a comparison."""
 
-    arena: Arena  # rows, blocks, and what is held against forms
+    comparison: FormComparison  # rows, blocks, and what is held against forms
     needed: float  # squared error by which a form must help at least
     nothing: Array  # squared error of every block with nothing, (B,)
     # the same with the maps and rivals in question; None where there are none, or where they are
@@ -167,26 +167,25 @@ class _Judge:
     held: Array | None
 
     @classmethod
-    def of(cls, arena: Arena, needed: float) -> _Judge:
-        nothing, *held = arena.squares(
-            [np.zeros((len(arena.data), 0)), *([] if arena.held is None else [arena.held])]
-        )
+    def of(cls, comparison: FormComparison, needed: float) -> _Judge:
+        of_held = [] if comparison.held is None else [comparison.held]
+        nothing, *held = comparison.squares([np.zeros((len(comparison.data), 0)), *of_held])
         better = bool(held) and float(held[0].sum()) < float(nothing.sum())
-        return cls(arena, needed, nothing, held[0] if better else None)
+        return cls(comparison, needed, nothing, held[0] if better else None)
 
     def all_of(self, forms: Sequence[Form]) -> list[_Tried]:
         """Return what blocks left out come to with each of many forms."""
         found: list[_Tried] = []
         for first in range(0, len(forms), _AT_ONCE):
             some = forms[first : first + _AT_ONCE]
-            found += map(_Tried, some, self.arena.squares(self.arena.columns_of(some)))
+            found += map(_Tried, some, self.comparison.squares(self.comparison.columns_of(some)))
         return found
 
     def passes(self, tried: _Tried, errors: float = 1.0) -> bool:
         """Return whether a form helps enough, and does as well, within so many standard errors."""
-        noise, held = self.arena.noise, self.held
-        least = noise = len(self.arena.data) if noise is None else noise
-        if self.arena.noise is not None and held is not None:
+        noise, held = self.comparison.noise, self.held
+        least = noise = len(self.comparison.data) if noise is None else noise
+        if self.comparison.noise is not None and held is not None:
             least = max(noise, float(held.sum()))
         gain = self.nothing - tried.squares
         over_noise = float(self.nothing.sum()) - least
@@ -199,22 +198,22 @@ class _Judge:
 
 
 def choose(
-    arena: Arena,
+    comparison: FormComparison,
     forms: Sequence[Form],
     instead: Sequence[Effect],
     error_rate: float,
-    whole: Callable[[], Arena] | None = None,
+    whole: Callable[[], FormComparison] | None = None,
 ) -> FormulaProposal | None:
     """Return the shortest form that does as well as maps and rivals; None where none does.
 
     The error rate is the probability allowed of proposing anything where nothing is. Where the
-    arena is of some poses, by which forms are ruled out, `whole` gives that of all.
+    comparison is of some poses, by which forms are ruled out, `whole` gives that of all.
     """
     if not forms:
         return None
-    judge = _Judge.of(arena, 2.0 * float(np.log(len(forms) / error_rate)))
+    judge = _Judge.of(comparison, 2.0 * float(np.log(len(forms) / error_rate)))
     tried = judge.all_of(forms)
-    tried += judge.all_of(further([each.form for each in _ranked(tried)], arena.states))
+    tried += judge.all_of(further([each.form for each in _ranked(tried)], comparison.states))
     for _ in range(_ROUNDS):
         tried += judge.all_of(_closer(tried))
     if whole is not None:
@@ -234,7 +233,7 @@ def choose(
     if not good:
         return None
     best = min(good, key=lambda one: (one.form.length, one.total))
-    form, arena, nothing, held = best.form, judge.arena, judge.nothing, judge.held
+    form, comparison, nothing, held = best.form, judge.comparison, judge.nothing, judge.held
     same = [one.form.order for one in good if one.form.form == form.form]
     orders = [order for order in same if order is not None]
     # The best of every other kind of form that does as well; not one order and another.
@@ -244,8 +243,8 @@ def choose(
             other_kinds.setdefault(one.form.form, one.form)
     others = [other for other in other_kinds.values() if other is not form][:_MOST_OTHERS]
     # Fitted to all poses.
-    (columns,) = arena.columns_of([form])
-    amounts, covariance = arena.fitted(columns)
+    (columns,) = comparison.columns_of([form])
+    amounts, covariance = comparison.fitted(columns)
     factor = form.prior_factor
     report = form.report(factor @ amounts)
     by_amount = report.jacobian @ factor
@@ -263,7 +262,7 @@ def choose(
         others=tuple(other.formula for other in others),
         evidence=ProposedEvidence(
             blocks=len(nothing),
-            rows=len(arena.data),
+            rows=len(comparison.data),
             squared_error_without=total,
             squared_error_with=best.total,
             squared_error_held=None if held is None else float(held.sum()),

@@ -37,7 +37,7 @@ from pa10cal.discovery.gap import (
 from pa10cal.discovery.linear import ModelWithEffects, possible_sizes, rms
 from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.short_forms import Arena, FormulaProposal
+from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
@@ -416,7 +416,7 @@ class Verdict(ABC, Generic[P_co]):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Searched(Verdict[P_co]):
+class SearchVerdict(Verdict[P_co]):
     """What became of a campaign in which effects were sought."""
 
     method: ClassVar[str]
@@ -461,7 +461,7 @@ class Searched(Verdict[P_co]):
         return replace(found, unexplained=(*found.unexplained, *unknown))
 
     @abstractmethod
-    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
+    def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
         """Return what short forms are held against in place of some effects without a name.
 
         Args:

@@ -26,8 +26,8 @@ from pa10cal.fit.moved import (
     MODEL_ERROR,
     STIFFNESS,
     TOOL_MOVED,
-    Found,
     Hypothesis,
+    MovedPart,
     hypotheses,
     sought,
 )
@@ -122,8 +122,8 @@ def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
 
 
 def _thing(
-    each: Found,
-    moved: Sequence[Found],
+    each: MovedPart,
+    moved: Sequence[MovedPart],
     possible: Sequence[Hypothesis],
     disagreement: Disagreement,
     found: Differences,

@@ -14,10 +14,10 @@ from pa10cal.campaign.description import read_description
 from pa10cal.errors import RecordError, SettingsError
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
 from pa10cal.figures.registry import ELSEWHERE, NEEDS, NothingToShowError, Picture, entries
-from pa10cal.figures.style import looks, name_in_title, new_figure, panel, write_figure
+from pa10cal.figures.style import name_in_title, new_figure, panel, theme, write_figure
 from pa10cal.figures.table import write_table
 from pa10cal.files.output import whole_file
-from pa10cal.reports.formatting import first_sentences, shown_in, written
+from pa10cal.reports.formatting import display_name, first_sentences, shown_in
 from pa10cal.reports.results_bundle import MODEL_NAMES, ResultsBundle, is_synthetic
 from pa10cal.reports.theme import BLUE, GREY, VERMILLION
 from pa10cal.results.codec import read, write
@@ -198,7 +198,7 @@ def _write(entry: Picture, source: Source, out: Path, settings: FigureOptions) -
         titled = replace(table, title=f"{source.name}: {table.title}")
         write_table(titled, source.footer, place, entry.name)
         return
-    with looks():
+    with theme():
         if entry.kind == "film":
             with whole_file(place / f"{entry.name}.{settings.film}") as path:
                 entry.make(source.content, path, settings.png_dpi)
@@ -226,7 +226,7 @@ def write_drift(record: DriftRecord, folder: Path, name: str, png_dpi: int) -> N
     keys = list(dict.fromkeys(zip(rows.term, rows.of, rows.parameter, strict=True)))
     moved = {thing.of for step in record.steps for thing in step.what_moved.moved}
     height_mm = 26.0 - (-len(keys) // _COLUMNS) * (_HIGH_MM + _APART_MM)
-    with looks():
+    with theme():
         title = f"{record.robot}: parameters over {count} campaigns, less the first"
         figure = new_figure(height_mm, title)
         for k, (term, of, parameter) in enumerate(keys):
@@ -249,7 +249,7 @@ def write_drift(record: DriftRecord, folder: Path, name: str, png_dpi: int) -> N
                 linewidth=0.8,
                 capsize=1.5,
             )
-            axes.set(title=f"{written(parameter)} [{unit}]", xlim=(-0.4, count - 0.6))
+            axes.set(title=f"{display_name(parameter)} [{unit}]", xlim=(-0.4, count - 0.6))
             axes.set_xticks(np.arange(count), [""] * count)
             axes.yaxis.set_major_locator(MaxNLocator(3))
         names = ", ".join(f"{k + 1} {campaign}" for k, campaign in enumerate(record.campaigns))

@@ -62,7 +62,7 @@ _METADATA: dict[str, dict[str, Any]] = {
 
 
 @contextmanager
-def looks() -> Iterator[None]:
+def theme() -> Iterator[None]:
     """Draw and write with the project's looks, whatever the user's own settings are."""
     with mpl.rc_context():
         mpl.rcdefaults()

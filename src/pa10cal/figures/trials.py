@@ -389,8 +389,8 @@ def tabulate_trials_summary(scores: TrialScoresRecord) -> ResultTable:
             (
                 row.what,
                 row.by,
-                signs[row.at_least] + ("" if row.limit is None else row.written(row.limit)),
-                "" if row.reached is None else row.written(row.reached),
+                signs[row.at_least] + ("" if row.limit is None else row.formatted(row.limit)),
+                "" if row.reached is None else row.formatted(row.reached),
                 row.interval if row.trials else "",
                 row.trials,
                 row.verdict,

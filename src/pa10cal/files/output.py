@@ -38,6 +38,8 @@ def whole_file(path: Path) -> Iterator[Path]:
 def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     """Yield temporary paths beside several outputs; move all into place, or none.
 
+    An output that is such a path itself is written where it is: it stays the file that is locked.
+
     Raises:
         OutputError: when one of them cannot be written at its place, or there is no room for it.
     """
@@ -51,9 +53,10 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
             allowed="a different path for each output",
             remedy="give different paths",
         )
-    besides = tuple(path.with_name(f".{os.getpid()}{_PARTIAL}{path.name}") for path in paths)
+    mine = f".{os.getpid()}{_PARTIAL}"
+    besides = tuple(path.with_name(mine + path.name.removeprefix(mine)) for path in paths)
     with ExitStack() as stack:
-        for beside in besides:
+        for beside in set(besides) - set(paths):
             stack.callback(_remove, beside)
         files = [
             stack.enter_context(_claimed(path, beside))

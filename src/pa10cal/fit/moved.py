@@ -49,7 +49,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class MovedPart:
     """Something that moved."""
 
     what: Hypothesis  # the hypothesis
@@ -111,8 +111,8 @@ def hypotheses(
 def sought(
     disagreement: Disagreement,
     possible: Sequence[Hypothesis],
-    before: Sequence[Found] = (),
-) -> tuple[Found, ...]:
+    before: Sequence[MovedPart] = (),
+) -> tuple[MovedPart, ...]:
     """Return what moved: what evidence asks for most, one after the other.
 
     Each has to gain the logarithm of the number of hypotheses over the rate of false names allowed.
@@ -124,14 +124,14 @@ def sought(
     known = {(each.what.kind, each.what.of) for each in before if each.what.kind != MODEL_ERROR}
     left = [each for each in possible if (each.kind, each.of) not in known]
     least = float(np.log(len(possible) / ERROR_RATE))
-    found: list[Found] = []
+    found: list[MovedPart] = []
     while left:
         gains = [disagreement.gain(each.directions, each.sizes) for each in left]
         k = int(np.argmax([gain for gain, _ in gains]))
         gain, size = gains[k]
         if gain < least:
             break
-        found.append(Found(left.pop(k), size, gain))
+        found.append(MovedPart(left.pop(k), size, gain))
         disagreement = disagreement.widened(found[-1].directions)
     return tuple(found)
 

@@ -146,15 +146,15 @@ def fleet_csv(fleet: FleetRecord) -> str:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(HEADER)
     for each in fleet.campaigns:
-        became, standing = each.became, last.get(each.campaign)
+        outcome, arm_status = each.became, last.get(each.campaign)
         cells = (
-            *(each.arm, each.campaign, each.measured, became.status, became.grade),
-            *(became.verdict, "; ".join(became.notes or ())),
-            *(None if mm is None else f"{mm:.4f}" for mm in (became.before_mm, became.after_mm)),
-            *(became.over, {None: None, True: "yes", False: "no"}[each.agrees]),
+            *(each.arm, each.campaign, each.measured, outcome.status, outcome.grade),
+            *(outcome.verdict, "; ".join(outcome.notes or ())),
+            *(None if mm is None else f"{mm:.4f}" for mm in (outcome.before_mm, outcome.after_mm)),
+            *(outcome.over, {None: None, True: "yes", False: "no"}[each.agrees]),
             each.moved,
-            standing.attention if standing else None,
-            standing.why if standing else became.message,
+            arm_status.attention if arm_status else None,
+            arm_status.why if arm_status else outcome.message,
         )
         rows.writerow(["" if cell is None else csv_cell(cell) for cell in cells])
     return text.getvalue()
@@ -184,8 +184,8 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
         before: tuple[str, Path] | None = None  # the last campaign with a model
         for each in of_arm:
             folder = results_dir / each.campaign
-            became, agrees, line = read(ChainRecord, folder / ChainRecord.FILE), None, None
-            if became.status == "done":
+            outcome, agrees, line = read(ChainRecord, folder / ChainRecord.FILE), None, None
+            if outcome.status == "done":
                 now = each.campaign, folder / "model/model.yaml"
                 if before is not None:
                     agrees, line = _moved(before, now)
@@ -194,7 +194,7 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
                 arm=arm,
                 campaign=each.campaign,
                 measured=each.measured or None,
-                became=became,
+                became=outcome,
                 agrees=agrees,
                 moved=line,
             )
@@ -230,17 +230,17 @@ def _moved(before: tuple[str, Path], now: tuple[str, Path]) -> tuple[bool | None
 
 def _attention(last: FleetCampaign) -> tuple[Attention, str]:
     """Return whether a campaign asks for attention, and why."""
-    became = last.became
-    if became.status != "done":
-        return "no_result", f"{became.stage}: {became.message}"
-    said = f"{became.grade}: {became.line}"
-    if became.grade not in UNRESERVED:
+    outcome = last.became
+    if outcome.status != "done":
+        return "no_result", f"{outcome.stage}: {outcome.message}"
+    said = f"{outcome.grade}: {outcome.line}"
+    if outcome.grade not in UNRESERVED:
         return "input", said
-    notes = "; ".join(became.notes or ())
-    if became.verdict in _OF_THE_LOG:
+    notes = "; ".join(outcome.notes or ())
+    if outcome.verdict in _OF_THE_LOG:
         return "input", notes or said
     if last.agrees is False:
         return "moved", str(last.moved)
-    if became.verdict not in _WHOLE:
+    if outcome.verdict not in _WHOLE:
         return "incomplete", notes or said
     return "none", said

@@ -114,16 +114,16 @@ class BlindTrial:
             return None
         return hidden.moved_mm / (_RMS_OVER_MEAN * self.verdict.gap.noise_floor_mm)
 
-    def ratio(self, hidden: results.HiddenEffect, *, apart: bool = False) -> float | None:
+    def ratio(self, hidden: results.HiddenEffect, *, partial: bool = False) -> float | None:
         """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²).
 
         Args:
-            apart: whether the sizes of all else that is hidden are fitted as well; where the truth
-                says the noise.
+            partial: whether the sizes of all else that is hidden are fitted as well; where the
+                truth says the noise.
         """
         moved = self.moved_over_floor(hidden)
         if self.truth.noise_mm is not None:
-            moved_mm = hidden.apart_mm if apart else hidden.moved_mm
+            moved_mm = hidden.apart_mm if partial else hidden.moved_mm
             moved = None if moved_mm is None else moved_mm / self.truth.noise_mm
         return None if moved is None else float(np.hypot(1.0, moved))
 

@@ -144,8 +144,8 @@ def _truth(
     began, settings = time.process_time(), trial.settings
     arm, plan = load_arm(settings.robot), settings.without_touches
     twins = _without_each(settings, "hidden_effects")
-    moved_mm: Sequence[float | None] = [None] * len(twins)
-    apart_mm, noise_mm = moved_mm, None
+    residual_mm: Sequence[float | None] = [None] * len(twins)
+    partial_mm, noise_mm = residual_mm, None
     measured = "touched" if plan is None else TRACKED
 
     def moved_by(twin: SimulateOptions) -> float | None:
@@ -160,9 +160,9 @@ def _truth(
         measured = DRIVES
     elif trial.kind in SUBJECTS:
         whole, *others = (simulate_campaign(trial.name, arm, each) for each in (settings, *twins))
-        moved_mm, apart_mm, noise_mm = after_geometry(whole, others)
+        residual_mm, partial_mm, noise_mm = after_geometry(whole, others)
     else:
-        moved_mm = [moved_by(twin) for twin in twins]
+        residual_mm = [moved_by(twin) for twin in twins]
     put_in = []
     twins = _without_each(settings, "disturbances")
     for entry, where, twin in zip(settings.disturbances, places, twins, strict=True):
@@ -179,9 +179,9 @@ def _truth(
         temperature_drift_C=settings.temperature_drift_C,
         flexible_joints=(settings if plan is None else plan).flexible_joints,
         hidden_effects=tuple(
-            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=moved, apart_mm=own)
-            for effect, size, moved, own in zip(
-                settings.hidden_effects, trial.sizes, moved_mm, apart_mm, strict=True
+            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=of, apart_mm=part)
+            for effect, size, of, part in zip(
+                settings.hidden_effects, trial.sizes, residual_mm, partial_mm, strict=True
             )
         ),
         put_in=tuple(put_in),
@@ -335,10 +335,10 @@ _REDUNDANT = 1e-9
 class AfterGeometry(NamedTuple):
     """What each effect of a campaign leaves, beside the noise."""
 
-    # how far each moves the readings after the geometry is fitted again, root mean square of
-    # positions
-    moved_mm: tuple[float, ...]
-    apart_mm: tuple[float, ...]  # the same once the sizes of the other effects are fitted, too
+    # root mean square by which each moves positions once the geometry is fitted again
+    residual_mm: tuple[float, ...]
+    # the same once the sizes of the other effects are fitted, too
+    partial_residual_mm: tuple[float, ...]
     noise_mm: float  # what noise moves positions by, likewise, averaged over repeats
 
 
@@ -394,10 +394,10 @@ def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]
     frames = mechanism.T_base_joints(truth.rest.q[rows])
     base = np.broadcast_to(np.eye(4), (len(rows), 4, 4))
     basis = _basis(np.hstack([stacked(*moved_with(T)) for T in (base, *frames)]))
-    left = [_less(difference(each), basis) for each in without]
-    apart = [
-        _less(each, _basis(np.column_stack([basis, *left[:k], *left[k + 1 :]])))
-        for k, each in enumerate(left)
+    residual = [_less(difference(each), basis) for each in without]
+    partial = [
+        _less(each, _basis(np.column_stack([basis, *residual[:k], *residual[k + 1 :]])))
+        for k, each in enumerate(residual)
     ]
     noise_mm2 = 3.0 * plan.position_mm**2
     off_mm = 1e3 * np.hypot(plan.unseen_rad, plan.resolver_rad)  # links about their motors
@@ -405,8 +405,8 @@ def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]
         along_z = moved_with(T)[0][..., 5 if slides else 2]
         noise_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
     return AfterGeometry(
-        tuple(map(position_mm, left)),
-        tuple(map(position_mm, apart)),
+        tuple(map(position_mm, residual)),
+        tuple(map(position_mm, partial)),
         float(np.sqrt(noise_mm2 / plan.repeats)),
     )
 

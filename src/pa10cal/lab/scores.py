@@ -134,7 +134,7 @@ def _effect_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
             "says_something": t.verdict is not None and t.verdict.says_something,
             "first_at_place": all(other.of != hidden.of for other in t.hidden[:k]),
             "ratio": t.ratio(hidden) or nan,
-            "apart": t.ratio(hidden, apart=True) or nan,
+            "apart": t.ratio(hidden, partial=True) or nan,
             "moved": t.moved_over_floor(hidden) or 0.0,
             "named": named,
             "alternatives": nan if beside is None else beside,

@@ -199,7 +199,7 @@ class Combined:
 Criterion = Information | Combined
 
 
-def one_by_one(
+def greedy_order(
     criterion: Criterion, most: int, among: Sequence[int] | Index | None = None
 ) -> Index:
     """Return the candidates, some or all, that a criterion gains most by, one after the other.

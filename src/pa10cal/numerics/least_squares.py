@@ -68,10 +68,10 @@ class Bounds:
 
     def held(self, x: Array, gradient: Array) -> NDArray[np.bool_]:
         """Return which unknowns press on an end of their range, (k,)."""
-        pressing: NDArray[np.bool_] = ((x <= self.lower) & (gradient > 0.0)) | (
+        active: NDArray[np.bool_] = ((x <= self.lower) & (gradient > 0.0)) | (
             (x >= self.upper) & (gradient < 0.0)
         )
-        return pressing
+        return active
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,8 @@ def minimise(
     """
     at, here, damping = start, equations(start), first_damping
     for count in range(most_steps):
-        pressing = np.zeros(len(here.gradient), bool) if held is None else held(at, here.gradient)
-        free = ~pressing
+        active = np.zeros(len(here.gradient), bool) if held is None else held(at, here.gradient)
+        free = ~active
         back = partial(beyond, at) if beyond is not None else np.zeros_like
         while True:
             step = _step_inside(here, free, damping, back)
@@ -159,7 +159,7 @@ def minimise(
             damping = max(10.0 * damping, _LEAST_DAMPING)
             if damping > _LARGEST_DAMPING:
                 return Minimum(at, here, count, True, "no step reduces the error: rounding")
-        taken = Step(step, pressing, here, here.cost - ahead, damping)
+        taken = Step(step, active, here, here.cost - ahead, damping)
         if reweighted is not None:
             there = reweighted(tried, taken)
         at, here = tried, there or equations(tried)

@@ -24,7 +24,7 @@ from pa10cal.arrays import Array, Index, Rows, homogeneous, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe.quantities import (
     MM,
-    POSE_SCALE,
+    MM_RAD_TO_SI,
     Comparison,
     Deviations,
     Misfit,
@@ -429,7 +429,7 @@ class BaseTargets:
         """Return columns (P,) of the table of poses."""
         columns = columns_of_places(self.names, self.p_instr_m)
         columns |= columns_of_places([f"{name}_u" for name in self.names], self.u_m)
-        columns |= dict(zip(_MOTION, (self.motion / POSE_SCALE).T, strict=True))
+        columns |= dict(zip(_MOTION, (self.motion / MM_RAD_TO_SI).T, strict=True))
         return columns | columns_of_covariance(self.motion_cov, _COV)
 
     @classmethod
@@ -446,7 +446,7 @@ class BaseTargets:
             names,
             places_of(columns, names),
             places_of(columns, [f"{name}_u" for name in names]),
-            POSE_SCALE * np.column_stack([columns[name] for name in _MOTION]),
+            MM_RAD_TO_SI * np.column_stack([columns[name] for name in _MOTION]),
             covariance_of(columns, _COV),
             found,
         )

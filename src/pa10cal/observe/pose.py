@@ -28,7 +28,7 @@ from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, 
 from pa10cal.observe.points import Points
 from pa10cal.observe.quantities import (
     MM,
-    POSE_SCALE,
+    MM_RAD_TO_SI,
     Comparison,
     Deviations,
     Misfit,
@@ -331,7 +331,7 @@ class Touched(Pose):
         found = fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
         T = found.T.copy()
         T[:, :3, 3] *= MM
-        cov = found.covariance * np.outer(POSE_SCALE, POSE_SCALE)
+        cov = found.covariance * np.outer(MM_RAD_TO_SI, MM_RAD_TO_SI)
         p_m, cov_m2 = MM * p_instr_balls_mm, MM**2 * cov_balls_mm2
         balls = Points(names, p_m, cov_m2, MM * p_ee_balls_mm)
         return Touched(T, cov, pose_by_source(T, p_m, cov_m2), balls, touches)

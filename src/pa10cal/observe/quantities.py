@@ -175,8 +175,8 @@ def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
     return by_small_motion(arms), by_targets.reshape(count, targets, 3, 3 * targets)
 
 
-#: What makes of position [mm] and rotation [rad], as in the table, position [m] and rotation.
-POSE_SCALE = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
+#: Factors that convert position [mm] and rotation [rad], as in the table of poses, to m and rad.
+MM_RAD_TO_SI = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
 
 
 def columns_of_places(names: Iterable[str], p_m: Array) -> dict[str, NDArray[Any]]:
@@ -195,7 +195,7 @@ def places_of(columns: Mapping[str, NDArray[Any]], names: Iterable[str]) -> Arra
 
 
 def columns_of_covariance(
-    cov: Array, name: str, labels: str = "012345", scale: Array = POSE_SCALE
+    cov: Array, name: str, labels: str = "012345", scale: Array = MM_RAD_TO_SI
 ) -> dict[str, NDArray[Any]]:
     """Return covariances (P, k, k) as columns of a table of poses.
 
@@ -211,7 +211,7 @@ def covariance_of(
     columns: Mapping[str, NDArray[Any]],
     name: str,
     labels: str = "012345",
-    scale: Array = POSE_SCALE,
+    scale: Array = MM_RAD_TO_SI,
 ) -> Array:
     """Read what `columns_of_covariance` gave, its labels in order (KeyError without it)."""
     each = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]

@@ -34,7 +34,7 @@ from pa10cal.numerics.exchange import (
     Information,
     covariance_root,
     exchange,
-    one_by_one,
+    greedy_order,
 )
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.kinds import instruments
@@ -414,7 +414,7 @@ def _choose(rows: ExpectedRows, poses: int, effects: float) -> ExchangeResult:
         of_model = 1.0 - effects - of_effects
         criterion = Combined([criterion, Information(rows.white)], [of_model, of_effects])
     sweeps = int(np.clip(_POSE_SWEEPS // poses, 1, _MOST_SWEEPS))
-    return exchange(criterion, one_by_one(criterion, poses), most_sweeps=sweeps)
+    return exchange(criterion, greedy_order(criterion, poses), most_sweeps=sweeps)
 
 
 def _planned(

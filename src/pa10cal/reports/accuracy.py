@@ -10,11 +10,11 @@ from pa10cal.reports.errors import ALL, FITTED, HELD_OUT, errors_of, model_title
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     count,
+    display_name,
     listed,
     mm,
     shown_in,
     with_interval,
-    written,
 )
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import (
@@ -140,9 +140,9 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
     if isinstance(case, GeneralCalibrationRecord):
         redundant = []
         for entry in case.redundant:
-            parts = [f"{part:.4g} × {written(name)}" for name, part in entry.replaced_by.items()]
+            parts = [f"{by:.4g} × {display_name(name)}" for name, by in entry.replaced_by.items()]
             same = " + ".join(parts).replace("+ -", "− ")
-            redundant.append((written(entry.name), same or "nothing: it has no effect"))
+            redundant.append((display_name(entry.name), same or "nothing: it has no effect"))
         yield folded(grid("Omitted: redundant parameters", "omitted | the same as", redundant))
         if case.group is not None:
             yield from _campaign_grids(case.group)
@@ -159,7 +159,7 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
         change = (after.value - before) / (after.tolerance or abs(before) or 1.0)
         by = f"{change:+.2f} tolerances" if after.tolerance else f"{100 * change:+.1f} %"
         value = with_interval(scale * after.value, scale * (after.std or 0.0))
-        rows.append((written(name), f"{scale * before:.4g}", value, unit, by))
+        rows.append((display_name(name), f"{scale * before:.4g}", value, unit, by))
     title = "Parameters that had absorbed part of the effects"
     head = "parameter | without the effects | with them, 95 % interval | unit | change"
     yield folded(grid(title, head, rows))
@@ -179,7 +179,7 @@ def _parameter_row(name: str, found: Parameter) -> tuple[str, ...]:
         remark = "not fitted"
     elif found.tolerance and abs(found.value) > 3.0 * found.tolerance:
         remark = f"{abs(found.value) / found.tolerance:.0f} tolerances"
-    return written(name), value, unit, tolerance, remark
+    return display_name(name), value, unit, tolerance, remark
 
 
 def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
@@ -192,7 +192,7 @@ def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
             for of in group.campaigns
         )
         by = ", ".join(found.determined_by) or "all together"
-        rows.append((written(name), unit, f"{scale * found.std:.4f}", *alone, by))
+        rows.append((display_name(name), unit, f"{scale * found.std:.4f}", *alone, by))
     yield grid(
         "Standard uncertainty of shared parameters, by all campaigns and by each alone",
         ("parameter", "unit", "std", *(f"std {of}" for of in group.campaigns), "determined by"),
@@ -206,7 +206,7 @@ def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
             (
                 *(name, of.poses, of.rms_mm, of.alone_rms_mm),
                 *(f"{of.chi_square:.1f} for {of.dof:.0f}", f"{of.p_value:.2g}"),
-                *(f"{written(of.worst.name)}: {worst}", of.contradicts),
+                *(f"{display_name(of.worst.name)}: {worst}", of.contradicts),
             )
         )
     yield grid(

@@ -143,7 +143,7 @@ _FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}
 _FRAME |= {f"gamma_{axis}": f"γ_{axis}" for axis in "xyz"}
 
 
-def written(name: str) -> str:
+def display_name(name: str) -> str:
     """Return a parameter's name as readers see it: `δa₂`, `K_lin_2`, `tool x`."""
     name = reported_name(name)
     key, _, joint = name.rpartition("_")

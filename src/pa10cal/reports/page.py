@@ -302,13 +302,13 @@ def _campaigns(campaigns: Sequence[FleetCampaign]) -> Iterator[PageBlock]:
         "after [mm] | as the campaign before it",
         (
             (
-                *(each.campaign, each.arm, each.measured, became.grade or became.status),
-                *(became.verdict, "; ".join(became.notes or ()) or None),
-                *(became.before_mm, became.after_mm),
+                *(each.campaign, each.arm, each.measured, outcome.grade or outcome.status),
+                *(outcome.verdict, "; ".join(outcome.notes or ()) or None),
+                *(outcome.before_mm, outcome.after_mm),
                 {None: None, True: "agrees", False: "differs"}[each.agrees],
             )
             for each in campaigns
-            for became in [each.became]
+            for outcome in [each.became]
         ),
     )
     yield folded(table, "The table, one row a campaign")

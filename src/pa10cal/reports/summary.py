@@ -21,7 +21,7 @@ _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
 class CampaignSummary:
     """What a reader is told of a campaign."""
 
-    became: ChainRecord  # what it came to
+    outcome: ChainRecord  # what it came to
     # mean errors before and after without configurations that have a reading flagged as wrong [mm],
     # and in words the error after with them; None where there is none
     trusted: tuple[float, float] | None = None
@@ -30,7 +30,7 @@ class CampaignSummary:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return the sentence of the grade, effects and faults, a line each."""
-        return (f"{self.became.grade}: {self.became.line}", *(self.became.notes or ()))
+        return (f"{self.outcome.grade}: {self.outcome.line}", *(self.outcome.notes or ()))
 
 
 def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
@@ -50,7 +50,7 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     assert ends is not None  # those of the calibration at least
     before, after = ends
     prior = fitted.prior if isinstance(fitted, GeneralCalibrationRecord) else None
-    became = ChainRecord(
+    outcome = ChainRecord(
         campaign=fitted.campaign,
         status="done",
         robot=fitted.robot,
@@ -64,9 +64,9 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         over=f"{before.kind} poses",
     )
     if before.trusted is None:
-        return CampaignSummary(became)
+        return CampaignSummary(outcome)
     trusted = before.trusted.mean_mm, after.counted.mean_mm
-    return CampaignSummary(became, trusted, after.with_flagged("mean_mm"))
+    return CampaignSummary(outcome, trusted, after.with_flagged("mean_mm"))
 
 
 def notes(verdict: VerdictKeys) -> tuple[str, ...]:
@@ -90,11 +90,12 @@ def table(campaigns: Sequence[CampaignSummary]) -> str:
     """Return the table, and under it what to know of each campaign."""
     rows: list[Sequence[str]] = [_HEAD]
     for of in campaigns:
-        became = of.became
-        errors = of.trusted or (became.before_mm, became.after_mm)
+        outcome = of.outcome
+        errors = of.trusted or (outcome.before_mm, outcome.after_mm)
         before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in errors)
-        over = "; ".join(filter(None, (became.over, of.with_flagged)))
-        rows.append((became.campaign, str(became.grade), str(became.verdict), before, after, over))
+        over = "; ".join(filter(None, (outcome.over, of.with_flagged)))
+        words = outcome.campaign, str(outcome.grade), str(outcome.verdict)
+        rows.append((*words, before, after, over))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     rows.insert(1, ["-" * width for width in widths])
     lines = [
@@ -102,7 +103,7 @@ def table(campaigns: Sequence[CampaignSummary]) -> str:
         for row in rows
     ]
     known = [
-        f"{of.became.campaign}: {note}" if len(campaigns) > 1 else note
+        f"{of.outcome.campaign}: {note}" if len(campaigns) > 1 else note
         for of in campaigns
         for note in of.notes
     ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.reports.blocks import Beside, Callout, Grid, Items, PageBlock, Paragraph, folded, grid
-from pa10cal.reports.formatting import NOT_KNOWN, count, listed, mm, named, sentence, written
+from pa10cal.reports.formatting import NOT_KNOWN, count, display_name, listed, mm, named, sentence
 from pa10cal.reports.pictures import plane_drawings, poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery
@@ -78,7 +78,7 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
     """Yield what the grade stands on: check, what was found, whether it passes."""
     health, poses, ratio = case.health, case.health.poses, case.health.error_over_noise
     yield "the fit converged", health.ending, health.converged
-    at_bounds = listed(map(written, health.at_bounds))
+    at_bounds = listed(map(display_name, health.at_bounds))
     yield "no parameter at the end of its range", at_bounds, not len(health.at_bounds)
     yield (
         "every parameter is determined",
@@ -181,7 +181,7 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
     texts, tables = [], []
     if case is not None:
         if case.health.not_identifiable:
-            names = listed(map(written, case.health.not_identifiable))
+            names = listed(map(display_name, case.health.not_identifiable))
             texts.append(f"Not identifiable from these poses: {names}.")
         if not case.health.repeats:
             texts.append("No pose is repeated often enough to estimate the scatter of readings.")
@@ -190,7 +190,7 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
                 "Joint torques were not logged: springs use those of the described masses."
             )
         pairs = [
-            (*map(written, pair.parameters), f"{pair.correlation:+.3f}")
+            (*map(display_name, pair.parameters), f"{pair.correlation:+.3f}")
             for pair in case.health.correlated_pairs
         ]
         title = "Parameters that these poses can hardly separate"

@@ -206,7 +206,7 @@ class ScoreRow(Part):
             return f"too few to judge ({self.trials_needed} needed)"
         return "yes" if self.met else "no"
 
-    def written(self, value: float) -> str:
+    def formatted(self, value: float) -> str:
         """Return a figure as readers see it: a share in per cent."""
         return f"{100.0 * value:.1f} %" if self.share else f"{value:.3g}"
 
@@ -215,14 +215,14 @@ class ScoreRow(Part):
         """Return the figure to reach in words; empty where there is none."""
         if self.limit is None:
             return ""
-        return f"{'at least' if self.at_least else 'at most'} {self.written(self.limit)}"
+        return f"{'at least' if self.at_least else 'at most'} {self.formatted(self.limit)}"
 
     @property
     def interval(self) -> str:
         """Return its 95 % interval in words; empty where it has none."""
         if self.low is None or self.high is None:
             return ""
-        return f"{self.written(self.low)} to {self.written(self.high)}"
+        return f"{self.formatted(self.low)} to {self.formatted(self.high)}"
 
 
 class OutcomeCounts(Part):

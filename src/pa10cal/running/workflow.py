@@ -28,7 +28,7 @@ from pa10cal.errors import (
     SettingsError,
     last_message,
 )
-from pa10cal.running.alone import PARENTS, alone
+from pa10cal.running.run_lock import PARENTS, run_lock
 
 if TYPE_CHECKING:
     from pa10cal.settings import Settings
@@ -231,7 +231,7 @@ def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
     """
     refuse_without_snakemake(workflow.profile)
     with (
-        alone(workflow.results) as work,
+        run_lock(workflow.results) as work,
         (work / PRINTED).open("w+", encoding="utf-8", errors="replace") as printed,
         _ended_as_interrupted(),
     ):

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from calibrated import general
 from pa10cal.arm.statics import Payload
-from pa10cal.calibration.general.calibrate import find_start
-from pa10cal.calibration.general.case import apart, contradictions, fitted
+from pa10cal.calibration.general.calibrate import find_start, start_of
+from pa10cal.calibration.general.case import contradictions, fitted, per_campaign_fits
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model
@@ -19,6 +19,8 @@ from pa10cal.fit.forward import Forward
 from pa10cal.fit.model_file import save_model
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.pose import Touched
+from pa10cal.observe.seed import locate_base
+from pa10cal.options import BaseFrameOptions
 
 ARM = load_arm("ur10")
 NOISE_M = 2e-5
@@ -64,6 +66,17 @@ def _members(see):
         return found
 
     return members
+
+
+@pytest.mark.parametrize("kinds", [("pose", "touched"), ("touched", "pose"), ("pose", "points")])
+def test_a_fit_starts_from_the_same_tools_by_a_seed_as_without(members, kinds):
+    every = join(members(kinds, 0.0))
+    found = find_start(ARM, every)
+    seed = locate_base(every, ARM, BaseFrameOptions(), "", "group", "synthetic")
+    of_seed = start_of(seed, every.measured)
+    assert found.p_ee_targets_of_m.keys() == of_seed.p_ee_targets_of_m.keys()
+    for name, tool_m in found.p_ee_targets_of_m.items():
+        np.testing.assert_allclose(of_seed.p_ee_targets_of_m[name], tool_m, atol=1e-9)
 
 
 def together(members):
@@ -124,7 +137,7 @@ def test_two_halves_of_a_campaign_give_what_the_whole_gives(see):
 @pytest.mark.parametrize("moved_rad", [0.0, 1e-3])
 def test_a_robot_that_was_changed_contradicts_itself(members, kinds, moved_rad):
     found = together(members(kinds, NOISE_M, moved_rad=moved_rad))
-    found = apart(found.problem, found.fit)
+    found = per_campaign_fits(found.problem, found.fit)
     assert list(found.campaigns) == ["of-0", "of-1"]
     if not moved_rad:
         assert not contradictions(found)
@@ -144,7 +157,7 @@ def test_what_one_campaign_leaves_open_another_determines(see, members):
     every = see("ur10", "pose", 70, seed=1, noise_m=NOISE_M, size=0.3, posed=held)
     still, moving = Member("still", every, find_start(ARM, every)), members(MIXED[0], NOISE_M)[1]
     found = together([still, moving])
-    found = apart(found.problem, found.fit)
+    found = per_campaign_fits(found.problem, found.fit)
     first, second = found.campaigns
     shared = found.parameters.values()
     assert not all(first in each.determined_by for each in shared)
@@ -155,7 +168,7 @@ def test_what_one_campaign_leaves_open_another_determines(see, members):
 def test_a_single_campaign_is_not_held_against_others(see):
     every = see("ur10", "pose", 60, noise_m=NOISE_M)
     alone = general(ARM, every)
-    assert apart(alone.problem, alone.fit) is None
+    assert per_campaign_fits(alone.problem, alone.fit) is None
 
 
 def test_every_campaigns_tool_and_targets_are_frames_by_name(members, tmp_path):

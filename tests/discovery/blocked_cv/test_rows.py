@@ -120,7 +120,7 @@ def test_left_of_is_the_data_less_what_the_columns_say(rows):
     found = rows.products()
     x = 1e-2 * rng.standard_normal((len(found.projection[0]), 2))
     here = np.flatnonzero(rows.survey.block == 3)
-    whitened = rows.weights.whiteners(here) @ rows.left_of(3, x)
+    whitened = rows.weights.whiteners(here) @ rows.block_residual(3, x)
     for k in range(2):
         squares = float(np.sum(whitened[:, :, k] ** 2))
         said = found.squares[3] - 2.0 * found.projection[3] @ x[:, k]

@@ -7,7 +7,7 @@ import made_up_survey
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.formulas import with_proposals
-from pa10cal.discovery.short_forms import Arena, choose
+from pa10cal.discovery.short_forms import FormComparison, choose
 from pa10cal.terms.forms.form import AngleForm
 
 
@@ -16,8 +16,8 @@ def test_blocks_are_predicted_from_the_others():
     block = np.repeat(np.arange(4), 25)
     own, columns = rng.normal(size=(100, 3)), rng.normal(size=(100, 2))
     data = own @ [1.0, 2.0, 3.0] + columns @ [1.0, -1.0] + 0.1 * rng.normal(size=100)
-    arena = Arena(data, own, block, None, None, None)
-    bare, full = arena.squares([columns[:, :0], columns])
+    comparison = FormComparison(data, own, block, None, None, None)
+    bare, full = comparison.squares([columns[:, :0], columns])
     for k, kept in ((0, own), (2, np.column_stack([own, columns]))):
         for b in range(4):
             there = block != b
@@ -25,13 +25,13 @@ def test_blocks_are_predicted_from_the_others():
             x = np.linalg.solve(normal, kept[there].T @ data[there])
             left = data[~there] - kept[~there] @ x
             assert (full if k else bare)[b] == pytest.approx(left @ left)
-    amounts, covariance = arena.fitted(columns)
+    amounts, covariance = comparison.fitted(columns)
     np.testing.assert_allclose(amounts, [1.0, -1.0], atol=0.05)
     assert covariance.shape == (2, 2)
 
 
-def made_up_arena(values, poses=200, seed=5, held=None):
-    """Return an arena in which joint 1 stands at angles over a turn, and errs by some values."""
+def made_up_comparison(values, poses=200, seed=5, held=None):
+    """Return rows in which joint 1 stands at angles over a turn, and errs by some values."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-np.pi, np.pi, poses)
     states = PoseStates(
@@ -44,7 +44,9 @@ def made_up_arena(values, poses=200, seed=5, held=None):
 
     of_map = 30.0 * np.concatenate(columns_of([harmonic(k) for k in range(1, 7)]), 1) / 100.0
     held = of_map if held is None else held
-    return Arena(data, np.ones((poses, 1)), np.arange(poses) % 10, held, columns_of, states)
+    return FormComparison(
+        data, np.ones((poses, 1)), np.arange(poses) % 10, held, columns_of, states
+    )
 
 
 def harmonic(order):
@@ -55,8 +57,8 @@ FORMS = tuple(harmonic(order) for order in range(1, 13))
 
 
 def test_one_order_is_found_among_others():
-    arena = made_up_arena(lambda q: 5.0 * np.sin(3.0 * q + 0.4))
-    found = choose(arena, FORMS, (), 0.01)
+    comparison = made_up_comparison(lambda q: 5.0 * np.sin(3.0 * q + 0.4))
+    found = choose(comparison, FORMS, (), 0.01)
     assert found.form.numbers == (3.0,)
     assert found.record.orders == (3, 3)
     assert found.record.gain > 0.9
@@ -66,13 +68,13 @@ def test_many_orders_have_no_short_form():
     def rough(q):
         return sum(3.0 * np.sin(order * q + order) for order in (1, 2, 4, 6))
 
-    assert choose(made_up_arena(rough), FORMS, (), 0.01) is None
+    assert choose(made_up_comparison(rough), FORMS, (), 0.01) is None
 
 
 def test_nothing_is_made_of_noise():
     for seed in range(20):
-        arena = made_up_arena(lambda q: 0.0 * q, seed=seed)
-        assert choose(arena, FORMS, (), 0.01) is None
+        comparison = made_up_comparison(lambda q: 0.0 * q, seed=seed)
+        assert choose(comparison, FORMS, (), 0.01) is None
 
 
 def proposed(found):

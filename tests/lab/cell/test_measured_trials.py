@@ -161,13 +161,13 @@ def test_what_geometry_can_follow_leaves_nothing(unstated):
     trial = next(t for t in unstated if [e for e, _ in hidden_in(t)] == [SPRING] * 2)
     whole = made(trial)
     both = after_geometry(whole, [made(trial, hidden_effects=())])
-    assert both.moved_mm[0] > 0.05
+    assert both.residual_mm[0] > 0.05
     T = np.eye(4)
     T[:3, 3] = [1e-4, -2e-4, 3e-4]
     rest = whole.truth.rest
     shifted = replace(whole.truth, rest=replace(rest, T_base_ee=T @ rest.T_base_ee))
     left = after_geometry(whole, [replace(whole, truth=shifted)])
-    assert left.moved_mm[0] < 1e-9
+    assert left.residual_mm[0] < 1e-9
 
 
 def test_what_else_is_hidden_takes_a_part(unstated):
@@ -179,10 +179,11 @@ def test_what_else_is_hidden_takes_a_part(unstated):
     ]
     left = after_geometry(made(trial), twins)
     assert all(
-        apart <= moved + 1e-12 for moved, apart in zip(left.moved_mm, left.apart_mm, strict=True)
+        apart <= moved + 1e-12
+        for moved, apart in zip(left.residual_mm, left.partial_residual_mm, strict=True)
     )
-    (alone,) = after_geometry(made(trial), twins[:1]).apart_mm
-    assert alone == pytest.approx(left.moved_mm[0])
+    (alone,) = after_geometry(made(trial), twins[:1]).partial_residual_mm
+    assert alone == pytest.approx(left.residual_mm[0])
     plan = trial.settings.without_touches
     assert left.noise_mm > np.sqrt(3.0 / plan.repeats) * plan.position_mm
 

@@ -95,7 +95,7 @@ def calibrate_general(
     assumed = source == "masses" and weights_known(arm).assumed
     sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
     searched = options.general.springs == "auto"
-    while searched and (rigid := _not_shown(problem, found, springs, sure, one_by_one=assumed)):
+    while searched and (rigid := _not_shown(problem, found, springs, sure, stepwise=assumed)):
         springs = tuple(joint for joint in springs if joint not in rigid)
         problem, kept = _rigid_at(problem, rigid)
         x_start = found.x[kept]
@@ -167,17 +167,17 @@ def _not_shown(
     springs: tuple[int, ...],
     sure: tuple[int, ...],
     *,
-    one_by_one: bool,
+    stepwise: bool,
 ) -> set[int]:
     """Return the joints whose springs readings do not show: all, or the one that they show least.
 
     Args:
         problem, found: what was solved, and where that ended.
         sure: those of which it is there, whatever readings show.
-        one_by_one: whether weights are unknown too, so that springs stand in for each other.
+        stepwise: whether weights are unknown too, so that springs stand in for each other.
     """
     enough = np.log(problem.readings)  # by Schwarz's criterion
-    if one_by_one:
+    if stepwise:
         gains = {joint: _gain_of_spring(problem, found, joint) for joint in springs}
         least = min(springs, key=lambda joint: gains[joint], default=0)
         return {least} if springs and gains[least] < enough else set()
@@ -298,7 +298,8 @@ def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
         )
     T_ee_target = np.eye(4) if seed.T_ee_target is None else seed.T_ee_target
     targets_m = np.concatenate([np.zeros(0), *(stated[name] for name in target_names)])
-    tools_m = {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
+    tools_m = dict.fromkeys(dict(measured.campaigns), np.zeros(3))  # where no tool was located
+    tools_m |= {name: T[:3, 3] for name, T in (seed.T_ee_target_of or {}).items()}
     return Start(seed.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m, tools_m)
 
 

@@ -139,7 +139,7 @@ def general_case(
     flagged = np.zeros(len(grid), dtype=bool)
     flagged[np.flatnonzero(rows)[[doubt.row for doubt in doubts]]] = True
     trusted = np.flatnonzero(rows & ~flagged)
-    group = apart(full.problem, full.fit)
+    group = per_campaign_fits(full.problem, full.fit)
     findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
     readings = single.take(case.rows(single.states.load_N))
@@ -359,7 +359,7 @@ def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
     )
 
 
-def apart(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
+def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
     campaign = problem.observations.states.campaign
     names = [parameter.name for parameter in problem.parameters]

@@ -37,8 +37,8 @@ from pa10cal.fit.moved import (
     LINK,
     MODEL_ERROR,
     STIFFNESS,
-    Found,
     Hypothesis,
+    MovedPart,
     everything,
     hypotheses,
     sought,
@@ -229,7 +229,7 @@ def calibrate_from(
     )
     check_enough(problem, known=len(expected.mean))
     possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
-    released: list[Found] = []
+    released: list[MovedPart] = []
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     found = fitted(problem, x_start, expected=expected)
     for _ in range(_MOST_ROUNDS):
@@ -245,7 +245,7 @@ def calibrate_from(
         found = fitted(problem, found.x, expected=expected)
     left, stated = _left(found, observations)
     if left > _CONTRADICTED * stated:
-        anew = Found(everything(possible), 1.0, 0.0)
+        anew = MovedPart(everything(possible), 1.0, 0.0)
         freed = prior.expected.widened(anew.directions)
         other = fitted(problem, x_start, expected=freed)
         if _left(other, observations)[0] < _EXPLAINED * left:
@@ -269,7 +269,7 @@ def _changed(
     prior: Prior,
     problem: Problem,
     found: GeneralSolution,
-    released: Sequence[Found],
+    released: Sequence[MovedPart],
     possible: Sequence[Hypothesis],
 ) -> PriorPart:
     """Return what was found anew, and by how much it differs from the prior."""
@@ -306,7 +306,7 @@ def _changed(
     return PriorPart(campaign=campaign, moved=tuple(moved), factor=factor, line=line)
 
 
-def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> list[Found]:
+def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> list[MovedPart]:
     """Return what moved by most of its standard uncertainties, where everything was found anew."""
     std = np.sqrt(np.maximum(variances, 0.0))
     sigmas = [
@@ -317,7 +317,7 @@ def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> li
         if std[k] > 0.0
     ]
     clear = sorted((pair for pair in sigmas if pair[0] > _CLEAR), key=lambda pair: -pair[0])
-    return [Found(each, 1.0, 0.5 * sigma**2) for sigma, each in clear[:_MOST_NAMED]]
+    return [MovedPart(each, 1.0, 0.5 * sigma**2) for sigma, each in clear[:_MOST_NAMED]]
 
 
 def _words(moved: Moved) -> str:

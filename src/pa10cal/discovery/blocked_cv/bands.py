@@ -75,12 +75,12 @@ class InBands:
                     maps_among(self.level.members), self.found.log_std, strict=True
                 )
             ),
-            of_time=_left_out(self.of_time),
-            of_angles=_left_out(self.of_angles),
+            of_time=_cv_errors(self.of_time),
+            of_angles=_cv_errors(self.of_angles),
         )
 
 
-def _left_out(squares: Array) -> results.LeftOut:
+def _cv_errors(squares: Array) -> results.LeftOut:
     before, after = squares.sum(axis=0).tolist()
     return results.LeftOut(before=before, after=after)
 
@@ -175,7 +175,7 @@ class _Waves:
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         self._dense = rows.dense
         self._free = np.ones(rows.dense + 2 * _HIGHEST * len(maps), dtype=bool)
-        self._free[: len(rows.own)] = ~rows.pressing
+        self._free[: len(rows.own)] = ~rows.at_bound
         self.orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
         waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * _HIGHEST]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)

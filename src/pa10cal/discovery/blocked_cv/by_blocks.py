@@ -19,7 +19,7 @@ from pa10cal.discovery.blocked_cv.judge import (
     remaining_error,
     slow_drift,
     unexplained,
-    with_more,
+    with_effects_added,
 )
 from pa10cal.discovery.blocked_cv.refit import (
     PartialFits,
@@ -32,7 +32,7 @@ from pa10cal.discovery.blocked_cv.refit import (
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import PairedErrors, left_by
+from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time import in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
@@ -53,8 +53,8 @@ from pa10cal.discovery.next_poses import (
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.short_forms import Arena
-from pa10cal.discovery.verdict import Plan, Searched
+from pa10cal.discovery.short_forms import FormComparison
+from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
@@ -73,7 +73,7 @@ _MOST_BY_CHANCE = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByBlocks(Searched[BlockPrediction]):
+class VerdictByBlocks(SearchVerdict[BlockPrediction]):
     """What became of a campaign of many different poses."""
 
     survey: Survey  # the campaign as it was judged
@@ -98,7 +98,7 @@ class VerdictByBlocks(Searched[BlockPrediction]):
         if not any(isinstance(effect, JointErrorMap) for effect in self.extended.effects):
             return None
         at, poses = self.extended.at, self.survey.poses
-        return scatter_of(at, poses, self.survey.left_by(at))
+        return scatter_of(at, poses, self.survey.net_residual(at))
 
     @override
     def of_its_method(self) -> dict[str, Any]:
@@ -129,7 +129,7 @@ class VerdictByBlocks(Searched[BlockPrediction]):
             return None
 
         def inside95(gap: PairedErrors) -> float:
-            left = self.survey.left_by(self.model, gap.poses)
+            left = self.survey.net_residual(self.model, gap.poses)
             return share_inside(self.model, scatter, gap.poses, left)
 
         return PoseScatter(
@@ -149,7 +149,7 @@ class VerdictByBlocks(Searched[BlockPrediction]):
         return cause if cause is not None and (cause.ripple or cause.agreement) else None
 
     @override
-    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
+    def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
         # Maps that are not held stay as they were fitted; all else is fitted with the forms.
         extended, survey = self.extended, self.survey
         at, rows = extended.at, np.arange(len(survey.poses))
@@ -178,7 +178,7 @@ class VerdictByBlocks(Searched[BlockPrediction]):
         own = flat(by_own_terms(at, poses, fitted, whiten))
         sizes = possible_sizes(at.model, poses.measured)
         targets = whiten @ by_targets(at, poses) * sizes[len(at.x) :]
-        data = -flat([whiten @ survey.left_by(at)[rows][:, :, None]])[0][:, 0]
+        data = -flat([whiten @ survey.net_residual(at)[rows][:, :, None]])[0][:, 0]
         noise = float(data @ data) * min(
             1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2
         )
@@ -190,7 +190,7 @@ class VerdictByBlocks(Searched[BlockPrediction]):
             if effect in at.model.terms:
                 amounts = at.values_of(effect)[: effect.linear]
                 data = data + columns @ np.linalg.solve(effect.prior_factor, amounts)
-        return Arena(
+        return FormComparison(
             data=data,
             own=np.concatenate([*own, *flat([targets])], axis=1),
             block=np.repeat(survey.block[rows], components)[seen],
@@ -202,7 +202,7 @@ class VerdictByBlocks(Searched[BlockPrediction]):
 
     @override
     def with_findings(self, findings: Sequence[Finding[BlockPrediction]]) -> VerdictByBlocks:
-        return super().with_findings(findings).beside(self)
+        return super().with_findings(findings).with_nuisances_of(self)
 
     @override
     def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByBlocks:
@@ -231,12 +231,12 @@ class VerdictByBlocks(Searched[BlockPrediction]):
     def _partial(self) -> PartialFits:
         return PartialFits(self.survey, self.extended)
 
-    def beside(self, other: VerdictByBlocks) -> VerdictByBlocks:
+    def with_nuisances_of(self, other: VerdictByBlocks) -> VerdictByBlocks:
         """Return the verdict with what another has that is in no model: motion and rivals."""
         held_out = None
         if self.holdout is not None and other.holdout is not None:
-            held_out = self.holdout.beside(other.holdout)
-        return replace(self, train=self.train.beside(other.train), holdout=held_out)
+            held_out = self.holdout.with_nuisances_of(other.holdout)
+        return replace(self, train=self.train.with_nuisances_of(other.train), holdout=held_out)
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
@@ -291,7 +291,8 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     wander = in_time.wander
     if wander is not None:
         found = found_in(judged.moving(wander), shaped)
-    found = with_more(found, slow_drift(found.survey, found.held_poses, found.extended.effects))
+    drift = slow_drift(found.survey, found.holdout_check, found.extended.effects)
+    found = with_effects_added(found, drift)
     judged, extended, poses = found.survey, found.extended, found.survey.poses
     noise = judged.noise_about(extended.fitted())
     floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
@@ -344,7 +345,7 @@ def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> Verdic
 
     def with_remaining(gap: PairedErrors) -> PairedErrors:
         poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
-        return replace(gap, with_rivals=left_by(model, poses))
+        return replace(gap, with_rivals=errors_of(model, poses))
 
     return found.with_gaps(with_remaining)
 
@@ -365,7 +366,7 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
     least_mm = np.sqrt(1.0 - by_chance) / WORSE * found.train.after.rms_mm
     if still.train.after.rms_mm > least_mm:
         return found
-    return still.beside(found)
+    return still.with_nuisances_of(found)
 
 
 # Maps whose cause the motor's ripple says, under the name of that cause.
@@ -410,7 +411,7 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointWitness]:
         return {}
     survey, at = found.survey, found.extended.at
     whiteners = found.extended.weights.whiteners()
-    series = joint_series(at, survey.poses, survey.left_by(at), whiteners, joints)
+    series = joint_series(at, survey.poses, survey.net_residual(at), whiteners, joints)
     said = witnesses(series, at.arm.gear_ratio)
     return {
         joint: JointWitness(ripple=said[joint - 1], agreement=agreement(series[joint - 1]))

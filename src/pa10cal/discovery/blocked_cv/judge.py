@@ -27,8 +27,8 @@ from pa10cal.discovery.blocked_cv.search import (
     STANDARD_ERRORS,
     Level,
     Search,
-    finest,
     level,
+    refine_maps,
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
 from pa10cal.discovery.finding import MayHaveCarrier, Untestable, carrier_of
@@ -104,7 +104,7 @@ def judged_members(
         x = np.zeros((len(chosen.total.projection), len(solutions)))
         x[chosen.at] = solutions[:, b].T
         here = rows.survey.block == b
-        measured, left = rows.survey.poses.measured.take(here), rows.left_of(b, x)
+        measured, left = rows.survey.poses.measured.take(here), rows.block_residual(b, x)
         errors_mm[here] = np.stack([error_mm(measured, each) for each in left.T.swapaxes(1, 2)], 1)
         whiteners = rows.weights.whiteners(np.flatnonzero(here))
         squares[here] = np.sum((whiteners @ left) ** 2, axis=1)
@@ -249,14 +249,14 @@ class Squares:
         return np.asarray(self.kinds.sum(axis=0))
 
 
-class HeldPoses:
+class HoldoutCheck:
     """Every tenth pose held out in turn, about a model whose maps stay."""
 
     def __init__(self, survey: Survey, found: Refit, least_gain: float) -> None:
         """Take a survey, its model, and the sum of squares by which anything must help at least."""
         self._survey, self._at, self._least_gain = survey, found.at, least_gain
         self._block = np.arange(len(survey.poses)) % BLOCKS
-        self._whiten, self._left = found.weights.whiteners(), -survey.left_by(found.at)
+        self._whiten, self._left = found.weights.whiteners(), -survey.net_residual(found.at)
         terms = found.model.terms
         own = [term for term in terms if not isinstance(term, JointErrorMap | BaseDrift)]
         self._own = by_own_terms(found.at, survey.poses, own, self._whiten)
@@ -318,7 +318,7 @@ WAVES = 6
 _OWN_TIMES = 0.95
 
 
-def slow_drift(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
+def slow_drift(survey: Survey, held: HoldoutCheck, there: Sequence[Effect]) -> tuple[Judged, ...]:
     """Return a slow drift beside the effects found, where it helps."""
     poses = survey.poses
     time_s = poses.states.time_s
@@ -372,21 +372,22 @@ class SearchOutcome:
         return refit(self.survey, effects, amounts, self.rows.weights, widening)
 
     @property
-    def held_poses(self) -> HeldPoses:
+    def holdout_check(self) -> HoldoutCheck:
         """Return every tenth pose, predicted by the model and weighed as its fit weighs them."""
-        return HeldPoses(self.survey, self.extended, self.least_gain)
+        return HoldoutCheck(self.survey, self.extended, self.least_gain)
 
 
 def found_in(survey: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
     """Search a survey."""
     found = _settled(_searched(weighted_rows(survey, shaped, SPACINGS[-1][0])))
     if survey.context.commanded:
-        found = with_more(found, arrivals(survey, found.held_poses, found.extended.effects))
+        added = arrivals(survey, found.holdout_check, found.extended.effects)
+        found = with_effects_added(found, added)
     bands = in_bands(found.rows, found.fine)
     if bands is not None:
         found = replace(found, fine=bands.level, bands=bands)
     found = _settled(found)
-    held = found.held_poses if survey.lag is not None else None
+    held = found.holdout_check if survey.lag is not None else None
     if held is not None and not held.helps(held.squares(lag=False), held.squares()):
         found = replace(found, survey=replace(found.survey, lag=None))
     return found
@@ -412,7 +413,7 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
     return SearchOutcome(
         survey=rows.survey,
         rows=rows,
-        fine=finest(rows, members),
+        fine=refine_maps(rows, members),
         judged=judged,
         nameless=nameless,
         tried=others,
@@ -433,7 +434,7 @@ def _settled(found: SearchOutcome) -> SearchOutcome:
     return replace(found, survey=found.survey.with_amounts(own[len(own) - beside :]))
 
 
-def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
+def with_effects_added(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
     """Return what was found with effects beside it; a slow drift takes the place of a constant."""
     if not more:
         return found
@@ -472,7 +473,7 @@ def with_more(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
 _MOST_LOST = 0.1
 
 
-def arrivals(survey: Survey, held: HeldPoses, there: Sequence[Effect]) -> tuple[Judged, ...]:
+def arrivals(survey: Survey, held: HoldoutCheck, there: Sequence[Effect]) -> tuple[Judged, ...]:
     """Return the arrival errors beside the effects found that help together."""
     taken = {effect.of for effect in there if by_arrival(effect)}
     chosen = [each for each in ArrivalError.everywhere(survey.context) if each.of not in taken]
@@ -498,7 +499,7 @@ def by_arrival(effect: Effect | EffectName) -> bool:
     return effect.id in (ArrivalError.id, Backlash.id, DirectionMap.id)
 
 
-def _stays(held: HeldPoses, without: Squares, every: Squares) -> bool:
+def _stays(held: HoldoutCheck, without: Squares, every: Squares) -> bool:
     """Return whether one matters beside the others, and neither kind loses much of the gain."""
     gains = without.kinds - every.kinds
     most_lost = -_MOST_LOST * float(gains.sum())
@@ -506,12 +507,12 @@ def _stays(held: HeldPoses, without: Squares, every: Squares) -> bool:
     return held.matters(without, every) and not contradict
 
 
-def _without(held: HeldPoses, chosen: Sequence[Effect], one: Effect) -> Squares:
+def _without(held: HoldoutCheck, chosen: Sequence[Effect], one: Effect) -> Squares:
     return held.squares([each for each in chosen if each is not one])
 
 
 def _instead(
-    held: HeldPoses, chosen: Sequence[ArrivalError], one: ArrivalError, every: Squares
+    held: HoldoutCheck, chosen: Sequence[ArrivalError], one: ArrivalError, every: Squares
 ) -> tuple[Effect, ...]:
     """Return lost motion of the same joint, where that predicts held-out poses as well."""
     other = Backlash(one.of)

@@ -113,7 +113,7 @@ def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
     x = solve(total.gram, total.projection, prior)
     remaining = np.empty(seen.shape)
     for b in range(BLOCKS):
-        remaining[rows.survey.block == b] = rows.left_of(b, x[:, None])[:, :, 0]
+        remaining[rows.survey.block == b] = rows.block_residual(b, x[:, None])[:, :, 0]
     return remaining, taken
 
 
@@ -149,14 +149,13 @@ def refit(
     base, at = (np.zeros(6), baseline) if own is None else (own.x[-6:], own)
     x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
     bounds, counts = fit.bounds, weights.widened(widening)
-    before = np.zeros(
-        (0, 0)
-    )  # covariance where the last step set out from; reweighting comes first
+    before = np.zeros((0, 0))  # covariance where the last step began; reweighting comes first
 
     def reweighted(x: Array, taken: Step) -> Equations:
         nonlocal counts, before
         before = _inverse(taken.before.normal, fit.prior, ~taken.held)
-        found = pose_weights(survey.left_by(fit.place(x)), fit.dof(before), survey.poses.measured)
+        left = survey.net_residual(fit.place(x))
+        found = pose_weights(left, fit.dof(before), survey.poses.measured)
         counts = found.widened(widening)
         return fit.equations(x, counts)
 
@@ -249,7 +248,7 @@ class _NormalFit:
         whiten = weights.whiteners()
         dense, screws = self.columns(at, whiten)
         q_rad = states.q_rad[:, [each.joint - 1 for each in self._maps]]
-        white = (whiten @ self._survey.left_by(at)[:, :, None]).ravel()
+        white = (whiten @ self._survey.net_residual(at)[:, :, None]).ravel()
         d = dense.shape[2]
         found = Products.of(white, dense.reshape(-1, d), map_columns(screws, q_rad, knots))
         found = found.in_terms_of(d, [b_splines_by_knots(each) for each in knots])
@@ -265,7 +264,7 @@ class _NormalFit:
 
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at a point."""
-        white = weights.whiteners() @ self._survey.left_by(self.place(x))[:, :, None]
+        white = weights.whiteners() @ self._survey.net_residual(self.place(x))[:, :, None]
         off = x - self.middle
         return float(np.sum(white**2) + off @ self.prior @ off)
 
@@ -348,7 +347,7 @@ class PartialFits:
             return at_unknowns(extended.at, x)
 
         def equations(values: Array) -> Equations:
-            left, off = self._campaign.left_by(at(values)), values - middle
+            left, off = self._campaign.net_residual(at(values)), values - middle
             white = self._whiten @ left[:, :, None]
             cost = float(np.sum(white**2) + off @ prior @ off)
             return Equations(cost, (left.ravel() @ self._towards)[there] + prior @ off, normal)

@@ -220,7 +220,7 @@ class Level:
         )
 
 
-def finest(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
+def refine_maps(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
     """Make maps of the search's finest spacing finer, all at once, while held-out blocks gain."""
     rows = replace(rows, shaped=tuple(member.shaped for member in members if not member.is_map))
     best, left = _held_out(rows, members)

@@ -77,17 +77,17 @@ class Survey:
         """
         return replace(self, wander=wander, block=np.arange(len(self.poses)) % BLOCKS)
 
-    def left_by(self, at: FittedModel, poses: Observations | None = None) -> Array:
+    def net_residual(self, at: FittedModel, poses: Observations | None = None) -> Array:
         """Return predicted minus measured components, (P, b), without motion of the base or lag.
 
         Of complete poses of the campaign; None for all of the survey.
         """
         if poses is None:
-            return residual(at, self.poses) + self._beside
+            return residual(at, self.poses) + self._nuisance_shift
         return residual(at, poses) + self._shift(poses)
 
     @cached_property
-    def _beside(self) -> Array | float:
+    def _nuisance_shift(self) -> Array | float:
         return self._shift(self.poses)
 
     def _shift(self, poses: Observations) -> Array | float:
@@ -98,7 +98,7 @@ class Survey:
 
     def noise_about(self, at: FittedModel) -> Noise:
         """Return the noise of single readings by nearly equal poses, else as stated, of a model."""
-        noise = noise_of_near_poses(self.poses, self.left_by(at))
+        noise = noise_of_near_poses(self.poses, self.net_residual(at))
         if not self.torques_logged:
             return noise
         return with_torque_noise(noise, at, self.poses, self.setup.payload)
@@ -210,7 +210,7 @@ class AttitudeLag:
         """Return how components follow the amounts, (P, b, k)."""
         turned = by_joints(at, poses, self.joints)
         turned[:, poses.measured.position_columns] = 0.0
-        came = poses.states.since_before[:, [joint - 1 for joint in self.joints]]
+        came = poses.states.move_from_previous[:, [joint - 1 for joint in self.joints]]
         turned = turned * came[:, None, :] * _LAG_RAD
         campaign = poses.states.campaign
         if campaign is None:
@@ -425,13 +425,13 @@ class BlockedRows:
         return sizes
 
     @property
-    def pressing(self) -> Mask:
+    def at_bound(self) -> Mask:
         """Return which of the model's own parameters the calibration left at a bound."""
         model, x = self.place.model, self.place.x
         bounds = Bounds.of(model.parameters)
-        pressing = np.zeros(len(self.own), dtype=bool)
-        pressing[: len(x)] = (x <= bounds.lower) | (x >= bounds.upper)
-        return pressing
+        at_bound = np.zeros(len(self.own), dtype=bool)
+        at_bound[: len(x)] = (x <= bounds.lower) | (x >= bounds.upper)
+        return at_bound
 
     def of_shaped(self) -> list[Index]:
         """Return the columns of each effect."""
@@ -505,7 +505,7 @@ class BlockedRows:
         data = -whiten @ residual(at, poses)[:, :, None]
         return BlockRows(data.ravel(), dense.reshape(-1, dense.shape[2]), screws, q_rad)
 
-    def left_of(self, b: int, x: Array) -> Array:
+    def block_residual(self, b: int, x: Array) -> Array:
         """Return what parameters (N, m) leave of a block, measured less predicted, (p, b, m)."""
         rows, columns = self.block(b), x.shape[1]
         harmonics = x[self.dense :].reshape(len(self.joints), self.knots - 1, columns)

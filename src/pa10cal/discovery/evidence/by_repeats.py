@@ -39,7 +39,7 @@ from pa10cal.discovery.evidence.search import (
     testable,
     threshold,
 )
-from pa10cal.discovery.gap import PairedErrors, gap, left_by
+from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.in_time import STILL, in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
@@ -54,8 +54,8 @@ from pa10cal.discovery.preparation import (
     sought,
 )
 from pa10cal.discovery.row_faults import moved_between_repeats
-from pa10cal.discovery.short_forms import Arena
-from pa10cal.discovery.verdict import Plan, Searched
+from pa10cal.discovery.short_forms import FormComparison
+from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.instrument import group_means
@@ -74,7 +74,7 @@ _OF_STATED = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByRepeats(Searched[Confirmation]):
+class VerdictByRepeats(SearchVerdict[Confirmation]):
     """What became of a campaign whose poses are repeated."""
 
     problem: EvidenceProblem  # the campaign as it was weighed
@@ -146,7 +146,7 @@ class VerdictByRepeats(Searched[Confirmation]):
         return tuple(effect for effect in super().everything if effect in searched)
 
     @override
-    def arena(self, held: Sequence[Effect], most_poses: int | None = None) -> Arena:
+    def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
         # Without effects rows are weighed by the noise of repeats alone: that is to be reached.
         found = self.judgement.found
         # Its model does not keep what each of many forms makes.
@@ -164,7 +164,7 @@ class VerdictByRepeats(Searched[Confirmation]):
         def columns_of(forms: Sequence[Form]) -> list[Array]:
             return list(weighed_rows(problem, found, tuple(forms)).family)
 
-        return Arena(
+        return FormComparison(
             data=rows.data,
             own=np.delete(rows.own, of_held, axis=1),
             block=(pose % _FOLDS)[rows.cell],
@@ -312,7 +312,7 @@ def compare(
     if searched is None or not any(effect.generic for effect in searched.effects):
         return found
     poses = complete_about(poses, problem.baseline, searched.at, problem.setup)
-    return replace(found, with_rivals=left_by(_exported(problem, searched), poses))
+    return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
 
 
 def _exported(problem: EvidenceProblem, found: EvidenceFit) -> FittedModel:

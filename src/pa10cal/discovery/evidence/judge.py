@@ -79,8 +79,8 @@ def confirm(
             needed_nats=needed,
             p_sign_flips_max_t=_flipped(rows, k, pose, signs),
             p_needed=FLIP_RATE,
-            cross_validation_over_poses=_left_out(rows, k, pose % _FOLDS, pose),
-            cross_validation_over_loads=_left_out(unturned, k, load, pose)
+            cross_validation_over_poses=_cross_validation(rows, k, pose % _FOLDS, pose),
+            cross_validation_over_loads=_cross_validation(unturned, k, load, pose)
             if len(loads) > 1
             else None,
             carrier=_carrier(rows, k, pose, labels, needed),
@@ -199,7 +199,7 @@ def _carrier(
     return carrier_of(labels, left, whole, needed)
 
 
-def _left_out(
+def _cross_validation(
     rows: WeighedRows, k: int, fold_of_cell: Index, pose_of_cell: Index
 ) -> CrossValidation:
     """Return how member k does on each fold, all being fitted on the others."""

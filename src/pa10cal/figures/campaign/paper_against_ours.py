@@ -14,7 +14,7 @@ from pa10cal.figures.published import SOURCES, is_of_papers_arm, reduction_perce
 from pa10cal.figures.registry import picture
 from pa10cal.figures.table import ResultTable, figures, frame_of
 from pa10cal.reports.blocks import Grid, grid
-from pa10cal.reports.formatting import KINDS, written, written_load
+from pa10cal.reports.formatting import KINDS, display_name, written_load
 from pa10cal.reports.results_bundle import COMBINED, ResultsBundle
 from pa10cal.results.calibration import PaperCalibrationRecord
 from pa10cal.results.evaluation import Accuracy, HeldOutModel
@@ -330,7 +330,8 @@ def tabulate_table1_parameters(results: ResultsBundle) -> ResultTable:
             numbers = [figures(value, 6) for value in values]
             flags = found.identifiable, found.at_bound
             rows.append((load, name, joint, found.unit, *numbers, *flags))
-    directions = "; ".join(" with ".join(map(written, names)) for names in combined.null_directions)
+    together = (" with ".join(map(display_name, names)) for names in combined.null_directions)
+    directions = "; ".join(together)
     notes = [
         "± is one standard uncertainty.",
         f"{_NOT_IDENTIFIABLE} not identifiable from the poses: the tolerance terms alone determine "

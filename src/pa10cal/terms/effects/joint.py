@@ -75,7 +75,7 @@ class ArrivalError(JointEffect):
     def per_unit(self, states: PoseStates) -> Array:
         """Return the direction moved, in the column of the pose's campaign."""
         campaign = np.zeros(len(states), int) if states.campaign is None else states.campaign
-        moved = states.since_before[:, self.joint - 1]
+        moved = states.move_from_previous[:, self.joint - 1]
         return np.asarray(moved[:, None] * (campaign[:, None] == np.arange(len(self.reported))))
 
 

@@ -48,7 +48,7 @@ class TouchTriggerCmm(SimulatedInstrument):
         "order",
         "hall",
         "servo",
-        "unseen",
+        "links",
         "touch",
         "log",
     )
@@ -74,7 +74,7 @@ class TouchTriggerCmm(SimulatedInstrument):
     def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
         noise, shape = self.settings.noise, schedule.q.shape
         q_motor = schedule.q + noise.servo_rad * streams["servo"].standard_normal(shape)
-        return q_motor, q_motor + noise.unseen_rad * streams["unseen"].standard_normal(shape)
+        return q_motor, q_motor + noise.unseen_rad * streams["links"].standard_normal(shape)
 
     def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
         return {

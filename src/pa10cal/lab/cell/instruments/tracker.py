@@ -48,7 +48,7 @@ class Tracker(SimulatedInstrument):
         "visibility",
         "hall",
         "thermometer",
-        "unseen",
+        "links",
         "order",
         "base",
     )
@@ -96,7 +96,7 @@ class Tracker(SimulatedInstrument):
         return self.plan.seconds_a_pose
 
     def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
-        off = self.plan.unseen_rad * streams["unseen"].standard_normal(schedule.q.shape)
+        off = self.plan.unseen_rad * streams["links"].standard_normal(schedule.q.shape)
         return schedule.q, schedule.q + off
 
     def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
@@ -213,9 +213,9 @@ class SimulatedPoints(Tracker):
         p_m = truth.as_read(truth.p_instr_targets_m)
         p_m = p_m + 1e-3 * self.plan.position_mm * streams["position"].standard_normal(p_m.shape)
         drawn = streams["visibility"].random(p_m.shape[:2])
-        unseen = drawn < self.plan.unseen_share
-        unseen[np.arange(len(drawn)), drawn.argmax(axis=1)] = False  # one of each pose always is
-        p_m[unseen] = np.nan
+        occluded = drawn < self.plan.unseen_share
+        occluded[np.arange(len(drawn)), drawn.argmax(axis=1)] = False  # one of each pose always is
+        p_m[occluded] = np.nan
         return {
             f"{name}_{axis}_mm": (1e3 * p_m[:, b, k], self.stated_mm)
             for b, name in enumerate(truth.robot.targets.names)

@@ -41,7 +41,7 @@ _TO_THE_END = ExitStack()
 
 
 @contextmanager
-def alone(results: Path) -> Iterator[Path]:
+def run_lock(results: Path) -> Iterator[Path]:
     """Hold a results folder, and yield its work folder; at once where this run holds it already.
 
     Waits for jobs of a killed run, and removes what they left half-written.
@@ -103,8 +103,8 @@ def _locked(file: IO[str], within_s: float) -> bool:
 
 
 def hold(results: Path) -> None:
-    """Hold a results folder until this process ends; see `alone`."""
-    _TO_THE_END.enter_context(alone(results))
+    """Hold a results folder until this process ends; see `run_lock`."""
+    _TO_THE_END.enter_context(run_lock(results))
 
 
 def share() -> None:

@@ -12,21 +12,21 @@ import pytest
 
 from pa10cal.errors import OutputError
 from pa10cal.files.output import whole_file
-from pa10cal.running import alone as module
-from pa10cal.running.alone import HELD, RUN, SHARED, WORK_FOLDER, alone
+from pa10cal.running import run_lock as module
+from pa10cal.running.run_lock import HELD, RUN, SHARED, WORK_FOLDER, run_lock
 
 HOLDS = """
 import sys, time
 from pathlib import Path
-from pa10cal.running.alone import hold
+from pa10cal.running.run_lock import hold
 hold(Path(sys.argv[1]))
 print("held", flush=True)
 time.sleep(100)
 """
 JOB = """
 import time
-from pa10cal.running.alone import share
-from pa10cal.running.alone import end_with_parents
+from pa10cal.running.run_lock import share
+from pa10cal.running.run_lock import end_with_parents
 end_with_parents()
 share()
 print("held", flush=True)
@@ -60,26 +60,26 @@ def started():
 def test_a_second_run_is_told_who_is_at_work(tmp_path, started):
     (tmp_path / "elsewhere").mkdir()
     first = started(HOLDS, tmp_path / "results", cwd=tmp_path / "elsewhere")
-    with pytest.raises(OutputError, match="at work") as caught, alone(tmp_path / "results"):
+    with pytest.raises(OutputError, match="at work") as caught, run_lock(tmp_path / "results"):
         pytest.fail("two runs at once")
     assert f"process {first.pid} on {os.uname().nodename}" in str(caught.value)
     assert str(tmp_path / "elsewhere") in str(caught.value)
     first.kill()
     first.wait()
-    with alone(tmp_path / "results"):
+    with run_lock(tmp_path / "results"):
         pass
 
 
 def test_a_run_holds_once_what_its_parts_hold_again(tmp_path):
-    with alone(tmp_path) as work:
+    with run_lock(tmp_path) as work:
         assert os.environ[HELD] == str(work)
-        with alone(tmp_path) as again:
+        with run_lock(tmp_path) as again:
             assert again == work
     assert HELD not in os.environ
 
 
 def test_a_run_waits_for_the_jobs_of_a_dead_one(tmp_path, started, monkeypatch, capsys):
-    with alone(tmp_path) as work:
+    with run_lock(tmp_path) as work:
         pass
     monkeypatch.setattr(module, "_SOON_S", 0.0)
     job = started(JOB, **{SHARED: str(work)})
@@ -89,7 +89,7 @@ def test_a_run_waits_for_the_jobs_of_a_dead_one(tmp_path, started, monkeypatch, 
         job.wait()
 
     monkeypatch.setattr(module.time, "sleep", end)
-    with alone(tmp_path):
+    with run_lock(tmp_path):
         assert job.returncode is not None
     assert capsys.readouterr().err.count("waiting for jobs of an earlier run") == 1
 
@@ -134,7 +134,7 @@ def test_files_that_a_dead_process_left_are_removed(tmp_path, started):
     dead.kill()
     dead.wait()
     assert len(list(tmp_path.rglob("*.partial.*"))) == 2
-    with alone(tmp_path):
+    with run_lock(tmp_path):
         (left,) = tmp_path.rglob("*.partial.*")
     assert left.name == f".{alive.pid}.partial.alive.txt"
 
@@ -149,5 +149,5 @@ def test_the_next_writer_of_a_file_removes_what_a_dead_one_left(tmp_path):
 
 def test_a_folder_that_cannot_be_written_to_is_named(tmp_path):
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(OutputError, match="the results cannot"), alone(tmp_path / "out"):
+    with pytest.raises(OutputError, match="the results cannot"), run_lock(tmp_path / "out"):
         pytest.fail("it cannot be held")
