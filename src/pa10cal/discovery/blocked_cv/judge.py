@@ -1,4 +1,10 @@
-"""The result of the search: evidence of each effect, its alternatives, the remaining error."""
+"""The search of the blocked cross-validation, run, and what it found, judged.
+
+`found_in`, at the end, does so in order: it searches; adds arrival errors, where a controller stops
+joints short; gives error maps a prior variance for each band of frequencies, where that predicts
+better; fits the amounts of base motion and of lagging orientations together with the effects. What
+precedes it judges: evidence of each effect, its alternatives, the remaining error.
+"""
 
 from __future__ import annotations
 
@@ -233,7 +239,7 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
 # Every tenth pose predicted from the others: for what the search's stretches of time hardly see.
 #
 # What is tried after the search is small, and goes with time or with the way that a joint came.
-# Maps keep the errors found of them: they go with angles.
+# Error maps stay as they were fitted: they go with angles.
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,8 +294,8 @@ class HoldoutCheck:
     def helps(self, before: Squares, after: Squares) -> bool:
         """Return whether held-out poses come out enough better, as the search asks of an effect.
 
-        A part of what is left of positions: in weights of the scatter all of that counts as more
-        than noise.
+        By a part of the squared position errors: weights come from the scatter of residuals, so no
+        share of noise is taken off.
         """
         gain = float((before.total - after.total).sum())
         return gain > LEAST_SHARE * float(after.kinds[0].sum()) and self.matters(before, after)
@@ -352,10 +358,12 @@ class SearchOutcome:
 
     survey: Survey  # the campaign, with the motion of its base as these effects leave it
     rows: BlockedRows  # by which it was searched
-    fine: Level  # the effects, by linear least squares
-    bands: InBands | None = None  # of maps that have one; None where none has
+    # the effects by linear least squares, maps with the finest knots that held-out blocks support
+    linear_fit: Level
+    # maps with a prior variance for each band of frequencies; None where none predicts better so
+    bands: InBands | None = None
     judged: tuple[Judged, ...]  # each of the effects
-    nameless: tuple[Effect, ...]  # rivals that the search held
+    nameless: tuple[Effect, ...]  # generic effects that the search chose: not in the model
     tried: tuple[Tried, ...]  # what each candidate not chosen would still gain
     errors_mm: Array  # (P,) position errors of held-out blocks
     hidden: tuple[Untestable, ...]  # effects that these poses cannot show
@@ -366,8 +374,8 @@ class SearchOutcome:
     @cached_property
     def extended(self) -> Refit:
         """Return the model with the effects, fitted."""
-        effects = tuple(member.effect for member in self.fine.members)
-        _, amounts = self.fine.fit()
+        effects = tuple(member.effect for member in self.linear_fit.members)
+        _, amounts = self.linear_fit.fit()
         widening = AS_FOUND if self.bands is None else self.bands.widening
         return refit(self.survey, effects, amounts, self.rows.weights, widening)
 
@@ -379,14 +387,14 @@ class SearchOutcome:
 
 def found_in(survey: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
     """Search a survey."""
-    found = _settled(_searched(weighted_rows(survey, shaped, SPACINGS[-1][0])))
+    found = _with_nuisance_amounts(_searched(weighted_rows(survey, shaped, SPACINGS[-1][0])))
     if survey.context.commanded:
         added = arrivals(survey, found.holdout_check, found.extended.effects)
         found = with_effects_added(found, added)
-    bands = in_bands(found.rows, found.fine)
+    bands = in_bands(found.rows, found.linear_fit)
     if bands is not None:
-        found = replace(found, fine=bands.level, bands=bands)
-    found = _settled(found)
+        found = replace(found, linear_fit=bands.level, bands=bands)
+    found = _with_nuisance_amounts(found)
     held = found.holdout_check if survey.lag is not None else None
     if held is not None and not held.helps(held.squares(lag=False), held.squares()):
         found = replace(found, survey=replace(found.survey, lag=None))
@@ -413,7 +421,7 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
     return SearchOutcome(
         survey=rows.survey,
         rows=rows,
-        fine=refine_maps(rows, members),
+        linear_fit=refine_maps(rows, members),
         judged=judged,
         nameless=nameless,
         tried=others,
@@ -425,25 +433,25 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
     )
 
 
-def _settled(found: SearchOutcome) -> SearchOutcome:
-    """Return what was found, what its survey has beside the model as these effects leave it."""
+def _with_nuisance_amounts(found: SearchOutcome) -> SearchOutcome:
+    """Return what was found, with amounts of base motion and lag as fitted with the effects."""
     beside = sum(len(each.sizes) for each in found.survey.nuisances)
     if not beside:
         return found
-    own, _ = found.fine.fit()
+    own, _ = found.linear_fit.fit()
     return replace(found, survey=found.survey.with_amounts(own[len(own) - beside :]))
 
 
 def with_effects_added(found: SearchOutcome, more: Sequence[Judged]) -> SearchOutcome:
-    """Return what was found with effects beside it; a slow drift takes the place of a constant."""
+    """Return what was found with more effects; each takes the place of one of its id and place."""
     if not more:
         return found
     names = {(each.effect.id, each.effect.of) for each in more}
-    stays = [k for k, each in enumerate(found.fine.members) if each.name not in names]
+    stays = [k for k, each in enumerate(found.linear_fit.members) if each.name not in names]
     places = {each.effect.of for each in more if by_arrival(each.effect)}
     none = np.zeros(0, np.intp), np.zeros(0)
     members = (
-        *(found.fine.members[k] for k in stays),
+        *(found.linear_fit.members[k] for k in stays),
         *(Candidate(*none, ShapedEffect(each.effect)) for each in more),
     )
     shaped = tuple(each.shaped for each in members if not each.is_map)
@@ -459,7 +467,7 @@ def with_effects_added(found: SearchOutcome, more: Sequence[Judged]) -> SearchOu
             for each in found.tried
             if (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
         ),
-        fine=level(replace(found.rows, shaped=shaped), members),
+        linear_fit=level(replace(found.rows, shaped=shaped), members),
     )
 
 
