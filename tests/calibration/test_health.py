@@ -9,7 +9,7 @@ import pytest
 
 from pa10cal.calibration.health import FitSummary, GradeEvidence, poses_needed
 from pa10cal.calibration.health import health as health_of
-from pa10cal.calibration.uncertainty import HeldOut
+from pa10cal.calibration.uncertainty import HeldOut, gram
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Solution
 from pa10cal.results.evaluation import Accuracy
@@ -36,7 +36,7 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", at_bound=None, steps
     held, stopped = np.arange(unknowns) < (at_bound is not None), steps or "settled"
     made = FitSummary(
         Solution(1e-4 * held, held, 0.0, 5, steps is None, stopped),
-        np.arange(len(white)).astype(str), parameters, covariance, found, white, position,
+        np.arange(len(white)).astype(str), parameters, covariance, found, white, gram(position),
         not_identifiable(found, parameters),
     )  # fmt: skip
     return replace(made, **changes)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array
-from pa10cal.calibration.uncertainty import HeldOut
+from pa10cal.calibration.uncertainty import HeldOut, gram
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.fit.problem import Solution
 from pa10cal.numerics.exchange import Information, greedy_order
@@ -84,7 +84,8 @@ class FitSummary:
     covariance: Array  # (k, k) theirs
     identifiability: Identifiability  # rank of the rows
     white: Array  # (P, b, k) rows of unit variance
-    position: Array  # (P, c, k) derivative of the predicted position [m]
+    # (k, k) Gram matrix of the derivative of predicted positions [m], summed over the poses
+    position_gram: Array
     not_identifiable: frozenset[str]  # names of those that the data do not identify
     # names of those that no pose of this instrument can determine
     hidden: frozenset[str] = frozenset()
@@ -518,19 +519,15 @@ def poses_needed(
     pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
     information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
 
-    def gram(rows: Array) -> Array:
-        flat = rows.reshape(-1, len(scale))
-        return np.asarray(flat.T @ flat) * scales
-
     candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
     order = pool[greedy_order(candidates, min(len(pool), _MOST))]
-    spread = gram(ended.position) / count
+    spread = ended.position_gram * scales / count
     enough = -(-ended.identifiability.rank // white.shape[1])
 
     def u_mm(of_poses: Array) -> float | None:
         if len(of_poses) < enough:
             return None
-        covariance = np.linalg.inv(information + gram(of_poses))
+        covariance = np.linalg.inv(information + gram(of_poses) * scales)
         u_m = float(np.sqrt(np.sum(covariance * spread)))
         return 1e3 * u_m if np.isfinite(u_m) else None
 

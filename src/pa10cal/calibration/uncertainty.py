@@ -94,6 +94,12 @@ def of_one_target(measured: Instrument, jacobian: Array) -> Array:
     return np.asarray(jacobian[:, measured.position_columns] / share)
 
 
+def gram(rows: Array) -> Array:
+    """Return the Gram matrix (k, k) of rows (P, b, k)."""
+    flat = rows.reshape(-1, rows.shape[-1])
+    return np.asarray(flat.T @ flat)
+
+
 def position_noise_mm(measured: Instrument, covariance: Array) -> float:
     """Return what a covariance (P, b, b) explains of the rms position error of one target."""
     columns = measured.position_columns

@@ -19,6 +19,7 @@ from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.calibration.uncertainty import (
     HeldOut,
     calibrated_parameters,
+    gram,
     of_one_target,
     position_noise_mm,
     summarise,
@@ -150,7 +151,7 @@ def calibrate_with(
         covariance=covariance,
         identifiability=rank,
         white=white,
-        position=of_one_target(used.measured, jacobian),
+        position_gram=gram(of_one_target(used.measured, jacobian)),
         not_identifiable=not_identifiable(rank, parameters),
     )
     evidence = GradeEvidence(

@@ -13,6 +13,8 @@ from pa10cal.arm.statics import Payload, PoseStates, StaticLoads, Statics, stati
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
+from pa10cal.terms.term import Term
+from pa10cal.terms.weights import Weights
 
 S = TypeVar("S", Statics, StaticLoads)
 
@@ -49,6 +51,13 @@ def with_torques(
             Model(chain, own), x[model.parameter_indices(*own)], states, payload
         )
     return states, "masses"
+
+
+def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
+    """Return states without the static loads where no term reads these: they are large."""
+    if any(isinstance(term, Effect | Weights) for term in terms):
+        return states
+    return replace(states, static_loads=None)
 
 
 def _under_weights(model: Model, x: Array, states: PoseStates, payload: Payload) -> PoseStates:

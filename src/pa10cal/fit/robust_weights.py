@@ -107,11 +107,15 @@ def weighted_rows(
     root = np.sqrt(weights)
     scaled = root[:, None, None] * whitener
     # In the poses of one campaign of a group those of others are zero, and stay out of products.
-    weighted = np.zeros_like(rows.jacobian)
-    normal = np.zeros((weighted.shape[2],) * 2)
-    for at, columns in problem.observations.measured.parts_seen:
+    normal = np.zeros((rows.jacobian.shape[2],) * 2)
+    measured = problem.observations.measured
+    weighted = np.zeros_like(rows.jacobian) if measured.campaigns else rows.jacobian
+    for at, columns in measured.parts_seen:
         own = _times(scaled[at, columns, columns], rows.jacobian[at, columns])
-        weighted[at, columns] = own
+        if measured.campaigns:
+            weighted[at, columns] = own
+        else:
+            weighted = own
         flat = own.reshape(-1, own.shape[2])
         normal += flat.T @ flat
     return WeightedRows(root[:, None] * white, weighted, normal, weights, distance, whitener)

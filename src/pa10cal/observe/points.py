@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -140,7 +141,7 @@ class Points(Instrument):
             residual.reshape(rows), by_end.reshape(*rows, 6), by_targets.reshape(*rows, rows[1])
         )
 
-    @property
+    @cached_property
     def stated_covariance(self) -> Array:
         count, targets = self.p_instr_m.shape[:2]
         cov = np.zeros((count, targets, 3, targets, 3))

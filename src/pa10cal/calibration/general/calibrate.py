@@ -22,7 +22,7 @@ from pa10cal.calibration.general.problem import (
 )
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import RecordError
-from pa10cal.fit.loads import with_torques
+from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -156,6 +156,7 @@ def _with_torques_at(
 ) -> Problem:
     """Return the problem with the torques of weights at a point; itself if that moves nothing."""
     states, _ = with_torques(problem.model, problem.of_model(x), states_as_logged, payload)
+    states = with_loads_read_by(problem.model.terms, states)
     weighed = replace(problem, observations=problem.observations.with_states(states))
     moved = weighed.predict(x)[:, :3, 3] - problem.predict(x)[:, :3, 3]
     return weighed if np.abs(moved).max() > _MOVES_NOTHING_M else problem

@@ -19,6 +19,7 @@ from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.uncertainty import (
     calibrated_parameters,
+    gram,
     held_out_errors,
     of_one_target,
     position_noise_mm,
@@ -32,7 +33,7 @@ from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable
-from pa10cal.fit.loads import with_torques
+from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.observe.observations import Observations, average_repeats
@@ -124,7 +125,7 @@ def general_case(
 
     def weighed(poses: Observations) -> Observations:
         states, _ = with_torques(calibrated.model, calibrated.x, poses.states, payload)
-        return poses.with_states(states)
+        return poses.with_states(with_loads_read_by(calibrated.model.terms, states))
 
     grid = weighed(grid)
     found = calibrated.deviations(grid)
@@ -302,6 +303,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         weights = (term for term in problem.model.terms if isinstance(term, Weights))
         hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
     root, jacobian = np.sqrt(fit.weights)[:, None, None], problem.rows(fit.x).jacobian
+    position_gram = gram(of_one_target(problem.observations.measured, jacobian))
     return FitSummary(
         solution=fit,
         pose=problem.observations.pose,
@@ -309,7 +311,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ jacobian,
-        position=of_one_target(problem.observations.measured, jacobian),
+        position_gram=position_gram,
         not_identifiable=openly,
         hidden=hidden,
     )

@@ -32,6 +32,8 @@ _THERE = 1e-5
 _ALONG_A_VALLEY = 200.0
 #: Growth of the weighted squares that counts as rounding, relative.
 _NO_WORSE = 1e-9
+#: Rows that are factorised at once.
+_QR_ROWS = 50_000
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
 _REACH = 30.0
 
@@ -92,7 +94,7 @@ def fit(
     x, scatter, weighted = found.at, weighting.scatter, weighting.weighted
     held = span.bounds.held(x, found.equations.gradient)
     free = ~held
-    triangle = np.asarray(np.linalg.qr(weighted.rows.reshape(-1, len(x)), mode="r"))
+    triangle = _triangle(weighted.rows.reshape(-1, len(x)))
     with_known = np.concatenate([triangle, span.rows[: span.known]])
     identifiability = _identified(with_known, problem.scale, span.reach, span.known)
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
@@ -115,6 +117,15 @@ def fit(
         reason=found.reason,
         widening=scatter.widening,
     )
+
+
+def _triangle(rows: Array) -> Array:
+    """Return R of the QR factorisation of rows (r, k), part by part: it copies what it is given."""
+    triangle = rows[:0]
+    for first in range(0, len(rows), _QR_ROWS):
+        part = np.concatenate([triangle, rows[first : first + _QR_ROWS]])
+        triangle = np.asarray(np.linalg.qr(part, mode="r"))
+    return triangle
 
 
 def _step_ahead(here: Equations, free: Mask) -> float:

@@ -14,7 +14,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.loads import TorqueSource, with_torques
+from pa10cal.fit.loads import TorqueSource, with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.uncertain_weights import unknown_weights
 from pa10cal.observe.instrument import Instrument
@@ -271,7 +271,8 @@ def general_problem(
         terms += unknown
         x_start += [np.zeros(len(weights.parameters)) for weights in unknown]
     arm_terms = Model(chain, tuple(terms)), np.concatenate(x_start)
-    problem, x = with_unknown_frames(*arm_terms, unknowns, start, observations.with_states(states))
+    posed = observations.with_states(with_loads_read_by(terms, states))
+    problem, x = with_unknown_frames(*arm_terms, unknowns, start, posed)
     return GeneralProblem(problem, x, start, unknowns.redundant, source, payload)
 
 
