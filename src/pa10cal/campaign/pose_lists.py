@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import CUT, column_names, read_rows
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError
-from pa10cal.yaml_file import refusals_beside
+from pa10cal.errors import RawDataError, refusals_beside
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _QUATERNION = ("qw", "qx", "qy", "qz")

@@ -18,14 +18,13 @@ from pydantic import TypeAdapter
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.observe.instrument import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.results.health import InputFinding
-from pa10cal.yaml_file import refusals_beside
 
 SCHEMA = "pa10cal-poses/1"
 _refusal = refusals_beside(__file__, RawDataError)

@@ -26,12 +26,11 @@ from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
 from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
 from pa10cal.options import IngestOptions
-from pa10cal.yaml_file import refusals_beside
 
 #: Part of the touches that may lie outside dwells before the clocks are suspected, and the part
 #: of those that may still do so under the offset that is then to blame.

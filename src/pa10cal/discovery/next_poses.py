@@ -35,7 +35,7 @@ from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.verdict import Plan, label_of
-from pa10cal.errors import DiscoveryError
+from pa10cal.errors import DiscoveryError, refusals_beside
 from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
@@ -72,6 +72,7 @@ _LEAST_MARGIN_M = 0.3
 #: End and targets stay so far above the base's origin, and so far off its axis, unless poses were
 #: measured nearer; targets so far off the line from joint to joint [m].
 _FLOOR_M, _COLUMN_M, _CLEARANCE_M = 0.15, 0.25, 0.15
+_refusal = refusals_beside(__file__, DiscoveryError)
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -99,13 +100,7 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     ranges = low + margin, high - margin
     found = draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
-        raise DiscoveryError(
-            "no configuration keeps clear of floor, column and limits near the measured positions",
-            where="configurations to measure next",
-            value=f"none of {found.drawn}",
-            allowed="at least one",
-            remedy="allow more room",
-        )
+        raise _refusal("no room", "configurations to measure next", f"none of {found.drawn}")
     return found.q
 
 
@@ -319,12 +314,7 @@ def _by_parameters(
         ]
     for effect, part in zip(effects, rows[1:], strict=True):
         if not np.all(np.isfinite(part)):
-            raise DiscoveryError(
-                "the effect depends on a quantity that is unknown for future poses",
-                where=f"{effect.id} of {effect.of}",
-                allowed="effects of logged quantities",
-                remedy="omit the effect",
-            )
+            raise _refusal("unknown", f"{effect.id} of {effect.of}")
     return [block.factor for block in lin.blocks], rows
 
 
@@ -338,12 +328,7 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
     """
     baseline, setup, readings = problem.baseline, problem.setup, problem.readings
     if setup.payload is None and np.all(np.isfinite(readings.states.tau_Nm)):
-        raise DiscoveryError(
-            "torques cannot be predicted in configurations that were not measured",
-            where=baseline.model.chain.arm.name,
-            allowed="an arm and a tool whose masses are known",
-            remedy="complete the descriptions of arm and tool",
-        )
+        raise _refusal("no torques", baseline.model.chain.arm.name)
     repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
     states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
     label = np.array([f"next {k}" for k in range(len(states))])

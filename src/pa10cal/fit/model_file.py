@@ -15,7 +15,7 @@ from pa10cal.arm.chain import BASE, TOOL, Chain
 from pa10cal.arm.description import ROW_FIELDS, Arm, WeightsKnown
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.errors import ModelError, Pa10calError
+from pa10cal.errors import ModelError, Pa10calError, refusals_beside
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FLANGE, FallBack, Fitted, FittedTo
@@ -33,6 +33,7 @@ _CONVENTIONS = {
     "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
     "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
 }
+_refusal = refusals_beside(__file__, ModelError)
 
 
 def save_model(model: Fitted, path: Path, **about: Any) -> None:
@@ -117,22 +118,11 @@ def model_from_plain(
     """
     found = content.get("schema") if isinstance(content, Mapping) else None
     if not isinstance(content, Mapping) or found != SCHEMA:
-        raise ModelError(
-            "not a model of this version",
-            where=f"{where}: schema",
-            value=found,
-            allowed=SCHEMA,
-            remedy="export the model again",
-        )
+        raise _refusal("version", f"{where}: schema", found, SCHEMA)
     try:
         size = sum(len(term["x"]) for term in content["terms"]) + 6
         if covariance is not None and covariance.shape != (size, size):
-            raise ModelError(
-                f"a covariance of shape {covariance.shape}",
-                where=f"{where}: covariance",
-                allowed=f"({size}, {size}): parameters, then the base",
-                remedy="write the model again",
-            )
+            raise _refusal("shape", f"{where}: covariance", None, covariance.shape, size)
         pairs = [
             _term_from_plain(entry, f"{where}: terms[{k}]")
             for k, entry in enumerate(content["terms"])
@@ -169,20 +159,9 @@ def model_from_plain(
     except Pa10calError:
         raise
     except KeyError as error:
-        raise ModelError(
-            f"key {error.args[0]} is missing",
-            where=where,
-            allowed=f"every key of {SCHEMA}",
-            remedy="export the model again",
-        ) from None
+        raise _refusal("missing", where, None, error.args[0], SCHEMA) from None
     except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise ModelError(
-            "the model cannot be built from the file",
-            where=where,
-            value=str(error),
-            allowed=f"values as {SCHEMA} has them",
-            remedy="export the model again",
-        ) from None
+        raise _refusal("not built", where, str(error), SCHEMA) from None
 
 
 def _seen_to_plain(seen: AngleCoverage) -> list[dict[str, Any]]:
@@ -221,13 +200,7 @@ def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Arra
     term = term_from_plain(content, where=where)
     x = np.array(content["x"], dtype=float)
     if x.shape != (len(term.parameters),) or not np.isfinite(x).all():
-        raise ModelError(
-            "values that do not fit the term's parameters",
-            where=f"{where}: x",
-            value=content["x"],
-            allowed=f"{len(term.parameters)} finite numbers",
-            remedy="write the model again",
-        )
+        raise _refusal("values", f"{where}: x", content["x"], len(term.parameters))
     return term, x
 
 
@@ -372,10 +345,5 @@ def covariance_beside(path: Path) -> Array | None:
         with np.load(beside) as stored:
             covariance: Array = stored["covariance"]
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile):
-        raise ModelError(
-            "the covariance of the model cannot be read",
-            where=str(beside),
-            allowed="the file that this package wrote beside the model",
-            remedy="write the model again, or remove the file to go without uncertainties",
-        ) from None
+        raise _refusal("no covariance", beside) from None
     return covariance if len(covariance) else None

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation, taken
-from pa10cal.errors import CalibrationError
+from pa10cal.errors import CalibrationError, refusals_beside
 from pa10cal.frame.rigid_fit import Located, by_small_motion
 from pa10cal.numerics.least_squares import (
     COST_TOLERANCE,
@@ -42,6 +42,7 @@ _MOST_POSES, _MOST_DISTANCES = 100, 300
 PASSES = 2
 #: Part of the cost that makes no difference between two starts.
 _ROUGHLY = 1e-6
+_refusal = refusals_beside(__file__, CalibrationError)
 
 
 @dataclass(frozen=True)
@@ -76,13 +77,7 @@ class TargetProblem:
         poses = int(np.count_nonzero(np.isfinite(p_instr_m[..., 0]).any(axis=1)))
         least, what, place = _NEEDED_POSES if d_m is None else _NEEDED_DISTANCES
         if poses < least:
-            raise CalibrationError(
-                f"too few {what}",
-                where=f"poses for the {place}",
-                value=poses,
-                allowed=f"at least {least}",
-                remedy="measure more poses",
-            )
+            raise _refusal("too few", f"poses for the {place}", poses, what, least)
         weights = np.ones(len(T_base_ee)) if weights is None else weights
         p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
         return cls(p_m, R, p_instr_m, R_cmm, weights, p_ee_stated_m, d_m)
@@ -324,23 +319,13 @@ def hand_eye_from_points(
     times = np.isfinite(p_instr_m[..., 0]).sum(axis=0)
     unseen = [name for name, seen in zip(named, times, strict=True) if not seen]
     if unseen:
-        raise CalibrationError(
-            f"{unseen[0]} was not observed in any pose",
-            where="poses for the base frame",
-            allowed="targets observed in some of the poses",
-            remedy="remove this target, or measure it",
-        )
+        raise _refusal("unseen", "poses for the base frame", None, unseen[0])
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights)
     few = problem.thinned()
     turns = _by_positions(few)
     if not turns:
-        raise CalibrationError(
-            "the positions are collinear or coincide, so the turn of the base about them is free",
-            where="poses for the base frame",
-            allowed="poses whose positions span a plane",
-            remedy="measure poses further apart across the line",
-        )
+        raise _refusal("collinear", "poses for the base frame")
     return _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named)
 
 
@@ -422,12 +407,10 @@ def _refuse_open_point(by_point: Array) -> None:
     _, size, directions = np.linalg.svd(by_point, full_matrices=False)
     if size[2] > OPEN * size[0]:
         return
-    raise CalibrationError(
-        "the distances do not identify the fixed point",
-        where="poses for the fixed point",
-        value=f"along {axis_text(directions[2])} of the base",
-        allowed="poses that surround the fixed point's direction on all sides",
-        remedy="measure poses further apart along that direction",
+    raise _refusal(
+        "not identified",
+        "poses for the fixed point",
+        f"along {axis_text(directions[2])} of the base",
     )
 
 

@@ -27,6 +27,7 @@ from pa10cal.errors import (
     Pa10calError,
     SettingsError,
     last_message,
+    refusals_beside,
 )
 from pa10cal.running.alone import PARENTS, alone
 
@@ -39,6 +40,7 @@ PRINTED = "printed.log"
 _TICK_S = 0.5
 #: With less room than this on the disk nothing can be written [bytes].
 _LEAST_FREE = 1 << 16
+_refusal = refusals_beside(__file__, OutputError)
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,7 @@ class Workflow:
             if (place / "config.yaml").is_file():
                 object.__setattr__(self, "profile", str(place))
                 return
-        raise OutputError(
-            "there is no such profile",
-            where="--profile",
-            value=self.profile,
-            allowed=f"a folder with config.yaml, or one of {shipped}",
-            remedy="give such a folder, or slurm",
-        )
+        raise _refusal("no profile", "--profile", self.profile, shipped)
 
     @property
     def command(self) -> list[str]:
@@ -195,12 +191,7 @@ def workflow_folder() -> Path:
     for folder in (package.parents[1], package / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "config.yaml").is_file():
             return folder
-    raise OutputError(
-        "the rules of the workflow are missing from the installation",
-        where=str(package),
-        allowed="a wheel or a checkout of the project",
-        remedy="install pa10cal again",
-    )
+    raise _refusal("no rules", package)
 
 
 def refuse_without_snakemake(profile: str | None = None) -> None:
@@ -299,13 +290,7 @@ def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -
         return StageError(f"{stage}: {message}" if stage else message)
     full = os.strerror(errno.ENOSPC)
     if full in printed or shutil.disk_usage(workflow.results).free < _LEAST_FREE:
-        return OutputError(
-            "the results cannot be written",
-            where=str(workflow.results),
-            value=full,
-            allowed="a folder with room in it",
-            remedy="make room on the disk, then run the same command again",
-        )
+        return _refusal("not written", workflow.results, full)
     last = [line for line in printed.splitlines() if line.strip()][-8:]
     if code >= 0 and last and not re.search(r"\bKilled\b", printed):
         return RuntimeError("the workflow failed: " + " | ".join(last))

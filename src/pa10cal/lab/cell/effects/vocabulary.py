@@ -10,13 +10,15 @@ from functools import cache
 
 import numpy as np
 
-from pa10cal.errors import SettingsError, remedy_for
+from pa10cal.errors import SettingsError, refusals_beside, remedy_for
 from pa10cal.lab.cell import effects
 from pa10cal.lab.cell.classes import classes_in
 from pa10cal.lab.cell.effects.effect import LONG_LINKS, SimulatedEffect
 from pa10cal.lab.cell.options import HiddenEffectOptions
 from pa10cal.lab.cell.robot import Robot
 from pa10cal.settings_reading import parse_section
+
+_refusal = refusals_beside(__file__, SettingsError)
 
 
 @cache
@@ -76,22 +78,22 @@ def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) ->
 def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> SimulatedEffect:
     known = all_effects()
     if entry.id not in known:
-        raise SettingsError(
-            "unknown effect",
-            where=f"{where}.id",
-            value=entry.id,
-            allowed=", ".join(known),
-            remedy=remedy_for(entry.id, known, "correct the name"),
+        raise _refusal(
+            "unknown",
+            f"{where}.id",
+            entry.id,
+            ", ".join(known),
+            remedy_for(entry.id, known, "correct the name"),
         )
     kind = known[entry.id]
     places = places_of(kind.places, robot)
     if entry.of not in places:
-        raise SettingsError(
-            f"{entry.id} cannot sit there",
-            where=f"{where}.of",
-            value=entry.of,
-            allowed=", ".join(places) or "no such place in this arm",
-            remedy="correct the place",
+        raise _refusal(
+            "no place",
+            f"{where}.of",
+            entry.of,
+            entry.id,
+            ", ".join(places) or "no such place in this arm",
         )
     return parse_section(kind, entry.parameters, where=f"{where}.parameters").at(entry.of)
 
