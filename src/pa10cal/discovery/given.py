@@ -30,8 +30,7 @@ from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
-from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
-from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.evidence.problem import apparatus_m, covariance_of, prepare
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of

@@ -25,9 +25,13 @@ from pa10cal.arm.room import (
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.fit import EvidenceFit
-from pa10cal.discovery.evidence.likelihood import SIZES
-from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, noise_models
+from pa10cal.discovery.evidence.problem import (
+    SIZES,
+    EvidenceFit,
+    EvidenceProblem,
+    NoiseModel,
+    noise_models,
+)
 from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.in_time import InTime

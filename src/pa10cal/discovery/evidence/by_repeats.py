@@ -14,14 +14,6 @@ from typing_extensions import override
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
-from pa10cal.discovery.evidence.fit import (
-    EvidenceFit,
-    apparatus_m,
-    covariance_of,
-    fit,
-    pose_rows,
-    torque_rows,
-)
 from pa10cal.discovery.evidence.judge import (
     Confirmation,
     Judgement,
@@ -30,7 +22,17 @@ from pa10cal.discovery.evidence.judge import (
     shared_error_mm,
     weighed_rows,
 )
-from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, prepare
+from pa10cal.discovery.evidence.problem import (
+    EvidenceFit,
+    EvidenceProblem,
+    NoiseModel,
+    apparatus_m,
+    covariance_of,
+    fit,
+    pose_rows,
+    prepare,
+    torque_rows,
+)
 from pa10cal.discovery.evidence.search import (
     evidence_about,
     refit,
