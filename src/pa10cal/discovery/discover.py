@@ -11,18 +11,13 @@ from typing_extensions import override
 
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
+from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.formulas import with_lines_named, with_proposals
 from pa10cal.discovery.gap import gap
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.linear import (
-    ModelWithEffects,
-    mean_error_of_noise_mm,
-    residual,
-    with_base_term,
-)
 from pa10cal.discovery.noise import (
     LEAST_DIFFERENCES,
     LEAST_REPEATED,
@@ -81,17 +76,19 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: TooLittle) -
     campaign = replace(campaign, baseline=calibrated.with_bends())
     baseline, setup = campaign.baseline, campaign.setup
     readings = complete(campaign.trusted, baseline, setup)
-    noise = noise_of_near_poses(readings, residual(baseline, readings))
+    noise = noise_of_near_poses(readings, linear.residual(baseline, readings))
     measured, group = readings.measured, reading_groups(readings)
     cov = mean_covariance(noise.cov, measured.components_seen, group)
     poses, held_out = complete(average_repeats(readings), baseline, setup), campaign.held_out
-    floor_mm = mean_error_of_noise_mm(poses.measured, cov)
+    floor_mm = linear.mean_error_of_noise_mm(poses.measured, cov)
     compared = partial(gap, before=baseline, after=baseline, noise_floor_mm=floor_mm)
     x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
     return NotSought(
         prepared=campaign,
         context=context_of(poses, baseline, setup),
-        extended=ModelWithEffects((), replace(baseline, model=with_base_term(baseline), x=x), True),
+        extended=linear.ModelWithEffects(
+            (), replace(baseline, model=linear.with_base_term(baseline), x=x), True
+        ),
         covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
@@ -186,7 +183,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> TooLittle | 
     for kind, at in readings.measured.component_kinds:
         if not kind.startswith("attitude"):
             continue
-        left_rad = np.abs(residual(baseline, readings)[:, at])
+        left_rad = np.abs(linear.residual(baseline, readings)[:, at])
         typical_rad = float(np.median(left_rad[readings.measured.components_seen[:, at]]))
         if typical_rad > _NO_ATTITUDE_RAD:
             return TooLittle(

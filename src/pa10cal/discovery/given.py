@@ -13,18 +13,10 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Mask
+from pa10cal.calibration import uncertainty
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
-from pa10cal.calibration.uncertainty import (
-    HeldOut,
-    of_one_target,
-    position_noise_mm,
-    reported_keys,
-    summarise,
-    summarise_by_load,
-    summarise_trusted,
-)
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
@@ -131,8 +123,8 @@ def calibrate_with(
         if wrong is not None and not wrong.all():
             away = away.take(~wrong)
         repeats = float(np.mean(1.0 / poses.readings) / np.mean(1.0 / away.readings))
-        held_out = HeldOut(
-            summarise(calibrated.deviations(away)),
+        held_out = uncertainty.HeldOut(
+            uncertainty.summarise(calibrated.deviations(away)),
             repeats=repeats,
             suspected=len(campaign.held_out) - len(away),
         )
@@ -151,15 +143,15 @@ def calibrate_with(
         covariance=covariance,
         identifiability=rank,
         white=white,
-        position=of_one_target(used.measured, jacobian),
+        position=uncertainty.of_one_target(used.measured, jacobian),
         not_identifiable=not_identifiable(rank, parameters),
     )
     evidence = GradeEvidence(
         ended=ended,
-        train_rms_mm=summarise(deviations, ~flagged).rms_mm,
+        train_rms_mm=uncertainty.summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
         suspected_outliers=int(flagged.sum()),
-        noise_mm=position_noise_mm(used.measured, noise),
+        noise_mm=uncertainty.position_noise_mm(used.measured, noise),
         noise_is_found=True,
         spread_mm=used.measured.spread_mm,
         wanted_mm=wanted_mm,
@@ -243,8 +235,8 @@ def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
     ended, errors = found.ended, dict(record.errors)
-    less = summarise_trusted(found.found, found.found, load_N, found.flagged)
-    for load, after in summarise_by_load(found.found, load_N).items():
+    less = uncertainty.summarise_trusted(found.found, found.found, load_N, found.flagged)
+    for load, after in uncertainty.summarise_by_load(found.found, load_N).items():
         if load in errors:
             before = errors[load].trusted or errors[load]
             trusted = less.get(load)
@@ -293,7 +285,7 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
         report = term.report(model.x[columns])
         names = [parameter.name for parameter in term.parameters]
         place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
-        of_term = reported_keys(report, model.covariance[columns, columns])
+        of_term = uncertainty.reported_keys(report, model.covariance[columns, columns])
         for row, (name, keys) in zip(report.jacobian != 0.0, of_term.items(), strict=True):
             held = not openly.isdisjoint(names[k] for k in np.flatnonzero(row))
             parameters[f"{place}{name}"] = CalibratedParameter(

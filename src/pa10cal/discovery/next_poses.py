@@ -13,15 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.arm.room import (
-    Box,
-    PosturePoints,
-    above,
-    draw_within,
-    end_within,
-    off_column,
-    off_links,
-)
+from pa10cal.arm import room
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
@@ -89,20 +81,20 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     """
     chain = measured.baseline.model.chain
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
-    end = PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
+    end = room.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
     room_m = np.maximum(0.5 * (highest - lowest), _LEAST_MARGIN_M)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
     constraints = {
-        "near the measured poses": end_within(Box(lowest - room_m, highest + room_m)),
-        "above the floor": above(min(_FLOOR_M, float(lowest[2]))),
-        "off the column": off_column(min(_COLUMN_M, off_axis_m)),
-        "off the links": off_links(_CLEARANCE_M),
+        "near the measured poses": room.end_within(room.Box(lowest - room_m, highest + room_m)),
+        "above the floor": room.above(min(_FLOOR_M, float(lowest[2]))),
+        "off the column": room.off_column(min(_COLUMN_M, off_axis_m)),
+        "off the links": room.off_links(_CLEARANCE_M),
     }
     low, high = chain.arm.limits_rad.T
     margin = _LIMIT_MARGIN * (high - low)
     ranges = low + margin, high - margin
-    found = draw_within(chain, targets, ranges, constraints, count, random_seed)
+    found = room.draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
         raise _refusal("no room", "configurations to measure next", f"none of {found.drawn}")
     return found.q

@@ -11,35 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue
 
+from pa10cal.results import record
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.results.health import Grade
-from pa10cal.results.record import (
-    CampaignRecord,
-    EffectName,
-    Key,
-    Name,
-    Part,
-    Record,
-    filed,
-    optional,
-)
 
 
-class HiddenEffect(EffectName):
+class HiddenEffect(record.EffectName):
     """An effect that a trial hides."""
 
     # its parameters, as the virtual cell has them
-    parameters: Mapping[Annotated[str, Key("parameter")], JsonValue]
+    parameters: Mapping[Annotated[str, record.Key("parameter")], JsonValue]
     size: float  # factor of its reference size
     # root mean square by which it moves the residual of the calibrated model [mm]; null where the
     # trial failed
     moved_mm: float | None
     # the same once the sizes of all else that is hidden are fitted, too; of trials whose `moved_mm`
     # is worked out from the truth (`unstated_masses`, `sorted_rows`)
-    apart_mm: float | None = optional()
+    apart_mm: float | None = record.optional()
 
 
-class PutIn(Part):
+class PutIn(record.Part):
     """A stressor or a fault that a wild trial puts into the raw files."""
 
     id: str  # id of the disturbance
@@ -52,8 +43,10 @@ class PutIn(Part):
     measured: bool  # whether that measures it; else it is far above the noise
 
 
-@filed("pa10cal-trial-truth/1", "trials/<kind>_<first>_<count>.truths.jsonl", by="blind_trials")
-class TrialTruthRecord(CampaignRecord):
+@record.filed(
+    "pa10cal-trial-truth/1", "trials/<kind>_<first>_<count>.truths.jsonl", by="blind_trials"
+)
+class TrialTruthRecord(record.CampaignRecord):
     """A line of `trials/<...>.truths.jsonl`: what a trial hides, and how it was measured."""
 
     kind: str  # what the trial hides: `null`, `single`, `pair`, ...
@@ -70,20 +63,22 @@ class TrialTruthRecord(CampaignRecord):
     seconds_twin: float  # processor time to find `moved_mm` [s]
     # what noise alone leaves of positions [mm], root mean square, averaged over repeats; where
     # `moved_mm` is worked out from the truth
-    noise_mm: float | None = optional()
+    noise_mm: float | None = record.optional()
 
 
-@filed("pa10cal-verdict/1", "trials/<kind>_<first>_<count>.verdicts.jsonl", by="blind_trials")
-class TrialVerdictRecord(CampaignRecord):
+@record.filed(
+    "pa10cal-verdict/1", "trials/<kind>_<first>_<count>.verdicts.jsonl", by="blind_trials"
+)
+class TrialVerdictRecord(record.CampaignRecord):
     """A line of `trials/<...>.verdicts.jsonl`: the verdict on a trial, or why it has none."""
 
     @classmethod
-    def kinds(cls) -> tuple[type[Record], ...]:
+    def kinds(cls) -> tuple[type[record.Record], ...]:
         """Return the two kinds of line."""
         return (JudgedTrialRecord, FailedTrialRecord) if cls is TrialVerdictRecord else (cls,)
 
     @classmethod
-    def kind_of(cls, content: dict[str, Any]) -> type[Record]:
+    def kind_of(cls, content: dict[str, Any]) -> type[record.Record]:
         """Return which of the two it is."""
         if cls is not TrialVerdictRecord:
             return cls
@@ -95,7 +90,7 @@ class TrialVerdictRecord(CampaignRecord):
         """Return the verdict in a word, or what went wrong."""
 
 
-class TrialHealth(Part):
+class TrialHealth(record.Part):
     """What the calibration of a trial says of its input."""
 
     grade: Grade  # its grade
@@ -107,7 +102,7 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
     springs: tuple[int, ...]  # joints with a spring in the judged model, from 1
-    health: TrialHealth | None = optional()  # what the calibration says of its input
+    health: TrialHealth | None = record.optional()  # what the calibration says of its input
     seconds: float  # processor time to judge the campaign [s]
     seconds_simulating: float  # processor time to simulate the campaign [s]
 
@@ -129,7 +124,7 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
         return tuple(place.of for place in self.unexplained.all)
 
     @property
-    def not_shown(self) -> frozenset[Name]:
+    def not_shown(self) -> frozenset[record.Name]:
         """What the data cannot show, or not surely at its plausible size."""
         every = (*self.not_testable, *(self.below_detection_limit or ()))
         return frozenset(effect.name for effect in every)
@@ -168,7 +163,7 @@ class FailedTrialRecord(TrialVerdictRecord):
 _LEAST_ROOM, _ROUNDING = 0.01, 1e-9
 
 
-class ScoreRow(Part):
+class ScoreRow(record.Part):
     """A share of trials or another figure over them, and the one to reach."""
 
     what: str  # the quantity
@@ -225,7 +220,7 @@ class ScoreRow(Part):
         return f"{self.written(self.low)} to {self.written(self.high)}"
 
 
-class OutcomeCounts(Part):
+class OutcomeCounts(record.Part):
     """What became of trials that hide, or put in, the same."""
 
     kind: str  # kind of the trials: `single`, `fault`, `sensor`, ...
@@ -235,10 +230,10 @@ class OutcomeCounts(Part):
     # where a fault or an effect without a name is in them), `false_comfort`, held-out errors made
     # `worse`, `unexplained` or `suspected`; faults `above_noise` and `told`; effects `found`. Of
     # the others, what each hidden effect was called
-    counts: Mapping[Annotated[str, Key("outcome")], int]
+    counts: Mapping[Annotated[str, record.Key("outcome")], int]
 
 
-class ParameterScore(Part):
+class ParameterScore(record.Part):
     """One parameter of one finding that is what was hidden, at its place."""
 
     id: str  # id of the effect
@@ -246,7 +241,7 @@ class ParameterScore(Part):
     score: float  # value minus truth, in standard uncertainties
 
 
-class PowerCurve(Part):
+class PowerCurve(record.Part):
     """How the chance to be found grows with size: log odds = intercept + slope ln(size)."""
 
     intercept: float  # intercept
@@ -260,7 +255,7 @@ class PowerCurve(Part):
         return np.asarray(1.0 / (1.0 + np.exp(-odds)))
 
 
-class MovedBin(Part):
+class MovedBin(record.Part):
     """Trials whose residual is moved by so much, over the noise floor."""
 
     low: float  # from
@@ -268,17 +263,17 @@ class MovedBin(Part):
     listed: ScoreRow  # named or among the alternatives
 
 
-class PowerStudy(Part):
+class PowerStudy(record.Part):
     """How the chance to be named or listed grows with size, of trials that hide one effect."""
 
     # by an effect's size; null where it was always or never listed
-    by_id: Mapping[Annotated[str, Key("id")], PowerCurve | None]
+    by_id: Mapping[Annotated[str, record.Key("id")], PowerCurve | None]
     # by how far the residual is moved, over the noise floor; null likewise
     by_moved: PowerCurve | None
     bins: tuple[MovedBin, ...]  # the same in shares
 
 
-class JudgedEffect(EffectName):
+class JudgedEffect(record.EffectName):
     """What a trial hides, and what became of it."""
 
     size: float  # factor of its reference size
@@ -293,7 +288,7 @@ class JudgedEffect(EffectName):
     outcome: str
 
 
-class JudgedTrial(Part):
+class JudgedTrial(record.Part):
     """A trial, what was said of it, and where that fails."""
 
     campaign: str  # name of the trial
@@ -315,8 +310,8 @@ class JudgedTrial(Part):
     seconds: float | None  # time to judge it [s]; null where it failed
 
 
-@filed("pa10cal-trials/2", "blind_trials/scores.json", by="score_trials")
-class TrialScoresRecord(Record):
+@record.filed("pa10cal-trials/2", "blind_trials/scores.json", by="score_trials")
+class TrialScoresRecord(record.Record):
     """`scores.json` of a study of trials of any kind."""
 
     provenance: str  # where the data come from

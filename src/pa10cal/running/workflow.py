@@ -20,15 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 import pa10cal
-from pa10cal.errors import (
-    EXTRAS,
-    MissingPackageError,
-    OutputError,
-    Pa10calError,
-    SettingsError,
-    last_message,
-    refusals_beside,
-)
+from pa10cal import errors
 from pa10cal.running.alone import PARENTS, alone
 
 if TYPE_CHECKING:
@@ -40,7 +32,7 @@ PRINTED = "printed.log"
 _TICK_S = 0.5
 #: With less room than this on the disk nothing can be written [bytes].
 _LEAST_FREE = 1 << 16
-_refusal = refusals_beside(__file__, OutputError)
+_refusal = errors.refusals_beside(__file__, errors.OutputError)
 
 
 @dataclass(frozen=True)
@@ -173,7 +165,7 @@ class RunDisplay:
             self._out.flush()
 
 
-class StageError(Pa10calError):
+class StageError(errors.Pa10calError):
     """A command of the workflow refused; its own message says why."""
 
     def __init__(self, message: str) -> None:
@@ -206,8 +198,8 @@ def refuse_without_snakemake(profile: str | None = None) -> None:
         plugins = re.findall(r"^executor: *(\w+)", text, re.MULTILINE)
         needed += [f"snakemake_executor_plugin_{each}" for each in plugins]
     for module in needed:
-        if module in EXTRAS and find_spec(module) is None:
-            raise MissingPackageError(module)
+        if module in errors.EXTRAS and find_spec(module) is None:
+            raise errors.MissingPackageError(module)
 
 
 def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
@@ -283,7 +275,7 @@ def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -
         with suppress(OSError):
             texts.insert(0, (workflow.folder / log).read_text(encoding="utf-8", errors="replace"))
             break
-    if said := next(filter(None, map(last_message, texts)), None):
+    if said := next(filter(None, map(errors.last_message, texts)), None):
         stage, message = said[0].removeprefix("pa10cal").strip(), said[1]
         if "internal fault" in message:
             return RuntimeError(f"{stage}: {message}")
@@ -353,9 +345,9 @@ def settings_of(files: list[Path], over: Mapping[str, Any], where: str) -> Setti
 
     content: dict[str, Any] = {}
     for file in files:
-        found = read_yaml(file, SettingsError, what="the settings cannot be read") or {}
+        found = read_yaml(file, errors.SettingsError, what="the settings cannot be read") or {}
         if not isinstance(found, dict):
-            raise SettingsError(
+            raise errors.SettingsError(
                 "the settings cannot be read",
                 where=str(file),
                 value=f"a file of {type(found).__name__}",

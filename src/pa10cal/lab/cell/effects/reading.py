@@ -14,14 +14,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.effects.effect import (
-    ARC_SECOND,
-    Finite,
-    FinitePositive,
-    JointState,
-    SimulatedJointEffect,
-    Site,
-)
+from pa10cal.lab.cell.effects import effect
 
 #: Orders of the band in which such errors lie, and their root mean square over a turn.
 _BAND = (6, 30)
@@ -35,7 +28,7 @@ _COG_ARC_SECONDS = 8.0
 RATIOS = (50.0, 160.0)
 _FINE, _FINEST = 1500.0, 4000.0
 
-Amplitudes = tuple[Finite, ...]
+Amplitudes = tuple[effect.Finite, ...]
 
 
 def drawn_ratio(rng: np.random.Generator) -> float:
@@ -52,20 +45,20 @@ def drawn_cogs(ratio: float, count: int, rng: np.random.Generator) -> list[int]:
     return sorted(int(_COGS[k]) for k in chosen)
 
 
-class SimulatedMotorRipple(SimulatedJointEffect):
+class SimulatedMotorRipple(effect.SimulatedJointEffect):
     """A joint stops where the cogging of its motor lets it."""
 
     id = "motor_ripple"
     named = False
     drawn = False
 
-    ratio: FinitePositive = Field(description="motor turns a joint turn")
+    ratio: effect.FinitePositive = Field(description="motor turns a joint turn")
     cogs: tuple[Annotated[int, Field(ge=1)], ...] = Field(description="cycles a motor turn")
     ripple: Amplitudes = Field(description="how far each moves the joint [rad]")
     ripple_phi: Amplitudes = Field(description="their phases [rad]")
 
     @classmethod
-    def at_size(cls, _site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    def at_size(cls, _site: effect.Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
         """Return cogging as of servo motors at a gear, at `size` times its usual amplitude."""
         count = int(rng.integers(*_LINES, endpoint=True))
         ratio = drawn_ratio(rng)
@@ -73,7 +66,7 @@ class SimulatedMotorRipple(SimulatedJointEffect):
             "ratio": ratio,
             "cogs": drawn_cogs(ratio, count, rng),
             "ripple": (
-                size * _COG_ARC_SECONDS * ARC_SECOND * rng.uniform(0.7, 1.4, count)
+                size * _COG_ARC_SECONDS * effect.ARC_SECOND * rng.uniform(0.7, 1.4, count)
             ).tolist(),
             "ripple_phi": rng.uniform(-np.pi, np.pi, count).tolist(),
         }
@@ -86,11 +79,11 @@ class SimulatedMotorRipple(SimulatedJointEffect):
             raise ValueError(f"as many as {of}")
         return values
 
-    def at_joint(self, joint: JointState) -> Array:
+    def at_joint(self, joint: effect.JointState) -> Array:
         """Return sum a sin(cogs ratio angle + phi) where the joint moved, at the motor's angle."""
         return self.stops_off_rad(joint, joint.q_rad)
 
-    def stops_off_rad(self, joint: JointState, stands_rad: Array) -> Array:
+    def stops_off_rad(self, joint: effect.JointState, stands_rad: Array) -> Array:
         """Return how far the joint stops off, (P,).
 
         Args:
@@ -112,11 +105,11 @@ class _ErrsByAngle(SimulatedMotorRipple):
     phi: Amplitudes = Field(description="phase of each [rad]")
 
     @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    def at_size(cls, site: effect.Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
         """Return a broad band of cycles, at `size` times its usual size, and ripple."""
         orders = list(range(_BAND[0], _BAND[1] + 1))
         amplitudes = rng.rayleigh(1.0, len(orders))
-        usual = np.sqrt(2.0) * _USUAL_ARC_SECONDS * ARC_SECOND
+        usual = np.sqrt(2.0) * _USUAL_ARC_SECONDS * effect.ARC_SECOND
         return {
             **super().at_size(site, 1.0, rng),
             "orders": orders,
@@ -124,7 +117,7 @@ class _ErrsByAngle(SimulatedMotorRipple):
             "phi": rng.uniform(-np.pi, np.pi, len(orders)).tolist(),
         }
 
-    def at_joint(self, joint: JointState) -> Array:
+    def at_joint(self, joint: effect.JointState) -> Array:
         """Return the error by the angle, and what cogging adds at the motor's angle."""
         phase = np.outer(joint.q_rad, self.orders) + np.array(self.phi)
         error: Array = np.sin(phase) @ np.array(self.A)
