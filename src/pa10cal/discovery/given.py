@@ -29,9 +29,8 @@ from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prep
 from pa10cal.errors import CalibrationError, refusals_beside, remedy_for
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.fitted_model import FittedModel, models_of
+from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
-from pa10cal.fit.model_file import model_to_plain
 from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.quantities import Deviations

@@ -84,11 +84,11 @@ class EvidenceOfSag(record.Part):
         if self.held_out_rigid_mm is not None and self.held_out_gives_way_mm is not None:
             rigid_mm, now_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
             which = "held-out poses"
+        sag = f"{self.sag_mrad:.2f} ± {record.HALF_WIDTH_95 * self.sag_u_mrad:.2g} mrad"
         return (
-            f"sags by up to {self.sag_mrad:.2f} ± {record.HALF_WIDTH_95 * self.sag_u_mrad:.2g} mrad "
-            f"under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm rms of {which}, as it is "
-            f"{now_mm:.3f} mm; log evidence {self.lost_without_it_nats:.3g} nats, "
-            f"{self.needed_nats:.3g} needed"
+            f"sags by up to {sag} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
+            f"rms of {which}, as it is {now_mm:.3f} mm; log evidence "
+            f"{self.lost_without_it_nats:.3g} nats, {self.needed_nats:.3g} needed"
         )
 
 

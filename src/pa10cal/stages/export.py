@@ -48,7 +48,7 @@ def export(
     from pa10cal.errors import CalibrationError, ModelError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
-    from pa10cal.fit.model_file import save_model
+    from pa10cal.fit.fitted_model import save_model
     from pa10cal.fit.rigid import (
         best_rigid_model,
         beyond_rigid,
