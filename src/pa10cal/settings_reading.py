@@ -11,11 +11,10 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from pa10cal.errors import SettingsError, refusals_beside, remedy_for
+from pa10cal.errors import SettingsError, remedy_for
 from pa10cal.yaml_file import parse_yaml
 
 _S = TypeVar("_S", bound=BaseModel)
-_refusal = refusals_beside(__file__, SettingsError)
 
 
 def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
@@ -33,7 +32,7 @@ def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
     try:
         return section.model_validate(raw)
     except ValidationError as error:
-        raise _unfit(section, error, where) from None
+        raise _refusal(section, error, where) from None
 
 
 def read_settings_argument(section: type[_S], argument: str, *, where: str = "--settings") -> _S:
@@ -53,13 +52,17 @@ def read_settings_argument(section: type[_S], argument: str, *, where: str = "--
         raw = json.loads(argument) if inline else parse_yaml(Path(argument).read_text("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         absent = isinstance(error, FileNotFoundError)
-        raise _refusal(
-            "unreadable", where, "the file is not there" if absent else str(error)
+        raise SettingsError(
+            "settings cannot be read",
+            where=where,
+            value="the file is not there" if absent else str(error),
+            allowed="a JSON object or the path of a YAML file",
+            remedy="check the path and its syntax",
         ) from None
     return parse_section(section, raw, where=where)
 
 
-def _unfit(section: type[BaseModel], error: ValidationError, where: str) -> SettingsError:
+def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> SettingsError:
     """Turn one of pydantic's findings, an unknown key first, into one message of the project."""
     findings = error.errors()
     first = min(findings, key=lambda finding: finding["type"] != "extra_forbidden")
@@ -79,21 +82,22 @@ def _unfit(section: type[BaseModel], error: ValidationError, where: str) -> Sett
             above = ".".join(places[0][:-1]) or "the top level"
             remedy = f"it belongs under {above}: {'.'.join(places[0])}"
         allowed = ", ".join(sorted(around))
-        return _refusal("unknown", where, None, key, allowed, remedy)
+        return SettingsError(f"unknown key {key}", where=where, allowed=allowed, remedy=remedy)
     if kind == "missing":
         field = around.get(last)
         allowed = (field and field.description) or "a value"
-        return _refusal("lacks", where, None, key, allowed)
+        return SettingsError(
+            f"missing key {key}", where=where, allowed=allowed, remedy=f"set {key}"
+        )
     of_text = any(each["type"] == "string_type" and each["input"] is value for each in findings)
     if (kind == "invalid_key" or of_text) and (surprise := _surprise(value)):
         what, instead = surprise
-        return _refusal(
-            "a text",
-            where,
-            value if value is None or isinstance(value, int | float) else str(value),
-            key,
-            what,
-            instead,
+        return SettingsError(
+            f"key {key} does not fit: {what}",
+            where=where,
+            value=value if value is None or isinstance(value, int | float) else str(value),
+            allowed="a text",
+            remedy=f"write {instead}",
         )
     allowed = first["msg"]
     for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
@@ -106,7 +110,13 @@ def _unfit(section: type[BaseModel], error: ValidationError, where: str) -> Sett
         )
         field = next(filter(None, fields), None)
         allowed = (field and field.description) or allowed
-    return _refusal("not right", where, value, key, allowed)
+    return SettingsError(
+        f"key {key} does not fit",
+        where=where,
+        value=value,
+        allowed=allowed,
+        remedy=f"set {key} accordingly",
+    )
 
 
 def _refuse_truths(

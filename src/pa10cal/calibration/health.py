@@ -19,7 +19,7 @@ from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.fit.problem import Solution
 from pa10cal.numerics.exchange import Information, one_by_one
-from pa10cal.results import health as records
+from pa10cal.results import calibration as records
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import TermParameter
 

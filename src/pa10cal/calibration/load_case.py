@@ -22,9 +22,8 @@ from pa10cal.fit.fitted_model import FittedModel, model_to_plain
 from pa10cal.fit.identifiability import unidentified_directions
 from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations
-from pa10cal.results.calibration import CalibratedParameter, Covariance
+from pa10cal.results.calibration import CalibratedParameter, Covariance, Health, InputFinding
 from pa10cal.results.evaluation import ResidualRows
-from pa10cal.results.health import Health, InputFinding
 
 COMBINED = "combined"
 

@@ -20,7 +20,7 @@ from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
 from pa10cal.results import calibration as records
-from pa10cal.results.health import Health, InputFinding
+from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.term import Report
 

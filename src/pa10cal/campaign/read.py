@@ -34,7 +34,7 @@ from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_what_tells_time
 from pa10cal.options import IngestOptions
-from pa10cal.results.health import InputFinding
+from pa10cal.results.calibration import InputFinding
 
 _refusal = refusals_beside(__file__, RawDataError)
 LINES = ("line_x", "line_y")

@@ -12,7 +12,7 @@ from pa10cal.errors import ModelError, refusals_beside
 if TYPE_CHECKING:
     from pa10cal.arm.exports import Angles
     from pa10cal.arrays import Array
-    from pa10cal.campaign.pose_lists import JointList, TargetList
+    from pa10cal.campaign.table import JointList, TargetList
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
 
@@ -36,7 +36,7 @@ def model_in_use(path: Path, *, force: bool) -> FittedModel:
 
 def doubtful(model: FittedModel) -> bool:
     """Return whether a model's grade is one that needs `force`."""
-    from pa10cal.results.health import UNRESERVED
+    from pa10cal.results.calibration import UNRESERVED
 
     return bool(model.grade) and model.grade not in UNRESERVED
 
@@ -103,7 +103,7 @@ def predict(
     """
     import numpy as np
 
-    from pa10cal.campaign.pose_lists import poses_text, read_joints
+    from pa10cal.campaign.table import poses_text, read_joints
     from pa10cal.files.output import write_text
     from pa10cal.fit import contradictions
 
@@ -165,7 +165,7 @@ def compensate(
     import numpy as np
 
     from pa10cal.arm.exports import controller_columns, controller_pose
-    from pa10cal.campaign.pose_lists import commands_text, read_targets
+    from pa10cal.campaign.table import commands_text, read_targets
     from pa10cal.files.output import write_text
     from pa10cal.fit import contradictions
 

@@ -13,8 +13,8 @@ from pydantic import Field
 
 from pa10cal.arrays import Array
 from pa10cal.results import discovery
+from pa10cal.results.calibration import InputFinding
 from pa10cal.results.evaluation import EffectParameter
-from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
 from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect

@@ -40,9 +40,9 @@ from pa10cal.results.calibration import (
     CalibrationRecord,
     Covariance,
     GeneralCalibrationRecord,
+    Health,
 )
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
-from pa10cal.results.health import Health
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 

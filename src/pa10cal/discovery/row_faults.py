@@ -31,7 +31,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_groups
-from pa10cal.results.health import InputFinding
+from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import FaultKind
 
 #: Labels are exchanged where another order leaves so little of what is left.

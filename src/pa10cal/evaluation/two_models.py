@@ -26,7 +26,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, states_at
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
-from pa10cal.results.health import UNRESERVED
+from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.term import Offsets
 from pa10cal.terms.weights import Weights

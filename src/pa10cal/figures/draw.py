@@ -20,10 +20,10 @@ from pa10cal.files.output import whole_file
 from pa10cal.reports.formatting import first_sentences, shown_in, written
 from pa10cal.reports.results_bundle import MODEL_NAMES, ResultsBundle, is_synthetic
 from pa10cal.reports.theme import BLUE, GREY, VERMILLION
+from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read, write
 from pa10cal.results.comparison import DriftRecord
 from pa10cal.results.fleet import Caption, PicturesRecord
-from pa10cal.results.health import UNRESERVED
 from pa10cal.results.trials import TrialScoresRecord
 
 #: Folder of the files of a picture, by what it is.

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError, refusals_beside
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
-from pa10cal.fit.uncertain_weights import with_uncertain_weights
+from pa10cal.fit.weighed_arm import with_uncertain_weights
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines, b_splines_by_knots
 from pa10cal.terms.model import Model

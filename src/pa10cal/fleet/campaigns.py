@@ -11,9 +11,9 @@ from typing import get_args
 
 from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder, refusals_beside
 from pa10cal.files.output import csv_cell
+from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import Attention, ChainRecord, FleetArm, FleetCampaign, FleetRecord
-from pa10cal.results.health import UNRESERVED
 
 #: A table of campaigns larger than this is none [bytes].
 _MOST_BYTES = 64 * 1024**2

@@ -19,6 +19,7 @@ from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import (
+    UNRESERVED,
     BaseFrameRecord,
     CalibrationRecord,
     GeneralCalibrationRecord,
@@ -28,7 +29,6 @@ from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
 from pa10cal.results.fleet import PicturesRecord
-from pa10cal.results.health import UNRESERVED
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 from pa10cal.results.studies import PlaneRecord
 

@@ -56,9 +56,9 @@ def export(
         rigid_part,
         terms_beyond_rigid,
     )
+    from pa10cal.results.calibration import UNRESERVED
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
-    from pa10cal.results.health import UNRESERVED
     from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
 
     record, models, _ = read_calibrated(calibration)

@@ -16,7 +16,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.effects.effect import Site
-from pa10cal.lab.cell.effects.reading import SimulatedSensorError as CellSensorError
+from pa10cal.lab.cell.effects.joint import SimulatedSensorError as CellSensorError
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section

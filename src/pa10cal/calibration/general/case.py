@@ -30,7 +30,7 @@ from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
 from pa10cal.results import calibration as records
-from pa10cal.results.health import InputFinding
+from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
 from pa10cal.terms.term import Report

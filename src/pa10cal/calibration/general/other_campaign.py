@@ -39,7 +39,7 @@ from pa10cal.fit.moved import (
     sought,
 )
 from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
-from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
+from pa10cal.fit.weighed_arm import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances

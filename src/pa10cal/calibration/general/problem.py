@@ -16,7 +16,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError, refusals_beside
 from pa10cal.fit.loads import TorqueSource, with_torques
 from pa10cal.fit.problem import Problem
-from pa10cal.fit.uncertain_weights import unknown_weights
+from pa10cal.fit.weighed_arm import unknown_weights
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start

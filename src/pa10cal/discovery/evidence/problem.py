@@ -33,7 +33,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
-from pa10cal.fit.uncertain_weights import unknown_tool
+from pa10cal.fit.weighed_arm import unknown_tool
 from pa10cal.numerics.least_squares import Bounds, Equations, minimise
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.options import DiscoveryOptions

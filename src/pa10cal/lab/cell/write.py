@@ -21,7 +21,7 @@ from pa10cal.lab.cell.disturbances import disturb
 from pa10cal.lab.cell.raw_log import RawLog
 from pa10cal.lab.cell.robot import GRAVITY_M_S2, Robot
 from pa10cal.results.codec import write
-from pa10cal.results.truth import TrueDisturbance, TrueEffect, TrueParameter, TrueTool, TruthRecord
+from pa10cal.results.trials import TrueDisturbance, TrueEffect, TrueParameter, TrueTool, TruthRecord
 
 #: Where each disturbance of a campaign is: poses, joints, loads or keys.
 Places = tuple[tuple[str, ...], ...]

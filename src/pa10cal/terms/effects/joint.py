@@ -196,7 +196,7 @@ class PeriodicError(JointHarmonic):
     """A sin(k q_j + phi), k whole: in the place of a map that is this one line.
 
     It is not sought: k is found where a map of the joint does no better than one line
-    (`discovery/formulas`). One and two cycles, and those of the gear, have names of their own.
+    (`discovery/short_forms`). One and two cycles, and those of the gear, have names of their own.
     """
 
     order: float = 3.0  # k, at first the lowest without a name of its own

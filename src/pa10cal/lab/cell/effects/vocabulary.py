@@ -5,14 +5,17 @@ An effect is known once its class is in a module of this folder.
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from pa10cal.errors import SettingsError, refusals_beside, remedy_for
 from pa10cal.lab.cell import effects
-from pa10cal.lab.cell.classes import classes_in
 from pa10cal.lab.cell.effects.effect import LONG_LINKS, SimulatedEffect
 from pa10cal.lab.cell.options import HiddenEffectOptions
 from pa10cal.lab.cell.robot import Robot
@@ -112,3 +115,28 @@ def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[i
     for word in words[:-1]:
         fits = fits & qualities[word]
     return (np.flatnonzero(fits) + 1).tolist()
+
+
+# The classes of a kind that the modules of a folder hold, by their id.
+#
+# It stands beside these folders, for what looks through folders needs all modules beside it
+# (`planning.code`).
+
+
+def classes_in(package: ModuleType, kind: Any, key: str = "id") -> dict[str, Any]:
+    """Return every class of a kind that has an id of its own, or another key.
+
+    They come module by module by name, each in the order of its file: random draws go by it.
+    """
+    found = {}
+    for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
+        module = import_module(f"{package.__name__}.{name}")
+        for each in vars(module).values():
+            if (
+                isinstance(each, type)
+                and issubclass(each, kind)
+                and each.__module__ == module.__name__
+                and key in vars(each)
+            ):
+                found[vars(each)[key]] = each
+    return found
