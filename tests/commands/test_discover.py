@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from by_commands import (
-    calibrate,
-    called,
-    discover,
-    evaluate,
-    export,
-    simulated,
-    table_of,
-)
+from by_commands import calibrate, called, discover, evaluate, export, simulated, table_of
 from by_commands import calibrated as calibrated_baseline
 from by_commands import read_json as read
 from made_up_arm import Missing, at_joint, harmonic, measure
