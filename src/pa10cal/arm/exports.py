@@ -193,12 +193,8 @@ def _refuse_another_arm(
         differences = (along - designed[:, :3, 2], beside, T_base_tip - T_base_flange)
         off = max(float(np.abs(difference).max()) for difference in differences)
     if off > _SAME:
-        raise _refusal(
-            "another URDF",
-            source.where,
-            f"{len(joints)} joints, {off:.1e} m or rad off",
-            chain.arm.name,
-        )
+        differs = f"{len(joints)} joints, {off:.1e} m or rad off"
+        raise _refusal("another URDF", source.where, differs, chain.arm.name)
 
 
 # Kinematics of an arm of Universal Robots in the form that their driver for ROS 2 reads.

@@ -113,12 +113,8 @@ def equal_links(curve: Curve, n: int) -> CurvePoints:
             break
     if points.ending is Ending.EXACT and points.n == n:
         return points
-    raise _refusal(
-        "no number",
-        "links",
-        f"{points.n} links of {points.link_m:g} m leave {points.left_m:g} m",
-        n,
-    )
+    nearest = f"{points.n} links of {points.link_m:g} m leave {points.left_m:g} m"
+    raise _refusal("no number", "links", nearest, n)
 
 
 def arc_length_m(curve: Curve, low: float, high: float) -> float:

@@ -87,12 +87,8 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     """
     first, second = _pairs(readings)
     if len(first) < LEAST_DIFFERENCES:
-        raise _refusal(
-            "too few",
-            "grid poses",
-            f"{len(first)} pairs of successive readings of one pose, load and direction",
-            LEAST_DIFFERENCES,
-        )
+        pairs = f"{len(first)} pairs of successive readings of one pose, load and direction"
+        raise _refusal("too few", "grid poses", pairs, LEAST_DIFFERENCES)
     measured, states = readings.measured, readings.states
     seen, stated = measured.components_seen, measured.stated_covariance
     difference = (deviation[second] - deviation[first]) / np.sqrt(2.0)
@@ -121,11 +117,8 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     try:
         variances = _variance_components(np.where(both, difference, 0.0), of_pairs, both)
     except np.linalg.LinAlgError:
-        raise _refusal(
-            "no noise",
-            "grid poses",
-            f"largest difference of two readings {np.abs(difference).max():.3g} m or rad",
-        ) from None
+        largest = f"largest difference of two readings {np.abs(difference).max():.3g} m or rad"
+        raise _refusal("no noise", "grid poses", largest) from None
     # A joint whose log does not scatter, such as one that always reads zero, counts as scattering
     # by as much as the joint that scatters most: nothing else is known of it.
     n, torque_Nm = screws.shape[2], np.sqrt(np.mean(torque_difference**2, axis=0))

@@ -91,11 +91,8 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
         differs += [name for name in _FRAMES if not _same(getattr(one, name), getattr(other, name))]
     if differs:
         more = f", and {len(differs) - 3} more" if len(differs) > 3 else ""
-        raise _refusal(
-            "layouts",
-            f"{names[0]} ({one.name}), {names[1]} ({other.name})",
-            "; ".join(differs[:3]) + more,
-        )
+        where = f"{names[0]} ({one.name}), {names[1]} ({other.name})"
+        raise _refusal("layouts", where, "; ".join(differs[:3]) + more)
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:

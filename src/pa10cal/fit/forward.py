@@ -60,23 +60,16 @@ def states_at(
     directions = _of_every_pose("arrival", arrival, (count, model.arm.n))
     if not np.isin(directions, (-1.0, 0.0, 1.0)).all():
         row, joint = np.argwhere(~np.isin(directions, (-1.0, 0.0, 1.0)))[0]
-        raise _refusal(
-            "arrival",
-            f"arrival of joint {joint + 1}, pose {row + 1}",
-            float(directions[row, joint]),
-        )
+        where = f"arrival of joint {joint + 1}, pose {row + 1}"
+        raise _refusal("arrival", where, float(directions[row, joint]))
     seen_N = () if fitted is None else fitted.loads_N
     wrong = ~(every_N >= 0.0) | ~np.isfinite(every_N)
     if seen_N and not extrapolate:
         wrong |= every_N > _SAME_LOAD * max(seen_N)
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise _refusal(
-            "load",
-            f"load_N of pose {row + 1}",
-            float(every_N[row]),
-            f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on",
-        )
+        allowed = f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on"
+        raise _refusal("load", f"load_N of pose {row + 1}", float(every_N[row]), allowed)
     unknown_Nm = np.full_like(q, np.nan)
     return PoseStates(q, unknown_Nm, directions, every_N, of_temperature, of_time)
 

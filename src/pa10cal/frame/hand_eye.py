@@ -401,11 +401,8 @@ def _refuse_open_point(by_point: Array) -> None:
     _, size, directions = np.linalg.svd(by_point, full_matrices=False)
     if size[2] > least_squares.OPEN * size[0]:
         return
-    raise _refusal(
-        "not identified",
-        "poses for the fixed point",
-        f"along {least_squares.axis_text(directions[2])} of the base",
-    )
+    open_along = f"along {least_squares.axis_text(directions[2])} of the base"
+    raise _refusal("not identified", "poses for the fixed point", open_along)
 
 
 def _by_positions(problem: TargetProblem) -> list[Array]:

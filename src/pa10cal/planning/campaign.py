@@ -28,12 +28,9 @@ def raw_files(folder: Path) -> list[Path]:
 def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
     """Return the refusal of a campaign that has no folder with a description."""
     there = sorted(path.parent.name for path in Path(raw_dir).glob("*/campaign.yaml"))
-    return _refusal(
-        "no campaign",
-        "campaigns and raw_dir",
-        str(Path(raw_dir) / campaign / "campaign.yaml"),
-        ", ".join(there) or f"a folder of {raw_dir} with a campaign.yaml; there is none",
-    )
+    wanted = str(Path(raw_dir) / campaign / "campaign.yaml")
+    allowed = ", ".join(there) or f"a folder of {raw_dir} with a campaign.yaml; there is none"
+    return _refusal("no campaign", "campaigns and raw_dir", wanted, allowed)
 
 
 def missing_prior(prior: str) -> SettingsError:

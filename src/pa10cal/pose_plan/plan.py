@@ -174,14 +174,9 @@ class PlanSetup:
         removed = {name: number for name, number in found.removed.items() if number}
         worst = max(removed, key=lambda name: removed[name])
         each = "; ".join(f"{name}: {number}" for name, number in removed.items())
-        raise _refusal(
-            "no pose",
-            "poses drawn within the joint limits",
-            f"{len(found.q)} of {found.drawn}; removed, one after the other: {each}",
-            "hardly any pose keeps within all limits" if len(found.q) else "no pose is left",
-            least,
-            worst,
-        )
+        left = f"{len(found.q)} of {found.drawn}; removed, one after the other: {each}"
+        what = "hardly any pose keeps within all limits" if len(found.q) else "no pose is left"
+        raise _refusal("no pose", "poses drawn within the joint limits", left, what, least, worst)
 
     def expect(self, q: Array, calibration: CalibrationOptions) -> ExpectedRows:
         """Return the rows of poses at joint positions (N, n) [rad, or m of a prismatic joint]."""
@@ -262,13 +257,8 @@ def instrument_named(name: str) -> type[Instrument]:
     """
     known = instruments()
     if name not in known:
-        raise _refusal(
-            "no instrument",
-            "instrument",
-            name,
-            ", ".join(known),
-            remedy_for(name, known, "choose one of these"),
-        )
+        remedy = remedy_for(name, known, "choose one of these")
+        raise _refusal("no instrument", "instrument", name, ", ".join(known), remedy)
     return known[name]
 
 
@@ -384,12 +374,8 @@ def plan_poses(
     a_pose, unknowns = rows.white.shape[1], len(rows.parameters)
     needed = -(-unknowns // a_pose)
     if poses < needed:
-        raise _refusal(
-            "too few",
-            "poses",
-            f"{poses} poses with {a_pose} equations each, {unknowns} unknowns",
-            needed,
-        )
+        given = f"{poses} poses with {a_pose} equations each, {unknowns} unknowns"
+        raise _refusal("too few", "poses", given, needed)
     found = _choose(rows, poses, options.effects)
     order = short_path(candidates.q[found.chosen])
     return _planned(setup, candidates, rows, found.chosen[order], found.values)

@@ -250,11 +250,8 @@ class ResultsBundle:
             return found
         for key, fit in found.fits.items():
             if fit.status != "converged":
-                raise _refusal(
-                    "not converged",
-                    f"{path}: {key}" if key else str(path),
-                    f"{fit.status}: {fit.reason}",
-                )
+                where = f"{path}: {key}" if key else str(path)
+                raise _refusal("not converged", where, f"{fit.status}: {fit.reason}")
         if found.health.grade not in UNRESERVED:
             raise _refusal("grade", f"{path}: health", found.health.line, found.health.grade)
         return found

@@ -53,13 +53,8 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
     if name == OfCampaign.id:
         return _term_of_campaign(content.get("form") or {}, where)
     if name not in kinds:
-        raise _refusal(
-            "unknown",
-            f"{where}: id",
-            name,
-            ", ".join(kinds),
-            remedy_for(str(name), kinds, "use a version of the package that knows it"),
-        )
+        remedy = remedy_for(str(name), kinds, "use a version of the package that knows it")
+        raise _refusal("unknown", f"{where}: id", name, ", ".join(kinds), remedy)
     kind = kinds[name]
     known = [field.name for field in fields(kind)]
     given = {"of": content.get("of"), **(content.get("form") or {})}

@@ -350,9 +350,6 @@ def check_enough(problem: Problem, *, known: int = 0) -> None:
     unknowns, rows = len(problem.parameters) - known, problem.readings
     if rows < unknowns:
         a_pose = rows / max(1, len(problem.observations))
-        raise _refusal(
-            "too few",
-            "grid poses",
-            f"{len(problem.observations)} poses with {rows} readings, {unknowns} unknowns",
-            int(np.ceil(unknowns / max(a_pose, 1e-09))),
-        )
+        given = f"{len(problem.observations)} poses with {rows} readings, {unknowns} unknowns"
+        needed = int(np.ceil(unknowns / max(a_pose, 1e-9)))
+        raise _refusal("too few", "grid poses", given, needed)

@@ -173,14 +173,9 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
     turning = (np.flatnonzero(~arm.prismatic) + 1).tolist()
     unfit = [joint for joint in flexible_joints if joint not in turning]
     if unfit:
-        raise _refusal(
-            "flexible joint",
-            "flexible_joints",
-            unfit[0],
-            "a flexible joint slides" if unfit[0] <= arm.n else "a flexible joint does not exist",
-            arm.name,
-            ", ".join(map(str, turning)),
-        )
+        what = "a flexible joint slides" if unfit[0] <= arm.n else "a flexible joint does not exist"
+        turn = ", ".join(map(str, turning))
+        raise _refusal("flexible joint", "flexible_joints", unfit[0], what, arm.name, turn)
     refuse_unrated(arm, flexible_joints, "flexible_joints")
     spread = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))
     hardening = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))

@@ -163,13 +163,8 @@ def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator
         if _is_clear(nominal.T_base_ee(q[None])[0]):
             found.append(q)
     if len(found) < count:
-        raise _refusal(
-            "no room",
-            "poses.layout",
-            f"{len(found)} of {count} poses after {_MOST_DRAWS * count} draws",
-            FLOOR_M,
-            COLUMN_M,
-        )
+        few = f"{len(found)} of {count} poses after {_MOST_DRAWS * count} draws"
+        raise _refusal("no room", "poses.layout", few, FLOOR_M, COLUMN_M)
     return np.array(found).reshape(count, arm.n)
 
 

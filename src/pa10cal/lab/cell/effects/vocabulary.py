@@ -81,23 +81,13 @@ def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) ->
 def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> SimulatedEffect:
     known = all_effects()
     if entry.id not in known:
-        raise _refusal(
-            "unknown",
-            f"{where}.id",
-            entry.id,
-            ", ".join(known),
-            remedy_for(entry.id, known, "correct the name"),
-        )
+        remedy = remedy_for(entry.id, known, "correct the name")
+        raise _refusal("unknown", f"{where}.id", entry.id, ", ".join(known), remedy)
     kind = known[entry.id]
     places = places_of(kind.places, robot)
     if entry.of not in places:
-        raise _refusal(
-            "no place",
-            f"{where}.of",
-            entry.of,
-            entry.id,
-            ", ".join(places) or "no such place in this arm",
-        )
+        allowed = ", ".join(places) or "no such place in this arm"
+        raise _refusal("no place", f"{where}.of", entry.of, entry.id, allowed)
     return parse_section(kind, entry.parameters, where=f"{where}.parameters").at(entry.of)
 
 
