@@ -29,13 +29,7 @@ from pa10cal.lab.simulated import as_read
 from pa10cal.observe.kinds import TrackerKind, instruments
 from pa10cal.options import DiscoveryOptions
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.pose_plan.plan import (
-    PlanSetup,
-    covariance_of,
-    instrument_named,
-    plan_poses,
-    rms_mm,
-)
+from pa10cal.pose_plan.plan import PlanSetup, covariance_of, instrument_named, plan_poses, rms_mm
 from pa10cal.terms.model import Model
 
 #: Test poses in the box: grids of these parts of the paper's spacing, other orientations each.

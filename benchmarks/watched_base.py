@@ -23,12 +23,7 @@ from pa10cal.lab.cell.campaign import measure_campaign
 from pa10cal.lab.cell.individual import draw_individual
 from pa10cal.lab.cell.options import DisturbanceOptions, SimulateOptions, TrackerOptions
 from pa10cal.lab.cell.write import write_campaign
-from pa10cal.lab.simulated import (
-    draw_by_unknowns,
-    measure,
-    observations_of,
-    parameter_scores,
-)
+from pa10cal.lab.simulated import draw_by_unknowns, measure, observations_of, parameter_scores
 
 ROBOT = "irb120"
 #: Noise of a coordinate, walk of the tracker at the end, and its turn.

@@ -11,8 +11,7 @@ from made_up_poses import at_joint, measured_poses, nothing
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats, discover_by_repeats
-from pa10cal.discovery.evidence.fit import EvidenceFit, fit
-from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
+from pa10cal.discovery.evidence.problem import EvidenceFit, EvidenceProblem, fit, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, testable
 from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared

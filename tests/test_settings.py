@@ -13,12 +13,7 @@ from hypothesis import strategies as st
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import SettingsError
-from pa10cal.evaluation.options import (
-    OUTSIDE_STUDIES,
-    TRIAL_STUDIES,
-    ChainOptions,
-    PictureOptions,
-)
+from pa10cal.evaluation.options import OUTSIDE_STUDIES, TRIAL_STUDIES, ChainOptions, PictureOptions
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings

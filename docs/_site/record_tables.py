@@ -28,7 +28,7 @@ from pa10cal.results.record import Key, Part, Record, Shape, Table
 #: Modules of records, in the order of the docs.
 _MODULES = (
     *("calibration", "evaluation", "discovery", "analysis", "comparison", "plan", "fleet"),
-    *("studies", "truth", "trials"),
+    *("studies", "trials"),
 )
 #: Every kind of record: the classes of these modules that say of themselves where they lie.
 RECORDS: tuple[type[Record], ...] = tuple(

@@ -9,15 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
 
-from pa10cal.errors import Pa10calError, refusals
-
-_E = TypeVar("_E", bound=Pa10calError)
+from pa10cal.errors import Pa10calError
 
 MAX_BYTES = 64 * 1024**2
 MAX_DEPTH = 40
@@ -70,22 +67,6 @@ def read_yaml(
             allowed=allowed,
             remedy=remedy,
         ) from None
-
-
-def refusals_beside(module: str, error: type[_E]) -> Callable[..., _E]:
-    """Return what makes errors of the texts that `refusals.yaml` beside a module has for it.
-
-    The module is given as its `__file__`; the file is read when the first is made, see
-    `errors.refusals`.
-    """
-
-    @cache
-    def made() -> Callable[..., _E]:
-        beside = Path(module).with_name("refusals.yaml")
-        texts = read_yaml(beside, error, what="it cannot be read")[Path(module).stem]
-        return refusals(error, {name: text.split(" | ") for name, text in texts.items()})
-
-    return lambda *words: made()(*words)
 
 
 def parse_yaml(text: str) -> Any:

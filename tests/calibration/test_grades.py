@@ -21,7 +21,7 @@ from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import DiscoveryOptions
-from pa10cal.results.health import UNRESERVED, InputFinding
+from pa10cal.results.calibration import UNRESERVED, InputFinding
 from pa10cal.settings_reading import parse_section
 
 RAW = Path(__file__).parents[2] / "data/raw"

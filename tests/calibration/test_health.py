@@ -12,8 +12,8 @@ from pa10cal.calibration.health import health as health_of
 from pa10cal.calibration.uncertainty import HeldOut, gram
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Solution
+from pa10cal.results.calibration import InputFinding, RepeatScatter
 from pa10cal.results.evaluation import Accuracy
-from pa10cal.results.health import InputFinding, RepeatScatter
 from pa10cal.terms.term import TermParameter
 
 NOISE_M = 1e-5

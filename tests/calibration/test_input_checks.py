@@ -14,7 +14,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.calibration.input_checks import explained
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.results.health import InputFinding
+from pa10cal.results.calibration import InputFinding
 
 TOUCHED, LOG = "cmm.csv.gz", "resolver.csv.gz"
 

@@ -8,21 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from by_commands import (
-    calibrate,
-    called,
-    discover,
-    evaluate,
-    export,
-    simulated,
-    table_of,
-)
+from by_commands import calibrate, called, discover, evaluate, export, simulated, table_of
 from by_commands import calibrated as calibrated_baseline
 from by_commands import read_json as read
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import model_from_plain, model_to_plain
+from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 
 NAME = "small"
 SETTINGS = {
@@ -170,7 +161,7 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     found = made.discovery
     extended = found.extended
     assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
-    restored = model_from_plain(model_to_plain(found.model), FittedModel, where="extended.json")
+    restored = model_from_plain(model_to_plain(found.model), where="extended.json")
     assert restored.model.terms[-2:] == extended.effects
     poses = found.problem.cells
     T = restored.T_instr_base @ restored.model.predict(poses.states, restored.x)

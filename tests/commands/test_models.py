@@ -19,8 +19,7 @@ from pa10cal.arm.exports import controller_pose
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.contradictions import of_joints
-from pa10cal.fit.fitted_model import load_model
-from pa10cal.fit.model_file import save_model
+from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read
 from pa10cal.results.comparison import ComparisonRecord

@@ -14,8 +14,7 @@ from pa10cal.discovery.evidence.by_repeats import (
     evidence_lack_of_fit,
     model_with,
 )
-from pa10cal.discovery.evidence.fit import fit
-from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.evidence.problem import fit, prepare
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
 from pa10cal.discovery.lack_of_fit import drift, mean, periodogram

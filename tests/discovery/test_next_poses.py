@@ -11,9 +11,7 @@ from pa10cal.arm.room import PosturePoints
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence import search as repeats
-from pa10cal.discovery.evidence.fit import EvidenceFit, fit
-from pa10cal.discovery.evidence.likelihood import SIZES
-from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
+from pa10cal.discovery.evidence.problem import SIZES, EvidenceFit, EvidenceProblem, fit, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.next_poses import (

@@ -25,8 +25,8 @@ from pa10cal.discovery.row_faults import (
 )
 from pa10cal.fit.robust_weights import Tails
 from pa10cal.observe.pose import Touched
+from pa10cal.results.calibration import InputFinding
 from pa10cal.results.discovery import Unexplained
-from pa10cal.results.health import InputFinding
 
 
 def with_loads(readings, load_N):

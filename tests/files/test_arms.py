@@ -13,14 +13,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import with_hayati_rows
 from pa10cal.errors import ArmError, SettingsError
 from pa10cal.files import own_description
-from pa10cal.files.arms import (
-    arm_names,
-    arm_text,
-    copy_description,
-    load_arm,
-    parse_arm,
-    read_arm,
-)
+from pa10cal.files.arms import arm_names, arm_text, copy_description, load_arm, parse_arm, read_arm
 from pa10cal.planning.campaign import arm_files
 
 SCARA = """

@@ -11,13 +11,7 @@ import pytest
 
 from made_up_model import fitted, postures, vocabulary
 from pa10cal.arm.statics import PoseStates
-from pa10cal.fit.rigid import (
-    best_rigid_model,
-    beyond_rigid,
-    beyond_rigid_mm,
-    dh_text,
-    rigid_part,
-)
+from pa10cal.fit.rigid import best_rigid_model, beyond_rigid, beyond_rigid_mm, dh_text, rigid_part
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances

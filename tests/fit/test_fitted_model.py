@@ -15,9 +15,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.fitted_model import FittedModel, load_model
+from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model
 from pa10cal.fit.forward import MapMotion, position_covariance
-from pa10cal.fit.model_file import SCHEMA, save_model
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots
 from pa10cal.terms.model import Model

@@ -10,10 +10,9 @@ from made_up_model import on_springs
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.fit.loads import with_torques
-from pa10cal.fit.model_file import save_model
-from pa10cal.fit.uncertain_weights import open_unknowns, unknown_tool, with_uncertain_weights
+from pa10cal.fit.weighed_arm import open_unknowns, unknown_tool, with_uncertain_weights
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring

@@ -14,13 +14,7 @@ import pytest
 
 from pa10cal.errors import OutputError, SettingsError
 from pa10cal.running import workflow as running
-from pa10cal.running.workflow import (
-    RunDisplay,
-    StageError,
-    Workflow,
-    run_workflow,
-    settings_of,
-)
+from pa10cal.running.workflow import RunDisplay, StageError, Workflow, run_workflow, settings_of
 
 SNAKEFILE = """
 rule ingest:

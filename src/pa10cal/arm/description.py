@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.errors import ArmError
+from pa10cal.errors import ArmError, refusals_beside
 
 # How well the weights of an arm are known, and weights for one of which none are stated.
 #
@@ -22,6 +22,7 @@ WeightsFrom = Literal["stated", "total", "assumed", "logged"]
 #: Standard uncertainty of a stated mass, relative, and of its centre, per axis [m].
 STATED_MASS = 0.06
 STATED_COM_M = 0.01
+_refusal = refusals_beside(__file__, ArmError)
 
 
 @dataclass(frozen=True)
@@ -131,12 +132,7 @@ class Arm:
         for name in ROW_FIELDS:
             value = getattr(self, name)
             if value is not None and len(value) != n:
-                raise ArmError(
-                    f"{name} has {len(value)} entries for {n} rows",
-                    where=self.name,
-                    allowed=f"{n} entries, one a joint",
-                    remedy="complete the arm description",
-                )
+                raise _refusal("entries", self.name, None, name, len(value), n)
         places = [*np.column_stack([self.a_m, self.d_m])]
         names = [f"row {row}" for row in range(1, n + 1)]
         for T, name in ((self.T_base_row1, "base"), (self.T_row_n_ee, "tool")):
@@ -144,12 +140,8 @@ class Arm:
             names.append(name)
         for name, lengths_m in zip(names, places, strict=True):
             if np.abs(lengths_m).max() > _LONGEST_M:
-                raise ArmError(
-                    "a link is longer than 10 m",
-                    where=f"{self.name}: {name}",
-                    value=float(lengths_m[np.abs(lengths_m).argmax()]),
-                    allowed="lengths in metres",
-                    remedy="divide by 1000 if the lengths are in millimetres",
+                raise _refusal(
+                    "too long", f"{self.name}: {name}", float(lengths_m[np.abs(lengths_m).argmax()])
                 )
 
 

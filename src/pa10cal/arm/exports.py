@@ -17,7 +17,9 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
 from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, as_comment, origin_of, parse_urdf, read_tree
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import ArmError
+from pa10cal.errors import ArmError, refusals_beside
+
+_refusal = refusals_beside(__file__, ArmError)
 
 
 def urdf_text(
@@ -191,13 +193,8 @@ def _refuse_another_arm(
         differences = (along - designed[:, :3, 2], beside, T_base_tip - T_base_flange)
         off = max(float(np.abs(difference).max()) for difference in differences)
     if off > _SAME:
-        raise ArmError(
-            "the URDF is not that of the arm",
-            where=source.where,
-            value=f"{len(joints)} joints, {off:.1e} m or rad off",
-            allowed=f"the URDF from which {chain.arm.name} was imported",
-            remedy="import the arm again from this URDF, or give the one it came from",
-        )
+        differs = f"{len(joints)} joints, {off:.1e} m or rad off"
+        raise _refusal("another URDF", source.where, differs, chain.arm.name)
 
 
 # Kinematics of an arm of Universal Robots in the form that their driver for ROS 2 reads.
@@ -349,13 +346,7 @@ def controller_pose(values: Sequence[float], angles: Angles) -> Array:
     if not wrong and angles == "quaternion":
         wrong = abs(float(np.linalg.norm(found[3:])) - 1.0) > _UNIT_LENGTH
     if wrong:
-        raise ArmError(
-            "not the pose of a tool in the flange",
-            where="tcp",
-            value=list(values),
-            allowed=" ".join(names),
-            remedy=f"give {len(names)} numbers as the controller shows its TCP",
-        )
+        raise _refusal("tool", "tcp", list(values), " ".join(names), len(names))
     return homogeneous(read(found[3:]).as_matrix(), 1e-3 * found[:3])
 
 
@@ -363,11 +354,5 @@ def _orientation(
     angles: str,
 ) -> tuple[tuple[str, ...], Callable[[Rotation], Array], Callable[[Array], Rotation]]:
     if angles not in _ORIENTATION:
-        raise ArmError(
-            "unknown angle convention",
-            where="angles",
-            value=angles,
-            allowed=", ".join(get_args(Angles)),
-            remedy="choose those of your controller",
-        )
+        raise _refusal("angles", "angles", angles, ", ".join(get_args(Angles)))
     return _ORIENTATION[angles]

@@ -11,7 +11,7 @@ from xml.parsers import expat
 
 from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arrays import Array
-from pa10cal.errors import ArmError, refusals, remedy_for
+from pa10cal.errors import ArmError, refusals_beside, remedy_for
 
 # XML of a URDF as robots have it: prefixes need no declaration, and comments may be kept.
 
@@ -76,73 +76,7 @@ KINDS = (*MOVING, "fixed", "floating", "planar")
 #: No joint of an arm is further from the one before.
 _FAR_M = 10.0
 _NOWHERE = (0.0, 0.0, 0.0)
-#: What is refused: what is wrong, what is allowed, and what to do about it.
-_refusal = refusals(
-    ArmError,
-    {
-        "xml": ("it is not XML", "a URDF file", "check the file"),
-        "urdf": ("it is not a URDF", "<robot> as the outermost element", "check the file"),
-        "xacro": (
-            "xacro macros are not expanded",
-            "plain URDF",
-            "run xacro on it first: xacro robot.urdf.xacro > robot.urdf",
-        ),
-        "twice": ("two {0}s have one name", "each name once", "rename one"),
-        "link": ("the joint names a link that is not there", "{0}", "correct the name"),
-        "child": (
-            "two joints have the same child link: the arm is not serial",
-            "one joint for each link",
-            "cut the loop",
-        ),
-        "tree": (
-            "the links do not form a single tree",
-            "exactly one link without a parent joint",
-            "join the parts, or open the loop",
-        ),
-        "loop": ("joints form a loop", "links connected by joints from {0} on", "cut the circle"),
-        "mass": ("the mass is negative", "0 kg or more", "correct it"),
-        "type": ("unknown type of joint", ", ".join((*MOVING, "fixed")), "{0}"),
-        "far": (
-            f"the joint is further than {_FAR_M:g} m from the one before",
-            "metres",
-            "divide by 1000 if these are millimetres",
-        ),
-        "axis": ("the axis has no direction", "not all zero", "correct it"),
-        "end": ("the joint has no {0}", "a link", "give its {0}"),
-        "limits": (
-            "the limits allow the joint no motion",
-            "the lower limit first, then a higher one",
-            "correct the limits",
-        ),
-        "number": ("{0} cannot be read", "{1} with decimal points", "correct it"),
-        "name": ("{0} names no link", "{1}", "{2}"),
-        "beyond": (
-            "the tip is not beyond the base",
-            "a link beyond {0}",
-            "name another base or tip",
-        ),
-        "branches": (
-            "the robot branches, and no tip is named",
-            "{0}",
-            "name the end of the arm with --tip",
-        ),
-        "still": (
-            "no joint moves between base and tip",
-            "at least one joint of type " + ", ".join(MOVING),
-            "name another base or tip",
-        ),
-        "serial": (
-            "a joint of this type is not in a serial arm",
-            ", ".join((*MOVING, "fixed")),
-            "name a base beyond this joint with --base",
-        ),
-        "mimic": (
-            "the joint follows joint {0} (mimic)",
-            "independent joints",
-            "name a base beyond this joint, or a tip before it",
-        ),
-    },
-)
+_refusal = refusals_beside(__file__, ArmError)
 
 
 @dataclass(frozen=True)
@@ -315,7 +249,7 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     mimic, origin, limit = (element.find(tag) for tag in ("mimic", "origin", "limit"))
     xyz = _numbers(origin, "xyz", _NOWHERE, f"{place}: origin")
     if max(map(abs, xyz)) > _FAR_M:
-        raise _refusal("far", place, xyz)
+        raise _refusal("far", place, xyz, _FAR_M)
     axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{place}: axis")
     (lower,), (upper,) = (
         _numbers(limit, key, (0.0,), f"{place}: limit") for key in ("lower", "upper")

@@ -19,15 +19,7 @@ from pa10cal.calibration.uncertainty import HeldOut, gram
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.fit.problem import Solution
 from pa10cal.numerics.exchange import Information, greedy_order
-from pa10cal.results.health import (
-    CorrelatedPair,
-    ExpectedUncertainty,
-    Grade,
-    Health,
-    InputFinding,
-    PosesNeeded,
-    RepeatScatter,
-)
+from pa10cal.results import calibration as records
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import TermParameter
 
@@ -116,9 +108,9 @@ class GradeEvidence:
     # parameter takes up
     apparatus_mm: float = 0.0
     # what repeats show of the stated uncertainty, by kind
-    repeats: tuple[RepeatScatter, ...] = ()
+    repeats: tuple[records.RepeatScatter, ...] = ()
     from_touches: bool = False  # whether the instrument touches balls
-    findings: tuple[InputFinding, ...] = ()  # what checks of the input found
+    findings: tuple[records.InputFinding, ...] = ()  # what checks of the input found
     # the same as `train_rms_mm` with rigid joints; None where the model has no springs
     without_springs_mm: float | None = None
     # where weights come from that nobody stated: `assumed` from the lengths of the links, or from
@@ -128,7 +120,7 @@ class GradeEvidence:
     wanted_mm: float | None = None
 
     @cached_property
-    def poses(self) -> PosesNeeded:
+    def poses(self) -> records.PosesNeeded:
         """Return how many poses there are, and how many the uncertainty needs.
 
         Where nobody says what is wanted, it is one that adds hardly anything to the error.
@@ -218,11 +210,11 @@ class GradeEvidence:
         return ratio if ratio > at_most else None
 
 
-def health(evidence: GradeEvidence) -> Health:
+def health(evidence: GradeEvidence) -> records.Health:
     """Judge a calibration by its convergence and its remaining errors."""
     ended, away = evidence.ended, evidence.held_out
     grade, line, findings = graded(evidence)
-    return Health(
+    return records.Health(
         grade=grade,
         line=line,
         converged=ended.solution.converged,
@@ -245,7 +237,7 @@ def health(evidence: GradeEvidence) -> Health:
     )
 
 
-def graded(evidence: GradeEvidence) -> tuple[Grade, str, tuple[InputFinding, ...]]:
+def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.InputFinding, ...]]:
     """Grade a calibration.
 
     Returns:
@@ -302,10 +294,10 @@ def _errors(evidence: GradeEvidence) -> str:
     return text
 
 
-def _suspected(evidence: GradeEvidence) -> Iterator[InputFinding]:
+def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return what the fit itself shows to be wrong in the input."""
     if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm and not evidence.soft:
-        yield InputFinding(
+        yield records.InputFinding(
             what="the arm as described does not fit the readings",
             where="the whole campaign",
             remedy="check robot, order, signs and zeros of the joints, and units",
@@ -324,7 +316,7 @@ def _suspected(evidence: GradeEvidence) -> Iterator[InputFinding]:
         and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
     ]
     for size, name in sorted(far, key=lambda each: -each[0]):
-        yield InputFinding(
+        yield records.InputFinding(
             what=f"{size:.0f} tolerances from nominal",
             where=name,
             remedy="check this value in the description of the arm, and the zero of its joint in "
@@ -337,7 +329,7 @@ def _suspected(evidence: GradeEvidence) -> Iterator[InputFinding]:
 _OF_UNIT = 4.0
 
 
-def _stated(evidence: GradeEvidence) -> Iterator[InputFinding]:
+def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return where stated and found uncertainty are off by more than a factor."""
     for scatter in evidence.repeats:
         turns = scatter.kind.startswith("attitude")
@@ -347,7 +339,7 @@ def _stated(evidence: GradeEvidence) -> Iterator[InputFinding]:
         most = most_stated(off, from_touches=evidence.from_touches)
         too_large = scatter.stated > most * scatter.found
         if too_small or too_large:
-            yield InputFinding(
+            yield records.InputFinding(
                 what=f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
                 f"{1e3 * scatter.found:.2g} {unit}",
                 where=f"stated uncertainty of the {scatter.kind}",
@@ -363,7 +355,7 @@ def _stated(evidence: GradeEvidence) -> Iterator[InputFinding]:
         near = {name: abs(np.log(ratio / factor)) for name, factor in units.items()}
         unit = min(near, key=lambda name: near[name])
         looks = f": it looks like {unit}" if near[unit] < np.log(_OF_UNIT) else ""
-        yield InputFinding(
+        yield records.InputFinding(
             what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             where="stated uncertainty of the position (instrument.uncertainty_mm)",
             remedy=f"check its unit and value{looks}",
@@ -467,7 +459,7 @@ def _listed(names: Sequence[str]) -> str:
 # Pairs of parameters that correlate.
 
 
-def correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
+def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
     """Return pairs of reported parameters: of a spring, its stiffness."""
     solved = [parameter.name for parameter in ended.parameters]
     known = np.flatnonzero(
@@ -483,7 +475,7 @@ def correlated(ended: FitSummary) -> tuple[CorrelatedPair, ...]:
     sizes = correlation[first, second]
     worst = np.argsort(-np.abs(sizes))[:_MOST_PAIRS]
     return tuple(
-        CorrelatedPair(
+        records.CorrelatedPair(
             parameters=(names[known[first[k]]], names[known[second[k]]]),
             correlation=float(sizes[k]),
         )
@@ -506,7 +498,7 @@ _POSSIBLE_SCALES = 30.0
 
 def poses_needed(
     ended: FitSummary, u_needed_mm: float, wanted_mm: float | None = None
-) -> PosesNeeded:
+) -> records.PosesNeeded:
     """Order the poses of a fit by their information, and tell how many an uncertainty takes.
 
     Args:
@@ -533,12 +525,12 @@ def poses_needed(
 
     numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp)).tolist()
     expected = [
-        ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
+        records.ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
         for n in numbers
         if (optimal := u_mm(white[order[:n]])) is not None
     ]
     few = (each.poses for each in expected if each.u_optimal_mm <= u_needed_mm)
-    return PosesNeeded(
+    return records.PosesNeeded(
         measured=count,
         needed=next(few, None),
         u_needed_mm=u_needed_mm,

@@ -33,7 +33,7 @@ from pa10cal.fit.weighed_arm import weights_finding
 from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
-from pa10cal.results.health import InputFinding
+from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.model import Model
 
 Refusal = TypeVar("Refusal", bound=Pa10calError)

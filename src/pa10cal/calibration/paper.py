@@ -8,20 +8,10 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.calibration import uncertainty
 from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bounds
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
-from pa10cal.calibration.uncertainty import (
-    align_nominal,
-    calibrated_parameters,
-    gram,
-    held_out_errors,
-    position_noise_mm,
-    scatter_of_repeats,
-    summarise,
-    summarise_by_load,
-    with_own_scatter,
-)
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
@@ -29,13 +19,8 @@ from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Problem
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
-from pa10cal.results.calibration import (
-    CalibratedParameter,
-    LinearFit,
-    LoadErrors,
-    PaperCalibrationRecord,
-)
-from pa10cal.results.health import Health, InputFinding
+from pa10cal.results import calibration as records
+from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.term import Report
 
@@ -55,7 +40,7 @@ _GROSS = 3.0
 
 def paper_case(
     case: LoadCase, T_instr_base_seed: Array
-) -> tuple[PaperCalibrationRecord, FittedModel]:
+) -> tuple[records.PaperCalibrationRecord, FittedModel]:
     """Compute a load case on two levels, with the paper's unknowns.
 
     The seed (4, 4) is what the straight moves say of the base; it starts nothing.
@@ -89,10 +74,10 @@ def paper_case(
     load_N, payload, rigid = grid.states.load_N, case.payload, nominal(arm)
     model, linear_model = cubic.model(payload), linear.model(payload)
     before, from_seed = (
-        summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
-        for T in (align_nominal(rigid, grid), T_instr_base_seed)
+        uncertainty.summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
+        for T in (uncertainty.align_nominal(rigid, grid), T_instr_base_seed)
     )
-    noise = with_own_scatter(used, chosen, model.model, model.x)
+    noise = uncertainty.with_own_scatter(used, chosen, model.model, model.x)
     stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
     evidence = _evidence(case, cubic, noise, stated)
     found = health(evidence)
@@ -100,17 +85,19 @@ def paper_case(
     model, linear_model = (replace(each, fitted_to=about) for each in (model, linear_model))
     away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
     seed_angle_deg = float(np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
-    record = PaperCalibrationRecord(
+    record = records.PaperCalibrationRecord(
         **case_keys(case, evidence.ended, found, model, grid),
         **_paper_fit_keys(cubic, model),
         errors={
-            load: LoadErrors(before=before[load], before_seed_frame=from_seed[load], after=after)
-            for load, after in summarise_by_load(model.deviations(grid), load_N).items()
+            load: records.LoadErrors(
+                before=before[load], before_seed_frame=from_seed[load], after=after
+            )
+            for load, after in uncertainty.summarise_by_load(model.deviations(grid), load_N).items()
         },
         inner_poses=cubic.inner_poses,
-        linear=LinearFit(
+        linear=records.LinearFit(
             **_paper_fit_keys(linear, linear_model),
-            after=summarise_by_load(linear_model.deviations(grid), load_N),
+            after=uncertainty.summarise_by_load(linear_model.deviations(grid), load_N),
         ),
         warnings=_warnings(cubic, found, seed_angle_deg),
     )
@@ -130,13 +117,13 @@ def _paper_fit_keys(calibration: Calibration, model: FittedModel) -> dict[str, A
     }
 
 
-def parameter_records(calibration: Calibration) -> dict[str, CalibratedParameter]:
+def parameter_records(calibration: Calibration) -> dict[str, records.CalibratedParameter]:
     """Return every parameter with value, standard uncertainty, unit and tolerance."""
     outer = calibration.level.model.report(calibration.solution.x)
     covariance, T_instr_base = calibration.covariance, calibration.T_instr_base
     held, at_bound = calibration.not_identifiable, _at_bound(calibration, outer)
     return {
-        **calibrated_parameters(outer, covariance[:-6, :-6], held, at_bound),
+        **uncertainty.calibrated_parameters(outer, covariance[:-6, :-6], held, at_bound),
         **base_parameters(T_instr_base, covariance[-6:, -6:], T_instr_base[:3, :3]),
     }
 
@@ -203,17 +190,19 @@ def _evidence(
         covariance=cubic.covariance,
         identifiability=cubic.identifiability,
         white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,
-        position_gram=gram(jacobian[:, :3]),
+        position_gram=uncertainty.gram(jacobian[:, :3]),
         not_identifiable=cubic.not_identifiable,
         hidden=hidden,
         of_mounting=hidden | of_row,
     )
-    noise_mm = position_noise_mm(noise.measured, noise.measured.cov)
+    noise_mm = uncertainty.position_noise_mm(noise.measured, noise.measured.cov)
     held_out, off = poses_of(case.every, "holdout"), None
     if len(held_out):
         position = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
-        off = held_out_errors(model, case.every, used, held_out, position, cubic.covariance)
-    scatter, findings = scatter_of_repeats(stated, model), case.findings
+        off = uncertainty.held_out_errors(
+            model, case.every, used, held_out, position, cubic.covariance
+        )
+    scatter, findings = uncertainty.scatter_of_repeats(stated, model), case.findings
     if scatter:
         usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
         if noise_mm > _GROSS * usual_mm:  # by the mean square, and by the median
@@ -234,7 +223,7 @@ def _evidence(
     left_m = (columns - taken).reshape(off_places.shape)[:, :3] * level.r_max_m
     return GradeEvidence(
         ended=ended,
-        train_rms_mm=summarise(model.deviations(used)).rms_mm,
+        train_rms_mm=uncertainty.summarise(model.deviations(used)).rms_mm,
         held_out=off,
         noise_mm=noise_mm,
         spread_mm=used.measured.spread_mm,

@@ -33,9 +33,8 @@ from pa10cal.observe.observations import (
 )
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
-from pa10cal.results.calibration import CalibratedParameter
+from pa10cal.results.calibration import CalibratedParameter, RepeatScatter
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
-from pa10cal.results.health import RepeatScatter
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 

@@ -12,9 +12,8 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.nominal_fit import exchange_text, stated_shape
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.frame.rigid_fit import fit_rigid
-from pa10cal.yaml_file import refusals_beside
 
 #: Touches that a ball needs.
 LEAST_TOUCHES = 4

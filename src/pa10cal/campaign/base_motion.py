@@ -14,12 +14,11 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.own_columns import OwnWords
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.frame.base_motion import BaseMotion, common_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
-from pa10cal.yaml_file import refusals_beside
 
 _COLUMN = re.compile(r"(?:u_)?(base\d+)_[xyz]_mm")
 #: Two base targets nearer than this in every configuration are one.

@@ -13,8 +13,7 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.campaign.own_columns import UNIT_WORDS, OwnWords
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError
-from pa10cal.yaml_file import refusals_beside
+from pa10cal.errors import RawDataError, refusals_beside
 
 NOT_UNCERTAIN = "the stated uncertainty is not above zero"
 #: Joints may be logged beyond their described limits by so much; those without limits turn less.

@@ -31,8 +31,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
-from pa10cal.errors import RawDataError
-from pa10cal.yaml_file import refusals_beside
+from pa10cal.errors import RawDataError, refusals_beside
 
 #: Files of more text than this, unpacked, are refused; so many bytes, and rows, are read at a time.
 LARGEST_BYTES = 310_000_000

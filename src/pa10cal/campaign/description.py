@@ -18,13 +18,13 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible_temperature
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
-from pa10cal.errors import RawDataError, remedy_for
+from pa10cal.errors import RawDataError, refusals_beside, remedy_for
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
 from pa10cal.observe.quantities import Stated
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.yaml_file import read_yaml, refusals_beside
+from pa10cal.yaml_file import read_yaml
 
 SCHEMA = "pa10cal-campaign/1"
 GROUP_SCHEMA = "pa10cal-group/1"

@@ -12,12 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.errors import CalibrationError, RawDataError
+from pa10cal.errors import CalibrationError, RawDataError, refusals_beside
 from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
-from pa10cal.yaml_file import refusals_beside
 
 _refusal = refusals_beside(__file__, RawDataError)
 

@@ -17,9 +17,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
 from pa10cal.campaign.recognise import format_of, unit_of
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.options import Section
-from pa10cal.yaml_file import refusals_beside
 
 _refusal = refusals_beside(__file__, RawDataError)
 

@@ -42,11 +42,10 @@ from pa10cal.campaign.recognise import (
     unit_of,
 )
 from pa10cal.campaign.two_logs import LABELS, TwoLogs
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.frame.rigid_fit import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
-from pa10cal.yaml_file import refusals_beside
 
 _refusal = refusals_beside(__file__, RawDataError)
 #: Orientations agree with the nominal arm within this; positions of a nominal arm scatter by less.

@@ -29,8 +29,7 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
 from pa10cal.campaign.recognise import ISO, moments_of
-from pa10cal.errors import RawDataError
-from pa10cal.yaml_file import refusals_beside
+from pa10cal.errors import RawDataError, refusals_beside
 
 QUATERNION = ("qw", "qx", "qy", "qz")
 #: Least standard uncertainty of a component of a quaternion that follows from stated ones.

@@ -18,10 +18,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pa10cal.arrays import Array, Index
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.output import csv_cell
 from pa10cal.observe.observations import Observations
-from pa10cal.yaml_file import refusals_beside
 
 _refusal = refusals_beside(__file__, RawDataError)
 #: Columns of text; all others hold numbers.

@@ -28,14 +28,13 @@ from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_
 from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_time_validity
 from pa10cal.options import IngestOptions
-from pa10cal.results.health import InputFinding
-from pa10cal.yaml_file import refusals_beside
+from pa10cal.results.calibration import InputFinding
 
 _refusal = refusals_beside(__file__, RawDataError)
 LINES = ("line_x", "line_y")

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.own_columns import CONTRACT_WORDS, LENGTHS, UNIT_WORDS, OwnWords
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.observe.quantities import Misfit
-from pa10cal.yaml_file import refusals_beside
 
 #: Distances that are always allowed from repeats and from the nominal model, in robust sigmas and
 #: typical residuals too.

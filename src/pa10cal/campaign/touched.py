@@ -12,26 +12,18 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.campaign import balls, screens
+from pa10cal.campaign import balls, nominal_fit, screens
 from pa10cal.campaign.bounds import labelled, whole, within_bounds
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
-from pa10cal.campaign.nominal_fit import (
-    EXCHANGED,
-    exchange_text,
-    exchanged,
-    misfit_mm,
-    nominal_places,
-)
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
 from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
 from pa10cal.options import IngestOptions
-from pa10cal.yaml_file import refusals_beside
 
 #: Part of the touches that may lie outside dwells before the clocks are suspected, and the part
 #: of those that may still do so under the offset that is then to blame.
@@ -249,15 +241,15 @@ def _off_the_arm(
     usable &= (located.used.sum(axis=2) >= balls.LEAST_TOUCHES).all(axis=1)
     rows = np.flatnonzero(usable)
     p_m, found = 1e-3 * located.p_instr_mm[rows], reason.copy()
-    modelled = nominal_places(T_base_ee[rows], p_m)
+    modelled = nominal_fit.nominal_places(T_base_ee[rows], p_m)
     if modelled is None:
         return found
-    misfit = Misfit(1e-3 * misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
+    misfit = Misfit(1e-3 * nominal_fit.misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
     off = screens.off_model(misfit, held_out[rows])[:, 0]
     found[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
-    for row, order in zip(rows, exchanged(p_m, modelled), strict=True):
+    for row, order in zip(rows, nominal_fit.exchanged(p_m, modelled), strict=True):
         if order is not None:
-            found[row] = f"{EXCHANGED}: {exchange_text(order, names)}"
+            found[row] = f"{nominal_fit.EXCHANGED}: {nominal_fit.exchange_text(order, names)}"
     return found
 
 

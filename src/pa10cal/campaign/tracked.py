@@ -52,11 +52,10 @@ from pa10cal.campaign.raw_rows import (
     with_labels,
 )
 from pa10cal.campaign.two_logs import TwoLogs
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
-from pa10cal.yaml_file import refusals_beside
 
 NO_TORQUES = "no torques logged, masses unknown: those of assumed weights are used"
 THOSE_OF_MASSES = "no torques logged: those of the described masses are used"

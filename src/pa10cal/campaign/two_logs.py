@@ -32,9 +32,8 @@ from pa10cal.campaign.nominal_fit import (
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError
+from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.observe.quantities import RawColumns
-from pa10cal.yaml_file import refusals_beside
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement.
 SPEED_WINDOW_S = 0.3

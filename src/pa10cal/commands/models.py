@@ -7,14 +7,16 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from pa10cal.errors import ModelError
+from pa10cal.errors import ModelError, refusals_beside
 
 if TYPE_CHECKING:
     from pa10cal.arm.exports import Angles
     from pa10cal.arrays import Array
-    from pa10cal.campaign.pose_lists import JointList, TargetList
+    from pa10cal.campaign.table import JointList, TargetList
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
+
+_refusal = refusals_beside(__file__, ModelError)
 
 
 def model_in_use(path: Path, *, force: bool) -> FittedModel:
@@ -28,19 +30,13 @@ def model_in_use(path: Path, *, force: bool) -> FittedModel:
     model = load_model(path)
     if doubtful(model) and not force:
         assert model.fitted_to is not None
-        raise ModelError(
-            f"a model of grade {model.grade} is not applied",
-            where=f"{path}: fitted_to",
-            value=model.fitted_to.health,
-            allowed="good, few_poses or incomplete",
-            remedy="follow the remedy in the line and calibrate again, or insist with --force",
-        )
+        raise _refusal("grade", f"{path}: fitted_to", model.fitted_to.health, model.grade)
     return model
 
 
 def doubtful(model: FittedModel) -> bool:
     """Return whether a model's grade is one that needs `force`."""
-    from pa10cal.results.health import UNRESERVED
+    from pa10cal.results.calibration import UNRESERVED
 
     return bool(model.grade) and model.grade not in UNRESERVED
 
@@ -58,13 +54,7 @@ def stated(
     sides = arrival or (0.0,)
     n = asked.arrival.shape[1]
     if len(sides) not in (1, n):
-        raise ModelError(
-            "directions of arrival of another arm",
-            where="--arrival",
-            value=" ".join(f"{side:g}" for side in sides),
-            allowed=f"1 number for all joints, or {n}: one a joint",
-            remedy="give -1 or 1 for each joint, 0 where it is not known",
-        )
+        raise _refusal("arrival", "--arrival", " ".join(f"{side:g}" for side in sides), n)
     loads_N = np.where(np.isnan(asked.load_N), load_N, asked.load_N)
     return loads_N, np.where(np.isnan(asked.arrival), np.array(sides), asked.arrival)
 
@@ -113,7 +103,7 @@ def predict(
     """
     import numpy as np
 
-    from pa10cal.campaign.pose_lists import poses_text, read_joints
+    from pa10cal.campaign.table import poses_text, read_joints
     from pa10cal.files.output import write_text
     from pa10cal.fit import contradictions
 
@@ -175,19 +165,13 @@ def compensate(
     import numpy as np
 
     from pa10cal.arm.exports import controller_columns, controller_pose
-    from pa10cal.campaign.pose_lists import commands_text, read_targets
+    from pa10cal.campaign.table import commands_text, read_targets
     from pa10cal.files.output import write_text
     from pa10cal.fit import contradictions
 
     form: Angles = angles or "quaternion"
     if write == "joints" and (angles or tcp):
-        raise ModelError(
-            "angles of poses that are not written",
-            where="--angles" if angles else "--tcp",
-            value=angles or tcp,
-            allowed="--write cartesian",
-            remedy="add --write cartesian, or leave the option out",
-        )
+        raise _refusal("angles", "--angles" if angles else "--tcp", angles or tcp)
     fitted = model_in_use(model, force=force)
     arm = fitted.arm
     asked = read_targets(targets, arm.prismatic)

@@ -97,8 +97,7 @@ def run(
     config |= {"raw_dir": str(raw), "results_dir": str(out)}
     if prior is not None:
         from pa10cal.calibration.general.other_campaign import refuse_unsound
-        from pa10cal.fit.fitted_model import load_model
-        from pa10cal.fit.model_file import file_of
+        from pa10cal.fit.fitted_model import file_of, load_model
 
         refuse_unsound(load_model(prior))
         config["calibration"] = json.dumps({"prior": str(file_of(prior).absolute())})

@@ -36,7 +36,7 @@ from pa10cal.options import DiscoveryOptions
 from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel
-from pa10cal.results.truth import TrueParameter
+from pa10cal.results.trials import TrueParameter
 
 Departs = Literal["rows", "any_way"]
 

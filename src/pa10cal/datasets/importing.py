@@ -20,9 +20,9 @@ import yaml
 
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, JointPositions, read_description
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
-from pa10cal.errors import OutputError, RawDataError
+from pa10cal.errors import OutputError, RawDataError, refusals_beside
 from pa10cal.files.output import FORMER, folder_beside, whole_files, writing_into
-from pa10cal.yaml_file import read_yaml, refusals_beside
+from pa10cal.yaml_file import read_yaml
 
 # What a reader of a data set defines, and what it gives: campaigns not yet written.
 

@@ -25,8 +25,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import RawRows, quarantined
 from pa10cal.datasets.importing import AsItIs, DataSet, ImportedCampaign, Published
-from pa10cal.errors import RawDataError
-from pa10cal.yaml_file import refusals_beside
+from pa10cal.errors import RawDataError, refusals_beside
 
 #: Descriptions of arms that are measured in data sets and are not shipped as arms of their own.
 ARMS = Path(__file__).with_name("arms")

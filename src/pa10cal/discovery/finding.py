@@ -12,16 +12,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pa10cal.arrays import Array
-from pa10cal.results.discovery import (
-    BlockedCrossValidation,
-    EvidenceByBlocks,
-    EvidenceOfSag,
-    Fault,
-    FoundEffect,
-    NotTestable,
-)
+from pa10cal.results import discovery
+from pa10cal.results.calibration import InputFinding
 from pa10cal.results.evaluation import EffectParameter
-from pa10cal.results.health import InputFinding
 from pa10cal.results.maps import JointWitness, MapForm
 from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
@@ -32,7 +25,7 @@ from pa10cal.terms.weights import LogFault
 P_co = TypeVar("P_co", covariant=True)
 
 
-class GivesWay(EvidenceOfSag):
+class GivesWay(discovery.EvidenceOfSag):
     """The statistics that decided about the spring of a joint."""
 
     # (P,) errors of the poses held out, or else fitted, with the joint rigid
@@ -99,21 +92,21 @@ class Finding(Generic[P_co]):
         """Return its reported parameters by name."""
         return effect_parameters(self.effect, self.x, self.covariance)
 
-    def record(self, witness: JointWitness | None = None) -> FoundEffect:
+    def record(self, witness: JointWitness | None = None) -> discovery.FoundEffect:
         """Return it as it is written, with what says whose error an error by angle is."""
         proof, form = self.proof, None
         if isinstance(self.effect, JointErrorMap) and self.effect.spectrum is not None:
             kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
             form = MapForm.model_validate(keys)
-        return FoundEffect(
+        return discovery.FoundEffect(
             id=self.id,
             of=self.of,
             form=form,
             parameters=self.parameters,
             alternatives=tuple(map(name_of, self.alternatives)),
-            evidence=EvidenceByBlocks(cross_validation_over_blocks=proof)
-            if isinstance(proof, BlockedCrossValidation)
+            evidence=discovery.EvidenceByBlocks(cross_validation_over_blocks=proof)
+            if isinstance(proof, discovery.BlockedCrossValidation)
             else proof,
             witness=witness,
             weights=proof.weights if isinstance(proof, GivesWay) else None,
@@ -145,10 +138,10 @@ class Untestable:
     by_these_poses: bool = True
 
 
-def with_a_name(entries: Sequence[Untestable]) -> tuple[NotTestable, ...]:
+def with_a_name(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, ...]:
     """Return the effects with a name among those that the data cannot show."""
     return tuple(
-        NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
+        discovery.NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
         for entry in entries
         if not entry.effect.generic
     )
@@ -166,7 +159,7 @@ _OF_INPUT: dict[str, FaultKind] = {
 }
 
 
-class DiagnosedFault(Fault):
+class DiagnosedFault(discovery.Fault):
     """Something in the log that is wrong, and what it does to the verdict; that is not written."""
 
     gain: float | None = None

@@ -23,7 +23,7 @@ from pa10cal.discovery.verdict import SearchVerdict, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.uncertain_weights import open_unknowns
+from pa10cal.fit.weighed_arm import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter

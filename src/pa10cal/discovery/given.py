@@ -13,35 +13,24 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Mask
+from pa10cal.calibration import uncertainty
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
-from pa10cal.calibration.uncertainty import (
-    HeldOut,
-    calibrated_parameters,
-    gram,
-    of_one_target,
-    position_noise_mm,
-    summarise,
-    summarise_by_load,
-    summarise_trusted,
-)
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
-from pa10cal.discovery.evidence.fit import apparatus_m, covariance_of
-from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.evidence.problem import apparatus_m, covariance_of, prepare
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
-from pa10cal.errors import CalibrationError, remedy_for
+from pa10cal.errors import CalibrationError, refusals_beside, remedy_for
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FittedTo
-from pa10cal.fit.fitted_model import FittedModel, models_of
+from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
-from pa10cal.fit.model_file import model_to_plain
 from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.quantities import Deviations
@@ -51,11 +40,13 @@ from pa10cal.results.calibration import (
     CalibrationRecord,
     Covariance,
     GeneralCalibrationRecord,
+    Health,
 )
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
-from pa10cal.results.health import Health
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
+
+_refusal = refusals_beside(__file__, CalibrationError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +122,8 @@ def calibrate_with(
         if wrong is not None and not wrong.all():
             away = away.take(~wrong)
         repeats = float(np.mean(1.0 / poses.readings) / np.mean(1.0 / away.readings))
-        held_out = HeldOut(
-            summarise(calibrated.deviations(away)),
+        held_out = uncertainty.HeldOut(
+            uncertainty.summarise(calibrated.deviations(away)),
             repeats=repeats,
             suspected=len(campaign.held_out) - len(away),
         )
@@ -151,15 +142,15 @@ def calibrate_with(
         covariance=covariance,
         identifiability=rank,
         white=white,
-        position_gram=gram(of_one_target(used.measured, jacobian)),
+        position_gram=uncertainty.gram(uncertainty.of_one_target(used.measured, jacobian)),
         not_identifiable=not_identifiable(rank, parameters),
     )
     evidence = GradeEvidence(
         ended=ended,
-        train_rms_mm=summarise(deviations, ~flagged).rms_mm,
+        train_rms_mm=uncertainty.summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
         suspected_outliers=int(flagged.sum()),
-        noise_mm=position_noise_mm(used.measured, noise),
+        noise_mm=uncertainty.position_noise_mm(used.measured, noise),
         noise_is_found=True,
         spread_mm=used.measured.spread_mm,
         wanted_mm=wanted_mm,
@@ -174,13 +165,7 @@ def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
         CalibrationError: where they are to be those of a verdict, which is not known here.
     """
     if options.effects == "named":
-        raise CalibrationError(
-            "the effects that were named are not known",
-            where="calibration.effects",
-            value="named",
-            allowed="the extended model of a search, with --named",
-            remedy="give discovery/extended.json with --named, or list the effects",
-        )
+        raise _refusal("named", "calibration.effects", "named")
     return options.effects
 
 
@@ -225,12 +210,14 @@ def _effects(
             continue
         if (each.id, each.of) not in known:
             places = [of for kind, of in known if kind == each.id]
-            raise CalibrationError(
-                f"there is no {each.id} of {each.of}",
-                where="calibration.effects",
-                value={"id": each.id, "of": each.of},
-                allowed=", ".join(places) or "an effect that this arm can have",
-                remedy=remedy_for(each.of, places, "correct the place"),
+            raise _refusal(
+                "no place",
+                "calibration.effects",
+                {"id": each.id, "of": each.of},
+                each.id,
+                each.of,
+                ", ".join(places) or "an effect that this arm can have",
+                remedy_for(each.of, places, "correct the place"),
             )
         found.append(known[each.id, each.of])
     return tuple(found)
@@ -247,8 +234,8 @@ def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
     ended, errors = found.ended, dict(record.errors)
-    less = summarise_trusted(found.found, found.found, load_N, found.flagged)
-    for load, after in summarise_by_load(found.found, load_N).items():
+    less = uncertainty.summarise_trusted(found.found, found.found, load_N, found.flagged)
+    for load, after in uncertainty.summarise_by_load(found.found, load_N).items():
         if load in errors:
             before = errors[load].trusted or errors[load]
             trusted = less.get(load)
@@ -297,7 +284,8 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
         report = term.report(model.x[columns])
         is_open = np.array([parameter.name in openly for parameter in term.parameters], dtype=bool)
         held = names_of(report.parameters, (report.jacobian[:, is_open] != 0.0).any(axis=1))
-        of_term = calibrated_parameters(report, model.covariance[columns, columns], held)
+        covariance = model.covariance[columns, columns]
+        of_term = uncertainty.calibrated_parameters(report, covariance, held)
         place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
         parameters |= {f"{place}{name}": each for name, each in of_term.items()}
     R = model.T_instr_base[:3, :3]

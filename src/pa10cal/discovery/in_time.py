@@ -15,18 +15,8 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault
-from pa10cal.discovery.linear import (
-    by_effects,
-    by_joints,
-    by_own_terms,
-    by_targets,
-    by_terms,
-    error_mm,
-    position_noise,
-    residual,
-    rms,
-)
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import why_unknown
 from pa10cal.fit.fitted_model import FittedModel
@@ -127,7 +117,7 @@ STILL = InTime(None, drifts=False)
 
 def by_base(at: FittedModel, poses: Observations) -> Array:
     """Return how measured less predicted components follow six motions of the base, (P, b, 6)."""
-    return by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
+    return linear.by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
 
 
 def motions_along(by_motions: Array, courses: Array) -> Array:
@@ -205,10 +195,11 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
     found = replace(found, amounts=amounts)
     walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
     all_mm, walk_mm = (
-        rms(error_mm(poses.measured, each.shift(rows.at, poses))) for each in (found, walk)
+        linear.rms(linear.error_mm(poses.measured, each.shift(rows.at, poses)))
+        for each in (found, walk)
     )
     cov = np.asarray(np.linalg.inv(np.swapaxes(rows.whitener, 1, 2) @ rows.whitener))
-    position = np.trace(position_noise(poses.measured, cov), axis1=1, axis2=2)
+    position = np.trace(linear.position_noise(poses.measured, cov), axis1=1, axis2=2)
     noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.about(found)[2]
     if all_mm < _LEAST_PART * noise_mm:
         return InTime(None, drifts)
@@ -240,7 +231,7 @@ class _Rows:
         self._components = self._seen / len(seen)
         self._held = whitener @ np.concatenate(held, axis=2)
         self._widths = [columns.shape[2] for columns in held]
-        self._data = whitener @ -residual(at, poses)[:, :, None]
+        self._data = whitener @ -linear.residual(at, poses)[:, :, None]
         walk = Wander(self.times_s, (), walk_m=1.0)
         self._walk = motions_along(self._white, walk.courses(self.time_s))
         self._products: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
@@ -453,10 +444,14 @@ def in_time_of(
     own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
     load_N = poses.states.load_N
     by_load = motions_along(by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
-    held = [*by_own_terms(at, poses, own), by_targets(at, poses) * _TARGET_M, _BY_LOAD * by_load]
+    held = [
+        *linear.by_own_terms(at, poses, own),
+        linear.by_targets(at, poses) * _TARGET_M,
+        _BY_LOAD * by_load,
+    ]
     shapes = [effect for effect in known for _ in effect.starts]
     starts = [start for effect in known for start in effect.starts]
-    columns = [np.zeros((*whitener.shape[:2], 0)), *by_effects(at, poses, shapes, starts)]
+    columns = [np.zeros((*whitener.shape[:2], 0)), *linear.by_effects(at, poses, shapes, starts)]
     with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
     with_time = np.repeat(with_time, [each.shape[2] for each in columns])
     every = np.concatenate(columns, axis=2)
@@ -512,7 +507,7 @@ def steps_in_time(
         last = int(np.searchsorted(time_s, jump.before_s, side="right")) - 1
         next_ = int(np.searchsorted(time_s, jump.after_s))
         motion = wander.unit_motions[k]
-        size_mm = rms(error_mm(readings.measured, by_base(at, readings) @ motion))
+        size_mm = linear.rms(linear.error_mm(readings.measured, by_base(at, readings) @ motion))
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
         begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
         what = f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad"
@@ -590,7 +585,7 @@ def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
     """Return waves of the error of every turning joint by its angle, (P, b, w)."""
     arm = at.model.chain.arm
     joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
-    screws = by_joints(at, poses, joints)
+    screws = linear.by_joints(at, poses, joints)
     q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
     columns = [np.zeros((*screws.shape[:2], 0))]
     for k, joint in enumerate(joints):

@@ -13,21 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.arm.room import (
-    Box,
-    PosturePoints,
-    above,
-    draw_within,
-    end_within,
-    off_column,
-    off_links,
-)
+from pa10cal.arm import room
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.fit import EvidenceFit
-from pa10cal.discovery.evidence.likelihood import SIZES
-from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, noise_models
+from pa10cal.discovery.evidence.problem import (
+    SIZES,
+    EvidenceFit,
+    EvidenceProblem,
+    NoiseModel,
+    noise_models,
+)
 from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.in_time import InTime
@@ -35,7 +31,7 @@ from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.verdict import Plan, label_of
-from pa10cal.errors import DiscoveryError
+from pa10cal.errors import DiscoveryError, refusals_beside
 from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
@@ -72,6 +68,7 @@ _LEAST_MARGIN_M = 0.3
 #: End and targets stay so far above the base's origin, and so far off its axis, unless poses were
 #: measured nearer; targets so far off the line from joint to joint [m].
 _FLOOR_M, _COLUMN_M, _CLEARANCE_M = 0.15, 0.25, 0.15
+_refusal = refusals_beside(__file__, DiscoveryError)
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -84,28 +81,22 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     """
     chain = measured.baseline.model.chain
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
-    end = PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
+    end = room.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
     room_m = np.maximum(0.5 * (highest - lowest), _LEAST_MARGIN_M)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
     constraints = {
-        "near the measured poses": end_within(Box(lowest - room_m, highest + room_m)),
-        "above the floor": above(min(_FLOOR_M, float(lowest[2]))),
-        "off the column": off_column(min(_COLUMN_M, off_axis_m)),
-        "off the links": off_links(_CLEARANCE_M),
+        "near the measured poses": room.end_within(room.Box(lowest - room_m, highest + room_m)),
+        "above the floor": room.above(min(_FLOOR_M, float(lowest[2]))),
+        "off the column": room.off_column(min(_COLUMN_M, off_axis_m)),
+        "off the links": room.off_links(_CLEARANCE_M),
     }
     low, high = chain.arm.limits_rad.T
     margin = _LIMIT_MARGIN * (high - low)
     ranges = low + margin, high - margin
-    found = draw_within(chain, targets, ranges, constraints, count, random_seed)
+    found = room.draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
-        raise DiscoveryError(
-            "no configuration keeps clear of floor, column and limits near the measured positions",
-            where="configurations to measure next",
-            value=f"none of {found.drawn}",
-            allowed="at least one",
-            remedy="allow more room",
-        )
+        raise _refusal("no room", "configurations to measure next", f"none of {found.drawn}")
     return found.q
 
 
@@ -319,12 +310,7 @@ def _by_parameters(
         ]
     for effect, part in zip(effects, rows[1:], strict=True):
         if not np.all(np.isfinite(part)):
-            raise DiscoveryError(
-                "the effect depends on a quantity that is unknown for future poses",
-                where=f"{effect.id} of {effect.of}",
-                allowed="effects of logged quantities",
-                remedy="omit the effect",
-            )
+            raise _refusal("unknown", f"{effect.id} of {effect.of}")
     return [block.factor for block in lin.blocks], rows
 
 
@@ -338,12 +324,7 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
     """
     baseline, setup, readings = problem.baseline, problem.setup, problem.readings
     if setup.payload is None and np.all(np.isfinite(readings.states.tau_Nm)):
-        raise DiscoveryError(
-            "torques cannot be predicted in configurations that were not measured",
-            where=baseline.model.chain.arm.name,
-            allowed="an arm and a tool whose masses are known",
-            remedy="complete the descriptions of arm and tool",
-        )
+        raise _refusal("no torques", baseline.model.chain.arm.name)
     repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
     states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
     label = np.array([f"next {k}" for k in range(len(states))])

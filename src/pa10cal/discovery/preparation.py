@@ -17,7 +17,7 @@ from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
-from pa10cal.fit.uncertain_weights import with_uncertain_weights
+from pa10cal.fit.weighed_arm import with_uncertain_weights
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.order import reversed_joints, with_arrivals
 from pa10cal.options import DiscoveryOptions

@@ -26,20 +26,12 @@ from pa10cal.discovery.noise import (
     whitener_of,
 )
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit import robust_weights
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
-from pa10cal.fit.robust_weights import (
-    ACCUSED_RATE,
-    LEAST_STATED,
-    Tails,
-    by_stated,
-    components_seen,
-    confirmed,
-    far_from_prediction,
-)
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_groups
-from pa10cal.results.health import InputFinding
+from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import FaultKind
 
 #: Labels are exchanged where another order leaves so little of what is left.
@@ -83,7 +75,7 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
 
     Both they and those fitted are single readings with what the model needs.
     """
-    far, white = far_from_prediction(held_out, model, fitted)
+    far, white = robust_weights.far_from_prediction(held_out, model, fitted)
     off_mm = _position_mm(held_out, residual(model, held_out))
     gross = GrossErrors(far, far, _times_usual(white, held_out), off_mm)
     return RowFaults(far, tuple(_of_readings(held_out, model, gross, "held out, ")))
@@ -209,7 +201,7 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
         return found
     white = _by_scatter(readings, model, left)
     far = alone & _beyond_tails(white, readings, np.ones_like(alone))
-    far &= ~confirmed(readings, left, np.flatnonzero(far))
+    far &= ~robust_weights.confirmed(readings, left, np.flatnonzero(far))
     far &= ~_in_time(far, readings.states.time_s)
     return GrossErrors(
         found.excluded | far,
@@ -229,7 +221,7 @@ def _off_repeats(
     if alone.all():
         return GrossErrors(nobody, nobody, nothing, nothing)
     left = left - moved_between_repeats(readings, left, group)
-    further = np.linalg.norm(by_stated(readings, left), axis=1)
+    further = np.linalg.norm(robust_weights.by_stated(readings, left), axis=1)
 
     def exclude_gross_errors(whitener: Array, without: Mask, least: float) -> GrossErrors:
         """Exclude the reading furthest from the others of its group, group by group, anew.
@@ -246,7 +238,7 @@ def _off_repeats(
         first, own = from_others(without), scale.copy()
         for _, at in readings.measured.component_kinds:
             here = (first[:, at] != 0.0) & ~(alone | without)[:, None]
-            own[at] = max(Tails.of(first[:, at][here]).scale, least)
+            own[at] = max(robust_weights.Tails.of(first[:, at][here]).scale, least)
         scale *= own
         components = np.maximum(seen.sum(axis=1), 1)
         limit = np.sqrt(chdtri(components, EXCLUDED_RATE / count))
@@ -268,12 +260,12 @@ def _off_repeats(
         return GrossErrors(out, out & beyond, times, nothing)
 
     stated = readings.measured.stated_covariance
-    found = exclude_gross_errors(whitener_of(stated), nobody, LEAST_STATED)
+    found = exclude_gross_errors(whitener_of(stated), nobody, robust_weights.LEAST_STATED)
     try:
         apart, _ = _less_others(left, group, seen, found.excluded)
         plain = np.where(found.excluded[:, None], left - apart, left)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
-        whitener = whitener_of(noise.cov + LEAST_STATED**2 * stated)
+        whitener = whitener_of(noise.cov + robust_weights.LEAST_STATED**2 * stated)
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
@@ -298,7 +290,9 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
     white = _by_scatter(averages, model, left)
     far = np.zeros(len(labels), dtype=bool)
     for _, at in averages.measured.component_kinds:
-        tails = Tails.of(white[:, at][components_seen(averages, at)], _OF_POSES_SURELY)
+        tails = robust_weights.Tails.of(
+            white[:, at][robust_weights.components_seen(averages, at)], _OF_POSES_SURELY
+        )
         far |= np.any(np.abs(white[:, at]) > tails.largest(_OF_POSES_RATE), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
     times = _times_usual(white, averages)
@@ -328,9 +322,9 @@ def _beyond_tails(
         found = beyond.copy()
         for _, at in readings.measured.component_kinds:
             # Zero is what nothing else was seen of.
-            seen = components_seen(readings, at) & (white[:, at] != 0.0)
+            seen = robust_weights.components_seen(readings, at) & (white[:, at] != 0.0)
             bulk = white[:, at][seen & (usual & ~beyond)[:, None]]
-            limit = Tails.of(bulk).largest(ACCUSED_RATE)
+            limit = robust_weights.Tails.of(bulk).largest(robust_weights.ACCUSED_RATE)
             found |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
         if not (found & ~beyond).any() or found.mean() > _MOST_BEYOND:
             break

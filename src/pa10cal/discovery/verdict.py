@@ -40,8 +40,7 @@ from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import model_to_plain
+from pa10cal.fit.fitted_model import FittedModel, model_to_plain
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import AnalysisRecord, GapField, LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign

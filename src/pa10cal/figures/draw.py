@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from pa10cal.campaign.description import read_description
-from pa10cal.errors import RecordError, SettingsError
+from pa10cal.errors import RecordError, SettingsError, refusals_beside
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
 from pa10cal.figures.registry import ELSEWHERE, NEEDS, NothingToShowError, Picture, entries
 from pa10cal.figures.style import name_in_title, new_figure, panel, theme, write_figure
@@ -20,16 +20,17 @@ from pa10cal.files.output import whole_file
 from pa10cal.reports.formatting import display_name, first_sentences, shown_in
 from pa10cal.reports.results_bundle import MODEL_NAMES, ResultsBundle, is_synthetic
 from pa10cal.reports.theme import BLUE, GREY, VERMILLION
+from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read, write
 from pa10cal.results.comparison import DriftRecord
 from pa10cal.results.fleet import Caption, PicturesRecord
-from pa10cal.results.health import UNRESERVED
 from pa10cal.results.trials import TrialScoresRecord
 
 #: Folder of the files of a picture, by what it is.
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
 #: Longer provenances are cut after a sentence.
 _MOST_LETTERS = 400
+_refusal = refusals_beside(__file__, SettingsError)
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,7 @@ def read_source(
         module = import_module(name)
         if (folder / module.FROM).exists():
             return Source(kind, folder.name, *module.read_content(folder))
-    raise SettingsError(
-        "results of nothing that pictures are drawn of",
-        where="--results",
-        value=str(folder),
-        allowed="a folder with scores.json, curve.json or calibration.json, or one of a campaign",
-        remedy="correct the folder; for a campaign give --campaign-dir as well",
-    )
+    raise _refusal("nothing drawn", "--results", str(folder))
 
 
 def of_campaign(results: ResultsBundle) -> Source:
@@ -173,13 +168,7 @@ def draw_one(name: str, source: Source, out: Path, settings: FigureOptions) -> N
     """
     known = entries(source.folder)
     if name not in known:
-        raise SettingsError(
-            "no such figure or table",
-            where="--figure",
-            value=name,
-            allowed=", ".join(known),
-            remedy="correct the name",
-        )
+        raise _refusal("no picture", "--figure", name, ", ".join(known))
     try:
         _write(known[name], source, out, settings)
     except NothingToShowError as nothing:

@@ -18,12 +18,12 @@ from pa10cal.arm.chain import placed, roll_pitch_yaw
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, neighbouring_axes, with_hayati_rows
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
-from pa10cal.errors import ALLOWED, ArmError, fits_a_folder
+from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, refusals_beside
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.output import write_text
 from pa10cal.options import Positive, Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.yaml_file import parse_yaml, read_yaml, refusals_beside
+from pa10cal.yaml_file import parse_yaml, read_yaml
 
 if TYPE_CHECKING:
     from pa10cal.arm.imported import ImportedArm

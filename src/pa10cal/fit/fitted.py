@@ -23,7 +23,7 @@ from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations
-from pa10cal.results.health import Health, InputFinding
+from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.results.record import CampaignIdentity, Part
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OfCampaign, is_constant, of_campaign

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike
 
-from pa10cal.arm.chain import BASE
-from pa10cal.arm.statics import PoseStates
+from pa10cal.arm.chain import BASE, TOOL, Chain
+from pa10cal.arm.description import ROW_FIELDS, Arm, WeightsKnown
+from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
-from pa10cal.errors import ModelError
+from pa10cal.errors import ModelError, Pa10calError, refusals_beside
+from pa10cal.files.output import whole_files
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.compensation import compensate
-from pa10cal.fit.fitted import FLANGE, Compensation, Fitted, Prediction
+from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
-from pa10cal.fit.model_file import covariance_beside, file_of, model_from_plain, save_model
 from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.terms.model import Model
+from pa10cal.terms.plain import term_from_plain, term_to_plain
+from pa10cal.terms.term import Term
 from pa10cal.yaml_file import read_yaml
 
 
@@ -172,7 +181,7 @@ def load_model(path: str | Path) -> FittedModel:
         remedy="correct the path, or write the model again",
     )
     covariance = covariance_beside(path)
-    return model_from_plain(content, FittedModel, where=str(path), covariance=covariance)
+    return model_from_plain(content, where=str(path), covariance=covariance)
 
 
 def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
@@ -189,7 +198,7 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
     models = {}
     for name, fit in record.fits_by_model.items():
         place = f"{where}: fitted_model of {name}"
-        model = model_from_plain(fit.fitted_model, FittedModel, where=place)
+        model = model_from_plain(fit.fitted_model, where=place)
         # The covariance is of the parameters that it is solved in, or of those reported.
         names, matrix = fit.covariance.names, fit.covariance.matrix
         solved = tuple(parameter.name for parameter in model.model.parameters)
@@ -207,3 +216,328 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
             model = replace(model, covariance=covariance)
         models[name] = model
     return models
+
+
+# A fitted model as a file: `model.yaml`, schema pa10cal-model/2, its covariance beside it.
+
+SCHEMA = "pa10cal-model/2"
+_CONVENTIONS = {
+    "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
+    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
+    "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
+    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
+}
+_refusal = refusals_beside(__file__, ModelError)
+
+
+def save_model(model: Fitted, path: Path, **about: Any) -> None:
+    """Write a fitted model, and its covariance beside it, whole or not at all.
+
+    Args:
+        path: `….yaml`; the covariance goes to `….covariance.npz`.
+        about: further keys that only people read, such as warnings.
+
+    Raises:
+        OutputError: when it cannot be written there.
+    """
+    content = model_to_plain(model, **about)
+    beside = () if model.covariance is None else (covariance_path(path),)
+    for covariance in beside:
+        content["covariance"] = covariance.name
+    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    with whole_files(*beside, path) as (*covariances, place):
+        for covariance in covariances:
+            write_covariance(model, covariance)
+        place.write_text(text, encoding="utf-8", newline="\n")
+
+
+def file_of(path: Path) -> Path:
+    """Return the file of a model: itself, or in a folder `model` or the results that hold one."""
+    if not path.is_dir():
+        return path
+    inside = (path / "model.yaml", path / "model" / "model.yaml")
+    return next((each for each in inside if each.is_file()), inside[0])
+
+
+def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
+    """Return a fitted model as numbers, texts, lists and mappings; see `model_from_plain`."""
+    fitted = model.fitted_to
+    return {
+        "schema": SCHEMA,
+        "robot": model.arm.name,
+        "grade": model.grade or None,
+        "fitted_to": None if fitted is None else fitted.model_dump(mode="json"),
+        **about,
+        "arm": _arm_to_plain(model),
+        "terms": [_term_to_plain(model, term) for term in model.model.terms],
+        "payload": None if model.payload is None else _payload_to_plain(model.payload),
+        "T_instr_base": model.T_instr_base.tolist(),
+        "tool": {"R_ee_target": model.R_ee_target.tolist()}
+        | (
+            {"R_first_target_of": {name: R.tolist() for name, R in of.items()}}
+            if (of := model.R_first_target_of)
+            else {}
+        ),
+        "targets_m": {
+            name: place.tolist()
+            for name, place in zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True)
+        },
+        "targets_off_m": model.targets_off_m.tolist(),
+        # For people and other programs; here they follow from what stands above.
+        "T_flange": {
+            name: T_flange_frame(model, name).tolist() for name in model.frames if name != FLANGE
+        },
+        "seen": None if model.seen is None else _seen_to_plain(model.seen),
+        "falls_back": None
+        if model.falls_back is None
+        else {
+            "within": _seen_to_plain(model.falls_back.within),
+            "model": model_to_plain(model.falls_back.model),
+        },
+        "covariance": None,
+    }
+
+
+def model_from_plain(
+    content: object, *, where: str, covariance: Array | None = None
+) -> FittedModel:
+    """Return the model that `model_to_plain` described.
+
+    Args:
+        covariance: (k, k) of the parameters, or None.
+
+    Raises:
+        ModelError: naming the schema, or the key that is missing or cannot be used.
+        TermError: when it has a term that is not known.
+    """
+    found = content.get("schema") if isinstance(content, Mapping) else None
+    if not isinstance(content, Mapping) or found != SCHEMA:
+        raise _refusal("version", f"{where}: schema", found, SCHEMA)
+    try:
+        size = sum(len(term["x"]) for term in content["terms"]) + 6
+        if covariance is not None and covariance.shape != (size, size):
+            raise _refusal("shape", f"{where}: covariance", None, covariance.shape, size)
+        pairs = [
+            _term_from_plain(entry, f"{where}: terms[{k}]")
+            for k, entry in enumerate(content["terms"])
+        ]
+        terms = tuple(term for term, _ in pairs)
+        arm = _arm_from_plain(content["arm"])
+        chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
+        targets = content["targets_m"]
+        fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
+        away = content.get("falls_back")  # not in files written before there was one
+        return FittedModel(
+            model=Model(chain, terms),
+            x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
+            T_instr_base=_frame(content["T_instr_base"], "T_instr_base"),
+            R_ee_target=np.array(content["tool"]["R_ee_target"], dtype=float).reshape(3, 3),
+            R_first_target_of={
+                name: np.array(R, dtype=float).reshape(3, 3)
+                for name, R in content["tool"].get("R_first_target_of", {}).items()
+            },
+            targets_m=np.array(list(targets.values()), dtype=float).ravel(),
+            target_names=tuple(targets),
+            targets_off_m=np.array(content["targets_off_m"], dtype=float),
+            covariance=covariance,
+            payload=None if payload is None else _payload_from_plain(payload),
+            fitted_to=None if fitted is None else FittedTo.model_validate(fitted),
+            seen=None if seen is None else _seen_from_plain(seen),
+            falls_back=None
+            if away is None
+            else FallBack(
+                _seen_from_plain(away["within"]),
+                model_from_plain(away["model"], where=f"{where}: falls_back.model"),
+            ),
+        )
+    except Pa10calError:
+        raise
+    except KeyError as error:
+        raise _refusal("missing", where, None, error.args[0], SCHEMA) from None
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        raise _refusal("not built", where, str(error), SCHEMA) from None
+
+
+def _seen_to_plain(seen: AngleCoverage) -> list[dict[str, Any]]:
+    return [
+        {"turns": turns, "intervals": stretches.tolist()}
+        for stretches, turns in zip(seen.intervals, seen.turns, strict=True)
+    ]
+
+
+def _seen_from_plain(content: Any) -> AngleCoverage:
+    return AngleCoverage(
+        tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
+        tuple(bool(joint["turns"]) for joint in content),
+    )
+
+
+def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
+    """Return a term with its form, what readers know of it, and the values it is solved in."""
+    report, std = model.reported(term)
+    return {
+        **term_to_plain(term),
+        "formula": term.formula,
+        "parameters": {
+            parameter.name: {
+                "value": float(value),
+                "std": float(sigma) if np.isfinite(sigma) else None,
+                "unit": parameter.unit,
+            }
+            for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+        },
+        "x": model.values_of(term).tolist(),
+    }
+
+
+def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:
+    term = term_from_plain(content, where=where)
+    x = np.array(content["x"], dtype=float)
+    if x.shape != (len(term.parameters),) or not np.isfinite(x).all():
+        raise _refusal("values", f"{where}: x", content["x"], len(term.parameters))
+    return term, x
+
+
+def _arm_to_plain(model: Fitted) -> dict[str, Any]:
+    arm = model.arm
+    columns = {name: getattr(arm, name) for name in ROW_FIELDS}
+    bends = {name for motion in model.model.chain.motions for name in [motion.coordinate]}
+    plain: dict[str, Any] = {
+        "name": arm.name,
+        "title": arm.title,
+        "convention": arm.convention,
+        "T_base_flange": _CONVENTIONS[arm.convention],
+        "base_motions": list(BASE),
+        "tool_motions": list(TOOL),
+        "bends": [row for row in range(1, arm.n) if f"bend_{row}.x" in bends],
+        "rows": [
+            {
+                name: None if values is None else _plain(values[row])
+                for name, values in columns.items()
+            }
+            for row in range(arm.n)
+        ],
+        "T_base_row1": arm.T_base_row1.tolist(),
+        "T_row_n_flange": arm.T_row_n_ee.tolist(),
+    }
+    if (known := arm.weights_known) is not None:
+        plain["weights"] = {
+            "from": known.origin,
+            "why": known.why,
+            "mass_u": known.mass.tolist(),
+            "com_u_m": known.com_m.tolist(),
+        }
+    return plain
+
+
+def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
+    rows = content["rows"]
+    weighed = all(row["mass_kg"] is not None for row in rows)
+    columns = {
+        name: np.array(
+            [np.nan if row[name] is None else row[name] for row in rows],
+            dtype=bool if name in ("hayati", "prismatic") else float,
+        )
+        for name in ROW_FIELDS
+        if weighed or name not in ("mass_kg", "com_m")
+    }
+    known = None
+    if (weights := content.get("weights")) is not None:
+        mass, com_m = (np.array(weights[key], dtype=float) for key in ("mass_u", "com_u_m"))
+        known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
+    return Arm(
+        name=str(content["name"]),
+        title=str(content["title"]),
+        convention=content["convention"],
+        **columns,
+        T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
+        T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
+        weights_known=known,
+    )
+
+
+def _frame(value: Any, name: str) -> Array:
+    T = np.array(value, dtype=float)
+    if T.shape != (4, 4):
+        raise ValueError(f"{name} is not a 4 by 4 matrix")
+    return T
+
+
+def _payload_to_plain(payload: Payload) -> dict[str, Any]:
+    plain = {f.name: _plain(getattr(payload, f.name)) for f in fields(Payload)}
+    plain.pop("of_campaigns")
+    if payload.of_campaigns:
+        plain["of_campaigns"] = [_payload_to_plain(each) for each in payload.of_campaigns]
+    return plain
+
+
+def _payload_from_plain(plain: Mapping[str, Any]) -> Payload:
+    return Payload(
+        mass_kg=float(plain["mass_kg"]),
+        com_m=np.array(plain["com_m"], dtype=float),
+        load_point_m=np.array(plain["load_point_m"], dtype=float),
+        gravity_m_s2=np.array(plain["gravity_m_s2"], dtype=float),
+        known=bool(plain.get("known", True)),
+        of_campaigns=tuple(_payload_from_plain(each) for each in plain.get("of_campaigns", ())),
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return plain numbers, None for what is not known."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    """Lists of numbers on one line, no references."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write everything out."""
+        del data
+        return True
+
+
+def _list(dumper: Any, data: list[Any]) -> Any:
+    flat = all(not isinstance(entry, list | dict) for entry in data)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
+
+
+_Dumper.add_representer(list, _list)
+
+
+# The covariance of a fitted model as a file beside the model's own.
+
+
+def covariance_path(path: Path) -> Path:
+    """Return the path of the covariance of the model in a file."""
+    return path.with_name(f"{path.stem}.covariance.npz")
+
+
+def write_covariance(model: Fitted, path: Path) -> None:
+    """Write the covariance of a model's parameters, with their names (.npz)."""
+    names = [*(parameter.name for parameter in model.model.parameters), *BASE]
+    covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
+    with path.open("wb") as file:
+        np.savez_compressed(file, names=np.array(names), covariance=covariance)
+
+
+def covariance_beside(path: Path) -> Array | None:
+    """Return the covariance in the file beside a model's own; None where there is none.
+
+    Raises:
+        ModelError: when there is one that cannot be read.
+    """
+    beside = covariance_path(path)
+    if not beside.is_file():
+        return None
+    try:
+        with np.load(beside) as stored:
+            covariance: Array = stored["covariance"]
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile):
+        raise _refusal("no covariance", beside) from None
+    return covariance if len(covariance) else None

@@ -9,15 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
-from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder
+from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder, refusals_beside
 from pa10cal.files.output import csv_cell
+from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import Attention, ChainRecord, FleetArm, FleetCampaign, FleetRecord
-from pa10cal.results.health import UNRESERVED
 
 #: A table of campaigns larger than this is none [bytes].
 _MOST_BYTES = 64 * 1024**2
 _COLUMNS = ("campaign", "arm", "measured")
+_refusal = refusals_beside(__file__, SettingsError)
 
 
 @dataclass(frozen=True)
@@ -48,13 +49,7 @@ def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
         return _checked([(asked, Listed(name, name)) for name in asked.split(",")], asked)
     pattern = asked.removeprefix(f"{raw_dir}/")
     if "/" in pattern or ".." in pattern:
-        raise SettingsError(
-            "no pattern of campaigns",
-            where="campaigns",
-            value=asked,
-            allowed=f"a table (.csv), or names of folders of {raw_dir} with *, such as 2026-*",
-            remedy="correct it, or set raw_dir",
-        )
+        raise _refusal("no pattern", "campaigns", asked, raw_dir)
     names = sorted(path.parent.name for path in raw_dir.glob(f"{pattern}/campaign.yaml"))
     return _checked([(f"{raw_dir}/{name}", Listed(name, name)) for name in names], asked)
 
@@ -74,21 +69,11 @@ def _of_table(path: Path) -> list[tuple[str, Listed]]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file, strict=True) if any(map(str.strip, row))]
     except (OSError, ValueError, csv.Error) as error:
-        raise SettingsError(
-            "the table of campaigns cannot be read",
-            where=str(path),
-            value=getattr(error, "strerror", None) or str(error),
-            allowed="UTF-8 text, columns divided by commas",
-            remedy="check the path and the file",
-        ) from None
+        raise _refusal("unreadable", path, getattr(error, "strerror", None) or str(error)) from None
     header = [word.strip() for word in rows[0]] if rows else []
     if "campaign" not in header or len(set(header)) < len(header):
-        raise SettingsError(
-            "the table of campaigns has no column campaign, or a column twice",
-            where=f"{path}, line 1",
-            value=",".join(header),
-            allowed=f"the column {_COLUMNS[0]} and, where known, {' and '.join(_COLUMNS[1:])}",
-            remedy="name the columns in its first line",
+        raise _refusal(
+            "columns", f"{path}, line 1", ",".join(header), _COLUMNS[0], " and ".join(_COLUMNS[1:])
         )
     found = []
     for number, row in enumerate(rows[1:], start=2):
@@ -101,31 +86,13 @@ def _of_table(path: Path) -> list[tuple[str, Listed]]:
 
 def _checked(found: list[tuple[str, Listed]], asked: str) -> tuple[Listed, ...]:
     if not found:
-        raise SettingsError(
-            "there are no campaigns",
-            where="campaigns",
-            value=asked,
-            allowed="at least one campaign",
-            remedy="list some in the table, or correct the pattern or raw_dir",
-        )
+        raise _refusal("none", "campaigns", asked)
     seen: dict[str, str] = {}
     for where, listed in found:
         if not fits_a_folder(listed.campaign):
-            raise SettingsError(
-                "no name of a campaign",
-                where=where,
-                value=listed.campaign,
-                allowed=ALLOWED,
-                remedy="rename its folder, or correct the table",
-            )
+            raise _refusal("no name", where, listed.campaign, ALLOWED)
         if listed.campaign in seen:
-            raise SettingsError(
-                "a campaign stands twice",
-                where=where,
-                value=listed.campaign,
-                allowed=f"each campaign once; it stands in {seen[listed.campaign]} too",
-                remedy="remove one of the two",
-            )
+            raise _refusal("twice", where, listed.campaign, seen[listed.campaign])
         seen[listed.campaign] = where
     return tuple(listed for _, listed in found)
 

@@ -18,13 +18,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.frame.knocked_targets import (
-    Knock,
-    misfits,
-    without_knocked,
-    wrong_by_themselves,
-    wrong_in_shape,
-)
+from pa10cal.frame import knocked_targets
 from pa10cal.frame.rigid_fit import by_small_motion
 
 Form = Literal["still", "walk", "each"]
@@ -65,7 +59,7 @@ class BaseMotion:
     cov: Array  # (P, 6, 6) their covariance; of a turn that does not show, how large it may be
     noise: float  # standard deviation of the readings over that stated
     turns: bool  # whether the targets show turns
-    knocked: tuple[Knock, ...]  # targets that moved against the others
+    knocked: tuple[knocked_targets.Knock, ...]  # targets that moved against the others
     wrong: Mask  # (P, K) single readings that are not of their target
     used: Mask  # (P, K) readings that the motion rests on
 
@@ -81,9 +75,9 @@ def common_motion(time_s: Array, p_m: Array, u_m: Array) -> BaseMotion:
     ever: Mask = np.asarray(np.isfinite(p_m[..., 0]).any(axis=0))
     if not ever.all():
         return _of_all_targets(common_motion(time_s, p_m[:, ever], u_m[:, ever]), ever)
-    wrong = wrong_by_themselves(p_m, u_m)
-    knocked, kept_m = without_knocked(np.where(wrong[..., None], np.nan, p_m), u_m)
-    wrong |= (off := wrong_in_shape(kept_m, u_m))
+    wrong = knocked_targets.wrong_by_themselves(p_m, u_m)
+    knocked, kept_m = knocked_targets.without_knocked(np.where(wrong[..., None], np.nan, p_m), u_m)
+    wrong |= (off := knocked_targets.wrong_in_shape(kept_m, u_m))
     kept_m[off] = np.nan
     readings = _Readings.of(time_s, kept_m, u_m)
     found = readings.best()
@@ -242,7 +236,7 @@ class _Readings:
         if _share(seen, lambda pattern: pattern.sum() > 1) < _MOSTLY:
             shift2 = float(np.mean(np.sum(fit.motion**2, axis=1)))
             return shift2 / (2.0 * max(float(np.linalg.norm(self.about_m)), _NEAR_M) ** 2)
-        square, count = misfits(self.p_m, self.u_m, fit.places_m)
+        square, count = knocked_targets.misfits(self.p_m, self.u_m, fit.places_m)
         noise = float(square.sum() / max(count.sum(), 1))
         rows = seen.sum(axis=1) > 1
         arms = by_small_motion(fit.places_m - self.about_m)[..., 3:]

@@ -20,17 +20,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation, taken
-from pa10cal.errors import CalibrationError
+from pa10cal.errors import CalibrationError, refusals_beside
 from pa10cal.frame.rigid_fit import Located, by_small_motion
-from pa10cal.numerics.least_squares import (
-    COST_TOLERANCE,
-    OPEN,
-    Linearised,
-    Split,
-    axis_text,
-    descend,
-    split_identified,
-)
+from pa10cal.numerics import least_squares
 
 #: How far from the target an error of orientation counts as the error of position it makes there.
 LEVER_M = 0.5
@@ -43,6 +35,7 @@ _MOST_POSES, _MOST_DISTANCES = 100, 300
 PASSES = 2
 #: Part of the cost that makes no difference between two starts.
 _ROUGHLY = 1e-6
+_refusal = refusals_beside(__file__, CalibrationError)
 
 
 @dataclass(frozen=True)
@@ -77,13 +70,7 @@ class TargetProblem:
         poses = int(np.count_nonzero(np.isfinite(p_instr_m[..., 0]).any(axis=1)))
         least, what, place = _NEEDED_POSES if d_m is None else _NEEDED_DISTANCES
         if poses < least:
-            raise CalibrationError(
-                f"too few {what}",
-                where=f"poses for the {place}",
-                value=poses,
-                allowed=f"at least {least}",
-                remedy="measure more poses",
-            )
+            raise _refusal("too few", f"poses for the {place}", poses, what, least)
         weights = np.ones(len(T_base_ee)) if weights is None else weights
         p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
         return cls(p_m, R, p_instr_m, R_instr_target, weights, p_ee_stated_m, d_m)
@@ -163,7 +150,7 @@ def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array)
 
 def refined(
     problem: TargetProblem, guess: Guess, *, roughly: bool = False
-) -> tuple[Guess, Linearised, Split]:
+) -> tuple[Guess, least_squares.Linearised, least_squares.Split]:
     """Refine a guess, holding what of the targets the base can mimic.
 
     Args:
@@ -176,15 +163,15 @@ def refined(
     all_moved = False
     for _ in range(1 if roughly else PASSES):
         whole, own = _linearise(problem, guess).by_step, problem.of_base
-        split = split_identified(whole[:, own:], whole[:, :own])
+        split = least_squares.split_identified(whole[:, own:], whole[:, :own])
         if all_moved and not split.unidentified.size:
             break
         all_moved = not split.unidentified.size
-        guess, at = descend(
+        guess, at = least_squares.descend(
             guess,
             partial(_linearise, problem, free=split.identified),
             partial(_moved, own=own, free=split.identified),
-            _ROUGHLY if roughly else COST_TOLERANCE,
+            _ROUGHLY if roughly else least_squares.COST_TOLERANCE,
         )
     return guess, at, split
 
@@ -219,7 +206,9 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
     ).as_rotvec()
 
 
-def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = None) -> Linearised:
+def _linearise(
+    problem: TargetProblem, guess: Guess, *, free: Array | None = None
+) -> least_squares.Linearised:
     """Return the problem in the step of `_moved`; with all of the targets where none is named.
 
     The derivative of a squared angle by a small turn is exact also where the angle is not small.
@@ -248,7 +237,7 @@ def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = Non
     if free is not None:
         own = problem.of_base
         by_step = np.hstack([by_step[:, :own], by_step[:, own:] @ free])
-    return Linearised(by_step, np.concatenate(residual).ravel())
+    return least_squares.Linearised(by_step, np.concatenate(residual).ravel())
 
 
 #: A start turned by less than this from where another led, leads there too [rad].
@@ -325,23 +314,13 @@ def hand_eye_from_points(
     times = np.isfinite(p_instr_m[..., 0]).sum(axis=0)
     unseen = [name for name, seen in zip(named, times, strict=True) if not seen]
     if unseen:
-        raise CalibrationError(
-            f"{unseen[0]} was not observed in any pose",
-            where="poses for the base frame",
-            allowed="targets observed in some of the poses",
-            remedy="remove this target, or measure it",
-        )
+        raise _refusal("unseen", "poses for the base frame", None, unseen[0])
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights)
     few = problem.thinned()
     turns = _by_positions(few)
     if not turns:
-        raise CalibrationError(
-            "the positions are collinear or coincide, so the turn of the base about them is free",
-            where="poses for the base frame",
-            allowed="poses whose positions span a plane",
-            remedy="measure poses further apart across the line",
-        )
+        raise _refusal("collinear", "poses for the base frame")
     return _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named)
 
 
@@ -382,7 +361,7 @@ def ranging(
 def _best(problem: TargetProblem, starts: Sequence[Guess], names: list[str]) -> Located:
     """Return the best of all refined starts; some of the poses decide which is best."""
     few, directional = problem.thinned(), problem.d_m is None
-    ends: list[tuple[Guess, Linearised, Split]] = []
+    ends: list[tuple[Guess, least_squares.Linearised, least_squares.Split]] = []
     for start in starts:
         if not (directional and any(_leads_to(start, guess) for guess, _, _ in ends)):
             ends.append(refined(few, start, roughly=few is not problem))
@@ -421,15 +400,10 @@ def _leads_to(start: Guess, guess: Guess) -> bool:
 def _refuse_open_point(by_point: Array) -> None:
     """Refuse poses from which the fixed point is seen in directions of a plane or a line."""
     _, size, directions = np.linalg.svd(by_point, full_matrices=False)
-    if size[2] > OPEN * size[0]:
+    if size[2] > least_squares.OPEN * size[0]:
         return
-    raise CalibrationError(
-        "the distances do not identify the fixed point",
-        where="poses for the fixed point",
-        value=f"along {axis_text(directions[2])} of the base",
-        allowed="poses that surround the fixed point's direction on all sides",
-        remedy="measure poses further apart along that direction",
-    )
+    open_along = f"along {least_squares.axis_text(directions[2])} of the base"
+    raise _refusal("not identified", "poses for the fixed point", open_along)
 
 
 def _by_positions(problem: TargetProblem) -> list[Array]:
@@ -438,7 +412,7 @@ def _by_positions(problem: TargetProblem) -> list[Array]:
     mean = np.average(problem.p_instr_m, axis=0, weights=root[:, 0] ** 2)
     off = root * (problem.p_instr_m - mean)
     spread = np.linalg.svd(off, compute_uv=False)
-    if spread[1] <= max(OPEN * spread[0], LEAST_SPREAD_M * np.linalg.norm(root)):
+    if spread[1] <= max(least_squares.OPEN * spread[0], LEAST_SPREAD_M * np.linalg.norm(root)):
         return []
     stated = problem.in_base(problem.p_ee_stated_m)
     stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
@@ -522,13 +496,15 @@ def _said(direction: Array, names: Sequence[str]) -> str:
     places, turn = direction[: 3 * len(names)].reshape(-1, 3), direction[3 * len(names) :]
     parts = []
     if len(names) > 1 and np.abs(places - places[0]).max() < 1e-6:
-        parts.append(f"all targets along {axis_text(places[0])}")
+        parts.append(f"all targets along {least_squares.axis_text(places[0])}")
     else:
         moved = np.linalg.norm(places, axis=1) > 1e-6
         named = zip(names, places, strict=True)
         parts += [
-            f"{k} along {axis_text(p)}" for (k, p), far in zip(named, moved, strict=True) if far
+            f"{k} along {least_squares.axis_text(p)}"
+            for (k, p), far in zip(named, moved, strict=True)
+            if far
         ]
     if len(turn) and np.linalg.norm(turn) > 1e-6:
-        parts.append(f"{names[0]} about {axis_text(turn)}")
+        parts.append(f"{names[0]} about {least_squares.axis_text(turn)}")
     return " with ".join(parts)

@@ -44,23 +44,17 @@ from pa10cal.lab.cell.scenario import Trial
 from pa10cal.lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of
 from pa10cal.lab.cell.write import Places as WrittenPlaces
 from pa10cal.lab.cell.write import write_campaign
+from pa10cal.results import trials as records
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
-from pa10cal.results.trials import (
-    FailedTrialRecord,
-    HiddenEffect,
-    JudgedTrialRecord,
-    PutIn,
-    TrialHealth,
-    TrialTruthRecord,
-    TrialVerdictRecord,
-)
 from pa10cal.stages.pipeline import CampaignFiles, Stage, stages
 from pa10cal.terms.joint_spring import JointSpring
 
 
-def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, TrialTruthRecord]:
+def try_trial(
+    trial: Trial, options: ChainOptions
+) -> tuple[records.TrialVerdictRecord, records.TrialTruthRecord]:
     """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped.
 
     Args:
@@ -78,15 +72,17 @@ def try_trial(trial: Trial, options: ChainOptions) -> tuple[TrialVerdictRecord, 
             last = "evaluate" if trial.kind in WILD_KINDS else "discover"
             found, left_out = judged_by_stages(folders, results, calibration, options, last)
             seconds = time.process_time() - began
-            verdict: TrialVerdictRecord = _judged(
+            verdict: records.TrialVerdictRecord = _judged(
                 found, calibration, left_out, seconds=seconds, seconds_simulating=simulating
             )
         except Pa10calError as error:
             # What can be calibrated is not withheld, so discovery that refuses is a crash.
             refused = calibration is None
-            verdict = FailedTrialRecord(campaign=trial.name, failed=str(error), refused=refused)
+            verdict = records.FailedTrialRecord(
+                campaign=trial.name, failed=str(error), refused=refused
+            )
         except Exception as error:
-            verdict = FailedTrialRecord(campaign=trial.name, failed=_crash(error))
+            verdict = records.FailedTrialRecord(campaign=trial.name, failed=_crash(error))
     return verdict, _truth(trial, places, calibration, options)
 
 
@@ -132,7 +128,7 @@ def _truth(
     places: WrittenPlaces,
     calibration: CalibrationRecord | None,
     options: ChainOptions,
-) -> TrialTruthRecord:
+) -> records.TrialTruthRecord:
     """Return what a trial hides, how it was measured, and how far that moves the residual [mm].
 
     Root mean square over the poses fitted of the difference of what the calibrated model leaves to
@@ -169,8 +165,8 @@ def _truth(
         each = DISTURBANCES[entry.id]
         moved = moved_by(twin) if each.measured else None
         about = {name: getattr(each, name) for name in ("id", "stressor", "kinds", "measured")}
-        put_in.append(PutIn(**about, where=where, moved_mm=moved))
-    return TrialTruthRecord(
+        put_in.append(records.PutIn(**about, where=where, moved_mm=moved))
+    return records.TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
         measured=WILD if trial.kind in WILD_KINDS else measured,
@@ -179,7 +175,9 @@ def _truth(
         temperature_drift_C=settings.temperature_drift_C,
         flexible_joints=(settings if plan is None else plan).flexible_joints,
         hidden_effects=tuple(
-            HiddenEffect(**effect.model_dump(mode="json"), size=size, moved_mm=of, apart_mm=part)
+            records.HiddenEffect(
+                **effect.model_dump(mode="json"), size=size, moved_mm=of, apart_mm=part
+            )
             for effect, size, of, part in zip(
                 settings.hidden_effects, trial.sizes, residual_mm, partial_mm, strict=True
             )
@@ -271,16 +269,16 @@ def _judged(
     calibration: CalibrationRecord,
     left_out: tuple[str, ...],
     **seconds: float,
-) -> JudgedTrialRecord:
+) -> records.JudgedTrialRecord:
     """Return the record of a verdict on a trial, with the processor times that it took [s]."""
     *_, model = models_of(calibration, verdict.campaign).values()
     health = calibration.health
-    return JudgedTrialRecord(
+    return records.JudgedTrialRecord(
         **{name: getattr(verdict, name) for name in VerdictKeys.model_fields},
         **seconds,
         campaign=verdict.campaign,
         springs=tuple(term.joint for term in model.model.terms if isinstance(term, JointSpring)),
-        health=TrialHealth(
+        health=records.TrialHealth(
             grade=health.grade,
             findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
             left_out=left_out,

@@ -24,18 +24,7 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 
 from pa10cal.arrays import Array
-from pa10cal.lab.blind_trial import (
-    CHECK,
-    DRIVES,
-    LARGE,
-    LIMIT,
-    LINE,
-    MAP,
-    OUTSIDE,
-    TRACKED,
-    WILD,
-    BlindTrial,
-)
+from pa10cal.lab import blind_trial
 from pa10cal.lab.cell.measured_trials import SORTED, SUBJECTS, UNSTATED
 from pa10cal.results import trials as results
 
@@ -43,10 +32,10 @@ LEVEL = 0.95
 _AS_MEASURED = "arms, their lengths, weights and springs, poses, noise and hidden effects"
 #: What is drawn of the trials of each study.
 _DRAWN = {
-    **dict.fromkeys(("touched", TRACKED), "robots, poses, noise and hidden effects"),
-    WILD: "robots, poses, noise, stressors, faults and hidden effects",
+    **dict.fromkeys(("touched", blind_trial.TRACKED), "robots, poses, noise and hidden effects"),
+    blind_trial.WILD: "robots, poses, noise, stressors, faults and hidden effects",
     **dict.fromkeys(("unstated", "sorted"), _AS_MEASURED),
-    DRIVES: "robots, poses, noise, errors of drives and ripple",
+    blind_trial.DRIVES: "robots, poses, noise, errors of drives and ripple",
 }
 
 # The tables: a row a trial, a hidden effect, a fault, a parameter.
@@ -54,7 +43,7 @@ _DRAWN = {
 TableName = Literal["trials", "effects", "faults", "parameters"]
 
 
-def tables_of(trials: Sequence[BlindTrial]) -> dict[TableName, pd.DataFrame]:
+def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.DataFrame]:
     """Return trials as tables; `held_over_null` is relative to campaigns that hide nothing."""
     by_trial = pd.DataFrame([_trial_row(t) for t in trials])
     if len(by_trial):
@@ -72,7 +61,7 @@ def tables_of(trials: Sequence[BlindTrial]) -> dict[TableName, pd.DataFrame]:
     }
 
 
-def _trial_row(t: BlindTrial) -> dict[str, Any]:
+def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
     verdict, own = t.verdict, t.without_springs()
     above = [hidden for hidden in t.hidden if t.is_above(hidden)]
     hidden = {each.name for each in t.hidden}
@@ -90,7 +79,7 @@ def _trial_row(t: BlindTrial) -> dict[str, Any]:
         "first": t.hidden[0].id if t.hidden else "",
         "extra": t.extra(),
         "confidently_wrong": t.is_confidently_wrong(),
-        "right_place": t.kind == OUTSIDE and t.has_right_place(),
+        "right_place": t.kind == blind_trial.OUTSIDE and t.has_right_place(),
         "all_listed": t.matched(t.hidden) == len(t.hidden),
         "has_above": bool(above),
         "above_listed": t.matched(above) == len(above),
@@ -101,10 +90,10 @@ def _trial_row(t: BlindTrial) -> dict[str, Any]:
         "undisturbed": not any(each.kinds or each.measured for each in t.put_in),
         "disturbed": t.hides_much() or any(map(t.matters, t.put_in)),
         "false_name": own.extra() > 0,
-        "confident_false_name": own.is_confidently_wrong(CHECK),
+        "confident_false_name": own.is_confidently_wrong(blind_trial.CHECK),
         "wrong_name": t.has_wrong_name(),
         "false_drive_name": any(
-            each.id != MAP and not hidden & set(each.all_names) for each in t.effects
+            each.id != blind_trial.MAP and not hidden & set(each.all_names) for each in t.effects
         ),
         "false_comfort": t.has_false_comfort(),
         "worse": t.is_worse(),
@@ -116,7 +105,8 @@ def _trial_row(t: BlindTrial) -> dict[str, Any]:
     if verdict is not None:
         row |= {
             "says_something": verdict.says_something,
-            "nameless": bool(verdict.places) or any(e.id in (MAP, LINE) for e in t.effects),
+            "nameless": bool(verdict.places)
+            or any(e.id in (blind_trial.MAP, blind_trial.LINE) for e in t.effects),
             "held_out_mm": verdict.held_out_after_mm or np.nan,
             "seconds": verdict.seconds,
             "whole_seconds": verdict.seconds + verdict.seconds_simulating + t.truth.seconds_twin,
@@ -124,7 +114,7 @@ def _trial_row(t: BlindTrial) -> dict[str, Any]:
     return row
 
 
-def _effect_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
+def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
     for k, hidden in enumerate(t.hidden):
         named, beside, nan = t.names(hidden), t.alternatives(hidden), float("nan")
         yield dict(t.judged_effect(hidden)) | {
@@ -142,7 +132,7 @@ def _effect_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
         }
 
 
-def _fault_rows(t: BlindTrial) -> Iterator[dict[str, Any]]:
+def _fault_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
     for each in t.put_in:
         about = {"campaign": t.truth.campaign, "has_fault": t.has_fault()}
         yield about | {"matters": t.matters(each), "told": t.is_told(each)}
@@ -230,12 +220,12 @@ def share_of(outcomes: Collection[Any]) -> dict[str, Any]:
     return {"count": count, "reached": count / of, "low": float(low), "high": float(high)}
 
 
-def _study(trial: BlindTrial) -> str:
+def _study(trial: blind_trial.BlindTrial) -> str:
     """Return which figures a trial counts in."""
     return {UNSTATED: "unstated", SORTED: "sorted"}.get(trial.kind, trial.truth.measured)
 
 
-def scores_record(trials: Sequence[BlindTrial]) -> results.TrialScoresRecord:
+def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScoresRecord:
     """Return what trials of one study come to."""
     tables = tables_of(trials)
     studies = {_study(trial) for trial in trials} or {"touched"}
@@ -267,7 +257,7 @@ _COUNTED = ("crashed", "refused", "false_comfort", "worse", "unexplained")
 
 
 def _subjects(
-    trials: Sequence[BlindTrial], by_trial: pd.DataFrame
+    trials: Sequence[blind_trial.BlindTrial], by_trial: pd.DataFrame
 ) -> tuple[results.OutcomeCounts, ...]:
     """Return what became of all that trials hide or put in, by kind of trial and id."""
     number: Counter[tuple[str, str]] = Counter()
@@ -282,15 +272,17 @@ def _subjects(
     )
 
 
-def _outcomes(t: BlindTrial, row: Mapping[Any, Any]) -> Iterator[tuple[str, Mapping[str, int]]]:
+def _outcomes(
+    t: blind_trial.BlindTrial, row: Mapping[Any, Any]
+) -> Iterator[tuple[str, Mapping[str, int]]]:
     """Yield what a trial counts under, and as what; see `OutcomeCounts`."""
-    if t.truth.measured == DRIVES:
+    if t.truth.measured == blind_trial.DRIVES:
         erring = () if t.kind == "neither" else t.hidden
         for of in dict.fromkeys(hidden.of for hidden in erring):
             yield "joint", {t.drive_outcome(of): 1}
         return
-    if t.truth.measured != WILD:
-        if t.kind in ("single", OUTSIDE):
+    if t.truth.measured != blind_trial.WILD:
+        if t.kind in ("single", blind_trial.OUTSIDE):
             yield t.hidden[0].id, {t.outcome(t.hidden[0]): 1}
         return
     as_measured = t.kind in SUBJECTS
@@ -305,7 +297,7 @@ def _outcomes(t: BlindTrial, row: Mapping[Any, Any]) -> Iterator[tuple[str, Mapp
         hidden = [each for each in t.hidden if not as_measured or each.id == id]
         told = [t.is_told(each) for each in t.put_in if t.matters(each)]
         if as_measured:
-            told = [t.lists(each) for each in hidden if (t.ratio(each) or 0.0) >= LIMIT]
+            told = [t.lists(each) for each in hidden if (t.ratio(each) or 0.0) >= blind_trial.LIMIT]
         found = sum(map(t.lists, hidden))
         yield id, counted | {"above_noise": len(told), "told": sum(told), "found": found}
 
@@ -315,7 +307,7 @@ def _outcomes(t: BlindTrial, row: Mapping[Any, Any]) -> Iterator[tuple[str, Mapp
 _AXES = "xyz"
 
 
-def parameter_scores(trials: Iterable[BlindTrial]) -> Iterator[results.ParameterScore]:
+def parameter_scores(trials: Iterable[blind_trial.BlindTrial]) -> Iterator[results.ParameterScore]:
     """Score the parameters of every finding that is what was hidden, at its place.
 
     Of phases the difference modulo a turn counts, with the sign of an amplitude taken into the
@@ -325,7 +317,11 @@ def parameter_scores(trials: Iterable[BlindTrial]) -> Iterator[results.Parameter
     for hidden, named in (
         (each, named) for t in trials for each in t.hidden for named in t.effects
     ):
-        truth = true_parameters(hidden) if named.name == hidden.name and hidden.id != MAP else {}
+        truth = (
+            true_parameters(hidden)
+            if named.name == hidden.name and hidden.id != blind_trial.MAP
+            else {}
+        )
         for name, found in named.parameters.items():
             if name in truth and found.std > 0.0:
                 off = found.value - truth[name]
@@ -357,7 +353,7 @@ _STEEP = 5.0
 #: of them are where the residual is `LIMIT` and `LARGE` times the floor.
 MOVED_EDGES = (
     *(0.0, 0.1, 0.2, 0.4),
-    *(float(np.sqrt(ratio**2 - 1.0)) for ratio in (LIMIT, LARGE)),
+    *(float(np.sqrt(ratio**2 - 1.0)) for ratio in (blind_trial.LIMIT, blind_trial.LARGE)),
     *(8.0, np.inf),
 )
 #: Less than this counts as this; keeps logarithms finite.

@@ -41,7 +41,7 @@ from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.quantities import Start, Stated
 from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibratedParameter
-from pa10cal.results.truth import TrueParameter
+from pa10cal.results.trials import TrueParameter
 from pa10cal.terms.joint_spring import JointSpring, baseline
 
 _TEMPERATURE_C = 20.0

@@ -22,24 +22,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, Rows, homogeneous, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
-from pa10cal.observe.quantities import (
-    MM,
-    MM_RAD_TO_SI,
-    Comparison,
-    Deviations,
-    Misfit,
-    RawColumns,
-    Start,
-    Stated,
-    Unusable,
-    Words,
-    by_end_and_targets,
-    carried_targets,
-    columns_of_covariance,
-    columns_of_places,
-    covariance_of,
-    places_of,
-)
+from pa10cal.observe import quantities
 from pa10cal.terms.term import TermParameter
 
 #: How the base is found before any calibration, as `seed/base_frame.json` has it.
@@ -60,7 +43,7 @@ class Instrument(ABC):
     kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml
     # how `locate` finds the base, a word of `seed/base_frame.json`
     locates_by: ClassVar[LocatingMethod] = "nominal_arm"
-    words: ClassVar[Words]  # how captions speak of its errors
+    words: ClassVar[quantities.Words]  # how captions speak of its errors
     # whether it measures position and orientation, as the paper's model needs
     measures_pose: ClassVar[bool] = False
     # whether its raw data are touches and a resolver log, as in the paper
@@ -128,7 +111,7 @@ class Instrument(ABC):
 
     @classmethod
     @abstractmethod
-    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Instrument:
+    def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Instrument:
         """Return what it would measure of poses (P, 4, 4), all targets in sight, as stated.
 
         Raises:
@@ -163,7 +146,7 @@ class Instrument(ABC):
         )
 
     @abstractmethod
-    def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
+    def compare(self, T_instr_ee: Array, targets_m: Array) -> quantities.Comparison:
         """Compare predicted poses of the end of the chain with what was measured."""
 
     def end_poses(self, T_instr_ee: Array) -> Array:
@@ -175,8 +158,8 @@ class Instrument(ABC):
 
         The pose that follows false readings is the one whose targets are nearest to them.
         """
-        p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
-        by_end, _ = by_end_and_targets(T_instr_ee, arms)
+        p_instr_m, arms = quantities.carried_targets(T_instr_ee, targets_m)
+        by_end, _ = quantities.by_end_and_targets(T_instr_ee, arms)
         by_reading = np.linalg.pinv(by_end.reshape(len(T_instr_ee), -1, 6))
         R = T_instr_ee[:, :3, :3].transpose(0, 2, 1)
         return ObservedTargets(
@@ -230,12 +213,14 @@ class Instrument(ABC):
             CalibrationError: when the poses do not determine them.
         """
 
-    def find_start(self, T_base_ee: Array) -> Start:
+    def find_start(self, T_base_ee: Array) -> quantities.Start:
         """Find where a fit starts from nominal poses (P, 4, 4); see `locate`."""
         found = self.locate(T_base_ee)
         T_ee_target = np.eye(4) if found.T_ee_target is None else found.T_ee_target
         targets_m = np.zeros(0) if found.p_ee_targets_m is None else found.p_ee_targets_m.ravel()
-        return Start(found.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m)
+        return quantities.Start(
+            found.T_instr_base, T_ee_target[:3, 3], T_ee_target[:3, :3], targets_m
+        )
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         """Return the target (4, 4) in the end-effector frame, with a base frame that is known.
@@ -252,7 +237,7 @@ class Instrument(ABC):
         """
 
     @abstractmethod
-    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> quantities.Misfit:
         """Fit the nominal model to some poses, weighted, and return how far every pose is from it.
 
         Raises:
@@ -277,7 +262,9 @@ class Instrument(ABC):
         return T_base_ee
 
     @abstractmethod
-    def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
+    def deviations(
+        self, T_base_ee: Array, T_instr_base: Array, targets_m: Array
+    ) -> quantities.Deviations:
         """Compare predictions with measurements, configuration by configuration."""
 
     @property
@@ -288,7 +275,7 @@ class Instrument(ABC):
 
     @classmethod
     @abstractmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+    def from_columns(cls, columns: Mapping[str, Array], stated: quantities.Stated) -> Self:
         """Read P poses from columns (P,) of the table of poses."""
 
     @abstractmethod
@@ -297,22 +284,28 @@ class Instrument(ABC):
 
     @classmethod
     @abstractmethod
-    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
+    def raw_columns(cls, header: Sequence[str]) -> quantities.RawColumns:
         """Return the columns of `files.poses` that hold what it measured."""
 
     @classmethod
-    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
+    def unusable(
+        cls, columns: quantities.RawColumns, values: Array
+    ) -> Iterable[quantities.Unusable]:
         """Return rows (N, k) of these columns that are no measurement; no row twice."""
         return ()
 
     @classmethod
-    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
+    def raw_notes(
+        cls, columns: quantities.RawColumns, stated: quantities.Stated
+    ) -> tuple[str, ...]:
         """Return what the reader should know of its columns, one clause each."""
         return ()
 
     @classmethod
     @abstractmethod
-    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Instrument:
+    def from_raw(
+        cls, columns: quantities.RawColumns, values: Array, u: Array, stated: quantities.Stated
+    ) -> Instrument:
         """Read P rows of `files.poses`.
 
         Args:
@@ -415,7 +408,7 @@ class BaseTargets:
     @property
     def about_m(self) -> Array:
         """Return the point (3,) about which they turn."""
-        return MM * np.array(self.found.about_mm if self.found else (0.0, 0.0, 0.0))
+        return quantities.MM * np.array(self.found.about_mm if self.found else (0.0, 0.0, 0.0))
 
     @property
     def cov_at_origin(self) -> Array:
@@ -427,10 +420,10 @@ class BaseTargets:
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Return columns (P,) of the table of poses."""
-        columns = columns_of_places(self.names, self.p_instr_m)
-        columns |= columns_of_places([f"{name}_u" for name in self.names], self.u_m)
-        columns |= dict(zip(_MOTION, (self.motion / MM_RAD_TO_SI).T, strict=True))
-        return columns | columns_of_covariance(self.motion_cov, _COV)
+        columns = quantities.columns_of_places(self.names, self.p_instr_m)
+        columns |= quantities.columns_of_places([f"{name}_u" for name in self.names], self.u_m)
+        columns |= dict(zip(_MOTION, (self.motion / quantities.MM_RAD_TO_SI).T, strict=True))
+        return columns | quantities.columns_of_covariance(self.motion_cov, _COV)
 
     @classmethod
     def from_columns(
@@ -444,9 +437,9 @@ class BaseTargets:
         )
         return cls(
             names,
-            places_of(columns, names),
-            places_of(columns, [f"{name}_u" for name in names]),
-            MM_RAD_TO_SI * np.column_stack([columns[name] for name in _MOTION]),
-            covariance_of(columns, _COV),
+            quantities.places_of(columns, names),
+            quantities.places_of(columns, [f"{name}_u" for name in names]),
+            quantities.MM_RAD_TO_SI * np.column_stack([columns[name] for name in _MOTION]),
+            quantities.covariance_of(columns, _COV),
             found,
         )

@@ -12,14 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, homogeneous
+from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
-from pa10cal.frame.rigid_fit import (
-    Located,
-    by_small_motion,
-    cross_matrix,
-    scale_of_distances,
-    scale_of_points,
-)
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,
@@ -108,7 +102,7 @@ class Points(Instrument):
 
     def in_frame(self, T: Array) -> Self:
         R = T[:3, :3]
-        along = np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
+        along = np.block([[R, rigid_fit.cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
         return replace(
             self,
             p_instr_m=self.p_instr_m @ R.T + T[:3, 3],
@@ -152,7 +146,7 @@ class Points(Instrument):
         own = cov.reshape(count, 3 * targets, 3 * targets)
         if self.motion_cov is None:
             return own
-        by_motion = by_small_motion(np.nan_to_num(self.p_instr_m))
+        by_motion = rigid_fit.by_small_motion(np.nan_to_num(self.p_instr_m))
         along = (by_motion * np.isfinite(self.p_instr_m)[..., None]).reshape(count, -1, 6)
         return np.asarray(own + along @ self.motion_cov @ along.swapaxes(1, 2))
 
@@ -169,7 +163,7 @@ class Points(Instrument):
         seen = np.isfinite(self.p_instr_m[..., 0])
         return (f"targets {', '.join(self.names)} seen {seen.sum()} times of {seen.size}",)
 
-    def locate(self, T_base_ee: Array) -> Located:
+    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
         found = hand_eye_from_points(
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
         )
@@ -178,7 +172,9 @@ class Points(Instrument):
     def scale(self, T_base_ee: Array) -> float | None:
         seen = np.isfinite(self.p_instr_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
-        return scale_of_points(self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]])
+        return rigid_fit.scale_of_points(
+            self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]]
+        )
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         found = hand_eye_from_points(T_base_ee[used], self.p_instr_m[used], weights=weights)
@@ -359,7 +355,7 @@ class Distance(Instrument):
     def places_m(self) -> Array:
         return self.d_m[:, None, None]
 
-    def locate(self, T_base_ee: Array) -> Located:
+    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
         """Find fixed point and target by ranging.
 
         Distances show no orientation of the instrument's frame: its axes are along those of the
@@ -370,7 +366,7 @@ class Distance(Instrument):
         return replace(found, T_instr_base=T_instr_base, stated=self.p_ee_stated_m is not None)
 
     def scale(self, T_base_ee: Array) -> float | None:
-        return scale_of_distances(self.d_m, T_base_ee)
+        return rigid_fit.scale_of_distances(self.d_m, T_base_ee)
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         found = ranging(T_base_ee[used], self.d_m[used], weights=weights)

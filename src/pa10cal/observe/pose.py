@@ -14,31 +14,11 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
+from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.rigid_fit import (
-    Located,
-    cross_matrix,
-    fit_rigid_weighted,
-    pose_by_source,
-    pose_error,
-    scale_of_points,
-    seed_from_nominal,
-)
+from pa10cal.observe import quantities
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points
-from pa10cal.observe.quantities import (
-    MM,
-    MM_RAD_TO_SI,
-    Comparison,
-    Deviations,
-    Misfit,
-    RawColumns,
-    Stated,
-    Unusable,
-    Words,
-    columns_of_covariance,
-    covariance_of,
-)
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
 RAW_QUATERNION = ("qw", "qx", "qy", "qz")
@@ -69,7 +49,7 @@ class Pose(Instrument):
 
     kind: ClassVar[str] = "pose"
     locates_by: ClassVar[LocatingMethod] = "hand_eye_poses"
-    words: ClassVar[Words] = Words(
+    words: ClassVar[quantities.Words] = quantities.Words(
         "tracker that measures position and orientation of a target",
         "position error",
         "Errors are distances of the target, predicted from measured.",
@@ -102,7 +82,7 @@ class Pose(Instrument):
     def steadied(self, base: BaseTargets) -> Self:
         T = np.linalg.inv(base.T_moved) @ self.T_instr_target
         by_motion = np.tile(np.eye(6), (len(T), 1, 1))
-        by_motion[:, :3, 3:] = -cross_matrix(T[:, :3, 3])
+        by_motion[:, :3, 3:] = -rigid_fit.cross_matrix(T[:, :3, 3])
         noise = by_motion @ base.cov_at_origin @ by_motion.swapaxes(1, 2)
         return replace(self, T_instr_target=T, cov=self.cov + noise)
 
@@ -110,7 +90,7 @@ class Pose(Instrument):
         return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))
 
     @classmethod
-    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Pose:
+    def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Pose:
         """Return the poses of the first target stated, of the end where none is.
 
         Orientations are as certain as stated, else as targets some centimetres apart make them.
@@ -122,14 +102,14 @@ class Pose(Instrument):
         cov = np.diag(np.repeat([stated.uncertainty_m**2, u_rad**2], 3))
         return Pose.of(T, np.broadcast_to(cov, (len(T), 6, 6)))
 
-    def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
+    def compare(self, T_instr_ee: Array, targets_m: Array) -> quantities.Comparison:
         count = len(T_instr_ee)
-        error = pose_error(T_instr_ee, self.T_instr_target)
+        error = rigid_fit.pose_error(T_instr_ee, self.T_instr_target)
         by_end = np.zeros((count, 6, 6))
         by_end[:, :3, :3] = np.eye(3)
         by_end[:, 3:, 3:] = error.by_rotation
         residual = np.concatenate([error.position_m, error.chord], axis=1)
-        return Comparison(residual, by_end, np.zeros((count, 6, 0)))
+        return quantities.Comparison(residual, by_end, np.zeros((count, 6, 0)))
 
     def end_poses(self, T_instr_ee: Array) -> Array:
         return self.T_instr_target
@@ -171,22 +151,22 @@ class Pose(Instrument):
     def places_m(self) -> Array:
         return self.T_instr_target[:, None, :3, 3]
 
-    def locate(self, T_base_ee: Array) -> Located:
+    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
         return hand_eye_from_poses(T_base_ee, self.T_instr_target)
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         return target_on_base(T_instr_base, T_base_ee, self.T_instr_target)
 
     def scale(self, T_base_ee: Array) -> float | None:
-        return scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
+        return rigid_fit.scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
 
-    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
+    def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> quantities.Misfit:
         T = self.T_instr_target
         found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights)
         modelled = found.targets(T_base_ee)[:, 0]
         turn = Rotation.from_matrix(T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2))
         length_m = np.linalg.norm(T[:, :3, 3] - modelled[:, :3, 3], axis=1)
-        return Misfit(length_m[:, None], np.asarray(turn.magnitude()))
+        return quantities.Misfit(length_m[:, None], np.asarray(turn.magnitude()))
 
     def in_frame(self, T: Array) -> Self:
         both = block_diag(T[:3, :3], T[:3, :3])
@@ -215,22 +195,24 @@ class Pose(Instrument):
         T[:, :3, :3] = turned
         return T
 
-    def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        error = pose_error(T_instr_base @ T_base_ee, self.T_instr_target)
+    def deviations(
+        self, T_base_ee: Array, T_instr_base: Array, targets_m: Array
+    ) -> quantities.Deviations:
+        error = rigid_fit.pose_error(T_instr_base @ T_base_ee, self.T_instr_target)
         to_base = T_instr_base[:3, :3]
         chord = np.linalg.norm(error.chord, axis=1)
         angle = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
         # The chord is twice the sine of half the angle.
         stretch = np.divide(angle, chord, out=np.ones_like(angle), where=chord > 0)
         position_mm = 1e3 * error.position_m @ to_base
-        return Deviations(
+        return quantities.Deviations(
             np.linalg.norm(position_mm, axis=1),
             position_mm,
             np.degrees(error.chord * stretch[:, None]) @ to_base,
         )
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+    def from_columns(cls, columns: Mapping[str, Array], stated: quantities.Stated) -> Self:
         T, cov = pose_of_columns(columns)
         return cls(T, cov, np.zeros((len(T), 6, 0)))
 
@@ -238,29 +220,33 @@ class Pose(Instrument):
         quaternion = Rotation.from_matrix(self.T_instr_target[:, :3, :3]).as_quat(
             canonical=True, scalar_first=True
         )
-        columns = dict(zip(_PLACE, self.T_instr_target[:, :3, 3].T / MM, strict=True))
+        columns = dict(zip(_PLACE, self.T_instr_target[:, :3, 3].T / quantities.MM, strict=True))
         columns |= dict(zip(_QUATERNION, quaternion.T, strict=True))
-        return columns | columns_of_covariance(self.cov, _COVARIANCE)
+        return columns | quantities.columns_of_covariance(self.cov, _COVARIANCE)
 
     @classmethod
-    def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        return RawColumns((RAW_PLACE,), RAW_QUATERNION)
+    def raw_columns(cls, header: Sequence[str]) -> quantities.RawColumns:
+        return quantities.RawColumns((RAW_PLACE,), RAW_QUATERNION)
 
     @classmethod
-    def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
+    def unusable(
+        cls, columns: quantities.RawColumns, values: Array
+    ) -> Iterable[quantities.Unusable]:
         length = np.linalg.norm(values[:, 3:], axis=1)
         off = np.abs(length - 1.0) >= _LENGTH_TOLERANCE
         found = (f"length {value:.4g}" for value in length[off])
-        return (Unusable(off, "the quaternion is not of unit length", found),)
+        return (quantities.Unusable(off, "the quaternion is not of unit length", found),)
 
     @classmethod
-    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Pose:
+    def from_raw(
+        cls, columns: quantities.RawColumns, values: Array, u: Array, stated: quantities.Stated
+    ) -> Pose:
         R = Rotation.from_quat(values[:, 3:], scalar_first=True).as_matrix()
         cov = np.zeros((len(values), 6, 6))
-        u_m = np.where(np.isnan(u[:, :3]), stated.uncertainty_m, MM * u[:, :3])
+        u_m = np.where(np.isnan(u[:, :3]), stated.uncertainty_m, quantities.MM * u[:, :3])
         cov[:, range(3), range(3)] = u_m**2
         cov[:, 3:, 3:] = _rotation_covariance(values[:, 3:], u[:, 3:], stated.uncertainty_m)
-        return Pose.of(homogeneous(R, MM * values[:, :3]), cov)
+        return Pose.of(homogeneous(R, quantities.MM * values[:, :3]), cov)
 
 
 def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array:
@@ -288,7 +274,7 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
         np.column_stack([columns[name] for name in names]) for names in (_PLACE, _QUATERNION)
     )
     R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    return homogeneous(R, MM * p_mm), covariance_of(columns, _COVARIANCE)
+    return homogeneous(R, quantities.MM * p_mm), quantities.covariance_of(columns, _COVARIANCE)
 
 
 # Tooling balls, located by touches: they give the pose of the end-effector.
@@ -306,7 +292,7 @@ class Touched(Pose):
 
     kind: ClassVar[str] = "touch_trigger_cmm"
     locates_by: ClassVar[LocatingMethod] = "rigid_fit_nominal"
-    words: ClassVar[Words] = Words(
+    words: ClassVar[quantities.Words] = quantities.Words(
         "coordinate measuring machine that touches balls on the end-effector",
         "position error",
         "Errors are distances of the end-effector, predicted from measured.",
@@ -328,23 +314,23 @@ class Touched(Pose):
 
         They are stated at (B, 3) on it; centres (P, B, 3) have (P, B, 3, 3), touches (P, B).
         """
-        found = fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
+        found = rigid_fit.fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
         T = found.T.copy()
-        T[:, :3, 3] *= MM
-        cov = found.covariance * np.outer(MM_RAD_TO_SI, MM_RAD_TO_SI)
-        p_m, cov_m2 = MM * p_instr_balls_mm, MM**2 * cov_balls_mm2
-        balls = Points(names, p_m, cov_m2, MM * p_ee_balls_mm)
-        return Touched(T, cov, pose_by_source(T, p_m, cov_m2), balls, touches)
+        T[:, :3, 3] *= quantities.MM
+        cov = found.covariance * np.outer(quantities.MM_RAD_TO_SI, quantities.MM_RAD_TO_SI)
+        p_m, cov_m2 = quantities.MM * p_instr_balls_mm, quantities.MM**2 * cov_balls_mm2
+        balls = Points(names, p_m, cov_m2, quantities.MM * p_ee_balls_mm)
+        return Touched(T, cov, rigid_fit.pose_by_source(T, p_m, cov_m2), balls, touches)
 
     @classmethod
-    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Touched:
+    def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Touched:
         """Return the end-effector as the balls stated would give it, each as certain as stated.
 
         Raises:
             CalibrationError: when there are fewer than three balls, or they are collinear.
         """
         names = tuple(stated.targets_m)
-        p_ee_mm = np.array([*stated.targets_m.values()]).reshape(-1, 3) / MM
+        p_ee_mm = np.array([*stated.targets_m.values()]).reshape(-1, 3) / quantities.MM
         if np.linalg.matrix_rank(p_ee_mm - p_ee_mm.mean(axis=0), tol=_COLLINEAR_MM) < 2:
             raise CalibrationError(
                 "these balls do not give an orientation",
@@ -354,8 +340,8 @@ class Touched(Pose):
                 remedy="state the places of three balls",
             )
         turned = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], p_ee_mm)
-        p_instr_mm = T_instr_ee[:, None, :3, 3] / MM + turned
-        cov_mm2 = (stated.uncertainty_m / MM) ** 2 * np.eye(3)
+        p_instr_mm = T_instr_ee[:, None, :3, 3] / quantities.MM + turned
+        cov_mm2 = (stated.uncertainty_m / quantities.MM) ** 2 * np.eye(3)
         cov_mm2 = np.broadcast_to(cov_mm2, (*p_instr_mm.shape, 3))
         touches = np.ones(p_instr_mm.shape[:2], dtype=np.int64)
         return cls.of_balls(names, p_ee_mm, p_instr_mm, cov_mm2, touches)
@@ -388,18 +374,18 @@ class Touched(Pose):
             targets_m = np.mean((self.balls.p_instr_m - origin) @ R, axis=0).ravel()
         return super().readout(T_instr_ee, targets_m)
 
-    def locate(self, T_base_ee: Array) -> Located:
-        return seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
+    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
+        return rigid_fit.seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         return None
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+    def from_columns(cls, columns: Mapping[str, Array], stated: quantities.Stated) -> Self:
         T, cov = pose_of_columns(columns)
         balls = Points.from_columns(columns, stated)
         touches = np.column_stack([columns[f"ball{name}_touches"] for name in balls.names])
-        by_balls = pose_by_source(T, balls.p_instr_m, balls.cov_m2)
+        by_balls = rigid_fit.pose_by_source(T, balls.p_instr_m, balls.cov_m2)
         return cls(T, cov, by_balls, balls, touches.astype(np.int64))
 
     def to_columns(self) -> dict[str, NDArray[Any]]:

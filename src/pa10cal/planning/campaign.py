@@ -11,9 +11,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from pa10cal.errors import RawDataError, SettingsError, fits_a_folder
+from pa10cal.errors import RawDataError, SettingsError, fits_a_folder, refusals_beside
 from pa10cal.files import own_description
 from pa10cal.yaml_file import read_yaml
+
+_refusal = refusals_beside(__file__, SettingsError)
 
 
 def raw_files(folder: Path) -> list[Path]:
@@ -27,35 +29,19 @@ def raw_files(folder: Path) -> list[Path]:
 def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
     """Return the refusal of a campaign that has no folder with a description."""
     there = sorted(path.parent.name for path in Path(raw_dir).glob("*/campaign.yaml"))
-    return SettingsError(
-        "there is no such campaign",
-        where="campaigns and raw_dir",
-        value=str(Path(raw_dir) / campaign / "campaign.yaml"),
-        allowed=", ".join(there) or f"a folder of {raw_dir} with a campaign.yaml; there is none",
-        remedy="correct the name or raw_dir",
-    )
+    wanted = str(Path(raw_dir) / campaign / "campaign.yaml")
+    allowed = ", ".join(there) or f"a folder of {raw_dir} with a campaign.yaml; there is none"
+    return _refusal("no campaign", "campaigns and raw_dir", wanted, allowed)
 
 
 def missing_prior(prior: str) -> SettingsError:
     """Return the refusal of a prior that is not there."""
-    return SettingsError(
-        "the file is not there",
-        where="calibration.prior",
-        value=str(Path(prior).absolute()),
-        allowed="model.yaml of the same arm, or the results that hold it",
-        remedy="correct the path; one that is not absolute is taken from the working folder",
-    )
+    return _refusal("no prior", "calibration.prior", str(Path(prior).absolute()))
 
 
 def group_like_campaign(raw_dir: str, group: str) -> SettingsError:
     """Return the refusal of a group that is called like a campaign."""
-    return SettingsError(
-        "a group is called like a campaign",
-        where="groups",
-        value=str(Path(raw_dir) / group / "campaign.yaml"),
-        allowed="a name that no folder of raw_dir has",
-        remedy="rename the group",
-    )
+    return _refusal("group", "groups", str(Path(raw_dir) / group / "campaign.yaml"))
 
 
 def robot_name(folder: Path) -> str:

@@ -4,18 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from pa10cal.reports import pictures
+from pa10cal.reports import formatting, pictures
 from pa10cal.reports.blocks import Beside, Callout, Grid, PageBlock, Paragraph, folded, grid
 from pa10cal.reports.errors import ALL, FITTED, HELD_OUT, errors_of, model_titles
-from pa10cal.reports.formatting import (
-    NOT_KNOWN,
-    count,
-    display_name,
-    listed,
-    mm,
-    shown_in,
-    with_interval,
-)
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import (
     CalibrationRecord,
@@ -72,7 +63,7 @@ def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
         yield reductions_grid(record)
         yield Paragraph(
             f"{record.gap.floor_is.capitalize()} alone would leave a mean error of "
-            f"{mm(record.gap.noise_floor_mm)} mm in the poses fitted."
+            f"{formatting.mm(record.gap.noise_floor_mm)} mm in the poses fitted."
         )
 
 
@@ -140,9 +131,13 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
     if isinstance(case, GeneralCalibrationRecord):
         redundant = []
         for entry in case.redundant:
-            parts = [f"{by:.4g} × {display_name(name)}" for name, by in entry.replaced_by.items()]
+            parts = [
+                f"{part:.4g} × {formatting.display_name(name)}"
+                for name, part in entry.replaced_by.items()
+            ]
             same = " + ".join(parts).replace("+ -", "− ")
-            redundant.append((display_name(entry.name), same or "nothing: it has no effect"))
+            omitted = formatting.display_name(entry.name)
+            redundant.append((omitted, same or "nothing: it has no effect"))
         yield folded(grid("Omitted: redundant parameters", "omitted | the same as", redundant))
         if case.group is not None:
             yield from _campaign_grids(case.group)
@@ -155,23 +150,23 @@ def parameters(results: ResultsBundle, case: CalibrationRecord) -> Iterator[Page
             if after.identifiable and after.std and before != after.value:
                 shifts.append((abs(after.value - before) / after.std, name, before, after))
     for _, name, before, after in sorted(shifts, key=lambda shift: -shift[0]):
-        unit, scale = shown_in(after.unit, after.value)
+        unit, scale = formatting.shown_in(after.unit, after.value)
         change = (after.value - before) / (after.tolerance or abs(before) or 1.0)
         by = f"{change:+.2f} tolerances" if after.tolerance else f"{100 * change:+.1f} %"
-        value = with_interval(scale * after.value, scale * (after.std or 0.0))
-        rows.append((display_name(name), f"{scale * before:.4g}", value, unit, by))
+        value = formatting.with_interval(scale * after.value, scale * (after.std or 0.0))
+        rows.append((formatting.display_name(name), f"{scale * before:.4g}", value, unit, by))
     title = "Parameters that had absorbed part of the effects"
     head = "parameter | without the effects | with them, 95 % interval | unit | change"
     yield folded(grid(title, head, rows))
 
 
 def _parameter_row(name: str, found: Parameter) -> tuple[str, ...]:
-    unit, scale = shown_in(found.unit, found.value)
-    tolerance = NOT_KNOWN if found.tolerance is None else f"{scale * found.tolerance:g}"
+    unit, scale = formatting.shown_in(found.unit, found.value)
+    tolerance = formatting.NOT_KNOWN if found.tolerance is None else f"{scale * found.tolerance:g}"
     std = None if found.std is None else scale * found.std
-    value, remark = with_interval(scale * found.value, std), ""
+    value, remark = formatting.with_interval(scale * found.value, std), ""
     if not found.identifiable:
-        value, remark = NOT_KNOWN, "not identifiable from these poses"
+        value, remark = formatting.NOT_KNOWN, "not identifiable from these poses"
     elif getattr(found, "at_bound", False):
         value = "rigid" if name.startswith("K_lin") else f"{scale * found.value:.4g}"
         remark = "at the end of its physical range"
@@ -179,20 +174,20 @@ def _parameter_row(name: str, found: Parameter) -> tuple[str, ...]:
         remark = "not fitted"
     elif found.tolerance and abs(found.value) > 3.0 * found.tolerance:
         remark = f"{abs(found.value) / found.tolerance:.0f} tolerances"
-    return display_name(name), value, unit, tolerance, remark
+    return formatting.display_name(name), value, unit, tolerance, remark
 
 
 def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
     """Yield where every shared parameter comes from, and each campaign against the others."""
     rows: list[tuple[str | float | None, ...]] = []
     for name, found in group.parameters.items():
-        unit, scale = shown_in(found.unit)
+        unit, scale = formatting.shown_in(found.unit)
         alone = (
             f"{scale * found.std_alone[of]:.4f}" if of in found.determined_by else None
             for of in group.campaigns
         )
         by = ", ".join(found.determined_by) or "all together"
-        rows.append((display_name(name), unit, f"{scale * found.std:.4f}", *alone, by))
+        rows.append((formatting.display_name(name), unit, f"{scale * found.std:.4f}", *alone, by))
     yield grid(
         "Standard uncertainty of shared parameters, by all campaigns and by each alone",
         ("parameter", "unit", "std", *(f"std {of}" for of in group.campaigns), "determined by"),
@@ -200,13 +195,13 @@ def _campaign_grids(group: GroupOfCampaigns) -> Iterator[Grid]:
     )
     rows = []
     for name, of in group.campaigns.items():
-        unit, scale = shown_in(of.worst.unit)
+        unit, scale = formatting.shown_in(of.worst.unit)
         worst = f"{scale * of.worst.value:.3g} ± {scale * of.worst.std:.2g} {unit}"
         rows.append(
             (
                 *(name, of.poses, of.rms_mm, of.alone_rms_mm),
                 *(f"{of.chi_square:.1f} for {of.dof:.0f}", f"{of.p_value:.2g}"),
-                *(f"{display_name(of.worst.name)}: {worst}", of.contradicts),
+                *(f"{formatting.display_name(of.worst.name)}: {worst}", of.contradicts),
             )
         )
     yield grid(
@@ -247,7 +242,9 @@ def repeats(results: ResultsBundle, record: Iso9283Record) -> Iterator[PageBlock
     table.append(("RP", rows.RP_mm.mean(), rows.RP_mm.max(), *angle))
     fitted = int((rows.kind == "grid").sum())
     parts = [(fitted, "used for the fit"), (len(rows) - fitted, "held out")]
-    which = listed(f"{count(k, 'configuration')} {what}" for k, what in parts if k)
+    which = formatting.listed(
+        f"{formatting.count(k, 'configuration')} {what}" for k, what in parts if k
+    )
     least, most = int(rows.repeats.min()), int(rows.repeats.max())
     span = str(least) if least == most else f"{least} to {most}"
     yield grid(
@@ -261,7 +258,7 @@ def repeats(results: ResultsBundle, record: Iso9283Record) -> Iterator[PageBlock
     if mixed := int((~rows.one_direction).sum()):
         departs.append(
             "every pose is approached from one side, while here joints arrived from either side in "
-            f"{count(mixed, 'configuration')}, so RP holds lost motion as well"
+            f"{formatting.count(mixed, 'configuration')}, so RP holds lost motion as well"
         )
     departs.append("its five poses lie in a cube, at the rated load and speed")
     yield Callout("note", f"The conditions are not those of the standard: {'; '.join(departs)}.")

@@ -11,17 +11,7 @@ import numpy as np
 
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.table import read_base_motion
-from pa10cal.reports.blocks import (
-    Beside,
-    Callout,
-    Code,
-    Facts,
-    Folded,
-    Items,
-    PageBlock,
-    Paragraph,
-    grid,
-)
+from pa10cal.reports import blocks
 from pa10cal.reports.formatting import count, first_sentences, listed, mm, sentence
 from pa10cal.reports.pictures import motion_drawing
 from pa10cal.reports.results_bundle import MODEL, OUTPUTS, POSES, ResultsBundle
@@ -49,7 +39,7 @@ _FRAMES = {
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
-def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
+def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
     """Yield what was measured, and where the data come from."""
     facts, poses, frame = [("Campaign", results.campaign)], results.poses, results.base_frame
     words = " ".join((results.provenance or "").split())
@@ -74,11 +64,11 @@ def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
         scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
         method = _FRAMES.get(frame.method, frame.method)
         facts.append(("Base frame found from", f"{method}; {scatter}"))
-    yield Facts(tuple(facts))
+    yield blocks.Facts(tuple(facts))
     title = "Where the data come from, in the campaign's own words"
-    yield Folded(title, (Paragraph(sentence(words)),) if line != words else ())
+    yield blocks.Folded(title, (blocks.Paragraph(sentence(words)),) if line != words else ())
     if poses is None:
-        yield Callout("missing", results.absent["poses"])
+        yield blocks.Callout("missing", results.absent["poses"])
         return
     rows: list[tuple[Any, ...]] = []
     for kind, use_of in _KINDS.items():
@@ -87,7 +77,7 @@ def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
             least, most = repeats.min(), repeats.max()
             span = str(most) if least == most else f"{least} to {most}"
             rows.append((use_of, load_N, len(repeats), len(at), span))
-    yield grid(
+    yield blocks.grid(
         "Measured configurations. A configuration is a pose at a load.",
         "used | load [N] | poses | readings | readings of a configuration",
         rows,
@@ -96,12 +86,12 @@ def measurement_section(results: ResultsBundle) -> Iterator[PageBlock]:
     if motion is not None:
         at_s = [knock.time_s for knock in motion.knocked]
         kinds = ("shift", "turn") if motion.turns else ("shift",)
-        yield Beside(tuple(motion_drawing(poses, word, at_s) for word in kinds))
-        yield Items(tuple(sentence(str(knock)) for knock in motion.knocked))
+        yield blocks.Beside(tuple(motion_drawing(poses, word, at_s) for word in kinds))
+        yield blocks.Items(tuple(sentence(str(knock)) for knock in motion.knocked))
     if results.quarantined:
         reasons = listed(f"{number} × {reason}" for reason, number in results.quarantined.items())
         total = count(sum(results.quarantined.values()), "raw row")
-        yield Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
+        yield blocks.Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
 
 
 def _base_motion(poses: pd.DataFrame) -> str:
@@ -158,33 +148,33 @@ def _instrument(results: ResultsBundle) -> str:
 _COMMAND = "pa10cal {} --model " + MODEL + " \\\n  --{} {}.csv --out {}.csv --frame tool"
 
 
-def use(results: ResultsBundle) -> Iterator[PageBlock]:
+def use(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
     """Yield what to type to predict and to compensate, and which files there are."""
     if results.model is None:
-        yield Callout("missing", results.absent["model"])
+        yield blocks.Callout("missing", results.absent["model"])
     else:
         yield from _commands(results.folder)
     rows = [(file, what) for file, _, what in OUTPUTS if what and (results.folder / file).exists()]
-    yield grid("Files of this campaign", "file | holds", rows)
+    yield blocks.grid("Files of this campaign", "file | holds", rows)
 
 
-def _commands(folder: Path) -> Iterator[PageBlock]:
-    yield Paragraph(
+def _commands(folder: Path) -> Iterator[blocks.PageBlock]:
+    yield blocks.Paragraph(
         f"Run the commands in the folder of these results, {folder.absolute().name}: "
         "the paths below begin there. Poses are in the robot's base frame. Angles are in "
         "degrees."
     )
     predict = _COMMAND.format("predict", "joints", "joints", "poses")
-    yield Code("Where is the tool at these joint positions?", predict)
+    yield blocks.Code("Where is the tool at these joint positions?", predict)
     compensate = _COMMAND.format("compensate", "targets", "targets", "commands")
-    yield Code("Which joint positions bring the tool to these poses?", compensate)
-    yield Code(
+    yield blocks.Code("Which joint positions bring the tool to these poses?", compensate)
+    yield blocks.Code(
         "From Python",
         "import pa10cal\n\n"
         f'model = pa10cal.load_model("{MODEL}")\n'
         'found = model.predict(q_rad, frame="tool")  # found.T [m], found.u_mm, found.inside',
     )
-    yield Items(
+    yield blocks.Items(
         (
             "joints.csv: id,q1_deg,…,load_N; a row for each pose to predict.",
             "targets.csv: id,x_mm,y_mm,z_mm,qw,qx,qy,qz; a row for each pose to reach.",

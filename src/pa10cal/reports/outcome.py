@@ -17,10 +17,9 @@ from pa10cal.reports.formatting import (
 )
 from pa10cal.reports.pictures import campaigns_drawings, joint_map_drawings
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula, percent
-from pa10cal.results.health import UNRESERVED
 
 _GRADES = {
     "good": "The calibration is good.",

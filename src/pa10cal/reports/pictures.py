@@ -11,11 +11,10 @@ from pa10cal.arrays import Array
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
 from pa10cal.reports.formatting import sentence
-from pa10cal.results.calibration import EffectByCampaign
+from pa10cal.results.calibration import EffectByCampaign, PosesNeeded
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.fleet import FleetCampaign
-from pa10cal.results.health import PosesNeeded
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.results.studies import PlaneRecord
 

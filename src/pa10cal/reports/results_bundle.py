@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
-from pa10cal.errors import RecordError, last_message
+from pa10cal.errors import RecordError, last_message, refusals_beside
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import (
+    UNRESERVED,
     BaseFrameRecord,
     CalibrationRecord,
     GeneralCalibrationRecord,
@@ -28,7 +29,6 @@ from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
 from pa10cal.results.fleet import PicturesRecord
-from pa10cal.results.health import UNRESERVED
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 from pa10cal.results.studies import PlaneRecord
 
@@ -83,6 +83,7 @@ OUTPUTS = (
     ("ingest/quarantine.csv", "rows not used", "raw rows that are not used, with the reason"),
     ("discovery/suggested_poses.csv", "poses to measure next", "poses to measure next"),
 )
+_refusal = refusals_beside(__file__, RecordError)
 
 
 def is_synthetic(provenance: str) -> bool:
@@ -189,13 +190,7 @@ class ResultsBundle:
         names |= set() if self.poses is None else {str(self.poses.attrs["campaign"])}
         names |= set() if self.description is None else {self.description.name}
         if len(names) > 1:
-            raise RecordError(
-                "results of several campaigns in one folder",
-                where=str(self.folder),
-                value=", ".join(sorted(names)),
-                allowed="the results of one campaign, and its own raw files",
-                remedy="run pa10cal run again, into a folder of its own",
-            )
+            raise _refusal("several", self.folder, ", ".join(sorted(names)))
         return names.pop() if names else self.folder.absolute().name
 
     @cached_property
@@ -255,22 +250,10 @@ class ResultsBundle:
             return found
         for key, fit in found.fits.items():
             if fit.status != "converged":
-                raise RecordError(
-                    "the fit did not converge, so nothing is drawn of it",
-                    where=f"{path}: {key}" if key else str(path),
-                    value=f"{fit.status}: {fit.reason}",
-                    allowed="a calibration whose status is converged",
-                    remedy="allow more steps (calibration.max_iterations), free fewer parameters "
-                    "or measure more poses, and run pa10cal calibrate again",
-                )
+                where = f"{path}: {key}" if key else str(path)
+                raise _refusal("not converged", where, f"{fit.status}: {fit.reason}")
         if found.health.grade not in UNRESERVED:
-            raise RecordError(
-                f"nothing is drawn of a calibration of grade {found.health.grade}",
-                where=f"{path}: health",
-                value=found.health.line,
-                allowed="good, few_poses or incomplete",
-                remedy="follow the remedy in the line, or draw it with --force",
-            )
+            raise _refusal("grade", f"{path}: health", found.health.line, found.health.grade)
         return found
 
     def paper_calibration(self, load: str = COMBINED) -> PaperCalibrationRecord:
@@ -296,12 +279,12 @@ class ResultsBundle:
         found = self.sound_calibration(load)
         if isinstance(found, kind):
             return found
-        raise RecordError(
-            f"the picture is of the {MODEL_NAMES[model]}",
-            where=str(self.folder / f"calibration/{load}.json"),
-            value=f"a calibration with the {MODEL_NAMES[found.model]}",
-            allowed=f"a calibration with the {MODEL_NAMES[model]}",
-            remedy=_OTHER_MODEL[model],
+        raise _refusal(
+            "another model",
+            self.folder / f"calibration/{load}.json",
+            f"a calibration with the {MODEL_NAMES[found.model]}",
+            MODEL_NAMES[model],
+            _OTHER_MODEL[model],
         )
 
     def load_cases(self) -> dict[str, PaperCalibrationRecord]:
@@ -346,13 +329,7 @@ def results_bundle(
     """
     found = ResultsBundle(folder, load_case)
     if len(found.absent) == len(_LEFT):
-        raise RecordError(
-            "no results of a campaign",
-            where=str(folder),
-            value=None if folder.is_dir() else "no such folder",
-            allowed="RESULTS_DIR/CAMPAIGN as pa10cal run leaves it",
-            remedy="give such a folder, or run pa10cal run first",
-        )
+        raise _refusal("no results", folder, None if folder.is_dir() else "no such folder")
     return (
         found
         if campaign_dir is None

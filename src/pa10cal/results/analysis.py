@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
+from pa10cal.results import record
 from pa10cal.results.evaluation import Accuracy, Estimate
-from pa10cal.results.record import (
-    Column,
-    EffectName,
-    FlagColumn,
-    LabelColumn,
-    MeasuredRecord,
-    Part,
-    Table,
-    VectorColumn,
-    filed,
-)
 
 
-class PureErrorTest(Part):
+class PureErrorTest(record.Part):
     """Lack of fit against pure error."""
 
     chi_square: float  # weighted sum of squares
@@ -26,7 +16,7 @@ class PureErrorTest(Part):
     p_value: float  # probability of a larger F without lack of fit
 
 
-class ErrorPart(Part):
+class ErrorPart(record.Part):
     """Position error over some cells or along one axis."""
 
     of: str  # load or axis
@@ -34,7 +24,7 @@ class ErrorPart(Part):
     floor_mm: float  # root mean square error that noise leaves [mm]
 
 
-class Arrival(Part):
+class Arrival(record.Part):
     """Mean angle error of a joint that arrived from one side."""
 
     direction: int  # -1: the angle fell, +1: it rose
@@ -42,16 +32,16 @@ class Arrival(Part):
     std_rad: float | None  # its standard error [rad]; null where not known
 
 
-class Periodogram(Part):
+class Periodogram(record.Part):
     """What sines of a joint's angle explain of its error."""
 
-    orders: Column  # orders: periods a turn
-    explained_rad: Column  # root mean square explained by each [rad]
-    marked: Column  # orders at which drives err
-    marked_rad: Column  # root mean square explained by these [rad]
+    orders: record.Column  # orders: periods a turn
+    explained_rad: record.Column  # root mean square explained by each [rad]
+    marked: record.Column  # orders at which drives err
+    marked_rad: record.Column  # root mean square explained by these [rad]
 
 
-class JointPart(Part):
+class JointPart(record.Part):
     """Angle error of one joint, and cell by cell: readings of a pose that have been averaged."""
 
     joint: int  # joint, from 1
@@ -60,16 +50,16 @@ class JointPart(Part):
     arrivals: tuple[Arrival, ...]  # mean error by direction of arrival
     periodogram: Periodogram | None  # sines of the angle; null where poses are too few
     # of every cell, six digits; of a sample where there are very many
-    q_rad: Column  # joint angle [rad]
-    arrival: Column  # direction of arrival, from -1 to 1
-    error_rad: Column  # angle error [rad]
-    std_rad: Column  # its standard uncertainty [rad]
+    q_rad: record.Column  # joint angle [rad]
+    arrival: record.Column  # direction of arrival, from -1 to 1
+    error_rad: record.Column  # angle error [rad]
+    std_rad: record.Column  # its standard uncertainty [rad]
     # logged minus static torque [N m]; null where torques were not logged
-    torque_residual_Nm: Column | None
+    torque_residual_Nm: record.Column | None
     torque_noise_Nm: float | None  # standard deviation of its noise [N m]; null likewise
 
 
-class Drift(Part):
+class Drift(record.Part):
     """Position error along one axis of the instrument, from one end of a range to the other."""
 
     axis: str  # `x`, `y` or `z`
@@ -79,7 +69,7 @@ class Drift(Part):
     with_temperature_mm: Estimate | None
 
 
-class LackOfFit(Part):
+class LackOfFit(record.Part):
     """Where a model and the data disagree."""
 
     # what readings of a pose share, against pure error; null without repeats
@@ -90,36 +80,36 @@ class LackOfFit(Part):
     drifts: tuple[Drift, ...]  # drift of the error along each axis
 
 
-class NamingStep(Part):
+class NamingStep(record.Part):
     """Errors with the first few of the named effects in the model."""
 
-    effects: tuple[EffectName, ...]  # effects in the model by then
+    effects: tuple[record.EffectName, ...]  # effects in the model by then
     train: Accuracy  # errors over the poses fitted
     holdout: Accuracy | None  # errors over held-out poses; null without any
 
 
-class GapRows(Table):
+class GapRows(record.Table):
     """Residuals of configurations before and after, along the base axes."""
 
-    pose: LabelColumn  # label of the pose
-    load_N: Column  # load [N]
-    place_mm: VectorColumn  # measured position in the base frame [mm]
-    before_mm: VectorColumn  # position residual before [mm]
-    after_mm: VectorColumn  # position residual after [mm]
+    pose: record.LabelColumn  # label of the pose
+    load_N: record.Column  # load [N]
+    place_mm: record.VectorColumn  # measured position in the base frame [mm]
+    before_mm: record.VectorColumn  # position residual before [mm]
+    after_mm: record.VectorColumn  # position residual after [mm]
     # whether a joint leaves the angles that maps have learnt from; null where effects were judged
     # by repeats or no map was found
-    extrapolated: FlagColumn | None
+    extrapolated: record.FlagColumn | None
 
 
-class GapField(Part):
+class GapField(record.Part):
     """Every averaged configuration."""
 
     train: GapRows  # poses fitted
     holdout: GapRows | None  # held-out poses; null without any
 
 
-@filed("pa10cal-analysis/1", "discovery/analysis.json", by="discover")
-class AnalysisRecord(MeasuredRecord):
+@record.filed("pa10cal-analysis/1", "discovery/analysis.json", by="discover")
+class AnalysisRecord(record.MeasuredRecord):
     """`discovery/analysis.json`."""
 
     before: LackOfFit  # lack of fit of the calibrated model
@@ -128,6 +118,6 @@ class AnalysisRecord(MeasuredRecord):
     gap: GapField  # residuals before and after
 
     @property
-    def effects(self) -> tuple[EffectName, ...]:
+    def effects(self) -> tuple[record.EffectName, ...]:
         """Return the effects named, in the order found."""
         return self.naming[-1].effects

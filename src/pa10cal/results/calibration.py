@@ -9,36 +9,125 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue
 
-from pa10cal.results.evaluation import (
-    Accuracy,
-    BeforeAfter,
-    Parameter,
-    ResidualRows,
-    Status,
-    mean_and_peak,
-)
-from pa10cal.results.health import Health
-from pa10cal.results.record import (
-    FlagColumn,
-    Key,
-    LoadKey,
-    Matrix3,
-    MeasuredRecord,
-    Numbers,
-    ParameterKey,
-    Part,
-    PoseMatrix,
-    Record,
-    Shape,
-    Vector3,
-    filed,
-    optional,
-)
+from pa10cal.results import evaluation, record
+
+# Whether a calibration is good: the `health` of its record.
+
+#: How good a calibration is.
+Grade = Literal["good", "few_poses", "incomplete", "suspect_input", "not_converged"]
+#: Grades with which a model is exported and drawn without more ado.
+UNRESERVED: frozenset[Grade] = frozenset({"good", "few_poses", "incomplete"})
+
+
+class InputFinding(record.Part):
+    """Something in the input that is probably wrong."""
+
+    what: str  # what it is, one clause
+    where: str  # column, joint, parameter, pose or file
+    remedy: str  # what to do about it
+    # root mean square position error that would remain if it were put right [mm]; null where that
+    # was not tried
+    would_leave_mm: float | None = None
+    kind: str  # its kind in a word, such as `joint_sign`
+
+    def __str__(self) -> str:
+        left = self.would_leave_mm
+        then = "" if left is None else f" ({left:.3g} mm rms would remain)"
+        return f"{self.where}: {self.what}; {self.remedy}{then}"
+
+
+class RepeatScatter(record.Part):
+    """What repeats scatter by, beside the stated uncertainty."""
+
+    kind: str  # `position`, `attitude` or `distance`
+    found: float  # scatter of one reading, one component [m or rad]
+    stated: float  # its stated standard uncertainty [m or rad]
+    pairs: int  # pairs of successive readings behind it
+
+    @property
+    def ratio(self) -> float:
+        """Return the scatter found over the one stated."""
+        return self.found / self.stated
+
+
+class CorrelatedPair(record.Part):
+    """Two parameters that the poses can hardly separate."""
+
+    parameters: tuple[str, str]  # names of the two parameters
+    correlation: float  # their correlation, from -1 to 1
+
+
+class ExpectedUncertainty(record.Part):
+    """Standard uncertainty of a predicted position to be expected with so many poses."""
+
+    poses: int  # number of poses
+    u_optimal_mm: float  # with the best poses of those measured [mm]
+    # with the first poses in the order measured [mm]; null where they do not determine the model
+    u_measured_mm: float | None
+
+
+class PosesNeeded(record.Part):
+    """How many poses there are, and how many the uncertainty needs."""
+
+    measured: int  # number of poses fitted
+    needed: int | None  # number of poses needed; null where none suffices
+    u_needed_mm: float  # standard uncertainty of a predicted position to reach [mm]
+    # the same, where the settings ask for one; else the uncertainty to reach is one that adds
+    # hardly anything to the remaining error
+    wanted_mm: float | None = record.optional()
+    # standard uncertainty of a predicted position now [mm]; null where not known
+    u_model_mm: float | None
+    d_optimal_order: tuple[str, ...]  # labels of the poses, the most informative first
+    expected: tuple[ExpectedUncertainty, ...]  # uncertainty against the number of poses
+
+
+class Health(record.Part):
+    """What to look at before a calibration is trusted."""
+
+    grade: Grade  # how good it is; the rule is in `docs/general.md`
+    line: str  # the reason for it, in one sentence, with the remedy
+    converged: bool  # whether the fit converged
+    reason: str  # why the fit stopped
+    iterations: int  # steps of the fit
+    at_bounds: tuple[str, ...]  # parameters at the end of their physical range
+    rank: int  # directions of parameter space that the data identify
+    unknowns: int  # parameters fitted
+    condition: float  # condition number over the identified directions
+    not_identifiable: tuple[str, ...]  # parameters that are not identifiable
+    correlated_pairs: tuple[CorrelatedPair, ...]  # nearly inseparable pairs
+    train_rms_mm: float  # root mean square position error over the poses fitted [mm]
+    # the same over held-out poses [mm], without those that have a suspected reading; null where
+    # none were measured
+    held_out_rms_mm: float | None
+    # root mean square position error of averaged poses that noise alone leaves [mm]: with the
+    # paper's model what all repeats of a pose and load scatter by, from any direction of arrival;
+    # with the general model the stated uncertainty; null where it is not known
+    noise_mm: float | None
+    # remaining error over the noise that repeats show, or else the stated noise; null where neither
+    # is known
+    error_over_noise: float | None
+    # held-out error over the error that the fit promises there, where chance does not explain it;
+    # else null
+    held_out_over_expected: float | None
+    # stated and found uncertainty; empty where too little is repeated
+    repeats: tuple[RepeatScatter, ...]
+    # what is probably wrong in the input; empty where nothing is
+    findings: tuple[InputFinding, ...]
+    poses: PosesNeeded  # how many poses there are and how many are needed
+
+    @property
+    def ending(self) -> str:
+        """Return how the fit ended, in one sentence without a full stop.
+
+        Not in how many steps: their number depends on the processor, see decision 42.
+        """
+        return f"{'converged' if self.converged else 'not converged'}: {self.reason}"
+
 
 # What the campaigns of a group say of each other, in the results of a group.
 
 
-class Difference(Part):
+class Difference(record.Part):
     """The one parameter that, if it alone differed between campaigns, explains most."""
 
     name: str  # the parameter
@@ -48,7 +137,7 @@ class Difference(Part):
     chi_square: float  # how much of the chi-square it explains
 
 
-class CampaignAlone(Part):
+class CampaignAlone(record.Part):
     """One campaign of a group, held against the others."""
 
     poses: int  # poses fitted
@@ -61,40 +150,40 @@ class CampaignAlone(Part):
     worst: Difference  # the parameter that explains most of the difference
 
 
-class SharedParameter(Part):
+class SharedParameter(record.Part):
     """Where a parameter that all campaigns of a group share comes from."""
 
     unit: str  # its unit
     std: float  # standard uncertainty by all campaigns together
     # standard uncertainty by each campaign alone
-    std_alone: Mapping[Annotated[str, Key("campaign")], float]
+    std_alone: Mapping[Annotated[str, record.Key("campaign")], float]
     determined_by: tuple[str, ...]  # campaigns that determine it alone
 
 
-class GroupOfCampaigns(Part):
+class GroupOfCampaigns(record.Part):
     """What the campaigns of a group say alone, linear about the fit of all."""
 
     # each campaign, held against the others
-    campaigns: Mapping[Annotated[str, Key("campaign")], CampaignAlone]
+    campaigns: Mapping[Annotated[str, record.Key("campaign")], CampaignAlone]
     # shared parameters, in the form in which they were solved
-    parameters: Mapping[Annotated[str, Key("parameter")], SharedParameter]
+    parameters: Mapping[Annotated[str, record.Key("parameter")], SharedParameter]
 
 
-class ParameterAlone(Part):
+class ParameterAlone(record.Part):
     """A parameter of an effect, as one campaign alone has it."""
 
     value: float  # its value
     std: float  # its standard uncertainty
 
 
-class JointErrorAlone(Part):
+class JointErrorAlone(record.Part):
     """The error of a joint by its angle, as one campaign alone has it."""
 
-    error_mrad: Numbers  # at 0, 1, 2, … deg of the turn [mrad]
-    visited: FlagColumn  # whether the campaign has poses there
+    error_mrad: record.Numbers  # at 0, 1, 2, … deg of the turn [mrad]
+    visited: record.FlagColumn  # whether the campaign has poses there
 
 
-class CampaignsAgree(Part):
+class CampaignsAgree(record.Part):
     """How well two campaigns agree on the error of a joint, over the angles both visited."""
 
     first: str  # one campaign
@@ -109,7 +198,7 @@ class CampaignsAgree(Part):
     share_of_turn: float  # part of the turn that both visited
 
 
-class EffectByCampaign(Part):
+class EffectByCampaign(record.Part):
     """An effect that all campaigns of a group share, fitted to each of them alone."""
 
     id: str  # id of the effect
@@ -117,29 +206,31 @@ class EffectByCampaign(Part):
     # its parameters; of an error by a joint's angle see `errors`
     parameters: (
         Mapping[
-            Annotated[str, Key("campaign")],
-            Mapping[Annotated[str, Key("parameter")], ParameterAlone],
+            Annotated[str, record.Key("campaign")],
+            Mapping[Annotated[str, record.Key("parameter")], ParameterAlone],
         ]
         | None
-    ) = optional()
+    ) = record.optional()
     # of an error by a joint's angle
-    errors: Mapping[Annotated[str, Key("campaign")], JointErrorAlone] | None = optional()
+    errors: Mapping[Annotated[str, record.Key("campaign")], JointErrorAlone] | None = (
+        record.optional()
+    )
     # how well every two campaigns agree on an error by a joint's angle
     agreement: tuple[CampaignsAgree, ...]
 
 
-Square = Annotated[NDArray[np.float64], Shape("k", "k")]
+Square = Annotated[NDArray[np.float64], record.Shape("k", "k")]
 
 
-class CalibratedParameter(Parameter):
+class CalibratedParameter(evaluation.Parameter):
     """A parameter of a calibration."""
 
     at_bound: bool  # whether it is at the end of its physical range
     # true where it was not fitted: the start gives it better than the poses do
-    settled: bool | None = optional()
+    settled: bool | None = record.optional()
 
 
-class Covariance(Part):
+class Covariance(record.Part):
     """Covariance of parameters."""
 
     # names of the parameters, in the matrix's order; the general model has `windup_2`, the
@@ -148,18 +239,18 @@ class Covariance(Part):
     matrix: Square  # covariance, in products of the parameters' units
 
 
-class Fit(Part):
+class Fit(record.Part):
     """How a fit ended, its parameters, and where the base frame is."""
 
-    status: Status  # whether it converged
+    status: evaluation.Status  # whether it converged
     reason: str  # why it stopped
     cost: float  # sum of squares at its end, as the estimator weighs it
     iterations: int  # steps taken
-    parameters: Mapping[ParameterKey, CalibratedParameter]  # every parameter by name
+    parameters: Mapping[record.ParameterKey, CalibratedParameter]  # every parameter by name
     covariance: Covariance  # covariance of the parameters fitted
-    T_instr_base: PoseMatrix  # base frame in the instrument's frame [m]
+    T_instr_base: record.PoseMatrix  # base frame in the instrument's frame [m]
     # the fitted model as `model.yaml` holds it (schema pa10cal-model/2), without its covariance
-    fitted_model: Mapping[Annotated[str, Key("key")], JsonValue]
+    fitted_model: Mapping[Annotated[str, record.Key("key")], JsonValue]
 
 
 class LinearFit(Fit):
@@ -167,27 +258,29 @@ class LinearFit(Fit):
 
     starts: int  # starts tried
     starts_agreeing: int  # starts that ended in this minimum
-    after: Mapping[LoadKey, Accuracy]  # errors at each load
+    after: Mapping[record.LoadKey, evaluation.Accuracy]  # errors at each load
 
 
-class LoadErrors(BeforeAfter):
+class LoadErrors(evaluation.BeforeAfter):
     """Errors at one load, of the nominal and of the calibrated model."""
 
     # errors without suspected outliers; not given where there is none
-    trusted: BeforeAfter | None = optional()
+    trusted: evaluation.BeforeAfter | None = record.optional()
     # with the paper's model: of the nominal arm with the base frame of the straight moves alone
-    before_seed_frame: Accuracy | None = optional()
+    before_seed_frame: evaluation.Accuracy | None = record.optional()
     # with the general model: of the calibrated arm without springs
-    geometry: Accuracy | None = optional()
+    geometry: evaluation.Accuracy | None = record.optional()
 
     @property
     def text(self) -> str:
         """Return mean and largest error of the calibrated model, suspected outliers apart."""
-        return mean_and_peak(self.after, None if self.trusted is None else self.trusted.after)
+        return evaluation.mean_and_peak(
+            self.after, None if self.trusted is None else self.trusted.after
+        )
 
 
-@filed("pa10cal-calibration/1", "calibration/<load>.json", by="calibrate")
-class CalibrationRecord(Fit, MeasuredRecord):
+@record.filed("pa10cal-calibration/1", "calibration/<load>.json", by="calibrate")
+class CalibrationRecord(Fit, record.MeasuredRecord):
     """What `calibration/<load>.json` holds whatever the model."""
 
     robot: str  # name of the arm
@@ -199,17 +292,19 @@ class CalibrationRecord(Fit, MeasuredRecord):
     rank: int  # directions of parameter space that the data identify
     unknowns: int  # parameters fitted, the base frame's too
     condition: float  # condition number over the identified directions
-    singular_values: Numbers  # singular values of the Jacobian in scaled parameters, descending
+    singular_values: (
+        record.Numbers
+    )  # singular values of the Jacobian in scaled parameters, descending
     # directions that are not identifiable, as weights of parameters
-    null_directions: tuple[Mapping[ParameterKey, float], ...]
-    errors: Mapping[LoadKey, LoadErrors]  # errors at each load
-    residuals: ResidualRows  # residual of every calibration pose
+    null_directions: tuple[Mapping[record.ParameterKey, float], ...]
+    errors: Mapping[record.LoadKey, LoadErrors]  # errors at each load
+    residuals: evaluation.ResidualRows  # residual of every calibration pose
     health: Health  # whether the calibration is good
     warnings: tuple[str, ...]  # what to know before the fit is trusted
     # null: the time taken stands in the log, so that equal runs have equal results
     seconds: float | None
     # section `calibration` of the settings it was run with
-    settings: Mapping[Annotated[str, Key("option")], JsonValue]
+    settings: Mapping[Annotated[str, record.Key("option")], JsonValue]
 
     @property
     def fits(self) -> Mapping[str, Fit]:
@@ -238,13 +333,13 @@ class CalibrationRecord(Fit, MeasuredRecord):
         return True
 
     @classmethod
-    def kinds(cls) -> tuple[type[Record], ...]:
+    def kinds(cls) -> tuple[type[record.Record], ...]:
         """Return a type for each model."""
         both = PaperCalibrationRecord, GeneralCalibrationRecord
         return both if cls is CalibrationRecord else (cls,)
 
     @classmethod
-    def kind_of(cls, content: dict[str, Any]) -> type[Record]:
+    def kind_of(cls, content: dict[str, Any]) -> type[record.Record]:
         """Return the type of the model named."""
         return cls.kinds()[-1 if content.get("model") == "general" else 0]
 
@@ -262,14 +357,16 @@ class PaperCalibrationRecord(CalibrationRecord):
         return {"linear": self.linear, "cubic": self}
 
 
-class Redundant(Part):
+class Redundant(record.Part):
     """A parameter that others replace exactly, so it was not fitted."""
 
     name: str  # the parameter
-    replaced_by: Mapping[ParameterKey, float]  # parameters that do the same, with how much of each
+    replaced_by: Mapping[
+        record.ParameterKey, float
+    ]  # parameters that do the same, with how much of each
 
 
-class SuspectedOutlier(Part):
+class SuspectedOutlier(record.Part):
     """A pose far outside the scatter of the others."""
 
     row: int  # row among the calibration poses, from 0
@@ -280,7 +377,7 @@ class SuspectedOutlier(Part):
     why: str  # what is odd about it
 
 
-class Moved(Part):
+class Moved(record.Part):
     """Something that moved since a prior was fitted."""
 
     kind: str  # `joint_zero`, `stiffness`, `link` (another departure), or `effect`
@@ -292,7 +389,7 @@ class Moved(Part):
     gain: float  # by how much it raised the evidence [nats]
 
 
-class PriorPart(Part):
+class PriorPart(record.Part):
     """The model that a calibration started from, and how far it still held."""
 
     campaign: str | None  # to which it was fitted; null where not known
@@ -313,8 +410,10 @@ class GeneralCalibrationRecord(CalibrationRecord):
     geometry: Fit
     nominal: Fit  # the fit of base and tool alone, the arm nominal
     suspected_outliers: tuple[SuspectedOutlier, ...]  # suspected outliers
-    prior: PriorPart | None = optional()  # the model it started from; not given where none was
-    group: GroupOfCampaigns | None = optional()  # of a group, what each campaign says alone
+    prior: PriorPart | None = (
+        record.optional()
+    )  # the model it started from; not given where none was
+    group: GroupOfCampaigns | None = record.optional()  # of a group, what each campaign says alone
 
     @property
     def fits_by_model(self) -> Mapping[str, Fit]:
@@ -332,18 +431,18 @@ class GeneralCalibrationRecord(CalibrationRecord):
 # `seed/base_frame.json`: base frame, and targets where the instrument's own are not stated.
 
 
-class StraightLine(Part):
+class StraightLine(record.Part):
     """A straight move as it was measured."""
 
-    direction_instr: Vector3  # its direction in the instrument's frame
+    direction_instr: record.Vector3  # its direction in the instrument's frame
     direction_u_rad: float  # standard uncertainty of the direction [rad]
     length_mm: float  # its length [mm]
     bend_rms_mm: float  # root mean square distance from the line [mm]
     points: int  # points measured along it
 
 
-@filed("pa10cal-base-frame/1", "seed/base_frame.json", by="seed")
-class BaseFrameRecord(MeasuredRecord):
+@record.filed("pa10cal-base-frame/1", "seed/base_frame.json", by="seed")
+class BaseFrameRecord(record.MeasuredRecord):
     """`seed/base_frame.json`."""
 
     # how the frame was found
@@ -355,25 +454,37 @@ class BaseFrameRecord(MeasuredRecord):
         "ranging",
         "nominal_arm",
     ]
-    R_instr_base: Matrix3  # orientation of the base in the instrument's frame
-    origin_instr_m: Vector3  # origin of the base in the instrument's frame [m]
-    T_instr_base: PoseMatrix  # both as a homogeneous matrix [m]
-    x_direction_u_rad: float | None = optional()  # standard uncertainty of the x axis [rad]
-    y_direction_u_rad: float | None = optional()  # standard uncertainty of the y axis [rad]
-    line_x: StraightLine | None = optional()  # the straight move along x
-    line_y: StraightLine | None = optional()  # the straight move along y
-    angle_between_lines_deg: float | None = optional()  # angle between the straight moves [deg]
-    attitude_scatter_rad: float | None = optional()  # root mean square orientation residual [rad]
-    T_ee_target: PoseMatrix | None = optional()  # the target in the end-effector frame [m]
+    R_instr_base: record.Matrix3  # orientation of the base in the instrument's frame
+    origin_instr_m: record.Vector3  # origin of the base in the instrument's frame [m]
+    T_instr_base: record.PoseMatrix  # both as a homogeneous matrix [m]
+    x_direction_u_rad: float | None = record.optional()  # standard uncertainty of the x axis [rad]
+    y_direction_u_rad: float | None = record.optional()  # standard uncertainty of the y axis [rad]
+    line_x: StraightLine | None = record.optional()  # the straight move along x
+    line_y: StraightLine | None = record.optional()  # the straight move along y
+    angle_between_lines_deg: float | None = (
+        record.optional()
+    )  # angle between the straight moves [deg]
+    attitude_scatter_rad: float | None = (
+        record.optional()
+    )  # root mean square orientation residual [rad]
+    T_ee_target: record.PoseMatrix | None = (
+        record.optional()
+    )  # the target in the end-effector frame [m]
     # of a group, the target of each campaign in the end-effector frame [m]
-    T_ee_target_of: Mapping[Annotated[str, Key("campaign")], PoseMatrix] | None = optional()
+    T_ee_target_of: Mapping[Annotated[str, record.Key("campaign")], record.PoseMatrix] | None = (
+        record.optional()
+    )
     # places of the targets in the end-effector frame [m]
-    p_ee_targets_m: Mapping[Annotated[str, Key("target")], Vector3] | None = optional()
+    p_ee_targets_m: Mapping[Annotated[str, record.Key("target")], record.Vector3] | None = (
+        record.optional()
+    )
     # the instrument's fixed point in the base frame [m]
-    p_base_point_m: Vector3 | None = optional()
+    p_base_point_m: record.Vector3 | None = record.optional()
     # what the data do not identify, held at its stated or starting value
-    held_as_stated: tuple[str, ...] | None = optional()
-    target_stated: bool | None = optional()  # whether the campaign states the places of its targets
+    held_as_stated: tuple[str, ...] | None = record.optional()
+    target_stated: bool | None = (
+        record.optional()
+    )  # whether the campaign states the places of its targets
     origin_scatter_mm: float  # root mean square position residual [mm]
     origin_poses: int  # poses that the origin stands on
     origin_from: str  # which poses they are

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 from pydantic import ValidationError
 from pydantic_core import from_json
 
-from pa10cal.errors import RecordError
+from pa10cal.errors import RecordError, refusals_beside
 from pa10cal.files.output import whole_file
 from pa10cal.results.record import Record
 
@@ -18,6 +18,7 @@ _R = TypeVar("_R", bound=Record)
 
 #: Letters of an offending value that are shown.
 _MOST_LETTERS = 80
+_refusal = refusals_beside(__file__, RecordError)
 
 
 def read(kind: type[_R], path: Path, campaign: str | None = None) -> _R:
@@ -53,20 +54,11 @@ def _contents(kind: type[Record], path: Path, what: str, allowed: str) -> list[A
         texts = [text] if what == "record" else text.splitlines()
         return [from_json(each, allow_inf_nan=False) for each in texts]
     except FileNotFoundError:
-        raise RecordError(
-            f"the {what} {'is' if what == 'record' else 'are'} missing",
-            where=str(path),
-            allowed=f"a file that pa10cal {kind.COMMAND} wrote",
-            remedy=f"run pa10cal {kind.COMMAND} first",
+        raise _refusal(
+            "missing", path, None, what, "is" if what == "record" else "are", kind.COMMAND
         ) from None
     except (OSError, ValueError) as error:
-        raise RecordError(
-            f"the {what} cannot be read",
-            where=str(path),
-            value=str(error),
-            allowed=allowed,
-            remedy=f"run pa10cal {kind.COMMAND} again",
-        ) from None
+        raise _refusal("unreadable", path, str(error), what, allowed, kind.COMMAND) from None
 
 
 def schema_of(path: Path) -> str | None:
@@ -99,47 +91,32 @@ def _checked(kind: type[_R], content: Any, where: str, campaign: str | None) -> 
     """Return the record of what a file, or a line of it, holds."""
     found = content.get("schema") if isinstance(content, dict) else None
     if found != kind.SCHEMA:
-        raise RecordError(
-            "not a record of this kind",
-            where=where,
-            value=found,
-            allowed=f"schema {kind.SCHEMA}",
-            remedy=f"give a file that pa10cal {kind.COMMAND} wrote",
-        )
+        raise _refusal("another kind", where, found, kind.SCHEMA, kind.COMMAND)
     if campaign is not None and content.get("campaign") != campaign:
-        raise RecordError(
-            "the record is of another campaign",
-            where=where,
-            value=content.get("campaign"),
-            allowed=campaign,
-            remedy="give the results of this campaign, or run its commands again",
-        )
+        raise _refusal("another campaign", where, content.get("campaign"), campaign)
     try:
         record = kind.kind_of(content).model_validate(content, extra="ignore")
     except ValidationError as error:
-        raise _refusal(kind, error, where) from None
+        raise _unfit(kind, error, where) from None
     assert isinstance(record, kind)
     return record
 
 
-def _refusal(kind: type[Record], error: ValidationError, where: str) -> RecordError:
+def _unfit(kind: type[Record], error: ValidationError, where: str) -> RecordError:
     """Describe what is wrong with the first key that is."""
     first, *others = error.errors(include_url=False)
     key = ".".join(str(part) for part in first["loc"])
     more = f", and {len(others)} more" if others else ""
     if first["type"] == "missing":
-        return RecordError(
-            f"the record lacks {key}{more}",
-            where=where,
-            allowed=f"every key of schema {kind.SCHEMA}",
-            remedy=f"run pa10cal {kind.COMMAND} again",
-        )
-    return RecordError(
-        f"{key or 'the record'} is not as it should be{more}",
-        where=where,
-        value=_Shortened(first["input"]),
-        allowed=first["msg"].removeprefix("Input should be ").removeprefix("Value error, "),
-        remedy=f"run pa10cal {kind.COMMAND} again",
+        return _refusal("lacks", where, None, key, more, kind.SCHEMA, kind.COMMAND)
+    return _refusal(
+        "not right",
+        where,
+        _Shortened(first["input"]),
+        key or "the record",
+        more,
+        first["msg"].removeprefix("Input should be ").removeprefix("Value error, "),
+        kind.COMMAND,
     )
 
 

@@ -5,21 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
+from pa10cal.results import record
 from pa10cal.results.calibration import Moved
-from pa10cal.results.record import (
-    Column,
-    GappyColumn,
-    Key,
-    LabelColumn,
-    Part,
-    Record,
-    Table,
-    filed,
-    optional,
-)
 
 
-class ComparedModel(Part):
+class ComparedModel(record.Part):
     """One of the two models."""
 
     name: str  # its file, or what it was called
@@ -32,26 +22,26 @@ class ComparedModel(Part):
     only_here: tuple[str, ...]  # terms that the other model has not
 
 
-class ParameterRows(Table):
+class ParameterRows(record.Table):
     """Parameters of both models; null where a model has not the parameter."""
 
-    term: LabelColumn  # its term
-    of: LabelColumn  # where the term sits
-    parameter: LabelColumn  # name of the parameter
-    unit: LabelColumn  # unit of values, uncertainties and difference
-    first: GappyColumn  # value in the first model
-    first_std: GappyColumn  # its standard uncertainty
-    second: GappyColumn  # value in the second model
-    second_std: GappyColumn  # its standard uncertainty
+    term: record.LabelColumn  # its term
+    of: record.LabelColumn  # where the term sits
+    parameter: record.LabelColumn  # name of the parameter
+    unit: record.LabelColumn  # unit of values, uncertainties and difference
+    first: record.GappyColumn  # value in the first model
+    first_std: record.GappyColumn  # its standard uncertainty
+    second: record.GappyColumn  # value in the second model
+    second_std: record.GappyColumn  # its standard uncertainty
     # second minus first; null too for turns of the tool where both fits began with other
     # orientations of it
-    difference: GappyColumn
+    difference: record.GappyColumn
     # difference over its combined standard uncertainty; null where that is not known, or the poses
     # of either do not determine the parameter
-    over_u: GappyColumn
+    over_u: record.GappyColumn
 
 
-class ComparedFrame(Part):
+class ComparedFrame(record.Part):
     """How far apart two models put one frame, over the postures compared."""
 
     rms_mm: float  # root mean square distance [mm], each in its own base
@@ -81,7 +71,7 @@ class MovedThing(Moved):
     alternatives: tuple[str, ...]  # what would raise it about as much in its place
 
 
-class WhatMoved(Part):
+class WhatMoved(record.Part):
     """What moved in an arm between two campaigns."""
 
     # `unchanged`, `base_or_tool_moved`, `joint_zero_moved`, `stiffness_changed`, or
@@ -100,8 +90,8 @@ class WhatMoved(Part):
     line: str  # the same in one sentence
 
 
-@filed("pa10cal-comparison/1", "compare.json", by="compare")
-class ComparisonRecord(Record):
+@record.filed("pa10cal-comparison/1", "compare.json", by="compare")
+class ComparisonRecord(record.Record):
     """`compare.json`."""
 
     first: ComparedModel  # the first model
@@ -113,33 +103,33 @@ class ComparisonRecord(Record):
     postures: int  # postures compared, drawn from the joint angles that both fits have seen
     loads_N: tuple[float, ...]  # external loads of these, in turn [N]
     # by frame, `flange` and `tool`; empty where no angles were seen by both
-    frames: Mapping[Annotated[str, Key("frame")], ComparedFrame]
+    frames: Mapping[Annotated[str, record.Key("frame")], ComparedFrame]
     # whether the flanges agree within the uncertainty of both models; null where that cannot be
     # judged
     agree: bool | None
     line: str  # the same in one sentence, with figures
     # what moved between both campaigns; not given without the covariance of a model
-    what_moved: WhatMoved | None = optional()
+    what_moved: WhatMoved | None = record.optional()
 
 
 # What `pa10cal drift` writes: the parameters of one arm over campaigns, in order of time.
 
 
-class DriftRows(Table):
+class DriftRows(record.Table):
     """Every parameter of the arm in every campaign that has it."""
 
-    campaign: LabelColumn  # the campaign
-    term: LabelColumn  # term of the parameter
-    of: LabelColumn  # where the term sits
-    parameter: LabelColumn  # name of the parameter
-    unit: LabelColumn  # unit of value and interval
-    value: Column  # value
-    std: Column  # its standard uncertainty
-    low: Column  # lower end of its 95 % interval
-    high: Column  # upper end of it
+    campaign: record.LabelColumn  # the campaign
+    term: record.LabelColumn  # term of the parameter
+    of: record.LabelColumn  # where the term sits
+    parameter: record.LabelColumn  # name of the parameter
+    unit: record.LabelColumn  # unit of value and interval
+    value: record.Column  # value
+    std: record.Column  # its standard uncertainty
+    low: record.Column  # lower end of its 95 % interval
+    high: record.Column  # upper end of it
 
 
-class DriftStep(Part):
+class DriftStep(record.Part):
     """What moved from one campaign to the next."""
 
     first: str  # the campaign before
@@ -147,8 +137,8 @@ class DriftStep(Part):
     what_moved: WhatMoved  # what moved in between
 
 
-@filed("pa10cal-drift/1", "drift.json", by="drift")
-class DriftRecord(Record):
+@record.filed("pa10cal-drift/1", "drift.json", by="drift")
+class DriftRecord(record.Record):
     """`drift.json`."""
 
     robot: str  # the arm

@@ -7,31 +7,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
+from pa10cal.results import record
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter, Parameter
 from pa10cal.results.explained import Explained, ProposedFormula
 from pa10cal.results.maps import AnglesSeen, Bands, FallsBack, JointWitness, MapForm, PoseScatter
-from pa10cal.results.record import (
-    HALF_WIDTH_95,
-    EffectName,
-    FaultKind,
-    Key,
-    LoadKey,
-    MeasuredRecord,
-    Name,
-    Numbers,
-    ParameterKey,
-    Part,
-    PoseMatrix,
-    filed,
-    optional,
-)
 
 
 def sized(parameters: Mapping[str, EffectParameter]) -> str:
     """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
     return ", ".join(
-        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
+        f"{key} = {entry.value:.4g} ± {record.HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
         for key, entry in parameters.items()
         if not key.startswith("knot")
     )
@@ -40,14 +26,14 @@ def sized(parameters: Mapping[str, EffectParameter]) -> str:
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
 
 
-class CrossValidation(Part):
+class CrossValidation(record.Part):
     """What an effect explains of the error of poses that its fit did not see."""
 
     explained: float  # part of the squared error that the effect explains
     z: float  # mean gain over poses, in standard errors
 
 
-class EvidenceByRepeats(Part):
+class EvidenceByRepeats(record.Part):
     """Statistics that decided about an effect, against the scatter of repeats."""
 
     lost_without_it_nats: float  # log evidence lost without the effect
@@ -59,7 +45,7 @@ class EvidenceByRepeats(Part):
     cross_validation_over_loads: CrossValidation | None
 
 
-class BlockedCrossValidation(Part):
+class BlockedCrossValidation(record.Part):
     """How well blocks of poses that the fit did not see are predicted."""
 
     rms_without_mm: float  # root mean square error without the effect [mm]
@@ -71,13 +57,13 @@ class BlockedCrossValidation(Part):
     z: float  # gain in standard errors
 
 
-class EvidenceByBlocks(Part):
+class EvidenceByBlocks(record.Part):
     """Statistics that decided about an effect, by blocks of poses."""
 
     cross_validation_over_blocks: BlockedCrossValidation  # cross-validation over blocks of poses
 
 
-class EvidenceOfSag(Part):
+class EvidenceOfSag(record.Part):
     """Statistics that decided about a joint that gives way under weights that nobody stated."""
 
     lost_without_it_nats: float  # log evidence lost with the joint rigid
@@ -98,22 +84,24 @@ class EvidenceOfSag(Part):
         if self.held_out_rigid_mm is not None and self.held_out_gives_way_mm is not None:
             rigid_mm, now_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
             which = "held-out poses"
+        sag = f"{self.sag_mrad:.2f} ± {record.HALF_WIDTH_95 * self.sag_u_mrad:.2g} mrad"
         return (
-            f"sags by up to {self.sag_mrad:.2f} ± {HALF_WIDTH_95 * self.sag_u_mrad:.2g} mrad under "
-            f"the arm's weight; held rigid it leaves {rigid_mm:.3f} mm rms of {which}, as it is "
-            f"{now_mm:.3f} mm; log evidence {self.lost_without_it_nats:.3g} nats, "
-            f"{self.needed_nats:.3g} needed"
+            f"sags by up to {sag} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
+            f"rms of {which}, as it is {now_mm:.3f} mm; log evidence "
+            f"{self.lost_without_it_nats:.3g} nats, {self.needed_nats:.3g} needed"
         )
 
 
-class NamedEffect(EffectName):
+class NamedEffect(record.EffectName):
     """An effect that was named."""
 
-    parameters: Mapping[ParameterKey, EffectParameter]  # its parameters
-    alternatives: tuple[EffectName, ...]  # effects that explain the data as well in its place
+    parameters: Mapping[record.ParameterKey, EffectParameter]  # its parameters
+    alternatives: tuple[
+        record.EffectName, ...
+    ]  # effects that explain the data as well in its place
 
     @property
-    def all_names(self) -> tuple[Name, ...]:
+    def all_names(self) -> tuple[record.Name, ...]:
         """Return the name and those of its alternatives."""
         return (self.name, *(each.name for each in self.alternatives))
 
@@ -135,13 +123,13 @@ class FoundEffect(NamedEffect):
     evidence: EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag  # the statistics that decided
     # whether the joint's sensor or its gear errs; of errors by its angle, where anything is known
     # of it
-    witness: JointWitness | None = optional()
+    witness: JointWitness | None = record.optional()
     # where the weights come from under which a joint gives way, where the arm's description states
     # none: its stiffness is known relative to assumed ones
-    weights: Literal["assumed", "total", "logged"] | None = optional()
+    weights: Literal["assumed", "total", "logged"] | None = record.optional()
 
 
-class Unexplained(Part):
+class Unexplained(record.Part):
     """Something without a name."""
 
     of: str | None  # where it sits; null where the data do not say
@@ -151,10 +139,10 @@ class Unexplained(Part):
     why: str  # why it has no name
 
 
-class Fault(Part):
+class Fault(record.Part):
     """Something in the log that is wrong."""
 
-    kind: FaultKind  # which fault
+    kind: record.FaultKind  # which fault
     where: str  # column, joint, load, pose, row or time
     what: str  # what is wrong and by how much
     remedy: str  # what to do about it
@@ -172,13 +160,13 @@ class AllUnexplained(Unexplained):
     all: tuple[Unexplained, ...]  # every place, the largest first
 
 
-class NotTestable(EffectName):
+class NotTestable(record.EffectName):
     """An effect that the data cannot show."""
 
     why: str  # why not
 
 
-class Reduction(Part):
+class Reduction(record.Part):
     """Mean reduction of the position error, poses being the unit."""
 
     mean_mm: float  # mean reduction [mm]
@@ -196,22 +184,22 @@ class SetGap(LoadGap):
     """The gap over some configurations."""
 
     noise_floor_mm: float  # mean position error that repeatability alone leaves [mm]
-    per_load: Mapping[LoadKey, LoadGap]  # the gap at each load
+    per_load: Mapping[record.LoadKey, LoadGap]  # the gap at each load
     # inside the joint angles that maps have learnt from; null where effects were judged by repeats,
     # no map was found, or no configuration is
     inside: BeforeAfter | None
     outside: BeforeAfter | None  # outside them; null likewise
     # without configurations that have a suspected reading (`faults`); not given where none has
-    trusted: BeforeAfter | None = optional()
+    trusted: BeforeAfter | None = record.optional()
     # the same with the motion of base or instrument that was found taken out of the readings: no
     # model holds it, and no other number here is without it; not given where none was found
-    without_motion: BeforeAfter | None = optional()
+    without_motion: BeforeAfter | None = record.optional()
     # errors of a model that is not written: with the smooth unknown functions, too, that the search
     # held and that are no names; not given where it held none
-    with_rivals: Accuracy | None = optional()
+    with_rivals: Accuracy | None = record.optional()
 
 
-class Gap(Part):
+class Gap(record.Part):
     """The error before (calibrated model) and after (with the named effects).
 
     Both models are those that are written: the calibration's and `extended.json`'s. Where effects
@@ -223,7 +211,7 @@ class Gap(Part):
     # `noise_floor_from` says
     noise_floor_mm: float
     # what the noise floor was found from, where not from repeats
-    noise_floor_from: str | None = optional()
+    noise_floor_from: str | None = record.optional()
     train: SetGap  # over the poses fitted
     # over held-out poses, which are never used to choose or fit; null without any
     holdout: SetGap | None
@@ -234,7 +222,7 @@ class Gap(Part):
         return "unidirectional repeatability" if self.noise_floor_from is None else "noise"
 
 
-class Tried(EffectName):
+class Tried(record.EffectName):
     """An effect tried on the remaining error."""
 
     gain: float  # part of the remaining squared error that it explains
@@ -244,7 +232,7 @@ class Tried(EffectName):
     positions_and_attitudes_agree: bool | None
 
 
-class Remaining(Part):
+class Remaining(record.Part):
     """The error that remains of blocks held out of the fit, against the noise."""
 
     mean_mm: float  # mean position error [mm]
@@ -255,14 +243,14 @@ class Remaining(Part):
     tried: tuple[Tried, ...]  # what else was tried, the best first
 
 
-class SharedError(Part):
+class SharedError(record.Part):
     """Position error that all readings of a pose share."""
 
     before: float  # of the calibrated model [mm]
     after: float  # with the effects [mm]
 
 
-class SearchKeys(Part):
+class SearchKeys(record.Part):
     """How effects were searched for."""
 
     candidates: int  # effects tried
@@ -277,7 +265,7 @@ class SearchByRepeats(SearchKeys):
     readings_excluded: int  # readings suspected of a gross error
 
 
-class Needed(Part):
+class Needed(record.Part):
     """What an effect must bring."""
 
     standard_errors: float  # gain in its standard errors, at least
@@ -295,20 +283,20 @@ class SearchByBlocks(SearchKeys):
     refit_converged: bool  # whether the last refit converged
 
 
-class SuggestedPose(Part):
+class SuggestedPose(record.Part):
     """A configuration to measure next."""
 
-    q_deg: Numbers  # joint angles [deg]
-    q_rad: Numbers  # joint angles [rad]
+    q_deg: record.Numbers  # joint angles [deg]
+    q_rad: record.Numbers  # joint angles [rad]
     load_N: float  # load [N]
     # side from which each joint arrives: -1 from smaller angles, +1 from larger ones
-    arrive_from: Numbers | None = optional()
+    arrive_from: record.Numbers | None = record.optional()
     # expected log evidence between the alternatives, with all configurations up to this one
-    separation_nats: float | None = optional()
+    separation_nats: float | None = record.optional()
     for_: tuple[str, ...] = Field(alias="for")  # what it serves
 
 
-class Separation(Part):
+class Separation(record.Part):
     """How far apart two explanations are expected to come."""
 
     pair: str  # the explanations
@@ -318,7 +306,7 @@ class Separation(Part):
     can_be_split: bool  # whether poses can separate them at all
 
 
-class VerdictKeys(Part):
+class VerdictKeys(record.Part):
     """The verdict on a campaign."""
 
     # `named` when every effect found stands alone; `ambiguous` when one at least has alternatives;
@@ -326,14 +314,14 @@ class VerdictKeys(Part):
     # agree within the repeatability; `check_the_log` when what fits best is a fault of the data;
     # `not_sought` when the campaign has too few poses or repeats for a search
     verdict: Verdict
-    why: str | None = optional()  # why effects cannot be sought, where `not_sought`
-    remedy: str | None = optional()  # what would do, where `not_sought`
+    why: str | None = record.optional()  # why effects cannot be sought, where `not_sought`
+    remedy: str | None = record.optional()  # what would do, where `not_sought`
     # how effects were judged; null where they were not sought
     method: Literal["evidence of repeats", "cross-validation over blocks"] | None
     # how much of the position error beyond noise the effects found take away, and each of them; not
     # given where the calibrated model errs by no more than noise, the verdict is `none`, or effects
     # were not sought
-    explained: Explained | None = optional()
+    explained: Explained | None = record.optional()
     effects: tuple[FoundEffect, ...]  # effects named, in the order found
     # faults of the log; `effects` then holds those that stand whatever becomes of them, and single
     # readings with a gross error alone leave the verdict as it is where effects stand
@@ -341,31 +329,33 @@ class VerdictKeys(Part):
     unexplained: AllUnexplained | None  # what has no name; null if nothing remains
     # short formulas that do as well as a map or as what has no name; they name nothing, and are not
     # in the extended model
-    proposed: tuple[ProposedFormula, ...] | None = optional()
+    proposed: tuple[ProposedFormula, ...] | None = record.optional()
     # effects that these data cannot show, found before residuals are looked at
     not_testable: tuple[NotTestable, ...]
     # effects that are sought, but would be missed in more than 5 of 100 such campaigns at their
     # plausible size; found likewise
-    below_detection_limit: tuple[NotTestable, ...] | None = optional()
+    below_detection_limit: tuple[NotTestable, ...] | None = record.optional()
     # effects that these poses cannot separate, found likewise
-    indistinguishable: tuple[tuple[EffectName, ...], ...]
+    indistinguishable: tuple[tuple[record.EffectName, ...], ...]
     gap: Gap  # the error before and after
-    remaining: Remaining | None = optional()  # remaining error of blocks held out of the fit
+    remaining: Remaining | None = record.optional()  # remaining error of blocks held out of the fit
     # how effects were searched for; null where they were not
     search: SearchByRepeats | SearchByBlocks | None
-    bands: Bands | None = optional()  # bands of maps, found from the data, where they have some
+    bands: Bands | None = (
+        record.optional()
+    )  # bands of maps, found from the data, where they have some
     # what single poses scatter by about the extended model, where maps have a band
-    scatter: PoseScatter | None = optional()
+    scatter: PoseScatter | None = record.optional()
     # values of each joint seen by the fit, where effects were judged by blocks and a map was found:
     # it holds there
-    angles_seen: tuple[AnglesSeen, ...] | None = optional()
+    angles_seen: tuple[AnglesSeen, ...] | None = record.optional()
     # where the extended model leaves the effects out, because held-out poses are predicted worse
     # with them than before
-    falls_back: FallsBack | None = optional()
+    falls_back: FallsBack | None = record.optional()
     # configurations to measure next, the most useful first
     suggested_poses: tuple[SuggestedPose, ...]
     # how far apart the suggested poses are expected to bring each pair
-    separations: tuple[Separation, ...] | None = optional()
+    separations: tuple[Separation, ...] | None = record.optional()
 
     @property
     def effects_by_share(self) -> tuple[FoundEffect, ...]:
@@ -453,36 +443,36 @@ class VerdictKeys(Part):
                     )
 
 
-@filed("pa10cal-verdict/1", "discovery/verdict.json", by="discover")
-class VerdictRecord(VerdictKeys, MeasuredRecord):
+@record.filed("pa10cal-verdict/1", "discovery/verdict.json", by="discover")
+class VerdictRecord(VerdictKeys, record.MeasuredRecord):
     """`discovery/verdict.json`."""
 
     arrival_from_order: bool  # whether directions of arrival come from the order of the poses
     # null: the time taken stands in the log, so that equal runs have equal results
     seconds: float | None
     # of a group, every effect found as each campaign alone has it
-    by_campaign: tuple[EffectByCampaign, ...] | None = optional()
+    by_campaign: tuple[EffectByCampaign, ...] | None = record.optional()
 
 
-@filed("pa10cal-extended/1", "discovery/extended.json", by="discover")
-class ExtendedRecord(MeasuredRecord):
+@record.filed("pa10cal-extended/1", "discovery/extended.json", by="discover")
+class ExtendedRecord(record.MeasuredRecord):
     """`discovery/extended.json`."""
 
     # every parameter of the calibrated model and the base frame, with the effects
-    parameters: Mapping[ParameterKey, Parameter]
-    T_instr_base: PoseMatrix  # base frame in the instrument's frame [m]
+    parameters: Mapping[record.ParameterKey, Parameter]
+    T_instr_base: record.PoseMatrix  # base frame in the instrument's frame [m]
     # the fitted model as `model.yaml` holds it (schema pa10cal-model/2); its covariance is in
     # `extended.covariance.npz`
-    fitted_model: Mapping[Annotated[str, Key("key")], JsonValue]
+    fitted_model: Mapping[Annotated[str, record.Key("key")], JsonValue]
     # values of each joint seen by the fit, where effects were judged by blocks and a map was found:
     # it holds there
-    angles_seen: tuple[AnglesSeen, ...] | None = optional()
+    angles_seen: tuple[AnglesSeen, ...] | None = record.optional()
     robot: str  # name of the arm
     calibration: str  # load case of the calibration it began with
     verdict: Verdict  # the verdict
     arrival_from_order: bool  # whether directions of arrival come from the order of the poses
     # times at which instrument or base moved suddenly, the most certain first [s]; not given where
     # they did not
-    steps_s: tuple[float, ...] | None = optional()
+    steps_s: tuple[float, ...] | None = record.optional()
     named: tuple[NamedEffect, ...]  # effects named, with uncertainties
     warnings: tuple[str, ...]  # what to know before the model is trusted

@@ -7,26 +7,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pa10cal.results.record import (
-    Column,
-    CountColumn,
-    FlagColumn,
-    Key,
-    LabelColumn,
-    LoadKey,
-    MeasuredRecord,
-    Part,
-    Table,
-    Vector3,
-    VectorColumn,
-    filed,
-    optional,
-)
+from pa10cal.results import record
 
 # Errors of a model over configurations, and configuration by configuration.
 
 
-class Distances(Part):
+class Distances(record.Part):
     """Position errors over a set of configurations."""
 
     mean_mm: float  # mean position error, at the end-effector frame [mm]
@@ -57,33 +43,33 @@ def flagged(count: int) -> str:
     return f"{count} reading{'s' * (count > 1)} flagged as wrong"
 
 
-class BeforeAfter(Part):
+class BeforeAfter(record.Part):
     """Errors of one set of configurations under two models."""
 
     before: Accuracy  # errors before
     after: Accuracy  # errors after
 
 
-class ResidualRows(Table):
+class ResidualRows(record.Table):
     """Residuals of configurations: predicted minus measured, along the base axes."""
 
-    pose: LabelColumn  # label of the pose
-    load_N: Column  # load [N]
-    place_mm: VectorColumn  # predicted position in the base frame [mm]
-    position_mm: VectorColumn  # position residual along the base axes [mm]
+    pose: record.LabelColumn  # label of the pose
+    load_N: record.Column  # load [N]
+    place_mm: record.VectorColumn  # predicted position in the base frame [mm]
+    position_mm: record.VectorColumn  # position residual along the base axes [mm]
     # rotation residual, axis times angle, along the base axes [deg]; null where the instrument
     # measures no orientation
-    rotation_deg: VectorColumn | None
+    rotation_deg: record.VectorColumn | None
 
 
-class Estimate(Part):
+class Estimate(record.Part):
     """A number with its standard uncertainty."""
 
     value: float  # value
     std: float | None  # standard uncertainty; null where it is not known
 
 
-class EffectParameter(Part):
+class EffectParameter(record.Part):
     """An estimated parameter of an effect."""
 
     value: float  # value, in `unit`
@@ -91,7 +77,7 @@ class EffectParameter(Part):
     unit: str  # unit of `value` and `std`
 
 
-class Parameter(Part):
+class Parameter(record.Part):
     """An estimated parameter of a model."""
 
     value: float  # value, in `unit`
@@ -106,36 +92,36 @@ class Parameter(Part):
 Status = Literal["converged", "not converged"]
 
 
-class ToolTwist(Part):
+class ToolTwist(record.Part):
     """The constant rotation of the tool that explains most of the orientation error."""
 
-    rotation_deg: Vector3  # axis times angle in the end-effector frame [deg]
+    rotation_deg: record.Vector3  # axis times angle in the end-effector frame [deg]
     angle_deg: float  # its angle [deg]
     before_deg: float  # mean orientation error without it [deg]
     after_deg: float  # mean orientation error with it taken off [deg]
 
 
-class HeldOutRows(Table):
+class HeldOutRows(record.Table):
     """Residuals of held-out configurations: predicted minus measured, along the base axes."""
 
-    pose: LabelColumn  # label of the pose
-    load_N: Column  # load [N]
-    position_mm: VectorColumn  # position residual along the base axes [mm]
-    error_mm: Column  # position error [mm]
+    pose: record.LabelColumn  # label of the pose
+    load_N: record.Column  # load [N]
+    position_mm: record.VectorColumn  # position residual along the base axes [mm]
+    error_mm: record.Column  # position error [mm]
     # rotation residual, axis times angle, along the base axes [deg]; null where the instrument
     # measures no orientation
-    rotation_deg: VectorColumn | None
+    rotation_deg: record.VectorColumn | None
     # whether a joint leaves the angles that the fit has seen; null where the model does not depend
     # on that
-    extrapolated: FlagColumn | None
+    extrapolated: record.FlagColumn | None
 
 
 class HeldOutModel(Accuracy):
     """One model on held-out configurations."""
 
-    per_load: Mapping[LoadKey, Accuracy]  # errors at each load
+    per_load: Mapping[record.LoadKey, Accuracy]  # errors at each load
     # errors at each point; empty where there are very many
-    per_point: Mapping[Annotated[str, Key("pose")], Accuracy]
+    per_point: Mapping[Annotated[str, record.Key("pose")], Accuracy]
     # rotation of the tool that the errors show; null without orientations
     tool_twist: ToolTwist | None
     # errors inside the joint angles that the fit has seen; null where the model does not depend on
@@ -143,14 +129,14 @@ class HeldOutModel(Accuracy):
     inside: Accuracy | None
     outside: Accuracy | None  # errors outside them; null likewise
     # errors without configurations that have a suspected reading; not given where none has
-    trusted: Accuracy | None = optional()
+    trusted: Accuracy | None = record.optional()
     rows: HeldOutRows  # every held-out configuration
 
 
-_Models = Mapping[Annotated[str, Key("model")], HeldOutModel]
+_Models = Mapping[Annotated[str, record.Key("model")], HeldOutModel]
 
 
-class PartOfCampaign(Part):
+class PartOfCampaign(record.Part):
     """A part of a campaign in which instrument or base moved suddenly; it has its own base."""
 
     from_s: float = Field(alias="from")  # time of its first reading [s]
@@ -163,8 +149,8 @@ class PartOfCampaign(Part):
     turned_by_mrad: float | None  # by how much the base turned then [mrad]; null of the first
 
 
-@filed("pa10cal-holdout/1", "evaluation/holdout.json", by="evaluate")
-class HoldoutRecord(MeasuredRecord):
+@record.filed("pa10cal-holdout/1", "evaluation/holdout.json", by="evaluate")
+class HoldoutRecord(record.MeasuredRecord):
     """`evaluation/holdout.json`."""
 
     calibration: str  # load case of the calibration judged
@@ -173,14 +159,14 @@ class HoldoutRecord(MeasuredRecord):
     # (with the effects that discovery named)
     models: _Models
     # parts before and after steps in time that the verdict tells; not given where it tells none
-    parts: tuple[PartOfCampaign, ...] | None = optional()
+    parts: tuple[PartOfCampaign, ...] | None = record.optional()
     # errors by model with base and tool fitted anew, a base for every part
-    by_parts: Mapping[Annotated[str, Key("model")], Accuracy] | None = optional()
-    note: str | None = optional()  # why there is no model in it
+    by_parts: Mapping[Annotated[str, record.Key("model")], Accuracy] | None = record.optional()
+    note: str | None = record.optional()  # why there is no model in it
 
 
-@filed("pa10cal-transfer/1", "evaluation/transfer_<campaign>.json", by="transfer")
-class TransferRecord(MeasuredRecord):
+@record.filed("pa10cal-transfer/1", "evaluation/transfer_<campaign>.json", by="transfer")
+class TransferRecord(record.MeasuredRecord):
     """`evaluation/transfer_<campaign>.json`."""
 
     from_: str = Field(alias="from")  # campaign in which the models were calibrated
@@ -190,42 +176,44 @@ class TransferRecord(MeasuredRecord):
     models: _Models
     # parts before and after instrument or base moved suddenly, as the calibration poses show; not
     # given where nothing moved
-    parts: tuple[PartOfCampaign, ...] | None = optional()
+    parts: tuple[PartOfCampaign, ...] | None = record.optional()
     # errors by model with one base for all parts
-    one_base: Mapping[Annotated[str, Key("model")], Accuracy] | None = optional()
+    one_base: Mapping[Annotated[str, record.Key("model")], Accuracy] | None = record.optional()
 
 
 # `evaluation/iso9283.json`: pose accuracy and repeatability after ISO 9283.
 
 
-class RepeatabilityRows(Table):
+class RepeatabilityRows(record.Table):
     """Pose repeatability RP of configurations; it does not depend on a model."""
 
-    kind: LabelColumn  # `grid`: used for the fit, or `holdout`: held out
-    pose: LabelColumn  # label of the pose
-    load_N: Column  # load [N]
-    repeats: CountColumn  # readings of it
+    kind: record.LabelColumn  # `grid`: used for the fit, or `holdout`: held out
+    pose: record.LabelColumn  # label of the pose
+    load_N: record.Column  # load [N]
+    repeats: record.CountColumn  # readings of it
     # whether every joint arrived from the same side in all of them, as the standard has it
-    one_direction: FlagColumn
-    RP_mm: Column  # RP_l: mean distance from the mean position, and three standard deviations [mm]
+    one_direction: record.FlagColumn
+    RP_mm: (
+        record.Column
+    )  # RP_l: mean distance from the mean position, and three standard deviations [mm]
     # RP_a, RP_b, RP_c: three standard deviations of the rotations about the base's x, y and z
     # [deg]; null where the instrument measures no orientation
-    RP_deg: VectorColumn | None
+    RP_deg: record.VectorColumn | None
 
 
-class AccuracyRows(Table):
+class AccuracyRows(record.Table):
     """Pose accuracy AP of configurations: mean attained less commanded pose."""
 
-    pose: LabelColumn  # label of the pose
-    load_N: Column  # load [N]
-    AP_mm: Column  # AP_p: distance of the mean attained from the command [mm]
-    AP_xyz_mm: VectorColumn  # AP_x, AP_y, AP_z along the base's axes [mm]
+    pose: record.LabelColumn  # label of the pose
+    load_N: record.Column  # load [N]
+    AP_mm: record.Column  # AP_p: distance of the mean attained from the command [mm]
+    AP_xyz_mm: record.VectorColumn  # AP_x, AP_y, AP_z along the base's axes [mm]
     # AP_a, AP_b, AP_c: rotations about the base's x, y and z [deg]; null where the instrument
     # measures no orientation
-    AP_deg: VectorColumn | None
+    AP_deg: record.VectorColumn | None
 
 
-class PoseAccuracy(Part):
+class PoseAccuracy(record.Part):
     """Pose accuracy when poses are commanded with one model."""
 
     AP_mean_mm: float  # mean of AP_p over configurations [mm]
@@ -237,14 +225,14 @@ class PoseAccuracy(Part):
     rows: AccuracyRows  # every configuration, in the order of `repeatability`
 
 
-@filed("pa10cal-iso9283/1", "evaluation/iso9283.json", by="evaluate")
-class Iso9283Record(MeasuredRecord):
+@record.filed("pa10cal-iso9283/1", "evaluation/iso9283.json", by="evaluate")
+class Iso9283Record(record.MeasuredRecord):
     """`evaluation/iso9283.json`."""
 
     calibration: str  # load case of the calibration judged
     # repeatability of configurations; not given where `note` says why
-    repeatability: RepeatabilityRows | None = optional()
+    repeatability: RepeatabilityRows | None = record.optional()
     # accuracy by the model that commands: `uncalibrated`, `geometry`, `linear`, `cubic`,
     # `extended`; not given where `note` says why
-    accuracy: Mapping[Annotated[str, Key("model")], PoseAccuracy] | None = optional()
-    note: str | None = optional()  # why there is neither in it
+    accuracy: Mapping[Annotated[str, record.Key("model")], PoseAccuracy] | None = record.optional()
+    note: str | None = record.optional()  # why there is neither in it

@@ -9,27 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue
 
+from pa10cal.results import record
 from pa10cal.results.evaluation import Distances
-from pa10cal.results.record import (
-    CampaignRecord,
-    Column,
-    CountColumn,
-    FlagColumn,
-    Key,
-    LabelColumn,
-    ParameterKey,
-    Part,
-    Record,
-    Shape,
-    filed,
-    optional,
-)
 
-_Settings = Mapping[Annotated[str, Key("option")], JsonValue]
-_Model = Annotated[str, Key("model")]
+_Settings = Mapping[Annotated[str, record.Key("option")], JsonValue]
+_Model = Annotated[str, record.Key("model")]
 
 
-class ParameterCoverage(Part):
+class ParameterCoverage(record.Part):
     """How often the interval of one parameter holds the truth."""
 
     inside: float  # share inside the 95 % interval
@@ -46,18 +33,18 @@ class PaperCoverage(Coverage):
     """The paper's robot under touched balls, calibrated with the paper's model."""
 
     campaigns: int  # campaigns simulated
-    parameters: Mapping[ParameterKey, ParameterCoverage]  # by parameter
+    parameters: Mapping[record.ParameterKey, ParameterCoverage]  # by parameter
 
 
 class ClassCoverage(Coverage):
     """Coverage of the parameters of one arm under one instrument."""
 
     # by class of parameters: `angles`, `lengths`, `base`, `tool`, ...
-    by_class: Mapping[Annotated[str, Key("class")], Coverage]
-    by_parameter: Mapping[ParameterKey, ParameterCoverage]  # by parameter
+    by_class: Mapping[Annotated[str, record.Key("class")], Coverage]
+    by_parameter: Mapping[record.ParameterKey, ParameterCoverage]  # by parameter
 
 
-class FreeDeparture(Part):
+class FreeDeparture(record.Part):
     """Arms that depart in any way, which have no true parameters."""
 
     campaigns: int  # campaigns simulated
@@ -65,7 +52,7 @@ class FreeDeparture(Part):
     predictions: Coverage  # of predicted positions
 
 
-class CoverageCase(Part):
+class CoverageCase(record.Part):
     """One arm under one instrument."""
 
     case: str  # the case in words
@@ -77,14 +64,14 @@ class CoverageCase(Part):
     converged: float  # share of fits that converged
     unknowns: int  # parameters fitted
     # parameters not fitted, and those that replace them
-    redundant: Mapping[ParameterKey, Mapping[ParameterKey, float]]
+    redundant: Mapping[record.ParameterKey, Mapping[record.ParameterKey, float]]
     parameters: ClassCoverage  # of parameters
     predictions: Coverage  # of predicted positions
     departing_in_any_way: FreeDeparture  # arms that depart in any way
 
 
-@filed("pa10cal-coverage/2", "coverage.json", by="coverage")
-class CoverageRecord(Record):
+@record.filed("pa10cal-coverage/2", "coverage.json", by="coverage")
+class CoverageRecord(record.Record):
     """`coverage.json`: how often intervals hold the truth of simulated campaigns."""
 
     provenance: str  # where the data come from
@@ -93,7 +80,7 @@ class CoverageRecord(Record):
     cases: tuple[CoverageCase, ...]  # the general model, one entry an arm and instrument
 
 
-class OverFloor(Part):
+class OverFloor(record.Part):
     """Mean errors of all individuals over the noise floor."""
 
     mean: float  # mean over individuals
@@ -101,7 +88,7 @@ class OverFloor(Part):
     within_bar: int  # individuals within the figure to reach
 
 
-class CurveStudySummary(Part):
+class CurveStudySummary(record.Part):
     """What became of all individuals that depart in the same way, with one model."""
 
     departs: str  # how they depart: `rows` or `any_way`
@@ -112,7 +99,7 @@ class CurveStudySummary(Part):
     unknowns: int  # parameters fitted
     rank: int  # smallest rank
     # directions that are not identifiable
-    null_directions: tuple[Mapping[ParameterKey, float], ...]
+    null_directions: tuple[Mapping[record.ParameterKey, float], ...]
     # root mean square of error over standard uncertainty; null without a truth
     rms_score: float | None
     fitted: OverFloor  # of poses fitted
@@ -120,7 +107,7 @@ class CurveStudySummary(Part):
     held_out_true: OverFloor  # of held-out poses without noise
 
 
-class ErrorsOfModel(Part):
+class ErrorsOfModel(record.Part):
     """Position errors of one model of one individual."""
 
     fitted: Distances  # of poses fitted
@@ -128,34 +115,34 @@ class ErrorsOfModel(Part):
     held_out_true: Distances  # of held-out poses without noise
 
 
-class IndividualFit(Part):
+class IndividualFit(record.Part):
     """A calibrated model of one individual."""
 
     converged: bool  # whether the fit converged
-    starts: int | None = optional()  # starts tried
-    starts_agreeing: int | None = optional()  # starts that ended in this minimum
+    starts: int | None = record.optional()  # starts tried
+    starts_agreeing: int | None = record.optional()  # starts that ended in this minimum
     unknowns: int  # parameters fitted
     rank: int  # directions of parameter space identified
     condition: float  # condition number over these directions
     # directions that are not identifiable
-    null_directions: tuple[Mapping[ParameterKey, float], ...]
+    null_directions: tuple[Mapping[record.ParameterKey, float], ...]
     # redundant parameters, and those that replace them
-    redundant: Mapping[ParameterKey, Mapping[ParameterKey, float]]
-    scores: Mapping[ParameterKey, float]  # value minus truth, in standard uncertainties
+    redundant: Mapping[record.ParameterKey, Mapping[record.ParameterKey, float]]
+    scores: Mapping[record.ParameterKey, float]  # value minus truth, in standard uncertainties
 
 
-class ErrorsByPose(Part):
+class ErrorsByPose(record.Part):
     """Position error of every pose, model by model."""
 
-    pose: LabelColumn  # label of the pose
-    held_out: FlagColumn  # whether it was held out
-    nominal_mm: Column  # nominal model [mm]
-    two_level_mm: Column  # two-level model [mm]
-    two_level_all_mm: Column  # two-level model, all poses inside [mm]
-    general_mm: Column  # general model [mm]
+    pose: record.LabelColumn  # label of the pose
+    held_out: record.FlagColumn  # whether it was held out
+    nominal_mm: record.Column  # nominal model [mm]
+    two_level_mm: record.Column  # two-level model [mm]
+    two_level_all_mm: record.Column  # two-level model, all poses inside [mm]
+    general_mm: record.Column  # general model [mm]
 
 
-class Individual(Part):
+class Individual(record.Part):
     """One arm, calibrated."""
 
     number: int  # number of the individual, from 1
@@ -166,16 +153,16 @@ class Individual(Part):
     poses: ErrorsByPose  # every pose
 
 
-class Postures(Part):
+class Postures(record.Part):
     """Where the links of the first individual join in every pose."""
 
-    shape: LabelColumn  # kind of curve of each pose
+    shape: record.LabelColumn  # kind of curve of each pose
     # where links join, in the base frame [m]
-    p_m: Annotated[NDArray[np.float64], Shape("poses", "points", 3)]
+    p_m: Annotated[NDArray[np.float64], record.Shape("poses", "points", 3)]
 
 
-@filed("pa10cal-curve-calibration/1", "curve/calibration.json", by="curve_calibration")
-class CurveCalibrationRecord(Record):
+@record.filed("pa10cal-curve-calibration/1", "curve/calibration.json", by="curve_calibration")
+class CurveCalibrationRecord(record.Record):
     """`curve/calibration.json`: a chain of links, posed along curves and calibrated."""
 
     provenance: str  # where the data come from
@@ -192,7 +179,7 @@ class CurveCalibrationRecord(Record):
 # `curve.json`: a chain of links on a continuous curve.
 
 
-class CurveShape(Part):
+class CurveShape(record.Part):
     """One shape of the chain."""
 
     time_s: float  # when it has this shape [s]
@@ -209,8 +196,8 @@ class CurveShape(Part):
     forward_kinematics_error_m: float
 
 
-@filed("pa10cal-curve/1", "curve.json", by="curve")
-class CurveRecord(Record):
+@record.filed("pa10cal-curve/1", "curve.json", by="curve")
+class CurveRecord(record.Record):
     """`curve.json`."""
 
     link_m: float  # length of a link [m]
@@ -221,7 +208,7 @@ class CurveRecord(Record):
     # rolls that keep all joints within limits [deg]; null without limits
     feasible_rolls_deg: tuple[tuple[float, float], ...] | None
     shapes: tuple[CurveShape, ...]  # every shape
-    settings: Mapping[Annotated[str, Key("option")], JsonValue]  # settings of the curve
+    settings: Mapping[Annotated[str, record.Key("option")], JsonValue]  # settings of the curve
 
     @property
     def line(self) -> str:
@@ -237,34 +224,34 @@ class CurveRecord(Record):
 # `montecarlo/z<mm>.json`: position error from resolver uncertainty in a horizontal plane.
 
 
-class Convergence(Part):
+class Convergence(record.Part):
     """Mean over all places after the first cycles at each."""
 
-    cycles: CountColumn  # cycles at each place
-    mean_mm: Column  # mean position error [mm]
-    half_width95_mm: Column  # half width of its 95 % interval [mm]
+    cycles: record.CountColumn  # cycles at each place
+    mean_mm: record.Column  # mean position error [mm]
+    half_width95_mm: record.Column  # half width of its 95 % interval [mm]
 
 
-class Places(Part):
+class Places(record.Part):
     """Every place drawn."""
 
     columns: tuple[str, ...]  # names of the columns
     # one row a place, in the order of the columns [mm]
-    rows: Annotated[NDArray[np.float64], Shape("places", 5)]
+    rows: Annotated[NDArray[np.float64], record.Shape("places", 5)]
 
 
-class PlaneMap(Part):
+class PlaneMap(record.Part):
     """Expected error on a grid over the plane."""
 
     spacing_mm: float  # distance between points of the grid [mm]
     unreachable_points: int  # points of the grid out of reach
     columns: tuple[str, ...]  # names of the columns
     # one row a point, in the order of the columns [mm]
-    rows: Annotated[NDArray[np.float64], Shape("points", 3)]
+    rows: Annotated[NDArray[np.float64], record.Shape("points", 3)]
 
 
-@filed("pa10cal-montecarlo/1", "montecarlo/z<mm>.json", by="montecarlo")
-class PlaneRecord(CampaignRecord):
+@record.filed("pa10cal-montecarlo/1", "montecarlo/z<mm>.json", by="montecarlo")
+class PlaneRecord(record.CampaignRecord):
     """`montecarlo/z<mm>.json`."""
 
     robot: str  # name of the arm

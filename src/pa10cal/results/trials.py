@@ -11,35 +11,94 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue
 
+from pa10cal.results import record
+from pa10cal.results.calibration import Grade
 from pa10cal.results.discovery import VerdictKeys
-from pa10cal.results.health import Grade
-from pa10cal.results.record import (
-    CampaignRecord,
-    EffectName,
-    Key,
-    Name,
-    Part,
-    Record,
-    filed,
-    optional,
-)
+
+_Rows = Annotated[NDArray[np.float64], record.Shape("rows", "joints")]
 
 
-class HiddenEffect(EffectName):
+# `<campaign>.truth.json`: all that a simulated campaign hides. No estimate reads it.
+
+
+class TrueParameter(record.Part):
+    """A parameter as the simulated arm has it."""
+
+    value: float  # value, in `unit`
+    unit: str  # its unit
+
+
+class TrueTool(record.Part):
+    """The tool as it is."""
+
+    mass_kg: float  # mass [kg]
+    com_m: record.Vector3  # centre of mass in the end-effector frame [m]
+    load_point_m: record.Vector3  # where loads act, in the end-effector frame [m]
+    # places of the targets in the end-effector frame [m]
+    targets_m: Mapping[Annotated[str, record.Key("target")], record.Vector3]
+
+
+class TrueEffect(record.EffectName):
+    """An effect that is hidden."""
+
+    # its parameters, as the virtual cell has them
+    parameters: Mapping[Annotated[str, record.Key("parameter")], JsonValue]
+
+
+class TrueDisturbance(record.Part):
+    """A change of the raw files: a stressor, or a fault of the log."""
+
+    id: str  # id of the disturbance
+    where: tuple[str, ...]  # where: poses, joints, loads or keys
+
+
+@record.filed("pa10cal-truth/1", "<campaign>.truth.json", by="simulate")
+class TruthRecord(record.CampaignRecord):
+    """What a simulated campaign hides."""
+
+    robot: str  # name of the arm
+    random_seed: int  # seed of everything drawn
+    kcub_reading: str  # where the stiffness of the joints comes from
+    # departures of the rows and stiffness; of an arm that departs in any way stiffness alone
+    parameters: Mapping[record.ParameterKey, TrueParameter]
+    T_instr_base_m: record.PoseMatrix  # base frame in the instrument's frame [m]
+    # frame of each joint in that of the joint before it [m]
+    joint_placements_m: Annotated[NDArray[np.float64], record.Shape("joints", 4, 4)]
+    T_last_joint_ee_m: record.PoseMatrix  # end-effector frame in that of the last joint [m]
+    T_ee_target_m: record.PoseMatrix  # target in the end-effector frame [m]
+    mass_kg: Annotated[NDArray[np.float64], record.Shape("links")]  # mass of each link [kg]
+    # centre of mass of each link in its joint's frame [m]
+    com_in_joint_frame_m: Annotated[NDArray[np.float64], record.Shape("links", 3)]
+    tool: TrueTool  # the tool
+    hidden_effects: tuple[TrueEffect, ...]  # effects hidden
+    # what was changed in the raw files before they were written
+    disturbances: tuple[TrueDisturbance, ...] = ()
+    settings: Mapping[
+        Annotated[str, record.Key("option")], JsonValue
+    ]  # settings it was simulated with
+    # commanded joint positions by purpose; empty where they were given
+    poses_rad_or_m: Mapping[Annotated[str, record.Key("kind")], _Rows]
+    q_motor_rad_or_m: _Rows  # motor positions of every row measured
+
+
+# Trials: what each hides, and the verdict on it.
+
+
+class HiddenEffect(record.EffectName):
     """An effect that a trial hides."""
 
     # its parameters, as the virtual cell has them
-    parameters: Mapping[Annotated[str, Key("parameter")], JsonValue]
+    parameters: Mapping[Annotated[str, record.Key("parameter")], JsonValue]
     size: float  # factor of its reference size
     # root mean square by which it moves the residual of the calibrated model [mm]; null where the
     # trial failed
     moved_mm: float | None
     # the same once the sizes of all else that is hidden are fitted, too; of trials whose `moved_mm`
     # is worked out from the truth (`unstated_masses`, `sorted_rows`)
-    apart_mm: float | None = optional()
+    apart_mm: float | None = record.optional()
 
 
-class PutIn(Part):
+class PutIn(record.Part):
     """A stressor or a fault that a wild trial puts into the raw files."""
 
     id: str  # id of the disturbance
@@ -52,8 +111,10 @@ class PutIn(Part):
     measured: bool  # whether that measures it; else it is far above the noise
 
 
-@filed("pa10cal-trial-truth/1", "trials/<kind>_<first>_<count>.truths.jsonl", by="blind_trials")
-class TrialTruthRecord(CampaignRecord):
+@record.filed(
+    "pa10cal-trial-truth/1", "trials/<kind>_<first>_<count>.truths.jsonl", by="blind_trials"
+)
+class TrialTruthRecord(record.CampaignRecord):
     """A line of `trials/<...>.truths.jsonl`: what a trial hides, and how it was measured."""
 
     kind: str  # what the trial hides: `null`, `single`, `pair`, ...
@@ -70,20 +131,22 @@ class TrialTruthRecord(CampaignRecord):
     seconds_twin: float  # processor time to find `moved_mm` [s]
     # what noise alone leaves of positions [mm], root mean square, averaged over repeats; where
     # `moved_mm` is worked out from the truth
-    noise_mm: float | None = optional()
+    noise_mm: float | None = record.optional()
 
 
-@filed("pa10cal-verdict/1", "trials/<kind>_<first>_<count>.verdicts.jsonl", by="blind_trials")
-class TrialVerdictRecord(CampaignRecord):
+@record.filed(
+    "pa10cal-verdict/1", "trials/<kind>_<first>_<count>.verdicts.jsonl", by="blind_trials"
+)
+class TrialVerdictRecord(record.CampaignRecord):
     """A line of `trials/<...>.verdicts.jsonl`: the verdict on a trial, or why it has none."""
 
     @classmethod
-    def kinds(cls) -> tuple[type[Record], ...]:
+    def kinds(cls) -> tuple[type[record.Record], ...]:
         """Return the two kinds of line."""
         return (JudgedTrialRecord, FailedTrialRecord) if cls is TrialVerdictRecord else (cls,)
 
     @classmethod
-    def kind_of(cls, content: dict[str, Any]) -> type[Record]:
+    def kind_of(cls, content: dict[str, Any]) -> type[record.Record]:
         """Return which of the two it is."""
         if cls is not TrialVerdictRecord:
             return cls
@@ -95,7 +158,7 @@ class TrialVerdictRecord(CampaignRecord):
         """Return the verdict in a word, or what went wrong."""
 
 
-class TrialHealth(Part):
+class TrialHealth(record.Part):
     """What the calibration of a trial says of its input."""
 
     grade: Grade  # its grade
@@ -107,7 +170,7 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     """The verdict on a trial."""
 
     springs: tuple[int, ...]  # joints with a spring in the judged model, from 1
-    health: TrialHealth | None = optional()  # what the calibration says of its input
+    health: TrialHealth | None = record.optional()  # what the calibration says of its input
     seconds: float  # processor time to judge the campaign [s]
     seconds_simulating: float  # processor time to simulate the campaign [s]
 
@@ -129,7 +192,7 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
         return tuple(place.of for place in self.unexplained.all)
 
     @property
-    def not_shown(self) -> frozenset[Name]:
+    def not_shown(self) -> frozenset[record.Name]:
         """What the data cannot show, or not surely at its plausible size."""
         every = (*self.not_testable, *(self.below_detection_limit or ()))
         return frozenset(effect.name for effect in every)
@@ -168,7 +231,7 @@ class FailedTrialRecord(TrialVerdictRecord):
 _LEAST_ROOM, _ROUNDING = 0.01, 1e-9
 
 
-class ScoreRow(Part):
+class ScoreRow(record.Part):
     """A share of trials or another figure over them, and the one to reach."""
 
     what: str  # the quantity
@@ -225,7 +288,7 @@ class ScoreRow(Part):
         return f"{self.formatted(self.low)} to {self.formatted(self.high)}"
 
 
-class OutcomeCounts(Part):
+class OutcomeCounts(record.Part):
     """What became of trials that hide, or put in, the same."""
 
     kind: str  # kind of the trials: `single`, `fault`, `sensor`, ...
@@ -235,10 +298,10 @@ class OutcomeCounts(Part):
     # where a fault or an effect without a name is in them), `false_comfort`, held-out errors made
     # `worse`, `unexplained` or `suspected`; faults `above_noise` and `told`; effects `found`. Of
     # the others, what each hidden effect was called
-    counts: Mapping[Annotated[str, Key("outcome")], int]
+    counts: Mapping[Annotated[str, record.Key("outcome")], int]
 
 
-class ParameterScore(Part):
+class ParameterScore(record.Part):
     """One parameter of one finding that is what was hidden, at its place."""
 
     id: str  # id of the effect
@@ -246,7 +309,7 @@ class ParameterScore(Part):
     score: float  # value minus truth, in standard uncertainties
 
 
-class PowerCurve(Part):
+class PowerCurve(record.Part):
     """How the chance to be found grows with size: log odds = intercept + slope ln(size)."""
 
     intercept: float  # intercept
@@ -260,7 +323,7 @@ class PowerCurve(Part):
         return np.asarray(1.0 / (1.0 + np.exp(-odds)))
 
 
-class MovedBin(Part):
+class MovedBin(record.Part):
     """Trials whose residual is moved by so much, over the noise floor."""
 
     low: float  # from
@@ -268,17 +331,17 @@ class MovedBin(Part):
     listed: ScoreRow  # named or among the alternatives
 
 
-class PowerStudy(Part):
+class PowerStudy(record.Part):
     """How the chance to be named or listed grows with size, of trials that hide one effect."""
 
     # by an effect's size; null where it was always or never listed
-    by_id: Mapping[Annotated[str, Key("id")], PowerCurve | None]
+    by_id: Mapping[Annotated[str, record.Key("id")], PowerCurve | None]
     # by how far the residual is moved, over the noise floor; null likewise
     by_moved: PowerCurve | None
     bins: tuple[MovedBin, ...]  # the same in shares
 
 
-class JudgedEffect(EffectName):
+class JudgedEffect(record.EffectName):
     """What a trial hides, and what became of it."""
 
     size: float  # factor of its reference size
@@ -293,7 +356,7 @@ class JudgedEffect(EffectName):
     outcome: str
 
 
-class JudgedTrial(Part):
+class JudgedTrial(record.Part):
     """A trial, what was said of it, and where that fails."""
 
     campaign: str  # name of the trial
@@ -315,8 +378,8 @@ class JudgedTrial(Part):
     seconds: float | None  # time to judge it [s]; null where it failed
 
 
-@filed("pa10cal-trials/2", "blind_trials/scores.json", by="score_trials")
-class TrialScoresRecord(Record):
+@record.filed("pa10cal-trials/2", "blind_trials/scores.json", by="score_trials")
+class TrialScoresRecord(record.Record):
     """`scores.json` of a study of trials of any kind."""
 
     provenance: str  # where the data come from

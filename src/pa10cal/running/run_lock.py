@@ -21,7 +21,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from pa10cal.errors import OutputError
+from pa10cal.errors import OutputError, refusals_beside
 from pa10cal.files.output import remove_partials, writing_into
 
 #: Among the results: locks, what a run prints, and Snakemake's own files of `pa10cal run`.
@@ -38,6 +38,7 @@ _MOMENT_S = 0.3
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 _TO_THE_END = ExitStack()
+_refusal = refusals_beside(__file__, OutputError)
 
 
 @contextmanager
@@ -59,13 +60,7 @@ def run_lock(results: Path) -> Iterator[Path]:
             lock = stack.enter_context((work / "lock").open("a+", encoding="utf-8"))
             if not _locked(lock, _MOMENT_S):
                 lock.seek(0)
-                raise OutputError(
-                    "another run is at work on these results",
-                    where=str(results),
-                    value=lock.read() or None,
-                    allowed="one run at a time",
-                    remedy="wait for it to end, or give another folder",
-                )
+                raise _refusal("at work", results, lock.read() or None)
             who = f"process {os.getpid()} on {platform.node()}, started in {Path.cwd()}"
             lock.truncate(0)
             lock.write(who)
@@ -119,13 +114,7 @@ def share() -> None:
             jobs = os.open(Path(work, "jobs"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
             fcntl.flock(jobs, fcntl.LOCK_SH)  # until the process ends
             if run and not _works(Path(work, "lock"), run):
-                raise OutputError(
-                    "the run that this is a job of has ended",
-                    where=str(Path(work).parent),
-                    value=run,
-                    allowed="jobs of a run that is at work",
-                    remedy="call the run again",
-                )
+                raise _refusal("ended", Path(work).parent, run)
 
 
 def _works(lock: Path, run: str) -> bool:

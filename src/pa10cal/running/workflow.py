@@ -20,14 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 import pa10cal
-from pa10cal.errors import (
-    EXTRAS,
-    MissingPackageError,
-    OutputError,
-    Pa10calError,
-    SettingsError,
-    last_message,
-)
+from pa10cal import errors
 from pa10cal.running.run_lock import PARENTS, run_lock
 
 if TYPE_CHECKING:
@@ -39,6 +32,7 @@ PRINTED = "printed.log"
 _TICK_S = 0.5
 #: With less room than this on the disk nothing can be written [bytes].
 _LEAST_FREE = 1 << 16
+_refusal = errors.refusals_beside(__file__, errors.OutputError)
 
 
 @dataclass(frozen=True)
@@ -66,13 +60,7 @@ class Workflow:
             if (place / "config.yaml").is_file():
                 object.__setattr__(self, "profile", str(place))
                 return
-        raise OutputError(
-            "there is no such profile",
-            where="--profile",
-            value=self.profile,
-            allowed=f"a folder with config.yaml, or one of {shipped}",
-            remedy="give such a folder, or slurm",
-        )
+        raise _refusal("no profile", "--profile", self.profile, shipped)
 
     @property
     def command(self) -> list[str]:
@@ -177,7 +165,7 @@ class RunDisplay:
             self._out.flush()
 
 
-class StageError(Pa10calError):
+class StageError(errors.Pa10calError):
     """A command of the workflow refused; its own message says why."""
 
     def __init__(self, message: str) -> None:
@@ -195,12 +183,7 @@ def workflow_folder() -> Path:
     for folder in (package.parents[1], package / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "config.yaml").is_file():
             return folder
-    raise OutputError(
-        "the rules of the workflow are missing from the installation",
-        where=str(package),
-        allowed="a wheel or a checkout of the project",
-        remedy="install pa10cal again",
-    )
+    raise _refusal("no rules", package)
 
 
 def refuse_without_snakemake(profile: str | None = None) -> None:
@@ -215,8 +198,8 @@ def refuse_without_snakemake(profile: str | None = None) -> None:
         plugins = re.findall(r"^executor: *(\w+)", text, re.MULTILINE)
         needed += [f"snakemake_executor_plugin_{each}" for each in plugins]
     for module in needed:
-        if module in EXTRAS and find_spec(module) is None:
-            raise MissingPackageError(module)
+        if module in errors.EXTRAS and find_spec(module) is None:
+            raise errors.MissingPackageError(module)
 
 
 def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
@@ -292,20 +275,14 @@ def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -
         with suppress(OSError):
             texts.insert(0, (workflow.folder / log).read_text(encoding="utf-8", errors="replace"))
             break
-    if said := next(filter(None, map(last_message, texts)), None):
+    if said := next(filter(None, map(errors.last_message, texts)), None):
         stage, message = said[0].removeprefix("pa10cal").strip(), said[1]
         if "internal fault" in message:
             return RuntimeError(f"{stage}: {message}")
         return StageError(f"{stage}: {message}" if stage else message)
     full = os.strerror(errno.ENOSPC)
     if full in printed or shutil.disk_usage(workflow.results).free < _LEAST_FREE:
-        return OutputError(
-            "the results cannot be written",
-            where=str(workflow.results),
-            value=full,
-            allowed="a folder with room in it",
-            remedy="make room on the disk, then run the same command again",
-        )
+        return _refusal("not written", workflow.results, full)
     last = [line for line in printed.splitlines() if line.strip()][-8:]
     if code >= 0 and last and not re.search(r"\bKilled\b", printed):
         return RuntimeError("the workflow failed: " + " | ".join(last))
@@ -368,9 +345,9 @@ def settings_of(files: list[Path], over: Mapping[str, Any], where: str) -> Setti
 
     content: dict[str, Any] = {}
     for file in files:
-        found = read_yaml(file, SettingsError, what="the settings cannot be read") or {}
+        found = read_yaml(file, errors.SettingsError, what="the settings cannot be read") or {}
         if not isinstance(found, dict):
-            raise SettingsError(
+            raise errors.SettingsError(
                 "the settings cannot be read",
                 where=str(file),
                 value=f"a file of {type(found).__name__}",

@@ -48,7 +48,7 @@ def export(
     from pa10cal.errors import CalibrationError, ModelError
     from pa10cal.files.arms import urdf_of_arm
     from pa10cal.files.output import write_text
-    from pa10cal.fit.model_file import save_model
+    from pa10cal.fit.fitted_model import save_model
     from pa10cal.fit.rigid import (
         best_rigid_model,
         beyond_rigid,
@@ -56,9 +56,9 @@ def export(
         rigid_part,
         terms_beyond_rigid,
     )
+    from pa10cal.results.calibration import UNRESERVED
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
-    from pa10cal.results.health import UNRESERVED
     from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
 
     record, models, _ = read_calibrated(calibration)

@@ -12,8 +12,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import arm_of, read_observations
 from pa10cal.discovery.given import Extended
-from pa10cal.fit.fitted_model import FittedModel, models_of
-from pa10cal.fit.model_file import covariance_beside, model_from_plain
+from pa10cal.fit.fitted_model import FittedModel, covariance_beside, model_from_plain, models_of
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
@@ -59,7 +58,6 @@ def read_extended(path: Path, campaign: str) -> Extended:
     record = read(ExtendedRecord, path, campaign)
     model = model_from_plain(
         record.fitted_model,
-        FittedModel,
         where=f"{path}: fitted_model",
         covariance=covariance_beside(path),
     )

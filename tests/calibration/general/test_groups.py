@@ -14,9 +14,8 @@ from pa10cal.calibration.general.calibrate import find_start, start_of
 from pa10cal.calibration.general.case import contradictions, fitted, per_campaign_fits
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import load_model
+from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.fit.forward import Forward
-from pa10cal.fit.model_file import save_model
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.seed import locate_base

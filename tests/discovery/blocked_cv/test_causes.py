@@ -13,11 +13,10 @@ from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import model_from_plain, model_to_plain
+from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.effects.effect import Site
-from pa10cal.lab.cell.effects.reading import SimulatedSensorError as CellSensorError
+from pa10cal.lab.cell.effects.joint import SimulatedSensorError as CellSensorError
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section
@@ -71,7 +70,7 @@ def test_it_is_told_and_written(found, campaign):
     assert witness.ripple.profile_nats.max() == 0.0
     assert "its motor followed" in " ".join(keys.summary)
     assert found.record(campaign.description).effects[0].witness == witness
-    back = model_from_plain(model_to_plain(found.model), FittedModel, where="model.yaml")
+    back = model_from_plain(model_to_plain(found.model), where="model.yaml")
     assert back.model.terms == found.model.model.terms
 
 

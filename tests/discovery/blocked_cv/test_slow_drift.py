@@ -8,8 +8,7 @@ import pytest
 from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.model_file import model_from_plain, model_to_plain
+from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 
 POSES = 400
 
@@ -68,5 +67,5 @@ def test_it_is_held_where_nothing_is_known_of_it(drifted):
 
 @pytest.mark.slow
 def test_its_model_is_saved_and_restored(drifted):
-    back = model_from_plain(model_to_plain(drifted.model), FittedModel, where="model.yaml")
+    back = model_from_plain(model_to_plain(drifted.model), where="model.yaml")
     assert back.model.terms == drifted.model.model.terms

@@ -9,8 +9,7 @@ import pytest
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence import search
-from pa10cal.discovery.evidence.fit import fit
-from pa10cal.discovery.evidence.problem import prepare
+from pa10cal.discovery.evidence.problem import fit, prepare
 from pa10cal.discovery.evidence.search import indistinguishable, linearise
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
 from pa10cal.discovery.preparation import LEAST_SHARE

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_arm import TARGETS_M, Missing, at_joint, measure
 from pa10cal.discovery.evidence.by_repeats import compare
-from pa10cal.discovery.evidence.fit import (
+from pa10cal.discovery.evidence.problem import (
     EvidenceFit,
     apparatus_m,
     covariance_of,

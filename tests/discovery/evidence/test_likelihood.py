@@ -7,13 +7,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
-from pa10cal.discovery.evidence.likelihood import (
-    SHARED_VARIANCES,
-    SIZES,
-    CandidateRows,
-    SetEvidence,
-)
-from pa10cal.discovery.evidence.problem import NoiseModel, SharedByCells
+from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, CandidateRows, SetEvidence
+from pa10cal.discovery.evidence.problem import SIZES, NoiseModel, SharedByCells
 
 CELLS, OWN = 10, 3
 POSE = np.repeat(np.arange(5), 2)

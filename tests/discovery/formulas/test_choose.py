@@ -6,7 +6,7 @@ import pytest
 import made_up_survey
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery.formulas import with_proposals
+from pa10cal.discovery.discover import with_proposals
 from pa10cal.discovery.short_forms import FormComparison, choose
 from pa10cal.terms.forms.form import AngleForm
 

@@ -13,10 +13,7 @@ from pa10cal.curve.angles import chain_arm
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.lab.cell.campaign import measure_campaign
-from pa10cal.lab.cell.effects.joint import (
-    SimulatedBacklash,
-    SimulatedFrictionTorque,
-)
+from pa10cal.lab.cell.effects.joint import SimulatedBacklash, SimulatedFrictionTorque
 from pa10cal.lab.cell.effects.structure import (
     SimulatedBaseDrift,
     SimulatedCmmScale,

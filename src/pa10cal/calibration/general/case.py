@@ -12,22 +12,12 @@ from scipy.special import chdtrc
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
+from pa10cal.calibration import uncertainty
 from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
-from pa10cal.calibration.uncertainty import (
-    calibrated_parameters,
-    gram,
-    held_out_errors,
-    of_one_target,
-    position_noise_mm,
-    scatter_of_repeats,
-    summarise,
-    summarise_by_load,
-    summarise_trusted,
-)
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted import FittedTo
@@ -39,18 +29,8 @@ from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
-from pa10cal.results.calibration import (
-    CalibratedParameter,
-    CampaignAlone,
-    Difference,
-    Fit,
-    GeneralCalibrationRecord,
-    GroupOfCampaigns,
-    LoadErrors,
-    SharedParameter,
-    SuspectedOutlier,
-)
-from pa10cal.results.health import InputFinding
+from pa10cal.results import calibration as records
+from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
 from pa10cal.terms.term import Report
@@ -62,7 +42,9 @@ from pa10cal.terms.weights import Weights
 _LITTLE_WEIGHT = 0.5
 
 
-def suspected_outliers(problem: Problem, fit: GeneralSolution) -> tuple[SuspectedOutlier, ...]:
+def suspected_outliers(
+    problem: Problem, fit: GeneralSolution
+) -> tuple[records.SuspectedOutlier, ...]:
     """List the poses a fit doubts, the worst first."""
     limit = suspect_beyond(problem.components_seen)
     rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
@@ -77,7 +59,7 @@ def suspected_outliers(problem: Problem, fit: GeneralSolution) -> tuple[Suspecte
             times = off / np.sqrt(fit.scatter[kind] ** 2 + variances[row, columns].mean())
             why.append((times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis"))
         found.append(
-            SuspectedOutlier(
+            records.SuspectedOutlier(
                 row=row,
                 pose=str(problem.observations.pose[row]),
                 load_N=float(problem.observations.states.load_N[row]),
@@ -97,7 +79,7 @@ _NO_FIT = 0.05
 
 def general_case(
     case: LoadCase, start: Start
-) -> tuple[GeneralCalibrationRecord, GeneralCalibration]:
+) -> tuple[records.GeneralCalibrationRecord, GeneralCalibration]:
     """Compute a load case with every parameter that arm and instrument can identify.
 
     Raises:
@@ -129,13 +111,17 @@ def general_case(
 
     grid = weighed(grid)
     found = calibrated.deviations(grid)
-    _refuse_another_arm(full, summarise(found.take(rows)).rms_mm, used.measured.spread_mm)
+    _refuse_another_arm(
+        full, uncertainty.summarise(found.take(rows)).rms_mm, used.measured.spread_mm
+    )
     off = None
     if len(held_out):
         held_out = weighed(held_out)
         elsewhere = replace(full.problem, observations=held_out.turned(start.R_ee_target))
-        position = of_one_target(held_out.measured, elsewhere.rows(full.fit.x).jacobian)
-        off = held_out_errors(calibrated, every, used, held_out, position, full.fit.covariance)
+        position = uncertainty.of_one_target(held_out.measured, elsewhere.rows(full.fit.x).jacobian)
+        off = uncertainty.held_out_errors(
+            calibrated, every, used, held_out, position, full.fit.covariance
+        )
     doubts, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
     flagged = np.zeros(len(grid), dtype=bool)
     flagged[np.flatnonzero(rows)[[doubt.row for doubt in doubts]]] = True
@@ -146,24 +132,26 @@ def general_case(
     readings = single.take(case.rows(single.states.load_N))
     evidence = GradeEvidence(
         ended=_fit_summary(full),
-        train_rms_mm=summarise(found.take(trusted)).rms_mm,
+        train_rms_mm=uncertainty.summarise(found.take(trusted)).rms_mm,
         held_out=off,
-        noise_mm=position_noise_mm(used.measured, full.problem.stated_covariance),
+        noise_mm=uncertainty.position_noise_mm(used.measured, full.problem.stated_covariance),
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
-        repeats=scatter_of_repeats(readings, calibrated),
+        repeats=uncertainty.scatter_of_repeats(readings, calibrated),
         from_touches=readings.measured.from_touches,
         findings=findings,
-        without_springs_mm=None if geometry is full else summarise(rigid_left.take(trusted)).rms_mm,
+        without_springs_mm=None
+        if geometry is full
+        else uncertainty.summarise(rigid_left.take(trusted)).rms_mm,
         weights=known.origin if known.assumed and full.springs else "",
         wanted_mm=options.wanted_uncertainty_mm,
     )
     judged = health(evidence)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
     of_nominal = fitted(nominal).deviations(grid)
-    before = summarise_by_load(of_nominal, load_N)
-    less = summarise_trusted(of_nominal, found, load_N, flagged)
-    of_geometry = summarise_by_load(rigid_left, load_N)
+    before = uncertainty.summarise_by_load(of_nominal, load_N)
+    less = uncertainty.summarise_trusted(of_nominal, found, load_N, flagged)
+    of_geometry = uncertainty.summarise_by_load(rigid_left, load_N)
     warnings = []
     if not full.fit.converged:
         warnings.append(f"not converged: {full.fit.reason}")
@@ -171,7 +159,7 @@ def general_case(
         warnings.append(judged.line)
     if full.torques_from == "masses" and full.springs:
         warnings.append("torques were not logged: those of the described masses are used")
-    record = GeneralCalibrationRecord(
+    record = records.GeneralCalibrationRecord(
         **case_keys(case, evidence.ended, judged, replace(calibrated, fitted_to=about), grid),
         **_general_fit_keys(full, about),
         starts=1,
@@ -180,13 +168,13 @@ def general_case(
         springs=full.springs,
         torques_from=full.torques_from,
         errors={
-            load: LoadErrors(
+            load: records.LoadErrors(
                 before=before[load], geometry=of_geometry[load], after=after, trusted=less.get(load)
             )
-            for load, after in summarise_by_load(found, load_N).items()
+            for load, after in uncertainty.summarise_by_load(found, load_N).items()
         },
-        geometry=Fit(**_general_fit_keys(geometry, about)),
-        nominal=Fit(**_general_fit_keys(nominal, about)),
+        geometry=records.Fit(**_general_fit_keys(geometry, about)),
+        nominal=records.Fit(**_general_fit_keys(nominal, about)),
         suspected_outliers=doubts,
         group=group,
         prior=full.prior,
@@ -195,10 +183,12 @@ def general_case(
     return record, full
 
 
-def as_load(record: GeneralCalibrationRecord, load: str) -> GeneralCalibrationRecord:
+def as_load(
+    record: records.GeneralCalibrationRecord, load: str
+) -> records.GeneralCalibrationRecord:
     """Return the record of a load case under the name of another of the same poses."""
 
-    def renamed(fit: Fit) -> dict[str, Any]:
+    def renamed(fit: records.Fit) -> dict[str, Any]:
         known: Any = fit.fitted_model.get("fitted_to")
         about = None if known is None else {**known, "calibration": load}
         return {"fitted_model": {**fit.fitted_model, "fitted_to": about}}
@@ -220,7 +210,9 @@ def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str,
     return fit_keys(general.fit, model, parameters, names, covariance)
 
 
-def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, CalibratedParameter]:
+def _parameters(
+    general: GeneralCalibration, model: FittedModel
+) -> dict[str, records.CalibratedParameter]:
     problem, found, count = general.problem, general.fit, len(model.x)
     assert model.covariance is not None
     openly = not_identifiable(found.identifiability, problem.parameters)
@@ -231,7 +223,9 @@ def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, Ca
         names_of(report.parameters, np.asarray((sources & of_solved[:count]).any(axis=1)))
         for of_solved in (is_open, found.at_bound)
     )
-    of_model = calibrated_parameters(report, found.covariance[:count, :count], held, at_bound)
+    of_model = uncertainty.calibrated_parameters(
+        report, found.covariance[:count, :count], held, at_bound
+    )
     first = len(found.x) - len(problem.places)
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
     linear = {name: each for name, each in of_model.items() if not name.startswith("K_cub")}
@@ -246,7 +240,7 @@ def _parameters(general: GeneralCalibration, model: FittedModel) -> dict[str, Ca
     return {
         **linear,  # as springs are here
         **base,
-        **calibrated_parameters(places, found.covariance[first:, first:], openly),
+        **uncertainty.calibrated_parameters(places, found.covariance[first:, first:], openly),
         **general.settled,
     }
 
@@ -303,7 +297,8 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         weights = (term for term in problem.model.terms if isinstance(term, Weights))
         hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
     root, jacobian = np.sqrt(fit.weights)[:, None, None], problem.rows(fit.x).jacobian
-    position_gram = gram(of_one_target(problem.observations.measured, jacobian))
+    measured = problem.observations.measured
+    position_gram = uncertainty.gram(uncertainty.of_one_target(measured, jacobian))
     return FitSummary(
         solution=fit,
         pose=problem.observations.pose,
@@ -334,7 +329,7 @@ _JOINT_ZERO = "delta_theta_"
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 
 
-def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
+def contradictions(group: records.GroupOfCampaigns) -> tuple[InputFinding, ...]:
     """Return which campaign contradicts the others, in which parameter and by how much.
 
     Of several the one from which most of the error comes: a changed arm changes one campaign
@@ -361,7 +356,7 @@ def contradictions(group: GroupOfCampaigns) -> tuple[InputFinding, ...]:
     )
 
 
-def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> GroupOfCampaigns | None:
+def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
     campaign = problem.observations.states.campaign
     names = [parameter.name for parameter in problem.parameters]
@@ -414,7 +409,7 @@ def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> GroupOfCampaign
         k = int(np.argmax(by_one))
         p_value = float(chdtrc(dof, chi_square)) if dof > 0.0 else 1.0
         gain = 1.0 - (alone_rms_mm / rms_mm) ** 2 if rms_mm > 0.0 else 0.0
-        campaigns[name] = CampaignAlone(
+        campaigns[name] = records.CampaignAlone(
             poses=len(at),
             rms_mm=rms_mm,
             alone_rms_mm=alone_rms_mm,
@@ -422,7 +417,7 @@ def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> GroupOfCampaign
             dof=dof,
             p_value=p_value,
             contradicts=p_value < _BY_CHANCE and gain > _MATTERS,
-            worst=Difference(
+            worst=records.Difference(
                 name=parameters[k].name,
                 unit=parameters[k].unit,
                 value=float(size[k] * pull[k] / precision[k, k]),
@@ -432,10 +427,10 @@ def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> GroupOfCampaign
         )
         std_alone[name] = np.sqrt(np.diag(inverse)[shared])
     std = np.sqrt(np.diag(fit.covariance)[free[shared]])
-    return GroupOfCampaigns(
+    return records.GroupOfCampaigns(
         campaigns=campaigns,
         parameters={
-            parameter.name: SharedParameter(
+            parameter.name: records.SharedParameter(
                 unit=parameter.unit,
                 std=float(std[k]),
                 std_alone={name: float(size[k] * own[k]) for name, own in std_alone.items()},

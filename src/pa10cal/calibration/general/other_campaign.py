@@ -18,12 +18,7 @@ from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.calibrate import (
-    GeneralCalibration,
-    at_rest,
-    base_motion,
-    find_start,
-)
+from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import check_enough, choose_unknowns, with_unknown_frames
 from pa10cal.calibration.options import CalibrationOptions
@@ -44,7 +39,7 @@ from pa10cal.fit.moved import (
     sought,
 )
 from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
-from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
+from pa10cal.fit.weighed_arm import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
@@ -214,7 +209,7 @@ def calibrate_from(
     start: Start,
     payload: Payload | None = None,
     options: CalibrationOptions | None = None,
-) -> GeneralCalibration:
+) -> calibrate.GeneralCalibration:
     """Calibrate an arm of which a fitted model is known.
 
     Raises:
@@ -252,9 +247,11 @@ def calibrate_from(
             released, expected, found = [anew], freed, other
     if source == "masses":
         about = partial(fitted, expected=expected)
-        problem, found = at_rest(problem, found, observations.states, payload, about)
+        problem, found = calibrate.at_rest(problem, found, observations.states, payload, about)
     changed, omitted = _changed(prior, problem, found, released, possible), unknowns.redundant
-    return GeneralCalibration(problem, x_start, start, omitted, source, payload, {}, found, changed)
+    return calibrate.GeneralCalibration(
+        problem, x_start, start, omitted, source, payload, {}, found, changed
+    )
 
 
 def _left(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
@@ -353,7 +350,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         CalibrationError: when the fit does not converge, or the poses do not fix the frames.
     """
     arm = model.model.chain.arm
-    start = find_start(arm, observations)
+    start = calibrate.find_start(arm, observations)
     unknowns = choose_unknowns(arm, Tolerances(), observations.measured, start)
     arm_terms = [term for term in model.model.terms if not (is_tool(term) or OF in term.of)]
     known = [fixed(term, model.values_of(term)) for term in arm_terms]
@@ -380,7 +377,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     away = model.falls_back
     terms = (*arm_terms, *own_frames)
     frames = sum(len(each.parameters) for each in own_frames)
-    small = base_motion(problem.model, of_model[frames:])
+    small = calibrate.base_motion(problem.model, of_model[frames:])
     covariance = None
     if model.covariance is not None:
         opened = replace(problem, model=Model(chain, (*terms, unknowns.base)))

@@ -17,15 +17,8 @@ import numpy as np
 from scipy.linalg import block_diag, lapack
 
 from pa10cal.arrays import Array
+from pa10cal.discovery.blocked_cv import search
 from pa10cal.discovery.blocked_cv.family import Candidate, solve
-from pa10cal.discovery.blocked_cv.search import (
-    FINER_KNOTS,
-    Level,
-    joints_and_knots,
-    level_of,
-    maps_among,
-    with_form,
-)
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
@@ -56,7 +49,7 @@ _NONE_RAD = 1e-12
 class InBands:
     """Maps whose waves have a band, and what was left out to compare them."""
 
-    level: Level  # the members, maps with their bands, by linear least squares
+    level: search.Level  # the members, maps with their bands, by linear least squares
     found: BandEstimates  # the bands
     of_time: Array  # (B, 2) squared errors of stretches of time left out, before and with the bands
     of_angles: Array  # (S, 2) the same of stretches of angles
@@ -72,7 +65,7 @@ class InBands:
             maps=tuple(
                 results.BandOfMap(of=each.of, log_std=dict(zip(names, std.tolist(), strict=True)))
                 for each, std in zip(
-                    maps_among(self.level.members), self.found.log_std, strict=True
+                    search.maps_among(self.level.members), self.found.log_std, strict=True
                 )
             ),
             of_time=_cv_errors(self.of_time),
@@ -85,22 +78,22 @@ def _cv_errors(squares: Array) -> results.LeftOut:
     return results.LeftOut(before=before, after=after)
 
 
-def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
+def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     """Give maps the bands that the data have, where left-out poses are predicted better so.
 
     None where no map of what the search found is as fine as helps, or the bands predict no better.
     """
-    maps = maps_among(fine.members)
-    if not maps or max(each.knots for each in maps) < FINER_KNOTS[0]:
+    maps = search.maps_among(fine.members)
+    if not maps or max(each.knots for each in maps) < search.FINER_KNOTS[0]:
         return None
     shaped = tuple(member.shaped for member in fine.members if not member.is_map)
     rows = replace(rows, shaped=shaped)
-    members = tuple(with_form(member, FINE) for member in fine.members)
+    members = tuple(search.with_form(member, FINE) for member in fine.members)
     waves = _Waves(rows, maps)
     splines: list[Products] = []  # of all blocks, of positions and of other rows
     by_kind = []
     for b in range(BLOCKS):
-        kinds = rows.products_by_kind(b, *joints_and_knots(members))
+        kinds = rows.products_by_kind(b, *search.joints_and_knots(members))
         splines = [*map(add, splines, kinds)] if splines else [*kinds]
         by_kind.append([waves.of(each) for each in kinds])
     share = _attitudes(by_kind, waves, len(maps))
@@ -123,10 +116,11 @@ def in_bands(rows: BlockedRows, fine: Level) -> InBands | None:
         return None
     bands = iter(found.bands)
     members = tuple(
-        with_form(member, FINE, next(bands)) if member.is_map else member for member in members
+        search.with_form(member, FINE, next(bands)) if member.is_map else member
+        for member in members
     )
     return InBands(
-        level_of(_weighed(splines, share), rows, members),
+        search.level_of(_weighed(splines, share), rows, members),
         found,
         of_time,
         of_angles,
@@ -221,14 +215,14 @@ def _stretches(
     rows: BlockedRows, members: tuple[Candidate, ...], waves: _Waves, share: float
 ) -> Iterator[Products]:
     """Yield the products of poses with a joint in a tenth of its visited angles."""
-    maps = maps_among(members)
+    maps = search.maps_among(members)
     for k, each in enumerate(maps):
         angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
         tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
         for chosen in _TENTHS if len(maps) <= _FEW else _TENTHS[k % 2 :][:1]:
             survey = replace(rows.survey, block=np.where(tenth == chosen, 0, -1))
             chosen_rows = replace(rows, survey=survey)
-            kinds = chosen_rows.products_by_kind(0, *joints_and_knots(members))
+            kinds = chosen_rows.products_by_kind(0, *search.joints_and_knots(members))
             yield waves.of(_weighed(kinds, share))
 
 

@@ -11,16 +11,10 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
+from pa10cal.discovery import linear
+from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
-from pa10cal.discovery.blocked_cv.judge import (
-    BlockPrediction,
-    found_in,
-    remaining_error,
-    slow_drift,
-    unexplained,
-    with_effects_added,
-)
 from pa10cal.discovery.blocked_cv.refit import (
     PartialFits,
     Refit,
@@ -36,13 +30,6 @@ from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time import in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.linear import (
-    by_effects,
-    by_own_terms,
-    by_targets,
-    mean_error_of_noise_mm,
-    possible_sizes,
-)
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses import (
     MOST_UNKNOWNS,
@@ -73,7 +60,7 @@ _MOST_BY_CHANCE = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByBlocks(SearchVerdict[BlockPrediction]):
+class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
     """What became of a campaign of many different poses."""
 
     survey: Survey  # the campaign as it was judged
@@ -168,16 +155,16 @@ class VerdictByBlocks(SearchVerdict[BlockPrediction]):
         def columns_of(effects: Sequence[Effect]) -> list[Array]:
             there = {term: at.values_of(term) for term in at.model.terms}
             points = [there.get(effect, effect.starts[0]) for effect in effects]
-            return flat(by_effects(at, poses, effects, points, whiten))
+            return flat(linear.by_effects(at, poses, effects, points, whiten))
 
         fitted = [
             term
             for term in at.model.terms
             if not isinstance(term, JointErrorMap) and term not in held
         ]
-        own = flat(by_own_terms(at, poses, fitted, whiten))
-        sizes = possible_sizes(at.model, poses.measured)
-        targets = whiten @ by_targets(at, poses) * sizes[len(at.x) :]
+        own = flat(linear.by_own_terms(at, poses, fitted, whiten))
+        sizes = linear.possible_sizes(at.model, poses.measured)
+        targets = whiten @ linear.by_targets(at, poses) * sizes[len(at.x) :]
         data = -flat([whiten @ survey.net_residual(at)[rows][:, :, None]])[0][:, 0]
         noise = float(data @ data) * min(
             1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2
@@ -201,7 +188,7 @@ class VerdictByBlocks(SearchVerdict[BlockPrediction]):
         )
 
     @override
-    def with_findings(self, findings: Sequence[Finding[BlockPrediction]]) -> VerdictByBlocks:
+    def with_findings(self, findings: Sequence[Finding[judge.BlockPrediction]]) -> VerdictByBlocks:
         return super().with_findings(findings).with_nuisances_of(self)
 
     @override
@@ -278,7 +265,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         torques_logged=campaign.torques == "logged",
     )
     shaped, unknown = computable_shapes(judged)
-    found = found_in(judged, shaped)
+    found = judge.found_in(judged, shaped)
     fitted, about = found.extended, found.rows.survey
     in_time = in_time_of(
         fitted.at,
@@ -290,13 +277,14 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     )
     wander = in_time.wander
     if wander is not None:
-        found = found_in(judged.moving(wander), shaped)
-    drift = slow_drift(found.survey, found.holdout_check, found.extended.effects)
-    found = with_effects_added(found, drift)
+        found = judge.found_in(judged.moving(wander), shaped)
+    found = judge.with_effects_added(
+        found, judge.slow_drift(found.survey, found.holdout_check, found.extended.effects)
+    )
     judged, extended, poses = found.survey, found.extended, found.survey.poses
     noise = judged.noise_about(extended.fitted())
-    floor_mm = mean_error_of_noise_mm(poses.measured, noise.cov)
-    remaining = remaining_error(found.rows, found.errors_mm, floor_mm, found.tried)
+    floor_mm = linear.mean_error_of_noise_mm(poses.measured, noise.cov)
+    remaining = judge.remaining_error(found.rows, found.errors_mm, floor_mm, found.tried)
     findings = tuple(
         Finding(
             effect, *extended.reported(effect, extended.covariance), each.alternatives, each.proof
@@ -310,7 +298,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         candidates=found.candidates,
         findings=findings,
         unexplained=(
-            *unexplained(remaining, found.nameless),
+            *judge.unexplained(remaining, found.nameless),
             *motion_unexplained(in_time, judged.wander, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),

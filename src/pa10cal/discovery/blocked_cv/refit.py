@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BLOCKS,
@@ -22,29 +23,13 @@ from pa10cal.discovery.blocked_cv.survey import (
     map_columns,
 )
 from pa10cal.discovery.gap import PairedErrors, gap
-from pa10cal.discovery.linear import (
-    ModelWithEffects,
-    at_unknowns,
-    by_targets,
-    by_terms,
-    positions_of,
-    possible_sizes,
-    residual,
-    rms,
-    with_base_term,
-)
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.observe.observations import Observations
-from pa10cal.results.calibration import (
-    CampaignsAgree,
-    EffectByCampaign,
-    JointErrorAlone,
-    ParameterAlone,
-)
+from pa10cal.results import calibration as records
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
@@ -79,7 +64,9 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
     rows = BlockedRows(survey, unweighted(measured), named, _KNOTS)
-    weights = pose_weights(residual(rows.place, survey.poses), float(len(rows.own)), measured)
+    weights = pose_weights(
+        linear.residual(rows.place, survey.poses), float(len(rows.own)), measured
+    )
     for _ in range(_REWEIGHTED):
         rows = BlockedRows(survey, weights, named, _KNOTS)
         weights = pose_weights(*_left_by_everything(rows), measured)
@@ -125,7 +112,7 @@ _ARRIVED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Refit(ModelWithEffects):
+class Refit(linear.ModelWithEffects):
     """The calibrated model with effects, fitted anew."""
 
     covariance: Array  # (k, k) of all unknowns
@@ -196,10 +183,10 @@ class _NormalFit:
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
-        self._model = with_base_term(survey.baseline, effects)
+        self._model = linear.with_base_term(survey.baseline, effects)
         self._maps = [each for each in effects if isinstance(each, JointErrorMap)]
         own, measured = survey.baseline, survey.poses.measured
-        sizes = possible_sizes(self._model, measured)
+        sizes = linear.possible_sizes(self._model, measured)
         columns, first = np.arange(len(sizes)), len(self._model.parameters)
         self._dense: list[Term] = [
             term for term in self._model.terms if not isinstance(term, JointErrorMap)
@@ -232,15 +219,15 @@ class _NormalFit:
     def columns(self, at: FittedModel, whiten: Array) -> tuple[Array, Array]:
         """Return whitened columns (P, b, d) of all but maps, and what the maps' joints do."""
         poses = self._survey.poses
-        joints = positions_of(at, [each.joint for each in self._maps])
-        *of_terms, screws = by_terms(
+        joints = linear.positions_of(at, [each.joint for each in self._maps])
+        *of_terms, screws = linear.by_terms(
             at,
             poses,
             [*self._dense, joints],
             [*map(at.values_of, self._dense), np.zeros(len(self._maps))],
             whiten,
         )
-        return np.concatenate([*of_terms, whiten @ by_targets(at, poses)], axis=2), screws
+        return np.concatenate([*of_terms, whiten @ linear.by_targets(at, poses)], axis=2), screws
 
     def equations(self, x: Array, weights: PoseWeights) -> Equations:
         """Return the problem at a point."""
@@ -344,7 +331,7 @@ class PartialFits:
 
         def at(values: Array) -> FittedModel:
             x[free] = values
-            return at_unknowns(extended.at, x)
+            return linear.at_unknowns(extended.at, x)
 
         def equations(values: Array) -> Equations:
             left, off = self._campaign.net_residual(at(values)), values - middle
@@ -382,7 +369,7 @@ _LEAST_ARCS = 3
 _MOST = 1.0 - 1e-9
 
 
-def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
+def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign, ...]:
     """Return every effect as each campaign of a group alone has it; none of a single campaign."""
     campaign = survey.poses.states.campaign
     shared = [each for each in found.effects if not isinstance(each, OfCampaign)]
@@ -397,16 +384,16 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     each = []
     for effect in shared:
         at = found.columns_of(effect)
-        curves: dict[str, JointErrorAlone] = {}
+        curves: dict[str, records.JointErrorAlone] = {}
         if isinstance(effect, JointErrorMap):
             unit = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
             for name, (x, _) in alone.items():
                 q_rad = survey.poses.states.q_rad[rows[name], effect.joint - 1]
-                curves[name] = JointErrorAlone(
+                curves[name] = records.JointErrorAlone(
                     error_mrad=1e3 * unit @ x[at], visited=visited(q_rad)
                 )
         each.append(
-            EffectByCampaign(
+            records.EffectByCampaign(
                 id=effect.id,
                 of=effect.of,
                 parameters=None
@@ -425,10 +412,10 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[EffectByCampaign, ...]:
     return tuple(each)
 
 
-def _parameters(report: Report, covariance: Array) -> dict[str, ParameterAlone]:
+def _parameters(report: Report, covariance: Array) -> dict[str, records.ParameterAlone]:
     std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
     return {
-        parameter.name: ParameterAlone(value=float(value), std=float(sigma))
+        parameter.name: records.ParameterAlone(value=float(value), std=float(sigma))
         for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
     }
 
@@ -444,8 +431,8 @@ def visited(q_rad: Array) -> Mask:
 
 
 def pair_of(
-    first: tuple[str, JointErrorAlone], second: tuple[str, JointErrorAlone]
-) -> CampaignsAgree:
+    first: tuple[str, records.JointErrorAlone], second: tuple[str, records.JointErrorAlone]
+) -> records.CampaignsAgree:
     """Compare the curves of two campaigns; slopes are of the second, both uncertain alike."""
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
@@ -454,7 +441,9 @@ def pair_of(
     arcs = np.unique(arc)
     named: dict[str, Any] = {"first": one, "second": two, "share_of_turn": float(both.mean())}
     if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
-        return CampaignsAgree(**(dict.fromkeys(CampaignsAgree.model_fields) | named))
+        return records.CampaignsAgree(
+            **(dict.fromkeys(records.CampaignsAgree.model_fields) | named)
+        )
 
     def interval(of: Callable[[Array, Array], float]) -> tuple[float, float, float]:
         """Return a quantity and its interval, by leaving out arc by arc (jackknife)."""
@@ -467,15 +456,15 @@ def pair_of(
     z, z_low, z_high = interval(lambda x, y: float(np.arctanh(_correlation(x, y))))
     slope, low, high = interval(_slope)
     x, y = x - x.mean(), y - y.mean()
-    return CampaignsAgree(
+    return records.CampaignsAgree(
         **named,
         correlation=float(np.tanh(z)),
         correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
         slope=slope,
         slope95=(low, high),
-        first_rms_mrad=rms(x),
-        second_rms_mrad=rms(y),
-        difference_rms_mrad=rms(x - y),
+        first_rms_mrad=linear.rms(x),
+        second_rms_mrad=linear.rms(y),
+        difference_rms_mrad=linear.rms(x - y),
     )
 
 

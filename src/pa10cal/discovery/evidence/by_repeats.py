@@ -14,14 +14,7 @@ from typing_extensions import override
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
-from pa10cal.discovery.evidence.fit import (
-    EvidenceFit,
-    apparatus_m,
-    covariance_of,
-    fit,
-    pose_rows,
-    torque_rows,
-)
+from pa10cal.discovery import preparation
 from pa10cal.discovery.evidence.judge import (
     Confirmation,
     Judgement,
@@ -30,7 +23,17 @@ from pa10cal.discovery.evidence.judge import (
     shared_error_mm,
     weighed_rows,
 )
-from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, prepare
+from pa10cal.discovery.evidence.problem import (
+    EvidenceFit,
+    EvidenceProblem,
+    NoiseModel,
+    apparatus_m,
+    covariance_of,
+    fit,
+    pose_rows,
+    prepare,
+    torque_rows,
+)
 from pa10cal.discovery.evidence.search import (
     evidence_about,
     refit,
@@ -45,14 +48,6 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error
 from pa10cal.discovery.linear import by_every_joint, possible_sizes, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
-from pa10cal.discovery.preparation import (
-    Prepared,
-    complete,
-    complete_about,
-    effects_in,
-    is_fault,
-    sought,
-)
 from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
@@ -197,7 +192,7 @@ class VerdictByRepeats(SearchVerdict[Confirmation]):
         return model_with(self.problem, self.extended, effects)
 
 
-def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
+def discover_by_repeats(campaign: preparation.Prepared) -> VerdictByRepeats:
     """Search a campaign for missing effects.
 
     Raises:
@@ -208,8 +203,10 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     check_torques(baseline.model, campaign.readings)
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
-    family, refused = testable(problem, start, sought(problem.context, baseline.model.terms))
-    needed = threshold(effects_in(family), error_rate)
+    family, refused = testable(
+        problem, start, preparation.sought(problem.context, baseline.model.terms)
+    )
+    needed = threshold(preparation.effects_in(family), error_rate)
     judgement = judge(search(problem, family, error_rate, start), needed)
     problem, extended = judgement.found.problem, judgement.found.fit
     named = tuple(finding.effect for finding in judgement.findings)
@@ -225,7 +222,7 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     return VerdictByRepeats(
         prepared=campaign,
         context=problem.context,
-        candidates=effects_in(family),
+        candidates=preparation.effects_in(family),
         findings=judgement.findings,
         unexplained=(
             *judgement.unexplained,
@@ -237,7 +234,7 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
             if effect.generic and (effect.id, effect.of) in places
         ),
         over_noise=any(place.form is None for place in judgement.unexplained),
-        not_testable=tuple(one for one in refused if not is_fault(one.effect)),
+        not_testable=tuple(one for one in refused if not preparation.is_fault(one.effect)),
         indistinguishable=tuple(tuple(family[k] for k in group) for group in groups),
         extended=extended,
         covariance=covariance_of(problem, extended),
@@ -251,7 +248,9 @@ def discover_by_repeats(campaign: Prepared) -> VerdictByRepeats:
     )
 
 
-def _with_time(readings: Observations, campaign: Prepared) -> tuple[EvidenceProblem, EvidenceFit]:
+def _with_time(
+    readings: Observations, campaign: preparation.Prepared
+) -> tuple[EvidenceProblem, EvidenceFit]:
     """Return the problem and its fit with what the readings show of time, where they do.
 
     The noise is that of repeats without what moved between them: running medians show it at first,
@@ -261,12 +260,12 @@ def _with_time(readings: Observations, campaign: Prepared) -> tuple[EvidenceProb
         DiscoveryError: when too little is repeated.
     """
     baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
-    poses = complete(readings, baseline, setup)
+    poses = preparation.complete(readings, baseline, setup)
     left = residual(baseline, poses)
     moved = moved_between_repeats(poses, left, same_circumstances(poses))
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved=moved)
     start = fit(problem, (), (), (0.0, 0.0))
-    every, found = sought(problem.context, baseline.model.terms), STILL
+    every, found = preparation.sought(problem.context, baseline.model.terms), STILL
     for _ in range(_ROUNDS_OF_TIME):
         # A jump in few repeats may leave directions without noise: a little of what is stated.
         stated = problem.readings.measured.stated_covariance
@@ -297,7 +296,7 @@ def compare(
 
     The model at the end of the search may hold what has no name, too.
     """
-    poses = complete_about(poses, problem.baseline, extended.at, problem.setup)
+    poses = preparation.complete_about(poses, problem.baseline, extended.at, problem.setup)
     floor, after, T_moved = floor_mm(problem, poses.readings), _exported(problem, extended), None
     if (wander := problem.in_time.wander) is not None:
         # Poses of the fit are averages: the base has moved by the mean of its motions there.
@@ -311,7 +310,7 @@ def compare(
     found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
     if searched is None or not any(effect.generic for effect in searched.effects):
         return found
-    poses = complete_about(poses, problem.baseline, searched.at, problem.setup)
+    poses = preparation.complete_about(poses, problem.baseline, searched.at, problem.setup)
     return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
 
 

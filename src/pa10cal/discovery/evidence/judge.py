@@ -16,9 +16,16 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.evidence.fit import EvidenceFit, covariance_of, fit
-from pa10cal.discovery.evidence.likelihood import SIZES, CandidateRows, Score
-from pa10cal.discovery.evidence.problem import EvidenceProblem, NoiseModel, Whitening
+from pa10cal.discovery.evidence.likelihood import CandidateRows, Score
+from pa10cal.discovery.evidence.problem import (
+    SIZES,
+    EvidenceFit,
+    EvidenceProblem,
+    NoiseModel,
+    Whitening,
+    covariance_of,
+    fit,
+)
 from pa10cal.discovery.evidence.search import (
     EndOfSearch,
     ended_at,

@@ -19,13 +19,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.evidence.problem import NoiseModel
+from pa10cal.discovery.evidence.problem import SIZES, NoiseModel
 
 #: Variances looked at between the neighbours of the best one tried, where a spline is laid.
 _BETWEEN = 129
-#: Standard deviations of an effect that are tried, in its plausible size. Trying them costs the
-#: logarithm of their number, which keeps the bound above.
-SIZES = (0.1, 1.0, 10.0)
 #: A set of candidates: the number of each in the family, and the index in `SIZES` of its size.
 CandidateSet = tuple[tuple[int, int], ...]
 

@@ -13,15 +13,16 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.discovery.evidence.fit import EvidenceFit, fit, pose_rows, torque_rows
-from pa10cal.discovery.evidence.likelihood import (
+from pa10cal.discovery.evidence.likelihood import CandidateRows, CandidateSet, Score, SetEvidence
+from pa10cal.discovery.evidence.problem import (
     SIZES,
-    CandidateRows,
-    CandidateSet,
-    Score,
-    SetEvidence,
+    EvidenceFit,
+    EvidenceProblem,
+    fit,
+    pose_rows,
+    prepare,
+    torque_rows,
 )
-from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden

@@ -12,9 +12,8 @@ import pandas as pd
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell import instruments
-from pa10cal.lab.cell.classes import classes_in
 from pa10cal.lab.cell.effects.effect import JointState, SimulatedEffect, with_added
-from pa10cal.lab.cell.effects.vocabulary import make_effects
+from pa10cal.lab.cell.effects.vocabulary import classes_in, make_effects
 from pa10cal.lab.cell.individual import KcubReading, build_robot
 from pa10cal.lab.cell.instruments.instrument import SimulatedInstrument, Truth, rest_poses
 from pa10cal.lab.cell.options import SimulateOptions

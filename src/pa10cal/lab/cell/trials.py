@@ -18,7 +18,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
 from pa10cal.lab.cell.disturbances import DISTURBANCES, Disturbance, Need
 from pa10cal.lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
-from pa10cal.lab.cell.effects.reading import drawn_cogs, drawn_ratio
+from pa10cal.lab.cell.effects.joint import drawn_cogs, drawn_ratio
 from pa10cal.lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
 from pa10cal.lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
 from pa10cal.lab.cell.measured_trials import SUBJECTS, draw_measured, measured_benches

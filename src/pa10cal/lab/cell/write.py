@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from pa10cal.errors import SimulationError
+from pa10cal.errors import SimulationError, refusals_beside
 from pa10cal.files.arms import arm_names, arm_text
 from pa10cal.files.output import whole_file, write_text
 from pa10cal.lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
@@ -21,7 +21,7 @@ from pa10cal.lab.cell.disturbances import disturb
 from pa10cal.lab.cell.raw_log import RawLog
 from pa10cal.lab.cell.robot import GRAVITY_M_S2, Robot
 from pa10cal.results.codec import write
-from pa10cal.results.truth import TrueDisturbance, TrueEffect, TrueParameter, TrueTool, TruthRecord
+from pa10cal.results.trials import TrueDisturbance, TrueEffect, TrueParameter, TrueTool, TruthRecord
 
 #: Where each disturbance of a campaign is: poses, joints, loads or keys.
 Places = tuple[tuple[str, ...], ...]
@@ -32,6 +32,7 @@ PROVENANCE = (
     "synthetic: written by this project's own virtual cell, not measured on a robot; "
     "what effects it hides, if any, is not told here"
 )
+_refusal = refusals_beside(__file__, SimulationError)
 
 
 def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None = None) -> Places:
@@ -168,22 +169,12 @@ def _parameters(robot: Robot) -> dict[str, TrueParameter]:
 def _claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:
     """Make sure that a campaign may be written, and take a former description away."""
     if truth is not None and truth.resolve().is_relative_to(folder.resolve()):
-        raise SimulationError(
-            "the truth must not lie in the campaign's folder",
-            where="--truth",
-            value=str(truth),
-            allowed="a path outside the campaign's folder",
-            remedy="name another place",
-        )
+        raise _refusal("truth", "--truth", str(truth))
     own = {DESCRIPTION_FILE, *files}
     foreign = sorted({entry.name for entry in folder.glob("*")} - own)
     if foreign or folder.is_file():
-        raise SimulationError(
-            "the folder holds something that is not a campaign's",
-            where="--out",
-            value=", ".join(foreign) or str(folder),
-            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
-            remedy="name another folder or move the files away",
+        raise _refusal(
+            "foreign", "--out", ", ".join(foreign) or str(folder), ", ".join(sorted(own))
         )
     (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
 

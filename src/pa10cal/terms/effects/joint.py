@@ -10,20 +10,13 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
-from pa10cal.terms.effects.effect import (
-    AtJoint,
-    CandidateContext,
-    Effect,
-    JointEffect,
-    static_loads_in,
-    turning_joints,
-)
+from pa10cal.terms.effects import effect
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter
 
 
 @dataclass(frozen=True)
-class GearRatioError(JointEffect):
+class GearRatioError(effect.JointEffect):
     """A gear ratio off its nominal value: eps q_j [rad], eps without unit."""
 
     id = "gear_ratio_error"
@@ -35,7 +28,7 @@ class GearRatioError(JointEffect):
 
 
 @dataclass(frozen=True)
-class Backlash(JointEffect):
+class Backlash(effect.JointEffect):
     """Lost motion: b s_j [rad], s_j the direction in which the joint arrived."""
 
     id = "backlash"
@@ -48,7 +41,7 @@ class Backlash(JointEffect):
 
 
 @dataclass(frozen=True)
-class ArrivalError(JointEffect):
+class ArrivalError(effect.JointEffect):
     """A controller that stops short of its command: c in the direction moved, 0 where it stayed.
 
     Lost motion acts behind the motor, whatever its controller does, and is a joint's own. A
@@ -62,7 +55,7 @@ class ArrivalError(JointEffect):
     words = "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return the campaigns of a group, where positions are those commanded."""
         return (context.campaigns,) if context.commanded else None
 
@@ -80,7 +73,7 @@ class ArrivalError(JointEffect):
 
 
 @dataclass(frozen=True)
-class WristCoupling(Effect):
+class WristCoupling(effect.Effect):
     """The last joint turns with the one before it: c q_(n-1) [rad], c without unit."""
 
     last: int  # the last joint, n
@@ -90,10 +83,10 @@ class WristCoupling(Effect):
     reported = (TermParameter("c", "1", 3e-5, plausible=1e-3),)
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return the last joint, where it and the one before turn."""
         last = context.arm.n
-        return (last,) if {last - 1, last} <= {*turning_joints(context)} else None
+        return (last,) if {last - 1, last} <= {*effect.turning_joints(context)} else None
 
     @property
     def before(self) -> int:
@@ -112,7 +105,7 @@ class WristCoupling(Effect):
 
 
 @dataclass(frozen=True)
-class JointHarmonic(AtJoint):
+class JointHarmonic(effect.AtJoint):
     """A sin(order q_j + phi), solved in its parts A cos phi (sine) and A sin phi (cosine)."""
 
     order: float  # cycles a turn of the joint
@@ -121,7 +114,7 @@ class JointHarmonic(AtJoint):
     plausible_rad = 3e-4
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
         return (cls.order_stated,)
 
     @property
@@ -159,7 +152,7 @@ class TransmissionError(JointHarmonic):
     id = "transmission_error"
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return twice the gear ratio; nan where that is not known."""
         return (2.0 * float(context.arm.gear_ratio[joint - 1]),)
 
@@ -203,7 +196,7 @@ class PeriodicError(JointHarmonic):
     """A sin(k q_j + phi), k whole: in the place of a map that is this one line.
 
     It is not sought: k is found where a map of the joint does no better than one line
-    (`discovery/formulas`). One and two cycles, and those of the gear, have names of their own.
+    (`discovery/short_forms`). One and two cycles, and those of the gear, have names of their own.
     """
 
     order: float = 3.0  # k, at first the lowest without a name of its own
@@ -226,7 +219,7 @@ class PeriodicError(JointHarmonic):
 
 
 @dataclass(frozen=True)
-class FalseTorque(JointTorqueOnly, JointEffect):
+class FalseTorque(JointTorqueOnly, effect.JointEffect):
     """A single parameter by which the logged torque of one joint is off; no joint carries it."""
 
     acts_on_joint = False
@@ -263,7 +256,7 @@ class TorqueGain(FalseTorque):
     reported = (TermParameter("g", "1", 1e-3, plausible=0.05),)
 
     def per_unit(self, states: PoseStates) -> Array:
-        return static_loads_in(states, self).joint_Nm[:, self.joint - 1]
+        return effect.static_loads_in(states, self).joint_Nm[:, self.joint - 1]
 
 
 # Deflections of a joint under its torque beyond the springs of the model.
@@ -273,7 +266,7 @@ _RIGID = 1e-12
 
 
 @dataclass(frozen=True)
-class JointCompliance(JointEffect):
+class JointCompliance(effect.JointEffect):
     """A spring at a joint that the model holds rigid: deflection tau_j / K, K in N m/rad.
 
     Solved in the compliance 1/K [rad/(N m)], zero for a rigid joint.
@@ -285,7 +278,7 @@ class JointCompliance(JointEffect):
     positive = True
 
     @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return the rated torque of a joint without a spring."""
         return None if joint in context.flexible_joints else super().fields_at(context, joint)
 
@@ -308,7 +301,7 @@ class JointCompliance(JointEffect):
 
 
 @dataclass(frozen=True)
-class SoftWindup(JointEffect):
+class SoftWindup(effect.JointEffect):
     """A drive softer near zero torque: it deflects further by A tanh(tau_j / tau0).
 
     A in rad, tau0 in N m.

@@ -13,21 +13,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.effects.effect import (
-    ARC_SECOND,
-    Finite,
-    FinitePositive,
-    JointState,
-    LoadedJointEffect,
-    Loading,
-    SimulatedEffect,
-    SimulatedJointEffect,
-    Site,
-    draws,
-    either_sign,
-    signed,
-    sized,
-)
+from pa10cal.lab.cell.effects import effect
 from pa10cal.lab.cell.effects.joint import STIFFNESS_PER_RATED, Harmonic
 from pa10cal.lab.cell.robot import Strain
 
@@ -45,7 +31,7 @@ class ThirdHarmonic(Harmonic):
     cycles = 3.0
 
 
-class BowedAxis(SimulatedEffect):
+class BowedAxis(effect.SimulatedEffect):
     """A guideway that is not straight: one axis reads a bow along another."""
 
     id = "bowed_axis"
@@ -54,18 +40,20 @@ class BowedAxis(SimulatedEffect):
 
     axis: Axis = Field(description="axis that reads wrong, 0 to 2")
     along: Axis = Field(description="axis along which it does, another one, 0 to 2")
-    sag: Finite = Field(description="reading error half_m from the centre, its even part [m]")
-    half_m: FinitePositive = Field(description="half the length of the bow [m]")
-    centre_m: Finite = Field(description="coordinate of its middle [m]")
+    sag: effect.Finite = Field(
+        description="reading error half_m from the centre, its even part [m]"
+    )
+    half_m: effect.FinitePositive = Field(description="half the length of the bow [m]")
+    centre_m: effect.Finite = Field(description="coordinate of its middle [m]")
 
     @classmethod
-    def at_size(cls, site: Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    def at_size(cls, site: effect.Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
         """Return a bow of 25 micrometres over the measured volume, along any axis."""
         axis, along = rng.permutation(3)[:2].tolist()
         return {
             "axis": axis,
             "along": along,
-            "sag": either_sign(size * 2.5e-5, rng),
+            "sag": effect.either_sign(size * 2.5e-5, rng),
             "half_m": site.half_m,
             "centre_m": site.middle_m[along],
         }
@@ -84,7 +72,7 @@ class BowedAxis(SimulatedEffect):
         return extra
 
 
-class DressPack(LoadedJointEffect):
+class DressPack(effect.LoadedJointEffect):
     """Cables and hoses along the arm pull a joint towards the angle at which they hang free.
 
     The pull usually is 2 % of the rated torque a radian.
@@ -95,38 +83,38 @@ class DressPack(LoadedJointEffect):
     adds_to = "carried"
     by_spring = True
     trial_places = ("rated joint",)
-    usual = draws(
+    usual = effect.draws(
         k=lambda site, size, _rng: size * 0.02 * site.rated_Nm,
         q0=lambda _site, _size, rng: float(rng.uniform(-0.5, 0.5)),
     )
 
-    k: FinitePositive = Field(description="stiffness of the pull [N m/rad]")
-    q0: Finite = Field(description="angle of the joint without pull [rad]")
+    k: effect.FinitePositive = Field(description="stiffness of the pull [N m/rad]")
+    q0: effect.Finite = Field(description="angle of the joint without pull [rad]")
 
-    def at_joint(self, joint: JointState) -> Array:
+    def at_joint(self, joint: effect.JointState) -> Array:
         return self.k * (joint.q_rad - self.q0)
 
 
-class Hysteresis(LoadedJointEffect):
+class Hysteresis(effect.LoadedJointEffect):
     """The link lags behind the motor by more where the joint carries more."""
 
     id = "hysteresis"
     named = False
     trial_places = ("loaded joint",)
-    usual = draws(h=signed(60.0 * ARC_SECOND))
+    usual = effect.draws(h=effect.signed(60.0 * effect.ARC_SECOND))
 
-    h: Finite = Field(
+    h: effect.Finite = Field(
         description="lead in the direction of arrival under the rated torque [rad]; negative: lag"
     )
 
-    def at_joint(self, joint: JointState) -> Array:
+    def at_joint(self, joint: effect.JointState) -> Array:
         return self.h * joint.arrival * np.abs(joint.tau_Nm / joint.rated_Nm)
 
 
 # Effects outside the vocabulary that wild trials alone draw: what else a robot may do.
 
 
-class SoftByAngle(LoadedJointEffect):
+class SoftByAngle(effect.LoadedJointEffect):
     """A joint whose compliance varies with its angle, usually by half of that of such joints."""
 
     id = "soft_by_angle"
@@ -134,42 +122,42 @@ class SoftByAngle(LoadedJointEffect):
     wild = True
     places: ClassVar[tuple[str, ...]] = ("rated joint",)
     trial_places = ("rated loaded joint",)
-    usual = draws(
+    usual = effect.draws(
         compliance=lambda site, size, _: 0.5 * size / (STIFFNESS_PER_RATED * site.rated_Nm),
         cycles=lambda _site, _size, rng: float(rng.integers(1, 3)),
         phi=lambda _site, _size, rng: float(rng.uniform(-np.pi, np.pi)),
     )
 
-    compliance: FinitePositive = Field(description="amplitude of the compliance [rad/(N m)]")
-    cycles: FinitePositive = Field(description="cycles a turn of the joint")
-    phi: Finite = Field(description="phase [rad]")
+    compliance: effect.FinitePositive = Field(description="amplitude of the compliance [rad/(N m)]")
+    cycles: effect.FinitePositive = Field(description="cycles a turn of the joint")
+    phi: effect.Finite = Field(description="phase [rad]")
 
-    def at_joint(self, joint: JointState) -> Array:
+    def at_joint(self, joint: effect.JointState) -> Array:
         compliance = self.compliance * joint.tau_Nm * np.sin(self.cycles * joint.q_rad + self.phi)
         return np.asarray(-compliance)
 
 
-class Sawtooth(SimulatedJointEffect):
+class Sawtooth(effect.SimulatedJointEffect):
     """An error that grows along a sector of the joint's turn and jumps back at its end."""
 
     id = "sawtooth"
     named = False
     wild = True
-    usual = draws(
-        A=sized(50.0 * ARC_SECOND),
+    usual = effect.draws(
+        A=effect.sized(50.0 * effect.ARC_SECOND),
         sector=lambda _site, _size, rng: float(np.radians(rng.choice([24.0, 36.0, 60.0]))),
     )
 
-    A: Finite = Field(description="amplitude [rad]")
-    sector: FinitePositive = Field(description="sector [rad]")
+    A: effect.Finite = Field(description="amplitude [rad]")
+    sector: effect.FinitePositive = Field(description="sector [rad]")
 
-    def at_joint(self, joint: JointState) -> Array:
+    def at_joint(self, joint: effect.JointState) -> Array:
         turns = joint.q_rad / self.sector
         error: Array = self.A * (2.0 * (turns - np.floor(turns)) - 1.0)
         return error
 
 
-class PedestalTilt(SimulatedEffect):
+class PedestalTilt(effect.SimulatedEffect):
     """A pedestal, bolted down loosely, that tilts about an axis with the cube of its moment."""
 
     id = "pedestal_tilt"
@@ -178,13 +166,13 @@ class PedestalTilt(SimulatedEffect):
     places = ("base",)
     strains = True
     by_weights = True
-    usual = draws(tilt=sized(2e-4))
+    usual = effect.draws(tilt=effect.sized(2e-4))
 
-    tilt: Finite = Field(
+    tilt: effect.Finite = Field(
         description="tilt under the campaign's largest moment, about an axis [rad]"
     )
 
-    def strain(self, loading: Loading) -> Strain:
+    def strain(self, loading: effect.Loading) -> Strain:
         moment_Nm = loading.statics.base_Nm * np.array([1.0, 1.0, 0.0])
         largest_Nm = np.linalg.norm(moment_Nm, axis=1).max(initial=1e-9)
         turn = self.tilt * (moment_Nm / largest_Nm) ** 3

@@ -9,23 +9,13 @@ import numpy as np
 from pydantic import Field
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.effects.effect import (
-    LONG_LINKS,
-    Finite,
-    Loading,
-    SimulatedEffect,
-    Triple,
-    directed,
-    draws,
-    signed,
-    sized,
-)
+from pa10cal.lab.cell.effects import effect
 from pa10cal.lab.cell.robot import GRAVITY_M_S2, Strain
 
 SECONDS_PER_HOUR = 3600.0
 
 
-class SimulatedLinkEffect(SimulatedEffect):
+class SimulatedLinkEffect(effect.SimulatedEffect):
     """A long link gives way under the moment that it carries at its far joint."""
 
     strains = True
@@ -41,7 +31,7 @@ class SimulatedLinkEffect(SimulatedEffect):
             span_m: (3,) from the link's near joint to its far one.
         """
 
-    def strain(self, loading: Loading) -> Strain:
+    def strain(self, loading: effect.Loading) -> Strain:
         """Turn and shift the end of the link."""
         link = loading.link(self.of)
         span_m = loading.mechanism.spans_m[link]
@@ -58,11 +48,13 @@ class SimulatedLinkBending(SimulatedLinkEffect):
     """A long link bends under the moment across its axis at its far joint."""
 
     id = "link_bending"
-    places = LONG_LINKS
-    usual = draws(c=sized(2e-6))
+    places = effect.LONG_LINKS
+    usual = effect.draws(c=effect.sized(2e-6))
     plausible_size = 2.5
 
-    c: Finite = Field(description="rotation of the link's end per unit bending moment [rad/(N m)]")
+    c: effect.Finite = Field(
+        description="rotation of the link's end per unit bending moment [rad/(N m)]"
+    )
 
     def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
         """Turn the end by c M, shift it by (2/3) L (c M) x axis, as for a force at the end."""
@@ -75,63 +67,63 @@ class SimulatedLinkTorsion(SimulatedLinkEffect):
 
     id = "link_torsion"
     places = ("forearm",)
-    usual = draws(c=sized(3e-5))
+    usual = effect.draws(c=effect.sized(3e-5))
     plausible_size = 0.67
 
-    c: Finite = Field(description="twist of the link per unit torsional moment [rad/(N m)]")
+    c: effect.Finite = Field(description="twist of the link per unit torsional moment [rad/(N m)]")
 
     def end_motion(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
         turn = self.c * np.outer(moment_Nm @ axis, axis)
         return turn, np.zeros_like(turn)
 
 
-class SimulatedBaseCompliance(SimulatedEffect):
+class SimulatedBaseCompliance(effect.SimulatedEffect):
     """The base tilts under the overturning moment."""
 
     id = "base_compliance"
     places = ("base",)
     strains = True
     by_weights = True
-    usual = draws(cx=sized(1.5e-6), cy=sized(1.5e-6))
+    usual = effect.draws(cx=effect.sized(1.5e-6), cy=effect.sized(1.5e-6))
     plausible_size = 2.0
 
-    cx: Finite = Field(description="tilt about x per unit moment about x [rad/(N m)]")
-    cy: Finite = Field(description="tilt about y per unit moment about y [rad/(N m)]")
+    cx: effect.Finite = Field(description="tilt about x per unit moment about x [rad/(N m)]")
+    cy: effect.Finite = Field(description="tilt about y per unit moment about y [rad/(N m)]")
 
-    def strain(self, loading: Loading) -> Strain:
+    def strain(self, loading: effect.Loading) -> Strain:
         turn = np.array([self.cx, self.cy, 0.0]) * loading.statics.base_Nm
         return replace(loading.none, base_turn_rad=turn)
 
 
-class SimulatedBaseDrift(SimulatedEffect):
+class SimulatedBaseDrift(effect.SimulatedEffect):
     """The base creeps at a constant rate."""
 
     id = "base_drift"
     places = ("base",)
     strains = True
-    usual = draws(rate=directed(2e-5))
+    usual = effect.draws(rate=effect.directed(2e-5))
     plausible_size = 2.6  # in three axes; what is plausible in the vocabulary is of one
 
-    rate: Triple = Field(description="velocity along base axes [m/h]")
+    rate: effect.Triple = Field(description="velocity along base axes [m/h]")
 
-    def strain(self, loading: Loading) -> Strain:
+    def strain(self, loading: effect.Loading) -> Strain:
         shift = np.outer(loading.time_s, self.rate) / SECONDS_PER_HOUR
         return replace(loading.none, base_shift_m=shift)
 
 
-class SimulatedThermalGrowth(SimulatedEffect):
+class SimulatedThermalGrowth(effect.SimulatedEffect):
     """Pedestal (the first link) and long links grow with temperature, usually as steel does."""
 
     id = "thermal_growth"
     places = ("arm",)
     strains = True
     by_temperature = True
-    usual = draws(alpha=sized(1.2e-5))
+    usual = effect.draws(alpha=effect.sized(1.2e-5))
     plausible_size = 1.7
 
-    alpha: Finite = Field(description="expansion coefficient [1/K]")
+    alpha: effect.Finite = Field(description="expansion coefficient [1/K]")
 
-    def strain(self, loading: Loading) -> Strain:
+    def strain(self, loading: effect.Loading) -> Strain:
         none = loading.none
         stretch = none.stretch.copy()
         grown = self.alpha * loading.warming_K[:, None]
@@ -142,14 +134,14 @@ class SimulatedThermalGrowth(SimulatedEffect):
 # Effects that sit in the tool on the flange and in the measuring instrument.
 
 
-class SimulatedToolSag(SimulatedEffect):
+class SimulatedToolSag(effect.SimulatedEffect):
     """The tool sags across its axis, the flange's z."""
 
     id = "tool_sag"
     places = ("tool",)
-    usual = draws(c=sized(1e-4))
+    usual = effect.draws(c=effect.sized(1e-4))
 
-    c: Finite = Field(description="sag with the tool held level [m]")
+    c: effect.Finite = Field(description="sag with the tool held level [m]")
 
     def shift_m(self, R_base_ee: Array) -> Array:
         down = GRAVITY_M_S2 / np.linalg.norm(GRAVITY_M_S2)
@@ -158,30 +150,30 @@ class SimulatedToolSag(SimulatedEffect):
         return shift
 
 
-class SimulatedCmmScale(SimulatedEffect):
+class SimulatedCmmScale(effect.SimulatedEffect):
     """Scales of the instrument's axes are off, by 5e-5 rms per axis."""
 
     id = "cmm_scale"
     places = ("instrument",)
-    usual = draws(s=directed(5e-5 * float(np.sqrt(3.0))))
+    usual = effect.draws(s=effect.directed(5e-5 * float(np.sqrt(3.0))))
     plausible_size = 2.0
 
-    s: Triple = Field(description="relative excess of each axis")
+    s: effect.Triple = Field(description="relative excess of each axis")
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
         extra: Array = p_instr_m * np.array(self.s)
         return extra
 
 
-class SimulatedCmmSquareness(SimulatedEffect):
+class SimulatedCmmSquareness(effect.SimulatedEffect):
     """The instrument's y axis is not square to its x axis."""
 
     id = "cmm_squareness"
     places = ("instrument",)
-    usual = draws(xy=signed(5e-5))
+    usual = effect.draws(xy=effect.signed(5e-5))
     plausible_size = 2.0
 
-    xy: Finite = Field(description="angle off square [rad]")
+    xy: effect.Finite = Field(description="angle off square [rad]")
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
         extra = np.zeros_like(p_instr_m)

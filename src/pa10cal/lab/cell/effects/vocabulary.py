@@ -5,18 +5,23 @@ An effect is known once its class is in a module of this folder.
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
-from pa10cal.errors import SettingsError, remedy_for
+from pa10cal.errors import SettingsError, refusals_beside, remedy_for
 from pa10cal.lab.cell import effects
-from pa10cal.lab.cell.classes import classes_in
 from pa10cal.lab.cell.effects.effect import LONG_LINKS, SimulatedEffect
 from pa10cal.lab.cell.options import HiddenEffectOptions
 from pa10cal.lab.cell.robot import Robot
 from pa10cal.settings_reading import parse_section
+
+_refusal = refusals_beside(__file__, SettingsError)
 
 
 @cache
@@ -76,23 +81,13 @@ def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) ->
 def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> SimulatedEffect:
     known = all_effects()
     if entry.id not in known:
-        raise SettingsError(
-            "unknown effect",
-            where=f"{where}.id",
-            value=entry.id,
-            allowed=", ".join(known),
-            remedy=remedy_for(entry.id, known, "correct the name"),
-        )
+        remedy = remedy_for(entry.id, known, "correct the name")
+        raise _refusal("unknown", f"{where}.id", entry.id, ", ".join(known), remedy)
     kind = known[entry.id]
     places = places_of(kind.places, robot)
     if entry.of not in places:
-        raise SettingsError(
-            f"{entry.id} cannot sit there",
-            where=f"{where}.of",
-            value=entry.of,
-            allowed=", ".join(places) or "no such place in this arm",
-            remedy="correct the place",
-        )
+        allowed = ", ".join(places) or "no such place in this arm"
+        raise _refusal("no place", f"{where}.of", entry.of, entry.id, allowed)
     return parse_section(kind, entry.parameters, where=f"{where}.parameters").at(entry.of)
 
 
@@ -110,3 +105,28 @@ def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[i
     for word in words[:-1]:
         fits = fits & qualities[word]
     return (np.flatnonzero(fits) + 1).tolist()
+
+
+# The classes of a kind that the modules of a folder hold, by their id.
+#
+# It stands beside these folders, for what looks through folders needs all modules beside it
+# (`planning.code`).
+
+
+def classes_in(package: ModuleType, kind: Any, key: str = "id") -> dict[str, Any]:
+    """Return every class of a kind that has an id of its own, or another key.
+
+    They come module by module by name, each in the order of its file: random draws go by it.
+    """
+    found = {}
+    for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
+        module = import_module(f"{package.__name__}.{name}")
+        for each in vars(module).values():
+            if (
+                isinstance(each, type)
+                and issubclass(each, kind)
+                and each.__module__ == module.__name__
+                and key in vars(each)
+            ):
+                found[vars(each)[key]] = each
+    return found

@@ -10,13 +10,7 @@ import pandas as pd
 
 from pa10cal.arrays import Array
 from pa10cal.lab.cell.effects.effect import JointState, with_added
-from pa10cal.lab.cell.instruments.instrument import (
-    SimulatedInstrument,
-    Streams,
-    Truth,
-    position_columns,
-    tool_of,
-)
+from pa10cal.lab.cell.instruments import instrument
 from pa10cal.lab.cell.poses import Poses, Schedule, place_poses, sweeps
 from pa10cal.lab.cell.robot import BALL_DIAMETER_M, Departures, Mechanism, Robot
 
@@ -38,7 +32,7 @@ TORQUE_STEPS = 4096
 _TEMPERATURE_NOISE_C = 0.01
 
 
-class TouchTriggerCmm(SimulatedInstrument):
+class TouchTriggerCmm(instrument.SimulatedInstrument):
     """Touches on tooling balls, and a log of every approach and dwell."""
 
     kind: ClassVar[str] = "touch_trigger_cmm"
@@ -60,7 +54,7 @@ class TouchTriggerCmm(SimulatedInstrument):
         "_C": 2,
     }
 
-    def schedule(self, robot: Robot, streams: Streams) -> tuple[Schedule, Poses]:
+    def schedule(self, robot: Robot, streams: instrument.Streams) -> tuple[Schedule, Poses]:
         """Return straight moves, the grid once a load and repeat, and held-out points."""
         settings, arm = self.settings, robot.arm
         nominal = Mechanism.of(arm, Departures.none(arm.n), robot.mechanism.payload)
@@ -71,12 +65,14 @@ class TouchTriggerCmm(SimulatedInstrument):
     def at_rest_s(self) -> float:
         return float(DWELL_S.mean())
 
-    def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
+    def motors(self, schedule: Schedule, streams: instrument.Streams) -> tuple[Array, Array]:
         noise, shape = self.settings.noise, schedule.q.shape
         q_motor = schedule.q + noise.servo_rad * streams["servo"].standard_normal(shape)
         return q_motor, q_motor + noise.unseen_rad * streams["links"].standard_normal(shape)
 
-    def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
+    def measure(
+        self, truth: instrument.Truth, streams: instrument.Streams
+    ) -> dict[str, pd.DataFrame]:
         return {
             "cmm": self._touches(truth, streams["touch"]),
             "resolver": self._log(truth, streams["log"]),
@@ -90,10 +86,10 @@ class TouchTriggerCmm(SimulatedInstrument):
                 "uncertainty_mm": UNCERTAINTY_MM if stated_mm is None else stated_mm,
             },
             "ball_diameter_mm": round(1e3 * BALL_DIAMETER_M, 4),
-            "tool": tool_of(robot),
+            "tool": instrument.tool_of(robot),
         }
 
-    def _touches(self, truth: Truth, rng: np.random.Generator) -> pd.DataFrame:
+    def _touches(self, truth: instrument.Truth, rng: np.random.Generator) -> pd.DataFrame:
         """Probe every ball in every configuration."""
         robot, schedule = truth.robot, truth.schedule
         points_m = truth.p_instr_targets_m[:, :, None, :] + 0.5 * BALL_DIAMETER_M * TOUCH_DIRECTIONS
@@ -119,7 +115,7 @@ class TouchTriggerCmm(SimulatedInstrument):
             }
         )
 
-    def _log(self, truth: Truth, rng: np.random.Generator) -> pd.DataFrame:
+    def _log(self, truth: instrument.Truth, rng: np.random.Generator) -> pd.DataFrame:
         """Log resolvers and motor currents through every approach and dwell."""
         noise, robot, schedule = self.settings.noise, truth.robot, truth.schedule
         n = robot.arm.n
@@ -145,14 +141,14 @@ class TouchTriggerCmm(SimulatedInstrument):
         return pd.DataFrame(
             {
                 "time_s": time_s.ravel().round(2),
-                **position_columns(robot.arm, counted),
+                **instrument.position_columns(robot.arm, counted),
                 **{f"tau{joint + 1}_Nm": logged_Nm[:, joint] for joint in range(n)},
                 "temperature_C": sample_T.ravel().round(2),
             }
         )
 
 
-def _moving_torques(truth: Truth, q: Array) -> Array:
+def _moving_torques(truth: instrument.Truth, q: Array) -> Array:
     """Return (C, S, n) torques carried along the approaches (C, S, n), as of stiff joints."""
     loads_N = np.repeat(truth.schedule.load_N, q.shape[1])
     flat = q.reshape(-1, q.shape[2])
