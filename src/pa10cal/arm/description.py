@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError, refusals_beside
 
-# How well the weights of an arm are known, and weights for one of which none are stated.
+# How well the weights of an arm are known.
 #
 # An arm described without masses still sags under its weight. It gets masses and centres assumed
-# from its lengths alone, with uncertainties as wide as they are unknown, so that all that needs
-# torques and moments works for it. What its poses then show is stiffness over weight.
+# from its lengths alone (`fit.weighed_arm`), with uncertainties as wide as they are unknown, so
+# that all that needs torques and moments works for it. What its poses then show is stiffness over
+# weight.
 
 WeightsFrom = Literal["stated", "total", "assumed", "logged"]
 
@@ -43,7 +44,7 @@ class WeightsKnown:
 
 
 def weights_known(arm: Arm) -> WeightsKnown:
-    """Return how well the weights of an arm are known, of one that states them as makers do."""
+    """Return how well weights of an arm are known: where it does not say, as makers state them."""
     if arm.weights_known is not None:
         return arm.weights_known
     return WeightsKnown("stated", np.full(arm.n, STATED_MASS), np.full(arm.n, STATED_COM_M))
@@ -85,7 +86,7 @@ class Arm:
     a_m: Array  # (n,) lengths along x
     alpha_rad: Array  # (n,) twists
     # (n,) whether the row has Ry(beta), at its end (`standard`) or start (`modified`), and no
-    # departure in d; see `arm.parallel`
+    # departure in d; see `with_hayati_rows`
     hayati: NDArray[np.bool_]
     prismatic: NDArray[np.bool_]  # (n,) whether the joint slides along its z axis
     limits_rad: Array  # (n, 2) joint limits (metres for a prismatic joint)

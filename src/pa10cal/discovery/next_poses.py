@@ -342,7 +342,7 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
         poses, cov, baseline, setup, torque_u_Nm, load_N, problem.in_time
     )
     ahead = replace(problem, readings=poses, cells=poses, cell_cov=cov, pose=pose, torque=torque)
-    return replace(ahead, torque_left_Nm=np.zeros_like(states.tau_Nm))
+    return replace(ahead, torque_without_weights_Nm=np.zeros_like(states.tau_Nm))
 
 
 def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:

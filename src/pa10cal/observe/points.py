@@ -34,12 +34,12 @@ from pa10cal.observe.quantities import (
 )
 from pa10cal.terms.term import TermParameter
 
-#: The name of a target may be any word but the `u` of an uncertainty.
 _SHARED = "shared_cov_{}{}"
 #: Columns of the table of poses that hold a target: its place, its covariance, and touches.
 _PLACE = re.compile(r"ball(\w+)_x_mm")
 _OF_PLACE = "ball{}_c{{}}{{}}_mm2"
 _SCALE = np.full(3, MM)
+#: The name of a target may be any word but the `u` of an uncertainty.
 _COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
 
 

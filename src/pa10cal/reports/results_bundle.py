@@ -44,7 +44,7 @@ COMBINED, GENERAL = "combined", "general"
 #: Between a stage and its message, where that is why a result is missing.
 REFUSED = " refused: "
 #: What a whole run leaves, by its name here: file, command that writes it, log of its stage.
-_LEFT = {
+_OF_A_RUN = {
     "poses": (POSES, "ingest", "ingest"),
     "base_frame": (BaseFrameRecord.FILE, "seed", "base_frame"),
     "calibration": ("calibration/{}.json", "calibrate", "calibrate"),
@@ -180,7 +180,7 @@ class ResultsBundle:
     @cached_property
     def _own_records(self) -> tuple[CampaignRecord, ...]:
         general = _record(CalibrationRecord, f"calibration/{GENERAL}.json")(self)
-        every = (getattr(self, name) for name in _LEFT if name not in ("poses", "model"))
+        every = (getattr(self, name) for name in _OF_A_RUN if name not in ("poses", "model"))
         return tuple(record for record in (*every, general) if record is not None)
 
     @cached_property
@@ -222,7 +222,7 @@ class ResultsBundle:
         What its stage refused, where its log tells.
         """
         found = {}
-        for name, (pattern, command, log) in _LEFT.items():
+        for name, (pattern, command, log) in _OF_A_RUN.items():
             file, path = pattern.format(self.load_case), self.folder / f"logs/{log}.log"
             if not (self.folder / file).exists():
                 printed = path.read_text("utf-8", errors="replace") if path.is_file() else ""
@@ -328,7 +328,7 @@ def results_bundle(
         RawDataError: when the folder of raw files, or the table of poses, cannot be used.
     """
     found = ResultsBundle(folder, load_case)
-    if len(found.absent) == len(_LEFT):
+    if len(found.absent) == len(_OF_A_RUN):
         raise _refusal("no results", folder, None if folder.is_dir() else "no such folder")
     return (
         found

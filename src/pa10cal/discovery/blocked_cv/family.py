@@ -155,34 +155,39 @@ class EffectSet:
         return replace(self, members=members, inverse=inverse)
 
     def _with_each(self, b: int, candidates: Sequence[Columns]) -> Array:
-        """Return the sum of squares of a block with each candidate added, (m,)."""
-        there, here = self.at, self.solution[b]
+        """Return the sum of squares of a block with each candidate added, (m,).
+
+        The other blocks give a candidate's amounts, by a Schur complement, and the steps that the
+        parameters in use take with it; the squares of the block change quadratically in both.
+        """
+        in_use, solution = self.at, self.solution[b]
         every = np.unique(np.concatenate([each.at for each in candidates]))
         gram, projection = self.products.gram[b], self.products.projection[b]
         own, across, corner = (
-            gram[np.ix_(*at)] for at in ((there, there), (there, every), (every, every))
+            gram[np.ix_(*at)] for at in ((in_use, in_use), (in_use, every), (every, every))
         )
-        elsewhere = self._elsewhere(b, there, every)
+        elsewhere = self._elsewhere(b, in_use, every)
         followed = self.inverse[b] @ elsewhere
-        beyond = self.total.gram[np.ix_(every, every)] - corner
-        open_ = self.total.projection[every] - projection[every] - elsewhere.T @ here
-        left, left_there = projection[every] - across.T @ here, projection[there] - own @ here
-        steps, change = np.zeros((len(candidates), len(there))), np.zeros(len(candidates))
+        gram_elsewhere = self.total.gram[np.ix_(every, every)] - corner
+        open_elsewhere = self.total.projection[every] - projection[every] - elsewhere.T @ solution
+        open_here = projection[every] - across.T @ solution
+        open_in_use = projection[in_use] - own @ solution
+        steps, change = np.zeros((len(candidates), len(in_use))), np.zeros(len(candidates))
         known: dict[bytes, Array] = {}  # maps of several sizes have the same columns
         for k, candidate in enumerate(candidates):
             places = np.searchsorted(every, candidate.at)
             in_one = bool(np.ptp(places) == len(places) - 1)  # then views are enough
             at = slice(places[0], places[-1] + 1) if in_one else places
-            by_there = followed[:, at]
+            by_in_use = followed[:, at]
             key = candidate.at.tobytes()
             if key not in known:
-                known[key] = beyond[at][:, at] - elsewhere[:, at].T @ by_there
-            amounts = solve(known[key], open_[at], candidate.prior)
-            steps[k] = -by_there @ amounts
+                known[key] = gram_elsewhere[at][:, at] - elsewhere[:, at].T @ by_in_use
+            amounts = solve(known[key], open_elsewhere[at], candidate.prior)
+            steps[k] = -by_in_use @ amounts
             change[k] = amounts @ (
-                corner[at][:, at] @ amounts + 2.0 * (across[:, at].T @ steps[k] - left[at])
+                corner[at][:, at] @ amounts + 2.0 * (across[:, at].T @ steps[k] - open_here[at])
             )
-        change += np.sum(steps * (steps @ own - 2.0 * left_there), axis=1)
+        change += np.sum(steps * (steps @ own - 2.0 * open_in_use), axis=1)
         squares: Array = self.squares[b] + change
         return squares
 

@@ -397,7 +397,7 @@ def _left_over(model: NoiseModel, rows: Array, shared_variance: float) -> Array:
 # The model fitted with effects that are given, weighed as the evidence weighs them.
 
 _MOST_ROUNDS = 4
-#: Index in `likelihood.SIZES` of the size first expected of an effect: the usual one.
+#: Index in `SIZES` of the size first expected of an effect: the usual one.
 _USUAL = 1
 
 

@@ -182,8 +182,8 @@ class Whitening:
     @classmethod
     def of(cls, scale: Array, common: Array) -> Whitening:
         """Return it for rows scaled (R,) and common errors of unit size (R, c)."""
-        left, sizes, _ = np.linalg.svd(scale[:, None] * common, full_matrices=False)
-        return cls(scale, left, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
+        directions, sizes, _ = np.linalg.svd(scale[:, None] * common, full_matrices=False)
+        return cls(scale, directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
 
     def __call__(self, rows: Array) -> Array:
         """Weigh rows (R, k)."""
@@ -209,7 +209,9 @@ class EvidenceProblem:
     noise: Noise  # of single readings
     pose: NoiseModel  # rows of the poses
     torque: NoiseModel | None  # rows of the torques, None where they or the masses are not known
-    torque_left_Nm: Array  # (C, n) logged torques less those of all weights (zero where not known)
+    torque_without_weights_Nm: (
+        Array  # (C, n) logged torques less those of all weights (zero where not known)
+    )
     context: CandidateContext  # where effects may sit
     torques_logged: bool  # whether the torques are those of a log, and scatter
     in_time: InTime = STILL  # how base or instrument move in the course of time
@@ -229,10 +231,12 @@ def prepare(
 ) -> EvidenceProblem:
     """Make a campaign ready, by single readings with the instrument's covariance.
 
-    Noise and weights are computed about the baseline, or a better model, whose effects may need
-    what the readings carry. Motion of base or instrument in time is no noise, nor is by how much
-    components moved besides (P, b), predicted less measured. Torques may be those of a log, and not
-    of described masses.
+    Args:
+        about: model about which residuals, noise and weights are computed; None for the baseline.
+        torques_logged: whether torques are those of a log, and not of described masses.
+        in_time: motion of base or instrument, which is no noise.
+        moved: (P, b) by how much components moved between repeats, predicted less measured: no
+            noise either. None for nothing.
 
     Raises:
         DiscoveryError: when too little is repeated.
@@ -266,7 +270,7 @@ def prepare(
         noise=noise,
         pose=pose,
         torque=torque,
-        torque_left_Nm=np.zeros_like(of_weights_Nm)
+        torque_without_weights_Nm=np.zeros_like(of_weights_Nm)
         if torque is None
         else cells.states.tau_Nm - of_weights_Nm,
         context=context_of(cells, baseline, setup),
@@ -328,16 +332,16 @@ def _common_torques(
     # Load, apparatus and gravity are off by their standard uncertainties.
     point_m, com_m = MM * options.load_point_uncertainty_mm, MM * options.tool_com_uncertainty_mm
     level = MM * options.level_uncertainty_mrad * np.linalg.norm(payload.gravity_m_s2)
-    moved = [
+    shifted_payloads = [
         replace(payload, load_point_m=payload.load_point_m + off) for off in point_m * np.eye(3)
     ]
-    moved += [replace(payload, com_m=payload.com_m + off) for off in com_m * np.eye(3)]
-    moved += [
+    shifted_payloads += [replace(payload, com_m=payload.com_m + off) for off in com_m * np.eye(3)]
+    shifted_payloads += [
         replace(payload, gravity_m_s2=payload.gravity_m_s2 + off) for off in level * np.eye(3)[:2]
     ]
     by_payload = [
         statics_of(baseline.model, baseline.x, cells.states, each).torque_Nm - weights.torque_Nm
-        for each in moved
+        for each in shifted_payloads
     ]
     of_tool = np.zeros((*weights.torque_Nm.shape, 0))
     if not payload.known:
@@ -372,7 +376,7 @@ _FIRST_DAMPING = 1e-6
 class EvidenceFit(ModelWithEffects):
     """The calibrated model with effects, fitted as the evidence weighs."""
 
-    sizes: tuple[int, ...]  # index in `likelihood.SIZES` of the size expected of each effect
+    sizes: tuple[int, ...]  # index in `SIZES` of the size expected of each effect
     # pose_variance and torque_variance: shared errors by which it was weighed
     pose_variance: float
     torque_variance: float
@@ -496,15 +500,15 @@ class _Weighed:
         """Find what the model leaves of poses at parameters, once for cost and equations."""
         if self._last_x is not x:
             self._last_x, self._at = x, at_unknowns(self._at, x)
-            self._left, self._jacobian = residual_then_jacobian(self._at, self._problem.cells)
+            self._residual, self._jacobian = residual_then_jacobian(self._at, self._problem.cells)
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at parameters (k,): all that a step uphill needs."""
         self._look_at(x)
         problem, off = self._problem, self._expected @ (x - self._middle)[:, None]
-        rows = [problem.pose.weighed(self._left[:, :, None], self._variances[0])]
+        rows = [problem.pose.weighed(self._residual[:, :, None], self._variances[0])]
         if self._torque is not None:
-            left_Nm = torque_left(problem, self._at)
+            left_Nm = torque_residual_Nm(problem, self._at)
             rows.append(self._torque.weighed(left_Nm[:, :, None], self._variances[1]))
         return float(sum(np.sum(part**2) for part in (*rows, off)))
 
@@ -512,7 +516,7 @@ class _Weighed:
         """Return the problem at parameters (k,): rows (R,) and their derivative (R, k)."""
         self._look_at(x)
         problem, off = self._problem, self._expected @ (x - self._middle)
-        of_pose = np.concatenate([self._left[:, :, None], self._jacobian()], axis=2)
+        of_pose = np.concatenate([self._residual[:, :, None], self._jacobian()], axis=2)
         rows = [problem.pose.weighed(of_pose, self._variances[0])]
         if self._torque is not None:
             rows.append(self._torque.weighed(torque_rows(problem, self._at), self._variances[1]))
@@ -530,13 +534,13 @@ def pose_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
 def torque_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
     """Return predicted minus logged torque and its derivative side by side, (C, n, 1 + k + t)."""
     states, model = problem.cells.states, at.model
-    left = torque_left(problem, at)
+    left = torque_residual_Nm(problem, at)
     by_targets = np.zeros((*left.shape, len(at.targets_m)))
     return np.concatenate(
         [left[:, :, None], model.torque_jacobian(states, at.x), by_targets], axis=2
     )
 
 
-def torque_left(problem: EvidenceProblem, at: FittedModel) -> Array:
+def torque_residual_Nm(problem: EvidenceProblem, at: FittedModel) -> Array:
     """Return predicted minus logged torque, (C, n)."""
-    return at.model.torque_Nm(problem.cells.states, at.x) - problem.torque_left_Nm
+    return at.model.torque_Nm(problem.cells.states, at.x) - problem.torque_without_weights_Nm

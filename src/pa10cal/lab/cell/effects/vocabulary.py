@@ -109,8 +109,8 @@ def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[i
 
 # The classes of a kind that the modules of a folder hold, by their id.
 #
-# It stands beside these folders, for what looks through folders needs all modules beside it
-# (`planning.code`).
+# `classes_in` is in this module on purpose: one that looks through folders depends on every module
+# beside it, of which the workflow then runs the jobs again (`planning.code`).
 
 
 def classes_in(package: ModuleType, kind: Any, key: str = "id") -> dict[str, Any]:
