@@ -14,9 +14,9 @@ from pa10cal.errors import ArmError, refusals_beside
 # How well the weights of an arm are known.
 #
 # An arm described without masses still sags under its weight. It gets masses and centres assumed
-# from its lengths alone (`fit.weighed_arm`), with uncertainties as wide as they are unknown, so
-# that all that needs torques and moments works for it. What its poses then show is stiffness over
-# weight.
+# from its lengths alone (`statics.with_assumed_weights`), with uncertainties as wide as they are
+# unknown, so that all that needs torques and moments works for it. What its poses then show is
+# stiffness over weight.
 
 WeightsFrom = Literal["stated", "total", "assumed", "logged"]
 

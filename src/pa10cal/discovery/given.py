@@ -22,7 +22,7 @@ from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
-from pa10cal.discovery.evidence.problem import apparatus_m, covariance_of, prepare
+from pa10cal.discovery.evidence.problem import covariance_of, prepare, targets_off_m
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
@@ -104,7 +104,7 @@ def calibrate_with(
         problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
         problem, fit = fit_given(problem, _effects(effects, problem.context))
         fitted, used = fit, problem.cells
-        covariance, off_m = covariance_of(problem, fit), apparatus_m(problem, fit)
+        covariance, off_m = covariance_of(problem, fit), targets_off_m(problem, fit)
         whitener = whitener_of(problem.cell_cov)
     calibrated = replace(fitted.fitted(covariance), targets_off_m=off_m)
 

@@ -231,7 +231,7 @@ class Instrument(ABC):
 
     @abstractmethod
     def scale(self, T_base_ee: Array) -> float | None:
-        """Return how far the nominal model moves for one measured metre; see `frame.length_scale`.
+        """Return metres that the nominal model moves for one measured metre: 1 in the right unit.
 
         None where the poses do not determine it.
         """

@@ -268,10 +268,6 @@ def _names(columns: RawColumns) -> tuple[str, ...]:
     return tuple(target[0].removesuffix("_x_mm") for target in columns.targets)
 
 
-# The distance of one target from a fixed point: the origin of the instrument's frame, which is the
-# base frame's position, and whose orientation does not matter. In the frame of another instrument
-# the fixed point stands elsewhere.
-
 _RAW = "d_mm"
 _UNNAMED = "target"
 #: Columns of the table of poses that hold a fixed point that is not the frame's origin.
@@ -280,7 +276,12 @@ _POINT = ("d_from_x_m", "d_from_y_m", "d_from_z_m")
 
 @dataclass(frozen=True)
 class Distance(Instrument):
-    """Distances of one target from a fixed point in P poses."""
+    """Distances of one target from a fixed point in P poses: |p_instr_target - p_instr_point|.
+
+    The fixed point is the origin of the instrument's frame, whose orientation does not matter, and
+    in the frame of another instrument it is where that stands. Residuals, errors and derivatives
+    are along the line of sight alone.
+    """
 
     d_m: Array  # (P,) distances
     u_m: Array  # (P,) their standard uncertainties
@@ -333,7 +334,7 @@ class Distance(Instrument):
 
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
         p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
-        off_m, along = self._off_along(p_instr_m)
+        off_m, along = self._residual_and_sight(p_instr_m)
         by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
         return Comparison(
             off_m[:, None],
@@ -341,7 +342,7 @@ class Distance(Instrument):
             np.einsum("pi,pij->pj", along, by_targets[:, 0])[:, None],
         )
 
-    def _off_along(self, p_instr_m: Array) -> tuple[Array, Array]:
+    def _residual_and_sight(self, p_instr_m: Array) -> tuple[Array, Array]:
         """Return predicted (P, 1, 3) minus measured distances (P,), and lines of sight (P, 3)."""
         away_m = p_instr_m[:, 0] - self.p_instr_point_m
         distance_m = np.linalg.norm(away_m, axis=1)
@@ -374,7 +375,9 @@ class Distance(Instrument):
         return Misfit(np.abs(self.d_m[:, None] - modelled_m), np.zeros(len(self)))
 
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        off_m, along = self._off_along(carried_targets(T_instr_base @ T_base_ee, targets_m)[0])
+        off_m, along = self._residual_and_sight(
+            carried_targets(T_instr_base @ T_base_ee, targets_m)[0]
+        )
         position_mm = 1e3 * (off_m[:, None] * along) @ T_instr_base[:3, :3]
         return Deviations(1e3 * np.abs(off_m), position_mm, None)
 

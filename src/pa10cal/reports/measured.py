@@ -44,6 +44,7 @@ def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
     facts, poses, frame = [("Campaign", results.campaign)], results.poses, results.base_frame
     words = " ".join((results.provenance or "").split())
     line = first_sentences(words, _ONE_LINE)
+    # One short sentence alone says too little: then the line is filled.
     if words and not _ONE_LINE / 2 < len(line) <= _ONE_LINE:
         line = shorten(words, _ONE_LINE, placeholder=" …")
     if words:

@@ -10,10 +10,10 @@ from made_up_arm import TARGETS_M, Missing, at_joint, measure
 from pa10cal.discovery.evidence.by_repeats import compare
 from pa10cal.discovery.evidence.problem import (
     EvidenceFit,
-    apparatus_m,
     covariance_of,
     fit,
     pose_rows,
+    targets_off_m,
     torque_rows,
 )
 from pa10cal.discovery.linear import at_unknowns, possible_sizes, with_base_term
@@ -157,7 +157,7 @@ class TestTargetsOffTheirPlaces:
     def test_poses_are_read_as_measured_off_by_as_much_as_the_targets(self, moved):
         poses, start = moved.problem.cells, moved.start
         T = start.model.predict(poses.states, start.at.x)
-        places_m = apparatus_m(moved.problem, start)
+        places_m = targets_off_m(moved.problem, start)
         read = poses.measured.as_read(T, start.at.T_instr_base, places_m)
         change = np.linalg.inv(T) @ read
         turns = Rotation.from_matrix(change[:, :3, :3]).as_rotvec()

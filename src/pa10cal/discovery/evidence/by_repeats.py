@@ -27,11 +27,11 @@ from pa10cal.discovery.evidence.problem import (
     EvidenceFit,
     EvidenceProblem,
     NoiseModel,
-    apparatus_m,
     covariance_of,
     fit,
     pose_rows,
     prepare,
+    targets_off_m,
     torque_rows,
 )
 from pa10cal.discovery.evidence.search import (
@@ -82,7 +82,7 @@ class VerdictByRepeats(SearchVerdict[Confirmation]):
     @property
     @override
     def targets_off_m(self) -> Array:
-        return apparatus_m(self.problem, self.extended)
+        return targets_off_m(self.problem, self.extended)
 
     @override
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
@@ -263,7 +263,7 @@ def _with_time(
     poses = preparation.complete(readings, baseline, setup)
     left = residual(baseline, poses)
     moved = moved_between_repeats(poses, left, same_circumstances(poses))
-    problem = prepare(readings, baseline, setup, torques_logged=logged, moved=moved)
+    problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), (0.0, 0.0))
     every, found = preparation.sought(problem.context, baseline.model.terms), STILL
     for _ in range(_ROUNDS_OF_TIME):
@@ -316,7 +316,7 @@ def compare(
 
 def _exported(problem: EvidenceProblem, found: EvidenceFit) -> FittedModel:
     """Return a fit as the model that is exported, its covariance aside."""
-    return replace(found.fitted(), targets_off_m=apparatus_m(problem, found))
+    return replace(found.fitted(), targets_off_m=targets_off_m(problem, found))
 
 
 def model_with(

@@ -227,7 +227,7 @@ def prepare(
     *,
     torques_logged: bool = True,
     in_time: InTime = STILL,
-    moved: Array | None = None,
+    moved_between_repeats: Array | None = None,
 ) -> EvidenceProblem:
     """Make a campaign ready, by single readings with the instrument's covariance.
 
@@ -235,8 +235,8 @@ def prepare(
         about: model about which residuals, noise and weights are computed; None for the baseline.
         torques_logged: whether torques are those of a log, and not of described masses.
         in_time: motion of base or instrument, which is no noise.
-        moved: (P, b) by how much components moved between repeats, predicted less measured: no
-            noise either. None for nothing.
+        moved_between_repeats: (P, b) of the components, predicted less measured: no noise
+            either. None for nothing.
 
     Raises:
         DiscoveryError: when too little is repeated.
@@ -246,8 +246,8 @@ def prepare(
     left = -residual(about, readings)
     if in_time.wander is not None:
         left = left - in_time.wander.shift(baseline, readings)
-    if moved is not None:
-        left = left + moved
+    if moved_between_repeats is not None:
+        left = left + moved_between_repeats
     noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
     # Readings stay alone in their cells where time shows between them.
     few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
@@ -453,8 +453,8 @@ def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     return inverse
 
 
-def apparatus_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
-    """Return the fitted positions of the targets on the apparatus, (a,) [m].
+def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
+    """Return how far the targets are from their stated places on the apparatus, (a,) [m].
 
     They are integrated out in the fit, and are known best once it is done: the error of their
     places that the poses all share.
@@ -480,9 +480,8 @@ class _Weighed:
         self._torque = problem.torque if any(map(shows_torque, effects)) else None
         possible = possible_sizes(at.model, problem.cells.measured)
         rows = np.diag(1.0 / possible)
-        # Zero of an effect does not determine its shape: zero, the middle of what is expected
-        # of all else, would draw the shape to the end of its range at the first step.
-        # Tool and targets are about as calibrated, all else about zero.
+        # Expected are tool and targets as calibrated, the shape of an effect where it starts (an
+        # amount of zero says nothing of it: its first step would end at a bound), all else at zero.
         x_start, baseline = unknowns(at), problem.baseline
         of_tool = [p.name.startswith("tool") for p in baseline.model.parameters]
         middle = np.zeros(len(x_start))

@@ -97,7 +97,9 @@ def build_robot(
     p_base_middle_m = (T_base_middle @ np.append(BALLS_DESIGN_M.mean(axis=0), 1.0))[:3]
     return Robot(
         arm=arm,
-        mechanism=Mechanism.of(arm, departures, payload, _masses_kg(arm, settings.mass_factor)),
+        mechanism=Mechanism.of(
+            arm, departures, payload, _true_masses_kg(arm, settings.mass_factor)
+        ),
         springs=springs,
         T_instr_base=_in_machine(p_base_middle_m, rng),
         targets=balls,
@@ -126,7 +128,7 @@ def draw_individual(
         arm,
         departures or Departures.none(arm.n),
         tool_payload(plan.tool_mass_kg),
-        _masses_kg(arm, mass_factor),
+        _true_masses_kg(arm, mass_factor),
     )
     mechanism = mechanism if own is None else weighed(mechanism, own)
     if departures is None:
@@ -201,7 +203,7 @@ def need_masses(arm: Arm, allowed: str) -> None:
         raise _refusal("no masses", f"robot {arm.name}", None, allowed)
 
 
-def _masses_kg(arm: Arm, factor: tuple[float, ...]) -> Array | None:
+def _true_masses_kg(arm: Arm, factor: tuple[float, ...]) -> Array | None:
     """Return the true masses of the links; None where none are described."""
     if factor and len(factor) != arm.n:
         raise _refusal("mass factors", "mass_factor", factor, len(factor), arm.n)
