@@ -39,6 +39,38 @@ _REACH = 30.0
 
 
 @dataclass(frozen=True)
+class Span:
+    """Where the k unknowns may lie, and what is expected of them before any reading."""
+
+    bounds: Bounds  # ends of their physical range
+    reach: Array  # (k,) how far from the start they may well be
+    known: int  # of how many, the first, something is known in place of start and reach
+    centre: Array  # (k,) where they are expected
+    rows: Array  # (k, k) rows of unit variance that say so, those of the known first
+
+    @classmethod
+    def about(cls, problem: Problem, x_start: Array, expected: GaussianPrior | None) -> Span:
+        """Return what is expected of the unknowns (k,) of a problem about a point."""
+        bounds, reach = Bounds.of(problem.parameters), reach_of(problem)
+        centre, rows, known = bounds.clip(x_start), np.diag(1.0 / reach), 0
+        if expected is not None:
+            known = len(expected.mean)
+            centre[:known] = expected.mean
+            rows[:known, :known] = np.linalg.cholesky(expected.precision, upper=True)
+        return cls(bounds, reach, known, centre, rows)
+
+    @cached_property
+    def precision(self) -> Array:
+        """Return how precisely the unknowns are known before any reading, (k, k)."""
+        return np.asarray(self.rows.T @ self.rows)
+
+    def pull(self, x: Array) -> tuple[float, Array]:
+        """Return the squares of what takes unknowns back, and half their gradient (k,)."""
+        off = self.rows @ (x - self.centre)
+        return float(off @ off), self.rows.T @ off
+
+
+@dataclass(frozen=True)
 class GeneralSolution(Solution):
     """Where a fit of the general model ended."""
 
@@ -52,11 +84,20 @@ class GeneralSolution(Solution):
     # than that of the normal distribution where the scatter was found from few poses (Student's
     # t). Along directions that the data do not identify it is the reach.
     covariance: Array
-    # rank and singular values of the weighted rows, in scales; directions identified no better
-    # than the reach of the unknowns do not count; those of which something was known before do
-    identifiability: Identifiability
+    triangle: Array  # (., k) R of the weighted rows and of the known part of `span`
+    span: Span  # where the unknowns were expected
+    scale: Array  # (k,) their typical sizes
     # by which factor standard uncertainties are wider for the readings being few
     widening: float = 1.0
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        """Return rank and singular values of the weighted rows, in scales.
+
+        Directions identified no better than the reach of the unknowns do not count; those of which
+        something was known before do.
+        """
+        return _identified(self.triangle, self.scale, self.span.reach, self.span.known)
 
 
 def fit(
@@ -77,7 +118,7 @@ def fit(
         about: (k,) where unknowns are within their reach; None for where it sets out.
         expected: what is known of the first unknowns before any reading; None for nothing.
     """
-    span = _Span.about(problem, x_start if about is None else about, expected)
+    span = Span.about(problem, x_start if about is None else about, expected)
     start = span.bounds.clip(x_start)
     weighting = _WeightedProblem(problem, span, robust, start, scatter_start)
     found = minimise(
@@ -95,8 +136,6 @@ def fit(
     held = span.bounds.held(x, found.equations.gradient)
     free = ~held
     triangle = _triangle(weighted.rows.reshape(-1, len(x)))
-    with_known = np.concatenate([triangle, span.rows[: span.known]])
-    identifiability = _identified(with_known, problem.scale, span.reach, span.known)
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(free, free)] = root @ root.T
@@ -110,7 +149,9 @@ def fit(
         residual=weighting.rows(x).residual,
         whitener=weighted.whitener,
         covariance=scatter.widening**2 * covariance,
-        identifiability=identifiability,
+        triangle=np.concatenate([triangle, span.rows[: span.known]]),
+        span=span,
+        scale=problem.scale,
         cost=float(np.sum(weighted.residual**2)),
         iterations=found.iterations,
         converged=found.converged and bool(length < _NEARLY * weighting.patience),
@@ -144,44 +185,13 @@ def reach_of(problem: Problem) -> Array:
     return np.where(np.isnan(expected), reach, expected)
 
 
-@dataclass(frozen=True)
-class _Span:
-    """Where the k unknowns may lie, and what is expected of them before any reading."""
-
-    bounds: Bounds  # ends of their physical range
-    reach: Array  # (k,) how far from the start they may well be
-    known: int  # of how many, the first, something is known in place of start and reach
-    centre: Array  # (k,) where they are expected
-    rows: Array  # (k, k) rows of unit variance that say so, those of the known first
-
-    @classmethod
-    def about(cls, problem: Problem, x_start: Array, expected: GaussianPrior | None) -> _Span:
-        bounds, reach = Bounds.of(problem.parameters), reach_of(problem)
-        centre, rows, known = bounds.clip(x_start), np.diag(1.0 / reach), 0
-        if expected is not None:
-            known = len(expected.mean)
-            centre[:known] = expected.mean
-            rows[:known, :known] = np.linalg.cholesky(expected.precision, upper=True)
-        return cls(bounds, reach, known, centre, rows)
-
-    @cached_property
-    def precision(self) -> Array:
-        """Return how precisely the unknowns are known before any reading, (k, k)."""
-        return np.asarray(self.rows.T @ self.rows)
-
-    def pull(self, x: Array) -> tuple[float, Array]:
-        """Return the squares of what takes unknowns back, and half their gradient (k,)."""
-        off = self.rows @ (x - self.centre)
-        return float(off @ off), self.rows.T @ off
-
-
 class _WeightedProblem:
     """The weighted problem: weights stay while a step is tried, and are renewed at its end."""
 
     def __init__(
         self,
         problem: Problem,
-        span: _Span,
+        span: Span,
         robust: bool,
         start: Array,
         scatter: dict[str, float] | None,

@@ -171,7 +171,8 @@ def _well_said(columns: Array, kept: list[int], first: int) -> tuple[list[int], 
     unit, shown = columns / size, np.flatnonzero(columns.any(axis=0))
     while True:
         others = [k for k in range(len(size)) if k not in kept]
-        parts = np.linalg.lstsq(unit[:, kept], unit[:, others], rcond=1e-12)[0]
+        basis, triangle = np.linalg.qr(unit[:, kept])
+        parts = np.linalg.solve(triangle, basis.T @ unit[:, others])
         large = np.abs(parts)
         large[np.array(kept) < first] = 0.0
         large[:, ~np.isin(others, shown)] = 0.0
