@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib.resources import files as resources
 
 import numpy as np
 import pytest
@@ -258,6 +259,7 @@ def test_every_effect_that_an_arm_can_have_is_listed_once(robot, capsys):
     rows = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines()]
     assert {len(row) for row in rows} == {6}
     assert all(all(cell.strip() for cell in row) for row in rows)
+    assert not any("nan" in row[3] for row in rows)
     listed = [row[0].strip("`") for row in rows[2:]]
     named = [kind.id for kind in every_effect() if not kind.generic]
     assert listed == sorted(listed)
@@ -273,4 +275,14 @@ def test_places_formula_and_size_stand_beside_the_name(capsys):
 
 def test_an_unknown_arm_is_refused(capsys):
     assert run_command("effects", ["--robot", "ur99"]) == REFUSED
-    assert "ur99" in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert "ur99" in printed.err
+    assert not printed.out
+
+
+def test_an_arm_may_be_named_by_its_file(tmp_path, capsys):
+    text = resources("pa10cal.files").joinpath("arms", "ur10.yaml").read_text(encoding="utf-8")
+    own = tmp_path / "mine.yaml"
+    own.write_text(text.replace("name: ur10", "name: mine", 1))
+    assert run_command("effects", ["--robot", str(own)]) == 0
+    assert "`backlash`" in capsys.readouterr().out

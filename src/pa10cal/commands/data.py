@@ -255,18 +255,23 @@ def effects(*, robot: str = "pa10_6ce") -> None:
     """List the effects that discovery can name at an arm, each with its formula.
 
     Args:
-        robot: name of an arm description.
+        robot: name of an arm description, or the file of one (.yaml).
 
     Examples:
         pa10cal effects
         pa10cal effects --robot iiwa14
     """
-    from pa10cal.files.arms import load_arm
+    from pa10cal.files.arms import arm_asked
     from pa10cal.terms.effects.effect import vocabulary_of
 
+    arm = arm_asked(robot)
     print("| effect | meaning | sits at | formula | parameters | expected size |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for places in vocabulary_of(load_arm(robot)):
+    for every in vocabulary_of(arm):
+        # A joint whose gear ratio is not described has no transmission error to list.
+        places = [each for each in every if "nan" not in each.formula]
+        if not places:
+            continue
         first = places[0]
         reported = first.report(first.starts[0]).parameters
         signed = first.linear if first.positive else 0

@@ -208,7 +208,8 @@ def compensate(
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}{rest}")
     if write == "cartesian":
         held = controller_columns(found.T_flange_tcp[None], form)
-        shown = ", ".join(f"{name} {float(value[0]):.6g}" for name, value in held.items())
+        # Nine decimals, so that rounding is no number that somebody types into a controller.
+        shown = ", ".join(f"{name} {round(float(v[0]), 9) + 0.0:.6g}" for name, v in held.items())
         print(f"send_… are for a controller with the nominal model and this TCP: {shown}")
 
 

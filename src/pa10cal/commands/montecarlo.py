@@ -26,7 +26,7 @@ def montecarlo(
 
     Args:
         campaign: name, written into the result.
-        robot: name of an arm description.
+        robot: name of an arm description, or the file of one (.yaml).
         out: folder for the results of all planes, or with --plane-mm the result to write (.json).
         plane_mm: one plane alone: height of the flange above the base [mm].
         campaign_dir: folder that may hold a description of the arm.
@@ -39,12 +39,13 @@ def montecarlo(
           --settings '{"cycles": 1000}'
     """
     from pa10cal.errors import RecordError
-    from pa10cal.files.arms import load_arm
+    from pa10cal.files.arms import arm_asked
     from pa10cal.montecarlo.plane import study_plane
     from pa10cal.results.codec import read, write
     from pa10cal.results.studies import PlaneRecord
 
-    arm = load_arm(robot, campaign_dir)
+    arm = arm_asked(robot, campaign_dir)
+    robot = arm.name
     for height_mm in settings.planes_mm if plane_mm is None else (plane_mm,):
         if same_arm is None:
             progress = _progress(f"montecarlo z = {height_mm} mm", settings.cycles)

@@ -61,7 +61,7 @@ def plan(
           --keep-out box.yaml --instrument-at-mm 2500 0 1200 --facing-deg 60
     """
     from pa10cal.errors import SettingsError
-    from pa10cal.files.arms import load_arm, read_arm
+    from pa10cal.files.arms import arm_asked
     from pa10cal.pose_plan.plan import plan_poses, read_keep_out
     from pa10cal.settings_reading import parse_section
 
@@ -88,9 +88,9 @@ def plan(
         given["keep_out"] = [box.model_dump() for box in read_keep_out(keep_out)]
     stated = (options or PlanOptions()).model_dump()
     stated |= {name: value for name, value in given.items() if value is not None}
-    path = Path(robot)
-    arm = read_arm(path) if path.suffix in (".yaml", ".yml") else load_arm(robot)
-    found = plan_poses(arm, instrument, poses, parse_section(PlanOptions, stated, where="plan"))
+    found = plan_poses(
+        arm_asked(robot), instrument, poses, parse_section(PlanOptions, stated, where="plan")
+    )
     found.save(out)
     print("\n".join(_lines(found, out)))
 

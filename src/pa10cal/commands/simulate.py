@@ -30,12 +30,11 @@ def simulate(
         pa10cal simulate --name mine --out data/raw/mine --truth truth.json --settings \\
           '{"robot": "ur10", "without_touches": {}}'
     """
-    from pa10cal.files.arms import load_arm, read_arm
+    from pa10cal.files.arms import arm_asked
     from pa10cal.lab.cell.campaign import simulate_campaign
     from pa10cal.lab.cell.write import write_campaign
 
-    described = settings.robot.endswith(".yaml")
-    arm = read_arm(Path(settings.robot)) if described else load_arm(settings.robot)
+    arm = arm_asked(settings.robot)
     write_campaign(simulate_campaign(name, arm, settings, kcub_reading), out, truth)
     print(f"{name}: {arm.title} in {out}, what is hidden in {truth}")
 

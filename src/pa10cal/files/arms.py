@@ -217,6 +217,16 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
     return parse_arm(parse_yaml(text), where=f"{name}.yaml")
 
 
+def arm_asked(robot: str, folder: Path | None = None) -> Arm:
+    """Return the arm that a user asks for: by name, or by the file of its description (.yaml).
+
+    Raises:
+        ArmError, SettingsError: see `load_arm` and `read_arm`.
+    """
+    path = Path(robot)
+    return read_arm(path) if path.suffix in (".yaml", ".yml") else load_arm(robot, folder)
+
+
 def read_arm(path: Path) -> Arm:
     """Read an arm from its file.
 

@@ -51,7 +51,8 @@ class RigidError:
         """Return it in words."""
         return (
             f"the {self.frame} is off by {self.rms_mm:.3f} mm rms, {self.peak_mm:.3f} mm at most, "
-            f"over the {self.poses} measured poses with their loads"
+            f"over the {self.poses} measured poses with their loads, the model's own uncertainty "
+            "included"
         )
 
 
