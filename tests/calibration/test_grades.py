@@ -184,6 +184,9 @@ def test_noise_under_several_targets_is_that_of_one(campaign):
     health = calibrated_with(effects, without, case, DiscoveryOptions()).health
     assert health.noise_mm == pytest.approx(without.health.noise_mm, rel=0.1)
     assert health.error_over_noise == pytest.approx(1.0, abs=0.15)
+    # Weights that the poses do not show are no unknowns that lack poses.
+    assert health.rank == health.unknowns == without.health.rank + 2
+    assert health.grade in UNRESERVED
 
 
 def test_a_model_takes_its_grade_along(campaign, tmp_path):

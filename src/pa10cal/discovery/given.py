@@ -23,7 +23,7 @@ from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.problem import covariance_of, prepare, targets_off_m
-from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
+from pa10cal.discovery.linear import ModelWithEffects, of_weights, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.errors import CalibrationError, refusals_beside, remedy_for
@@ -129,17 +129,22 @@ def calibrate_with(
         )
     noise = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
     jacobian = residual_and_jacobian(fitted.at, used)[1]
-    parameters = (*fitted.model.parameters, *used.measured.target_parameters)
+    every_parameter = (*fitted.model.parameters, *used.measured.target_parameters)
+    # Weights that nobody stated exactly are known to their uncertainty: poses need not show them.
+    kept = np.ones(len(every_parameter), dtype=bool)
+    kept[: len(fitted.model.parameters)] = ~of_weights(fitted.model)
+    parameters = tuple(each for each, stays in zip(every_parameter, kept, strict=True) if stays)
+    jacobian, x = jacobian[:, :, kept], fitted.x[: len(kept)][kept]
     white = whitener @ jacobian
     scale = np.array([parameter.scale for parameter in parameters])
     rank = identify(white.reshape(-1, white.shape[2]), scale)
     why = "the last step was small" if fitted.converged else "steps were not enough"
     free = np.zeros(len(parameters), dtype=bool)
     ended = FitSummary(
-        Solution(fitted.x[: len(parameters)], free, 0.0, 0, fitted.converged, why),
+        Solution(x, free, 0.0, 0, fitted.converged, why),
         pose=used.pose,
         parameters=parameters,
-        covariance=covariance,
+        covariance=covariance[np.ix_(kept, kept)],
         identifiability=rank,
         white=white,
         position_gram=uncertainty.gram(uncertainty.of_one_target(used.measured, jacobian)),
