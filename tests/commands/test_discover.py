@@ -318,6 +318,14 @@ class TestCalibrationWithEffects:
         assert held
         assert all(each["std"] == each["tolerance"] for each in held)
 
+    def test_the_model_has_the_grade_of_the_calibration(self, found, calibrated, tmp_path):
+        places = {"model": tmp_path / "model.yaml", "urdf": tmp_path / "robot.urdf"}
+        given = {"calibration": calibrated, "extended": found / "extended.json", "force": True}
+        assert called("export", **given, **places) == 0
+        model = yaml.safe_load(places["model"].read_text("utf-8"))
+        health = read(calibrated)["health"]
+        assert (model["grade"], model["fitted_to"]["health"]) == (health["grade"], health["line"])
+
     def test_named_are_those_of_a_search(self, work, found, calibrated, tmp_path):
         out = tmp_path / "named.json"
         assert calibrate_with(work, out, "named", named=found / "extended.json") == 0

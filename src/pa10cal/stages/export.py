@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,7 +80,9 @@ def export(
         with_effects = read(ExtendedRecord, extended, record.campaign)
         # With nothing missing the calibrated model stays as it is.
         if with_effects.named:
-            fitted = read_extended(extended, record.campaign).model
+            # The grade is that of the calibration to export, which may have these effects itself.
+            model_with_them = read_extended(extended, record.campaign).model
+            fitted = replace(model_with_them, fitted_to=fitted.fitted_to)
             warnings = with_effects.warnings
     grade = f"{health.grade}: {health.line}"
     forced = f"exported with --force; {grade}" if withheld else None
