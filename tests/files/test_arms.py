@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -128,13 +128,17 @@ def test_a_written_arm_is_read_back_to_the_last_digit(tmp_path_factory, seed, n)
     rng = np.random.default_rng(seed)
     slides = rng.random(n) < 0.3
     masses = rng.uniform(0, 20, n) if seed % 2 else None
+    theta_rad = rng.uniform(-3, 3, n)
+    # Degrees that look like a quarter turn in radians are refused on purpose.
+    quarters = np.degrees(theta_rad) / (np.pi / 2.0)
+    assume(not np.any((np.abs(quarters) < 5) & (np.abs(quarters - quarters.round()) < 5e-3)))
     arm = with_hayati_rows(
         replace(
             load_arm("pa10_6ce"),
             name="made_up",
             title="Made up: é, # and all",
             convention=("standard", "modified")[seed % 2],
-            theta_rad=rng.uniform(-3, 3, n),
+            theta_rad=theta_rad,
             d_m=rng.uniform(-0.6, 0.6, n),
             a_m=rng.choice([0.0, 1e-5, 0.3, 1 / 3], n),
             alpha_rad=rng.choice([0.0, np.pi / 2, 1e-7, 0.3], n),
