@@ -13,6 +13,8 @@ from pa10cal.terms.term import TermParameter
 #: Singular values below this part of the largest belong to directions without any effect: exact
 #: null directions come out near 1e-16, the weakest real ones above 1e-6.
 NULL_RATIO = 1e-9
+#: Rows that are factorised at once.
+_QR_ROWS = 50_000
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,21 @@ class Identifiability:
     condition: float  # ratio of the largest to the smallest singular value that counts
 
 
+def triangle_of(rows: Array) -> Array:
+    """Return R of the QR factorisation of rows (r, k), part by part: it copies what it is given.
+
+    The Gram matrix would square the condition number; this keeps the cost linear in rows.
+    """
+    triangle = rows[:0]
+    for first in range(0, len(rows), _QR_ROWS):
+        part = np.concatenate([triangle, rows[first : first + _QR_ROWS]])
+        triangle = np.asarray(np.linalg.qr(part, mode="r"))
+    return triangle
+
+
 def identify(jacobian: Array, scale: Array) -> Identifiability:
     """Find what a Jacobian (rows, k) identifies of parameters of given scale (k,)."""
-    scaled = jacobian * scale
-    # The Gram matrix would square the condition number; QR first keeps the cost linear in rows.
-    triangle = np.linalg.qr(scaled, mode="r")
-    _, values, right = np.linalg.svd(triangle)
+    _, values, right = np.linalg.svd(triangle_of(jacobian * scale))
     full = np.zeros(len(scale))
     full[: len(values)] = values
     rank = int(np.count_nonzero(full > NULL_RATIO * full[0]))

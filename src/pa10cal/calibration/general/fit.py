@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.fit.identifiability import NULL_RATIO, Identifiability
+from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, triangle_of
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, Solution
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
@@ -32,8 +32,6 @@ _THERE = 1e-5
 _ALONG_A_VALLEY = 200.0
 #: Growth of the weighted squares that counts as rounding, relative.
 _NO_WORSE = 1e-9
-#: Rows that are factorised at once.
-_QR_ROWS = 50_000
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
 _REACH = 30.0
 
@@ -135,7 +133,7 @@ def fit(
     x, scatter, weighted = found.at, weighting.scatter, weighting.weighted
     held = span.bounds.held(x, found.equations.gradient)
     free = ~held
-    triangle = _triangle(weighted.rows.reshape(-1, len(x)))
+    triangle = triangle_of(weighted.rows.reshape(-1, len(x)))
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(free, free)] = root @ root.T
@@ -158,15 +156,6 @@ def fit(
         reason=found.reason,
         widening=scatter.widening,
     )
-
-
-def _triangle(rows: Array) -> Array:
-    """Return R of the QR factorisation of rows (r, k), part by part: it copies what it is given."""
-    triangle = rows[:0]
-    for first in range(0, len(rows), _QR_ROWS):
-        part = np.concatenate([triangle, rows[first : first + _QR_ROWS]])
-        triangle = np.asarray(np.linalg.qr(part, mode="r"))
-    return triangle
 
 
 def _step_ahead(here: Equations, free: Mask) -> float:

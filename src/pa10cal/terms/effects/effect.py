@@ -315,7 +315,10 @@ def everywhere_but(
 
 
 def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
-    """Return the effects that can be named at an arm of any campaign, each with all its places."""
+    """Return the effects that can be named at an arm of any campaign, each with all its places.
+
+    Where the arm does not state what an effect needs (nan), as a gear ratio, it is not there.
+    """
     anywhere = CandidateContext(
         arm=arm,
         flexible_joints=(),
@@ -327,8 +330,11 @@ def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
         time_span_s=(0.0, 3600.0),
         commanded=True,
     )
-    return tuple(
-        places
-        for kind in every_effect()
-        if not kind.generic and (places := kind.everywhere(anywhere))
+    kinds = (kind.everywhere(anywhere) for kind in every_effect() if not kind.generic)
+    stated = (
+        tuple(
+            e for e in places if not any(isinstance(v, float) and v != v for v in vars(e).values())
+        )
+        for places in kinds
     )
+    return tuple(places for places in stated if places)
