@@ -270,7 +270,7 @@ def test_every_effect_that_an_arm_can_have_is_listed_once(robot, capsys):
 def test_places_formula_and_size_stand_beside_the_name(capsys):
     run_command("effects", [])
     (row,) = (line for line in capsys.readouterr().out.splitlines() if "`backlash`" in line)
-    assert "| joint 1, 2, 3, 4, 5, 6 | `theta_1 += b s_1` | b > 0 [rad] | 0.0003 rad |" in row
+    assert "| joint 1, 2, 3, 4, 5, 6 | `theta_1 -= b s_1` | b > 0 [rad] | 0.0003 rad |" in row
 
 
 def test_an_unknown_arm_is_refused(capsys):

@@ -18,6 +18,7 @@ from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model
 from pa10cal.fit.forward import MapMotion, position_covariance
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures, tool_frame
@@ -219,6 +220,17 @@ def test_an_unknown_term_is_refused_by_name(tmp_path):
         load_model(path)
     with pytest.raises(ModelError, match=r"cannot be read"):
         load_model(tmp_path / "nowhere.yaml")
+
+
+def test_a_term_of_another_formula_is_refused(tmp_path):
+    path = tmp_path / "model.yaml"
+    model = fitted("ur10", 15, lambda arm: (*links_and_tool(arm), Backlash("joint 1")))
+    save_model(model, path)
+    assert load_model(path).model.terms[-1] == Backlash("joint 1")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("theta_1 -= b s_1", "theta_1 += b s_1"), encoding="utf-8")
+    with pytest.raises(ModelError, match=r"formula.*theta_1 \+= b s_1.*calibrate"):
+        load_model(path)
 
 
 def test_what_cannot_be_predicted_is_refused():

@@ -392,6 +392,8 @@ def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
 
 def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:
     term = term_from_plain(content, where=where)
+    if content.get("formula", term.formula) != term.formula:
+        raise _refusal("formula", f"{where}: formula", content["formula"], term.formula)
     x = np.array(content["x"], dtype=float)
     if x.shape != (len(term.parameters),) or not np.isfinite(x).all():
         raise _refusal("values", f"{where}: x", content["x"], len(term.parameters))

@@ -249,7 +249,7 @@ def test_any_arm_shows_a_turn_of_its_joint_under_any_instrument(name, instrument
     plan = TrackerOptions(instrument=instrument, poses=20, flexible_joints=())
     still, loose = moved(arm, plan, SimulatedBacklash(b=1e-3).at("joint 2"))
     turned = loose.truth.rest.q - still.truth.rest.q
-    assert turned[:, 1] == pytest.approx(1e-3 * still.truth.schedule.arrival[:, 1], abs=1e-12)
+    assert turned[:, 1] == pytest.approx(-1e-3 * still.truth.schedule.arrival[:, 1], abs=1e-12)
     read = [c for c in still.tables["poses"] if c[0] in "xdT"]
     found = loose.tables["poses"][read] - still.tables["poses"][read]
     assert np.abs(found.to_numpy()[1:]).max() > 1e-2

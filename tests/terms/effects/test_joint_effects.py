@@ -25,7 +25,7 @@ def solved(effect, **reported):
     ("name", "of", "coordinate", "form"),
     [
         ("gear_ratio_error", "joint 4", "theta_4", lambda s: 0.7 * s.q_rad[:, 3]),
-        ("backlash", "joint 3", "theta_3", lambda s: 0.7 * s.arrival[:, 2]),
+        ("backlash", "joint 3", "theta_3", lambda s: -0.7 * s.arrival[:, 2]),
         ("arrival_error", "joint 3", "theta_3", lambda s: 0.7 * s.arrival[:, 2]),
         ("wrist_coupling", "wrist", "theta_6", lambda s: 0.7 * s.q_rad[:, 4]),
         ("joint_compliance", "joint 4", "theta_4", lambda s: -0.7 * s.tau_Nm[:, 3]),
@@ -43,7 +43,19 @@ def test_a_controller_errs_where_the_joint_moved_and_backlash_where_it_came_from
     error, backlash = at("arrival_error", "joint 3"), at("backlash", "joint 3")
     one = np.ones(1)
     np.testing.assert_array_equal(error.shift(stayed, one)[:, 0], moved[:, 2])
-    np.testing.assert_array_equal(backlash.shift(stayed, one)[:, 0], states.arrival[:, 2])
+    np.testing.assert_array_equal(backlash.shift(stayed, one)[:, 0], -states.arrival[:, 2])
+
+
+def test_a_link_that_its_gear_pushes_through_play_lags_by_backlash(at, states):
+    """The play is modelled by itself: the flanks of the motor's wheel carry the link along."""
+    rng = np.random.default_rng(7)
+    motor_rad, b_rad = rng.uniform(-1.0, 1.0, len(states) + 1), 3e-4
+    link_rad = np.zeros_like(motor_rad)
+    for k in range(1, len(motor_rad)):
+        link_rad[k] = np.clip(link_rad[k - 1], motor_rad[k] - b_rad, motor_rad[k] + b_rad)
+    arrived = replace(states, arrival=np.sign(np.diff(motor_rad))[:, None] * np.ones(states.n))
+    off_rad = at("backlash", "joint 3").shift(arrived, np.array([b_rad]))[:, 0]
+    np.testing.assert_allclose(link_rad[1:], motor_rad[1:] + off_rad, atol=1e-12)
 
 
 def test_a_controller_errs_by_another_amount_in_each_campaign(at, states, context):

@@ -29,15 +29,19 @@ class GearRatioError(effect.JointEffect):
 
 @dataclass(frozen=True)
 class Backlash(effect.JointEffect):
-    """Lost motion: b s_j [rad], s_j the direction in which the joint arrived."""
+    """Lost motion: -b s_j [rad], s_j the direction in which the joint arrived.
+
+    q is the angle of the motor. The gear's flank pushes the link, so the link stays behind the
+    direction from which it came, by half of the reversal error (ISO 230-2): b > 0.
+    """
 
     id = "backlash"
     positive = True
-    words = "theta_{0.joint} += b s_{0.joint}"
+    words = "theta_{0.joint} -= b s_{0.joint}"
     reported = (TermParameter("b", "rad", 1e-5, plausible=3e-4),)
 
     def per_unit(self, states: PoseStates) -> Array:
-        return states.arrival[:, self.joint - 1]
+        return -states.arrival[:, self.joint - 1]
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ FORMS = [
     (joint.SimulatedEncoderEccentricity(A=A, phi=PHI), 0, lambda q, s: A * np.sin(q + PHI)),
     (joint.SimulatedEncoderEllipticity(A=A, phi=PHI), 4, lambda q, s: A * np.sin(2 * q + PHI)),
     (joint.SimulatedGearRatioError(eps=1e-4), 3, lambda q, s: 1e-4 * q),
-    (joint.SimulatedBacklash(b=1e-4), 1, lambda q, s: 1e-4 * s),
+    (joint.SimulatedBacklash(b=1e-4), 1, lambda q, s: -1e-4 * s),
 ]
 
 

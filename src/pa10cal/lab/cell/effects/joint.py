@@ -129,7 +129,7 @@ class SimulatedGearRatioError(effect.SimulatedJointEffect):
 
 
 class SimulatedBacklash(effect.SimulatedJointEffect):
-    """Lost motion: the link turns on by the direction in which the joint arrived."""
+    """Lost motion: the motor takes up the play before it moves the link, which stays behind."""
 
     id = "backlash"
     # A sign is drawn and not taken, so that what is drawn after it stays as it was.
@@ -141,7 +141,7 @@ class SimulatedBacklash(effect.SimulatedJointEffect):
     b: effect.Finite = Field(description="half the lost motion [rad]")
 
     def at_joint(self, joint: effect.JointState) -> Array:
-        return self.b * joint.arrival
+        return -self.b * joint.arrival
 
 
 class SimulatedFrictionTorque(effect.TorqueLogEffect):

@@ -101,7 +101,10 @@ class Hysteresis(effect.LoadedJointEffect):
     id = "hysteresis"
     named = False
     trial_places = ("loaded joint",)
-    usual = effect.draws(h=effect.signed(60.0 * effect.ARC_SECOND))
+    # A sign is drawn and not taken, so that what is drawn after it stays as it was.
+    usual = effect.draws(
+        h=lambda _site, size, rng: -abs(effect.either_sign(60.0 * effect.ARC_SECOND * size, rng))
+    )
 
     h: effect.Finite = Field(
         description="lead in the direction of arrival under the rated torque [rad]; negative: lag"
