@@ -184,7 +184,13 @@ MAY_IMPORT = {
         "results",
         "terms",
     },
-    "planning": {"calibration.options", "files", "observe.kinds"},
+    "planning": {
+        "calibration.options",
+        "files",
+        "fit.fitted_model",
+        "observe.kinds",
+        "running.run_lock",
+    },
 }
 #: Libraries that only some packages or modules may import.
 KEPT_TO = {

@@ -105,7 +105,7 @@ def test_a_model_is_carried_with_base_and_tool_fitted_anew(place, table):
     assert carried.errors["effects"].rms_mm == pytest.approx(
         table.robots[1].errors["effects"].rms_mm, rel=0.1
     )
-    assert (place / "results/iiwa7-0kg/evaluation/transfer_iiwa7-free.json").is_file()
+    assert (place / "results/transfer/iiwa7-free_in_iiwa7-0kg.json").is_file()
     assert not any(each.carried for each in (table.robots[0], *table.robots[2:]))
 
 
@@ -128,11 +128,11 @@ def test_a_model_that_cannot_be_carried_is_a_row_too(place, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_group_of_which_one_is_refused_is_refused(place, tmp_path):
-    shutil.copytree(place / "results" / PAIR[0], tmp_path / PAIR[0])
-    take(*(place / "raw" / name for name in PAIR), results=tmp_path / "pair")
+    take(*(place / "raw" / name for name in NAMES[1:]), results=tmp_path / "pair")
     found = read(ChainRecord, tmp_path / "pair/chain.json")
-    assert (found.campaign, found.status, found.stage) == ("pair", "refused", "join")
-    assert PAIR[1] in found.message
+    assert (found.campaign, found.status, found.stage) == ("pair", "refused", "ingest")
+    assert "spoiled" in found.message
+    assert [path.name for path in (tmp_path / "pair").iterdir()] == ["chain.json"]
 
 
 def test_a_data_set_of_another_version_is_refused_by_checksum(tmp_path):

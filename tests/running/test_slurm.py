@@ -125,13 +125,13 @@ def test_a_dead_worker_a_job_out_of_time_and_a_new_controller_lose_nothing(place
 
 
 def test_a_profile_is_a_folder_or_one_that_is_shipped(tmp_path):
-    shipped = Workflow("Snakefile", {}, tmp_path, tmp_path, profile="slurm")
+    shipped = Workflow("Snakefile", {}, tmp_path, tmp_path, "mine", profile="slurm")
     folder = str(workflow_folder() / "workflow/profiles/slurm")
     assert shipped.profile == folder
     assert shipped.command[shipped.command.index("--workflow-profile") + 1] == folder
-    assert Workflow("Snakefile", {}, tmp_path, tmp_path, profile=folder).profile == folder
+    assert Workflow("Snakefile", {}, tmp_path, tmp_path, "mine", profile=folder).profile == folder
     with pytest.raises(OutputError, match=r"--profile: there is no such profile \(got 'slrum'\)"):
-        Workflow("Snakefile", {}, tmp_path, tmp_path, profile="slrum")
+        Workflow("Snakefile", {}, tmp_path, tmp_path, "mine", profile="slrum")
 
 
 def test_a_profile_without_its_plugin_names_the_extra(monkeypatch):

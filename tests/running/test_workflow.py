@@ -38,9 +38,8 @@ def run(tmp_path, monkeypatch):
         (rules / "Snakefile").write_text(text.replace("CODE", code))
         out = io.StringIO()
         more = ("--quiet", "all", "--logger", "pa10cal")
-        work = Workflow(
-            "Snakefile", {}, tmp_path / "out", tmp_path / "out", 1, ("mine/poses.txt",), None, more
-        )
+        out_dir, targets = tmp_path / "out", ("mine/poses.txt",)
+        work = Workflow("Snakefile", {}, out_dir, out_dir, "mine", 1, targets, None, more)
         run_workflow(work, shown or RunDisplay(lines=lines, out=out))
         return out.getvalue()
 
@@ -145,10 +144,10 @@ def test_a_full_disk_is_told_where_no_command_can(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_one_run_at_a_time_works_in_a_folder(run, tmp_path):
-    work = tmp_path / "out/.pa10cal"
-    work.mkdir(parents=True)
-    with (work / "lock").open("w") as lock:
+def test_one_run_at_a_time_makes_the_results_of_a_campaign(run, tmp_path):
+    locks = tmp_path / "out/.pa10cal/locks"
+    locks.mkdir(parents=True)
+    with (locks / "mine").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with pytest.raises(OutputError, match="another run is at work"):
             run("touch {output}")

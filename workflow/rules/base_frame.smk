@@ -8,6 +8,8 @@ rule base_frame:
         **WRITES["seed"],
     log:
         result("logs/base_frame.log"),
+    wildcard_constraints:
+        campaign=rf"[^/]+|{MEMBER}",
     priority: PRIORITY["base_frame"]
     params:
         code=code_of("stages.readings"),

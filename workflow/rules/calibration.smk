@@ -7,7 +7,6 @@ rule calibrate:
         **READS["calibrate"],
         campaign=description_of,
         arm=arm_of_campaign,
-        prior=SETTINGS.calibration.prior or [],
     output:
         **WRITES["calibrate"],
     log:
@@ -16,6 +15,7 @@ rule calibrate:
     params:
         code=code_of("stages.calibrate"),
         words=words_of("calibrate"),
+        prior=PRIOR,
     shell:
         "python -m pa10cal {params.words} 2>&1 | tee {log:q} >&2"
 
@@ -37,7 +37,6 @@ if "baseline" in STAGES:
             **READS["baseline"],
             campaign=description_of,
             arm=arm_of_campaign,
-            prior=SETTINGS.calibration.prior or [],
         output:
             **WRITES["baseline"],
         log:
@@ -45,3 +44,4 @@ if "baseline" in STAGES:
         params:
             code=code_of("stages.calibrate"),
             words=words_of("baseline"),
+            prior=PRIOR,

@@ -13,19 +13,19 @@ from pa10cal.fleet.campaigns import campaigns_of
 from pa10cal.planning.campaign import (
     arm_files,
     campaign_name,
+    check_prior,
     group_like_campaign,
     instrument_kind,
     missing_campaign,
-    missing_prior,
+    prior_digest,
     raw_files,
     robot_name,
     by_general_model as planned_by_general_model,
 )
 from pa10cal.planning.code import code_digest
-from pa10cal.running.run_lock import SHARED, WORK_FOLDER, hold
-from pa10cal.running.run_lock import PARENTS, end_with_parents
+from pa10cal.running.run_lock import PARENTS, end_with_parents, hold
 from pa10cal.settings import parse_settings
-from pa10cal.stages.pipeline import stages
+from pa10cal.stages.pipeline import MEMBERS, stages
 
 
 def refuse(error):
@@ -59,16 +59,22 @@ for campaign in (*(() if isinstance(FLEET, str) else SETTINGS.campaigns), *IN_GR
     if not Path(SETTINGS.raw_dir, campaign, "campaign.yaml").is_file():
         refuse(missing_campaign(SETTINGS.raw_dir, campaign))
 
-if SETTINGS.calibration.prior and not Path(SETTINGS.calibration.prior).exists():
-    refuse(missing_prior(SETTINGS.calibration.prior))
+# Results of another campaign, as a prior is, are no input of a rule: they would be made anew, with
+# the settings of this run. They are read as they are, and what they contain is a parameter.
+PRIOR = prior_digest(SETTINGS.calibration.prior)
+if SETTINGS.calibration.prior:
+    try:
+        own = {*SETTINGS.campaigns, *SETTINGS.groups, *IN_GROUPS}
+        check_prior(SETTINGS.calibration.prior, [Path(SETTINGS.results_dir, name) for name in own])
+    except Pa10calError as error:
+        refuse(error)
 
 # Setting a prefix drops Snakemake's own, so the first part repeats it. The second lets the rules say
-# `python` whether or not the environment of Snakemake is activated. With the others a job ends when
-# Snakemake or its shell does, and is waited for by the next run as long as it lives.
-WORK = Path(SETTINGS.results_dir).resolve() / WORK_FOLDER
+# `python` whether or not the environment of Snakemake is activated. With the last a job ends when
+# Snakemake or its shell does.
 shell.prefix(
     f'set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:"$PATH"; '
-    f'export {PARENTS}="{os.getpid()} $$" {SHARED}={shlex.quote(str(WORK))}; '
+    f'export {PARENTS}="{os.getpid()} $$"; '
 )
 
 # What a search waits for goes before all else, and a search before what is made of another: it is the
@@ -93,8 +99,12 @@ if workflow.is_main_process:
 
 # Snakemake's own lock, of the working folder, stays when it is killed; profiles and commands do without.
 onstart:
+    jobs = list(workflow.dag.needrun_jobs())
     try:
-        hold(Path(SETTINGS.results_dir))
+        hold(
+            Path(SETTINGS.results_dir),
+            [path for job in jobs for path in (*job.output, *job.log)],
+        )
     except Pa10calError as error:
         refuse(error)
 
@@ -127,8 +137,10 @@ def one_of(names):
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
-# Those whose raw files are read, and not joined of others.
+# Those whose raw files are read, and not joined of others; what a group reads of its members lies
+# among its own results, so that it changes none of theirs.
 NO_GROUP = rf"(?!(?:{one_of(GROUPS)})(?:/|$))[^/]+"
+MEMBER = rf"(?:{one_of(GROUPS)})/{MEMBERS}/[^/]+"
 
 
 # What campaigns are not called: the folders of studies stand beside theirs.
@@ -149,13 +161,19 @@ def description_of(wildcards):
     """The description of a campaign; of a group the one that is joined of those of its campaigns."""
     if wildcards.campaign in GROUPS:
         return result("ingest/campaign.yaml").format(campaign=wildcards.campaign)
-    return raw("campaign.yaml").format(campaign=wildcards.campaign)
+    return raw("campaign.yaml").format(campaign=campaign_of(wildcards))
 
 
-def members_of(pattern):
-    """The function that gives a file of every campaign of a group."""
+def campaign_of(wildcards):
+    """The campaign itself where it is a member of a group."""
+    return wildcards.campaign.rpartition("/")[2]
+
+
+def members_of(pattern, folder=f"{{group}}/{MEMBERS}/"):
+    """The function that gives a file of every campaign of a group, by default of what the group reads."""
     return lambda wildcards: [
-        pattern.format(campaign=campaign) for campaign in GROUPS[wildcards.campaign]
+        pattern.format(campaign=folder.format(group=wildcards.campaign) + campaign)
+        for campaign in GROUPS[wildcards.campaign]
     ]
 
 
@@ -184,7 +202,7 @@ def words_of(stage):
     """The words of the command line that runs a stage of a campaign."""
 
     def words(wildcards):
-        folders = GROUPS.get(wildcards.campaign, [wildcards.campaign])
+        folders = GROUPS.get(wildcards.campaign, [campaign_of(wildcards)])
         return stages_of(folders, results_folder(wildcards), wildcards.get("load"))[stage].words
 
     return words
@@ -213,7 +231,7 @@ def sections_of(*sections):
 def campaign_folder(wildcards):
     if wildcards.campaign in GROUPS:
         return os.path.dirname(description_of(wildcards))
-    return os.path.join(os.path.normpath(SETTINGS.raw_dir), wildcards.campaign)
+    return os.path.join(os.path.normpath(SETTINGS.raw_dir), campaign_of(wildcards))
 
 
 def results_folder(wildcards):
@@ -221,8 +239,9 @@ def results_folder(wildcards):
 
 
 def logs_of_campaign(wildcards):
-    if wildcards.campaign in IMPORTED:  # before the import there is no folder to look into
-        return os.path.join(campaign_folder(wildcards), IMPORTED[wildcards.campaign])
+    campaign = campaign_of(wildcards)
+    if campaign in IMPORTED:  # before the import there is no folder to look into
+        return os.path.join(campaign_folder(wildcards), IMPORTED[campaign])
     return raw_files(Path(campaign_folder(wildcards)))
 
 

@@ -19,6 +19,7 @@ rule chain:
         code=code_of("commands.chain"),
         folder=campaign_folder,
         results=results_folder,
+        prior=PRIOR,
         settings=sections_of("ingest", "base_frame", "calibration", "evaluation", "discovery"),
     shell:
         "python -m pa10cal chain --campaign-dir {params.folder:q} --results {params.results:q}"

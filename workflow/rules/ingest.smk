@@ -1,7 +1,7 @@
 rule ingest:
     """Raw logs to a table of poses, and the list of rows that are quarantined."""
     input:
-        campaign=raw("campaign.yaml"),
+        campaign=description_of,
         arm=arm_of_campaign,
         logs=logs_of_campaign,
     output:
@@ -9,7 +9,7 @@ rule ingest:
     log:
         result("logs/ingest.log"),
     wildcard_constraints:
-        campaign=NO_GROUP,
+        campaign=f"{NO_GROUP}|{MEMBER}",
     priority: PRIORITY["ingest"]
     params:
         code=code_of("stages.readings"),
@@ -21,7 +21,7 @@ rule ingest:
 rule join:
     """Campaigns of one robot to one table of poses, with the description of all."""
     input:
-        campaigns=members_of(raw("campaign.yaml")),
+        campaigns=members_of(raw("campaign.yaml"), ""),
         arm=arm_of_campaign,
         poses=members_of(WRITES["ingest"]["poses"]),
         base_frames=members_of(WRITES["seed"]["base_frame"]),

@@ -26,6 +26,7 @@ rule measured_campaign:
         folder=lambda wildcards: MEASURED[wildcards.measured].folder,
         imported=lambda wildcards: import_option(MEASURED[wildcards.measured]),
         results=lambda wildcards, output: os.path.dirname(output[0]),
+        prior=PRIOR,
         settings=sections_of("ingest", "base_frame", "calibration", "evaluation", "discovery"),
     shell:
         "python -m pa10cal chain --campaign-dir {params.folder:q} {params.imported}"
@@ -50,7 +51,8 @@ rule measured_group:
             MEASURED[member].folder for member in MEASURED_GROUPS[wildcards.measured]
         ],
         results=lambda wildcards, output: os.path.dirname(output[0]),
-        settings=sections_of("base_frame", "calibration", "evaluation", "discovery"),
+        prior=PRIOR,
+        settings=sections_of("ingest", "base_frame", "calibration", "evaluation", "discovery"),
     shell:
         "python -m pa10cal chain --campaign-dir {params.folders:q} --results {params.results:q}"
         " --settings {params.settings:q} > {log:q} 2>&1"

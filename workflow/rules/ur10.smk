@@ -12,6 +12,9 @@ rule transfer:
         result("evaluation/transfer_{source}.json"),
     log:
         result("logs/transfer_{source}.log"),
+    # Those of the plan: results of others are not to be made by it.
+    wildcard_constraints:
+        source=one_of([*EVERY, *UR10, *IMPORTED_GROUPS]),
     params:
         code=code_of("stages.evaluate"),
         folder=campaign_folder,

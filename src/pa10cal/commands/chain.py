@@ -7,8 +7,11 @@ from typing import Any
 
 from pa10cal.evaluation.options import ChainOptions
 
-#: What a run writes under the results of a campaign.
-_WRITTEN = ("ingest", "seed", "baseline", "calibration", "discovery", "evaluation", "model")
+#: What a run writes under the results of a campaign; `members` is a group's.
+_WRITTEN = (
+    *("members", "ingest", "seed", "baseline"),
+    *("calibration", "discovery", "evaluation", "model"),
+)
 
 
 def chain(
@@ -19,15 +22,14 @@ def chain(
     source: Path | None = None,
     settings: ChainOptions = ChainOptions(),
 ) -> None:
-    """Take a campaign from raw files to its model, or a group of campaigns that ran, in one go.
+    """Take a campaign from raw files to its model, or a group of campaigns, in one go.
 
     Writes the same files as the single stages, as one of many: a campaign that is refused, or that
     a fault of the program ends, stops no other. `chain.json` states its outcome, and files that
     earlier runs wrote for stages that did not run are removed.
 
     Args:
-        campaign_dir: folder of raw files; of a group several, whose own results lie beside
-            --results already.
+        campaign_dir: folder of raw files; of a group several.
         results: folder of the campaign's results.
         dataset: public data set that the one folder of raw files is imported of first.
         source: folder of that data set; goes with --dataset.
@@ -42,6 +44,7 @@ def chain(
 
     from pa10cal.commands.data import import_data
     from pa10cal.errors import OutputError, Pa10calError, SettingsError
+    from pa10cal.planning.campaign import check_prior
     from pa10cal.reports.summary import summarise
     from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
@@ -57,6 +60,10 @@ def chain(
         )
     raw, file = campaign_dir[0], ChainRecord.FILE
     name = results.name if len(campaign_dir) > 1 else raw.name
+    if settings.calibration.prior is not None:  # before results that hold it are removed
+        members = campaign_dir if len(campaign_dir) > 1 else ()
+        own = [results, *(results.parent / folder.name for folder in members)]
+        check_prior(settings.calibration.prior, own)
     _remove(results, file, *_WRITTEN)
     stage, written = "import", set[str]()
     outcome: dict[str, Any] = {}

@@ -15,12 +15,12 @@ def measured(
     """Carry models between measured campaigns that are done, and write one table of all.
 
     A campaign that was refused, and a model that cannot be carried over, are in the table with
-    their message.
+    their message. Results of campaigns are only read.
 
     Args:
         campaign_dir: folders of raw files, one a campaign.
         results: holds a folder of results for each, and for each group.
-        out: folder for measured.csv and measured.json.
+        out: folder for measured.csv, measured.json, and models in other campaigns: transfer.
         calibration: load case that was evaluated.
 
     Examples:
@@ -43,11 +43,11 @@ def measured(
             "data/measured/titan-robot-accuracy, or name such a folder: --config measured_dir=…",
         )
     folders = {folder.name: folder for folder in campaign_dir}
-    not_carried: dict[str, str] = {}
+    found: dict[tuple[str, str], Path | str] = {}
     for source, target in CARRIED:
         if not {source, target} <= set(folders):
             continue
-        carried = results / target / f"evaluation/transfer_{source}.json"
+        carried = out / f"transfer/{source}_in_{target}.json"
         carried.unlink(missing_ok=True)
         ends = [read(ChainRecord, results / name / ChainRecord.FILE) for name in (source, target)]
         if any(each.status != "done" for each in ends):
@@ -63,9 +63,11 @@ def measured(
         except OutputError:
             raise
         except Pa10calError as error:
-            not_carried[f"{source} {target}"] = str(error)
-    record = measured_record(folders, results, calibration, not_carried)
-    with whole_files(out / "measured.csv", out / "measured.json") as (table, found):
+            found[source, target] = str(error)
+        else:
+            found[source, target] = carried
+    record = measured_record(folders, results, calibration, found)
+    with whole_files(out / "measured.csv", out / "measured.json") as (table, whole):
         write_text(table, csv_text(record))
-        write(record, found)
+        write(record, whole)
     print(markdown(record))

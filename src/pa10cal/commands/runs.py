@@ -50,7 +50,7 @@ def run(
     from pa10cal.files import ARMS
     from pa10cal.files.arms import load_arm
     from pa10cal.files.output import writing_into
-    from pa10cal.running.run_lock import WORK_FOLDER, run_lock
+    from pa10cal.running.run_lock import run_lock
 
     if group is None and len(folders) > 1:
         raise SettingsError(
@@ -79,7 +79,7 @@ def run(
                 remedy="give another one",
             )
 
-    from pa10cal.planning.campaign import raw_files
+    from pa10cal.planning.campaign import check_prior, raw_files
     from pa10cal.running.workflow import RunDisplay, StageError, Workflow, run_workflow, settings_of
 
     own = [] if settings is None else [settings]
@@ -92,24 +92,24 @@ def run(
             from pa10cal.campaign.read import read_campaign
 
             read_campaign(folder, used.ingest, arms=arms)
-    raw = out / WORK_FOLDER / "raw"
     config = {key: json.dumps(value) for key, value in over.items()}
-    config |= {"raw_dir": str(raw), "results_dir": str(out)}
-    if prior is not None:
+    if given := prior or (Path(used.calibration.prior) if used.calibration.prior else None):
         from pa10cal.calibration.general.other_campaign import refuse_unsound
         from pa10cal.fit.fitted_model import file_of, load_model
 
-        refuse_unsound(load_model(prior))
-        config["calibration"] = json.dumps({"prior": str(file_of(prior).absolute())})
+        check_prior(given, [out / each for each in (name, *names)])
+        refuse_unsound(load_model(given))
+        config["calibration"] = json.dumps({"prior": str(file_of(given).absolute())})
     targets = ("campaigns",) if group is None else (str(out / group / "report.html"),)
-    workflow = Workflow("workflow/run.smk", config, out, out, cores, targets, settings)
     links = dict(zip(names, places, strict=True))
-    with run_lock(out), closing(RunDisplay(lines=False)) as display:
+    with run_lock(out, [name]) as work, closing(RunDisplay(lines=False)) as display:
+        raw = work / "raw_dirs" / name
+        config |= {"raw_dir": str(raw), "results_dir": str(out)}
+        workflow = Workflow("workflow/run.smk", config, out, out, name, cores, targets, settings)
         with writing_into(out, "the results", "give another one with --out"):
             raw.mkdir(parents=True, exist_ok=True)
-            for link in (*names, name, ARMS):  # of another run, perhaps to other folders
-                if (raw / link).is_symlink():
-                    (raw / link).unlink()
+            for former in raw.iterdir():  # of another run, perhaps to other folders
+                former.unlink()
             for link, folder in links.items():
                 (raw / link).symlink_to(folder, target_is_directory=True)
             if arms is not None:
@@ -185,8 +185,9 @@ def reproduce(
     )
     targets = ("figures",) if figures else ()
     with closing(RunDisplay(lines=True)) as display:
+        page = "report.html"  # the rest is held by the rules
         whole = Workflow(
-            "Snakefile", {}, here, here / results, cores, targets, settings, profile=profile
+            "Snakefile", {}, here, here / results, page, cores, targets, settings, profile=profile
         )
         run_workflow(whole, display)
     if figures:
@@ -258,21 +259,22 @@ def fleet(
     from pa10cal.fleet.campaigns import campaigns_of
     from pa10cal.results.codec import read
     from pa10cal.results.fleet import FleetRecord
-    from pa10cal.running.run_lock import run_lock
     from pa10cal.running.workflow import RunDisplay, Workflow, run_workflow, settings_of
 
     raw_dir, out = raw_dir.absolute(), out.absolute()
     asked = str(Path(campaigns).absolute()) if campaigns.endswith(".csv") else campaigns
     names = [each.campaign for each in campaigns_of(asked, raw_dir)]
     own = [] if settings is None else [settings]
-    settings_of(own, {"campaigns": names}, f"{settings or 'campaigns'}")
+    used = settings_of(own, {"campaigns": names}, f"{settings or 'campaigns'}")
     texts = {"campaigns": asked, "raw_dir": str(raw_dir), "results_dir": str(out)}
     config = {name: json.dumps(text) for name, text in texts.items()}
+    if used.calibration.prior:
+        config["calibration"] = json.dumps({"prior": str(Path(used.calibration.prior).absolute())})
     targets = ("fleet",)
     workflow = Workflow(
-        "workflow/run.smk", config, out, out, cores, targets, settings, profile=profile
+        "workflow/run.smk", config, out, out, "fleet", cores, targets, settings, profile=profile
     )
-    with run_lock(out), closing(RunDisplay(lines=False)) as display:
+    with closing(RunDisplay(lines=False)) as display:
         run_workflow(workflow, display)
     found = read(FleetRecord, out / FleetRecord.FILE)
     for each in found.arms:

@@ -106,18 +106,21 @@ END = "<!-- End of what is generated. -->"
 
 
 def measured_record(
-    folders: Mapping[str, Path], results: Path, calibration: str, not_carried: Mapping[str, str]
+    folders: Mapping[str, Path],
+    results: Path,
+    calibration: str,
+    carried: Mapping[tuple[str, str], Path | str],
 ) -> fleet.MeasuredRobotsRecord:
     """Return the table of the campaigns at hand and of the groups that they make.
 
-    Each has a folder of results; `not_carried` says why a model was not carried over, by `source
-    target`.
+    Each has a folder of results. `carried` has by source and target the errors of a model that was
+    carried over (a `TransferRecord`), or why it was not.
 
     Raises:
         RecordError: when a campaign has no `chain.json`.
     """
     rows = [
-        _robot(name, folder, results, calibration, not_carried) for name, folder in folders.items()
+        _robot(name, folder, results, calibration, carried) for name, folder in folders.items()
     ]
     for name, members in groups_of(folders).items():
         if not (results / name / fleet.ChainRecord.FILE).is_file():
@@ -131,7 +134,11 @@ def measured_record(
 
 
 def _robot(
-    name: str, raw: Path, results: Path, calibration: str, not_carried: Mapping[str, str]
+    name: str,
+    raw: Path,
+    results: Path,
+    calibration: str,
+    carried: Mapping[tuple[str, str], Path | str],
 ) -> fleet.MeasuredRobot:
     """Return the row of a campaign; what its stages did not come to is not in it."""
     folder, known = results / name, CAMPAIGNS.get(name)
@@ -169,7 +176,7 @@ def _robot(
         names=tuple(effect.either for effect in verdict.effects),
         faults=tuple(f"{fault.kind}, {fault.where}" for fault in verdict.faults or ()),
         errors=errors_by_model(held_out.models, springs=fitted.has_springs),
-        carried=tuple(_carried(name, folder, fitted.has_springs, not_carried)),
+        carried=tuple(_carried(name, folder, fitted.has_springs, carried)),
     )
 
 
@@ -200,20 +207,19 @@ def errors_by_model(
 
 
 def _carried(
-    name: str, folder: Path, springs: bool, not_carried: Mapping[str, str]
-) -> list[fleet.Carried]:
-    """Return the models of other campaigns in this one."""
-    carried = []
-    for source in (source for source, target in CARRIED if target == name):
-        path = folder / f"evaluation/transfer_{source}.json"
-        if (message := not_carried.get(f"{source} {name}")) is not None:
-            message = _without_folders(message, folder.parent)
-            carried.append(fleet.Carried(source=source, message=message, errors={}))
-        elif path.is_file():
-            models = read(TransferRecord, path).models
+    name: str, folder: Path, springs: bool, carried: Mapping[tuple[str, str], Path | str]
+) -> Iterator[fleet.Carried]:
+    """Yield the models of other campaigns in this one."""
+    for (source, target), found in carried.items():
+        if target != name:
+            continue
+        if isinstance(found, str):
+            message = _without_folders(found, folder.parent)
+            yield fleet.Carried(source=source, message=message, errors={})
+        else:
+            models = read(TransferRecord, found).models
             errors = errors_by_model(models, springs=springs or "geometry" in models)
-            carried.append(fleet.Carried(source=source, errors=errors))
-    return carried
+            yield fleet.Carried(source=source, errors=errors)
 
 
 def csv_text(record: fleet.MeasuredRobotsRecord) -> str:

@@ -3,16 +3,22 @@
 Content that cannot be read gives empty answers, so that the command is planned all the same and
 refuses it, by file, line and remedy. `missing_*` and `group_like_campaign` are the refusals of
 planning itself.
+
+Results of another campaign, as a prior is, are never an input of a rule: Snakemake would make them
+anew, with the settings of this run. They are read as they are, and what they contain is a parameter.
 """
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from pa10cal.errors import RawDataError, SettingsError, fits_a_folder, refusals_beside
 from pa10cal.files import own_description
+from pa10cal.running.run_lock import refuse_at_work
 from pa10cal.yaml_file import read_yaml
 
 _refusal = refusals_beside(__file__, SettingsError)
@@ -34,9 +40,39 @@ def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
     return _refusal("no campaign", "campaigns and raw_dir", wanted, allowed)
 
 
-def missing_prior(prior: str) -> SettingsError:
-    """Return the refusal of a prior that is not there."""
-    return _refusal("no prior", "calibration.prior", str(Path(prior).absolute()))
+def check_prior(prior: str | Path, results: Iterable[Path]) -> None:
+    """Refuse a prior that is not there, or that is among the results to be made.
+
+    Args:
+        prior: `model.yaml`, or the results that hold it.
+        results: folders of the campaigns and groups that start from it, and of their members.
+
+    Raises:
+        SettingsError: when it cannot be a prior of these.
+        OutputError: when a run makes it at this moment.
+    """
+    from pa10cal.fit.fitted_model import file_of  # late: with numpy
+
+    file = file_of(Path(prior)).resolve()
+    if not file.is_file():
+        raise _refusal("no prior", "calibration.prior", str(file))
+    for folder in results:
+        if folder.resolve() in file.parents:
+            raise _refusal("own prior", "calibration.prior", str(file), folder.name)
+    refuse_at_work(file.parents[1])
+
+
+def prior_digest(prior: str | None) -> str:
+    """Return a digest of a prior and of its covariance: it changes when one of them does."""
+    if not prior:
+        return ""
+    from pa10cal.fit.fitted_model import covariance_path, file_of  # late: with numpy
+
+    file = file_of(Path(prior))
+    digest = hashlib.sha256()
+    for path in filter(Path.is_file, (file, covariance_path(file))):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:32]
 
 
 def group_like_campaign(raw_dir: str, group: str) -> SettingsError:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,13 +21,12 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import pa10cal
 from pa10cal import errors
+from pa10cal.files.output import writing_into
 from pa10cal.running.run_lock import PARENTS, run_lock
 
 if TYPE_CHECKING:
     from pa10cal.settings import Settings
 
-#: In the work folder: what Snakemake and the commands print.
-PRINTED = "printed.log"
 #: So often a display is told that time has passed [s].
 _TICK_S = 0.5
 #: With less room than this on the disk nothing can be written [bytes].
@@ -43,6 +42,8 @@ class Workflow:
     config: Mapping[str, str]  # settings, each as YAML on one line
     folder: Path  # working folder; gets Snakemake's own files
     results: Path  # folder of results; gets the work folder
+    # what the caller makes in it, a folder or a file; the rules hold what they make themselves
+    name: str
     cores: int = 0  # how many to use; 0 for all
     targets: Sequence[str] = ()  # rules or files; none for the default
     settings: Path | None = None  # file of settings, over the shipped ones
@@ -205,19 +206,21 @@ def refuse_without_snakemake(profile: str | None = None) -> None:
 def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
     """Run the workflow to its end, and tell a display what happens.
 
-    What Snakemake and the commands print goes to `PRINTED` in the work folder.
+    What Snakemake and the commands print goes to a file of the run's name in the work folder.
 
     Raises:
         StageError: when a command, or the workflow itself, refuses.
-        OutputError: when another run is at work on the results, or they cannot be written.
+        OutputError: when another run makes the same results, or they cannot be written.
         RuntimeError: when a command, or the workflow, fails.
     """
     refuse_without_snakemake(workflow.profile)
-    with (
-        run_lock(workflow.results) as work,
-        (work / PRINTED).open("w+", encoding="utf-8", errors="replace") as printed,
-        _ended_as_interrupted(),
-    ):
+    with run_lock(workflow.results, [workflow.name]) as work, ExitStack() as stack:
+        with writing_into(workflow.folder, "the results", "give another folder"):
+            # Two runs that make Snakemake's folder at once: one takes the other's for an old form.
+            (workflow.folder / ".snakemake/incomplete").mkdir(parents=True, exist_ok=True)
+            said = work / f"{workflow.name}.log"
+            printed = stack.enter_context(said.open("w+", encoding="utf-8", errors="replace"))
+        stack.enter_context(_ended_as_interrupted())
         reading, writing = os.pipe()
         child = subprocess.Popen(
             workflow.command,

@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from pa10cal.options import Section
 
 #: Load case of all loads together.
 _COMBINED = "combined"
+#: Among the results of a group: what it reads of its members.
+MEMBERS = "members"
 #: Commands that stand in one module, `stages.readings`; the others have modules of their name.
 _READINGS = ("ingest", "join", "seed")
 
@@ -26,7 +29,7 @@ _READINGS = ("ingest", "join", "seed")
 class Stage:
     """One stage of a campaign: a command, its options, and what lies on disk before and after."""
 
-    name: str  # of the rule; no two stages of a campaign share one
+    name: str  # of the rule; no two stages share one, but those of a group's members
     options: Mapping[str, Any]  # those of the command
     writes: Mapping[str, Path]  # its own results
     reads: Mapping[str, Path] = field(default_factory=dict)  # results of earlier stages
@@ -91,12 +94,11 @@ def stages(
 ) -> Iterator[Stage]:
     """Yield every stage of a campaign, or of a group, in order.
 
-    With the effects of the verdict a campaign is calibrated twice: what is searched is the first,
+    A group reads the raw files of its members itself: results that they have are not changed. With the effects of the verdict a campaign is calibrated twice: what is searched is the first,
     `baseline`, without them.
 
     Args:
-        folders: raw files of the campaign; of a group those of its members, whose own results lie
-            beside those of the group.
+        folders: raw files of the campaign; of a group those of its members.
         results: folder of the results.
         settings: sections of the stages.
         load: one load case alone; None for all.
@@ -104,7 +106,9 @@ def stages(
     at, raw = CampaignFiles(results), folders[0]
     table = {"poses": at.poses, "quarantine": at.quarantine}
     if len(folders) > 1:
-        own = [CampaignFiles(results.parent / folder.name) for folder in folders]
+        own = [CampaignFiles(results / MEMBERS / folder.name) for folder in folders]
+        for folder, each in zip(folders, own, strict=True):
+            yield from islice(stages((folder,), each.results, settings), 2)
         raw = at.poses.parent
         joined: dict[str, Any] = {
             "name": results.name,

@@ -15,7 +15,11 @@ from pa10cal.arrays import Array
 from pa10cal.calibration import uncertainty
 from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
-from pa10cal.calibration.general.other_campaign import calibrate_from, prior_of
+from pa10cal.calibration.general.other_campaign import (
+    calibrate_from,
+    prior_of,
+    refuse_own_readings,
+)
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.errors import CalibrationError
@@ -84,7 +88,7 @@ def general_case(
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
-            does not fit the readings at all, or the prior is of another arm.
+            does not fit the readings at all, or the prior is of another arm or of these readings.
     """
     arm, every, options, prior = case.arm, case.every, case.options, case.prior
     if prior is not None:  # effects of it may need to know from where a joint arrived
@@ -93,6 +97,8 @@ def general_case(
     grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
     rows = case.rows(grid.states.load_N)
     used, rigid = grid.take(rows), options.with_springs(())
+    if prior is not None:
+        refuse_own_readings(prior, used, case.campaign)
     nominal = calibrate_general(arm, used, start, payload, rigid, links=False)
     if prior is None:
         full = calibrate_general(arm, used, start, payload, options)

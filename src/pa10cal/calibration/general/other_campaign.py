@@ -22,6 +22,7 @@ from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import check_enough, choose_unknowns, with_unknown_frames
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted import FallBack, Fitted
 from pa10cal.fit.fitted_model import FittedModel
@@ -84,6 +85,32 @@ def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:
             value="" if model.fitted_to is None else model.fitted_to.health,
             allowed="a model graded good, few_poses or incomplete",
             remedy="follow the remedy of its grade, or override with --force",
+        )
+
+
+def refuse_own_readings(
+    model: FittedModel, poses: Observations, campaign: CampaignDescription
+) -> None:
+    """Refuse a prior that was fitted to the poses to be fitted: their noise would count twice.
+
+    It was if it is of the same campaign, with so many poses between the same times, or of a member
+    of the group.
+
+    Raises:
+        CalibrationError: when it was.
+    """
+    of, time_s = model.fitted_to, poses.states.time_s
+    if of is None:
+        return
+    about = np.array([of.poses, *of.time_s]), np.array([len(poses), time_s.min(), time_s.max()])
+    same = of.campaign == campaign.name and np.array_equal(*about, equal_nan=True)
+    if same or of.campaign in [member.name for member in campaign.campaigns]:
+        raise CalibrationError(
+            "a campaign is not its own prior: the same readings would count twice",
+            where="prior",
+            value=of.campaign,
+            allowed="the model of another campaign of the same arm",
+            remedy="omit the prior, or give the other campaign a name of its own",
         )
 
 

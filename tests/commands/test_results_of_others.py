@@ -1,0 +1,286 @@
+"""Commands that take results of another campaign read them as they are, and change none of them."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import shutil
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+
+from built_once import built_once
+from pa10cal.commands.command_line import COMMANDS, command_named, main
+from pa10cal.datasets import measured
+from pa10cal.files.output import write_text
+from snakemake_calls import planned
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples/irb120-points"
+CHAIN = ("chain", "--campaign-dir", "{raw}/b", "--results", "{out}/b", "--settings")
+PRIOR = '{{"calibration": {{"prior": "{a}"}}}}'
+#: Commands that take results of another campaign: the parameters that name them, and a call. Those
+#: of campaign A are in {a}; what is written goes to {out}.
+TAKE = {
+    # Whole runs; those that start the workflow are slow.
+    "run": ("prior settings", ("run", "{raw}/b", "--out", "{results}", "--prior", "{a}")),
+    "run, a group": ("", ("run", "{raw}/a", "{raw}/b", "--group", "g", "--out", "{results}")),
+    "fleet": ("settings", ("fleet", "b", "--raw-dir", "{raw}", "--out", "{results}", "--settings")),
+    "chain": ("settings", (*CHAIN, PRIOR)),
+    "chain, a group": ("", ("chain", "--campaign-dir", "{raw}/a", "{raw}/b", "--results", "{out}")),
+    "report": ("results", ("report", "{a}", "--out", "{out}/report.html")),
+    "report, of all": ("results", ("report", "{results}", "--out", "{out}/report.html")),
+    "fleet_summary": (
+        "results",
+        *[("fleet_summary --campaigns * --raw-dir {raw} --results {results} --out {out}").split()],
+    ),
+    "measured": (
+        "results",
+        "measured --campaign-dir {raw}/a {raw}/b --results {results} --out {out}".split(),
+    ),
+    # A model in use.
+    "predict": ("model", "predict --model {a} --joints {joints} --out {out}/poses.csv".split()),
+    "compensate": ("model", "compensate --model {a} --targets {targets} --out {out}/q.csv".split()),
+    "compare": ("first second", "compare {a} {b} --out {out}/compare.json".split()),
+    "drift": ("models", "drift {a} {b} --out {out}/drift.json --figures {out}".split()),
+    # Single steps.
+    "calibrate": (
+        "poses base_frame named prior settings",
+        "calibrate --campaign-dir {raw}/b --poses {b}/ingest/poses.parquet --base-frame "
+        "{b}/seed/base_frame.json --prior {a} --out {out}".split(),
+    ),
+    "transfer": (
+        "calibration extended poses",
+        "transfer --calibration {a}/calibration/combined.json --extended "
+        "{a}/discovery/extended.json --campaign-dir {raw}/b --poses {b}/ingest/poses.parquet "
+        "--out {out}/transfer.json".split(),
+    ),
+    "join": (
+        "poses base_frame",
+        "join --name g --campaign-dir {raw}/a {raw}/b --poses {a}/ingest/poses.parquet "
+        "{b}/ingest/poses.parquet --base-frame {a}/seed/base_frame.json {b}/seed/base_frame.json "
+        "--out-dir {out}".split(),
+    ),
+    "seed": (
+        "poses",
+        "seed --campaign-dir {raw}/a --poses {a}/ingest/poses.parquet --out {out}/seed".split(),
+    ),
+    "discover": (
+        "poses calibration",
+        "discover --campaign-dir {raw}/a --poses {a}/ingest/poses.parquet --calibration "
+        "{a}/calibration/combined.json --verdict {out}/verdict.json --analysis {out}/analysis.json "
+        "--extended {out}/extended.json --suggested {out}/suggested.csv".split(),
+    ),
+    "evaluate": (
+        "poses calibration extended",
+        "evaluate --campaign-dir {raw}/a --poses {a}/ingest/poses.parquet --calibration "
+        "{a}/calibration/combined.json --extended {a}/discovery/extended.json --out "
+        "{out}/holdout.json".split(),
+    ),
+    "export": (
+        "poses calibration extended",
+        "export --campaign-dir {raw}/a --poses {a}/ingest/poses.parquet --calibration "
+        "{a}/calibration/combined.json --extended {a}/discovery/extended.json --model "
+        "{out}/model.yaml --urdf {out}/robot.urdf".split(),
+    ),
+    "montecarlo": (
+        "same_arm",
+        "montecarlo --campaign b --robot pa10_6ce --same-arm {a}/montecarlo --settings "
+        '{{"planes_mm":[500],"cycles":9,"positions":3}} --out {out}'.split(),
+    ),
+    "figures": (
+        "results settings",
+        "figures --results {a} --campaign-dir {raw}/a --out-dir {out} --figure where_joints".split(),
+    ),
+}
+#: Parameters that name no results of another campaign, of every command or of one: raw files,
+#: outputs, lists, settings without a prior.
+OTHERS = {
+    "": "folders campaign_dir raw_dir arms out out_dir source joints targets figures urdf keep_out "
+    "files truth folder points",
+    "discover": "verdict analysis extended suggested settings",
+    "export": "model dh",
+    "evaluate": "iso9283",
+    "calibrate": "discovery",
+    "ingest": "quarantine settings",
+    "seed": "settings",
+    "montecarlo": "settings",
+    "plan": "settings options",
+    "chain": "results",
+    "import": "settings",
+    # The settings of the project's own runs and studies, whose campaigns it makes itself.
+    "reproduce": "settings",
+    "simulate": "settings",
+    "coverage": "settings calibration table",
+    "curve": "settings",
+    "curve_calibration": "settings calibration",
+    "draw_trials": "raw truths",
+    "blind_trials": "settings verdicts truths",
+    "score_trials": "verdicts truths scores trials",
+}
+SLOW = ("run", "run, a group", "fleet")
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """Results of two campaigns of one arm with different noise, and planes of a campaign of another."""
+
+    def build(folder):
+        for name, seed in (("a", 0), ("b", 3)):
+            raw = shutil.copytree(EXAMPLE, folder / "raw" / name)
+            text = (raw / "campaign.yaml").read_text("utf-8")
+            text = text.replace("name: irb120-points", f"name: {name}")
+            (raw / "campaign.yaml").write_text(text, "utf-8")
+            lines = (raw / "poses.csv").read_text("utf-8").splitlines(keepends=True)
+            del lines[1 : 1 + seed]
+            (raw / "poses.csv").write_text("".join(lines), "utf-8")
+            results = folder / "results" / name
+            assert main(["chain", "--campaign-dir", str(raw), "--results", str(results)]) == 0
+        report = [
+            "report",
+            str(folder / "results/a"),
+            "--out",
+            str(folder / "results/a/report.html"),
+        ]
+        assert main(report) == 0
+        few = json.dumps({"planes_mm": [500], "cycles": 9, "positions": 3})
+        words = ["montecarlo", "--campaign", "a", "--robot", "pa10_6ce", "--settings", few]
+        assert main([*words, "--out", str(folder / "results/a/montecarlo")]) == 0
+        return folder
+
+    return built_once(tmp_path_factory, "two_campaigns", build)
+
+
+def state(folder):
+    """Return when everything in a folder was changed, and its bytes."""
+    return {
+        path: (path.stat().st_mtime_ns, path.stat().st_ino, path.is_file() and path.read_bytes())
+        for path in (folder, *folder.rglob("*"))
+    }
+
+
+def test_every_parameter_that_may_name_results_of_another_campaign_is_tried():
+    untried = {}
+    for name in COMMANDS:
+        command = command_named(name)
+        hints = get_type_hints(command)
+        given = {
+            parameter
+            for parameter in inspect.signature(command).parameters
+            if "Path" in str(hints[parameter]) or "Options" in str(hints[parameter])
+        }
+        taken = {
+            each
+            for row, (of, _) in TAKE.items()
+            if row.split(",")[0] == name
+            for each in of.split()
+        }
+        given -= taken | set(f"{OTHERS['']} {OTHERS.get(name, '')}".split())
+        untried |= {name: given} if given else {}
+    assert not untried
+
+
+@pytest.mark.parametrize(
+    "row", [pytest.param(row, marks=[pytest.mark.slow] * (row in SLOW)) for row in TAKE]
+)
+def test_results_of_another_campaign_are_as_they_were(made, tmp_path, monkeypatch, row):
+    shutil.copytree(made / "results", tmp_path / "results")
+    write_text(
+        tmp_path / "joints.csv", "id,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\nP,1,2,3,4,5,6\n"
+    )
+    write_text(tmp_path / "targets.csv", "id,x_mm,y_mm,z_mm,qw,qx,qy,qz\nP,300,0,400,0,0,1,0\n")
+    a = tmp_path / "results/a"
+    write_text(tmp_path / "settings.yaml", f"calibration:\n  prior: {a}\n")
+    places = {"a": a, "b": tmp_path / "results/b", "results": tmp_path / "results"}
+    places |= {"joints": tmp_path / "joints.csv", "targets": tmp_path / "targets.csv"}
+    places |= {"raw": made / "raw", "out": tmp_path / "out"}
+    words = [word.format(**places) for word in TAKE[row][1]]
+    words += [str(tmp_path / "settings.yaml")] * (words[-1] == "--settings")
+    monkeypatch.setattr(measured, "CARRIED", (("a", "b"), ("b", "a")))
+    if row in SLOW:  # with results that the workflow knows how it made
+        shutil.rmtree(tmp_path / "results")
+        assert main(["run", str(made / "raw/a"), "--out", str(tmp_path / "results")]) == 0
+    before, b = state(a), state(places["b"]) if places["b"].exists() else {}
+    assert main(words) == 0
+    assert state(a) == before
+    assert not b or state(places["b"]) == b
+
+
+#: Plans that could make results of A, whose own raw files are there: targets among the results, and
+#: settings.
+PLANS = [
+    ("b/report.html", {"calibration": {"prior": "{a}"}}),
+    ("b/report.html", {"calibration": {"prior": "{a}/model/model.yaml", "effects": "named"}}),
+    ("b/chain.json", {"calibration": {"prior": "{a}/model"}}),
+    ("b/calibration/0N.json", {"calibration": {"prior": "{a}"}}),
+    ("g/report.html", {"groups": {"g": ["a", "b"]}}),
+]
+
+
+@pytest.mark.parametrize("file", ["Snakefile", "workflow/run.smk"])
+@pytest.mark.parametrize(("target", "settings"), PLANS)
+def test_no_plan_makes_results_of_another_campaign(made, call_snakemake, file, target, settings):
+    results = made / "results"
+    settings = json.loads(json.dumps(settings).replace("{a}", str(results / "a")))
+    config = {"campaigns": ["b"], "raw_dir": str(made / "raw"), "results_dir": str(results)}
+    pairs = [f"{key}={json.dumps(value)}" for key, value in (config | settings).items()]
+    given = ("--cores", "1", "-n", "-s", ROOT / file, "--workflow-profile", "none")
+    # Whatever there is of A is older than its raw files.
+    code, text = call_snakemake(
+        *given, results / target, "--forceall", "--config", *pairs, cwd=made
+    )
+    assert code == 0, text
+    assert planned(text)["total"] >= 1
+    outputs = [line for line in text.splitlines() if line.strip().startswith(("output:", "log:"))]
+    assert outputs
+    assert not [line for line in outputs if f"{results}/a/" in line]
+
+
+@pytest.mark.parametrize(
+    ("config", "expected"),
+    [
+        ({"campaigns": ["a", "b"]}, "a campaign is not its own prior"),
+        ({"groups": {"g": ["a", "b"]}}, "a campaign is not its own prior"),
+        ({"calibration": {"prior": "results/c"}}, "run the campaign of the prior first"),
+    ],
+)
+def test_a_prior_of_the_campaign_itself_or_that_is_not_there_is_refused(
+    made, call_snakemake, config, expected
+):
+    given = {"campaigns": ["b"], "raw_dir": "raw", "results_dir": "results"}
+    given |= {"calibration": {"prior": "results/a"}} | config
+    pairs = [f"{key}={json.dumps(value)}" for key, value in given.items()]
+    words = ("--cores", "1", "-n", "-s", ROOT / "workflow/run.smk", "campaigns", "--config", *pairs)
+    code, text = call_snakemake(*words, cwd=made)
+    assert code == 2
+    (line,) = (line for line in text.splitlines() if line.startswith("pa10cal"))
+    assert expected in line
+
+
+def test_results_are_not_removed_for_a_campaign_that_is_its_own_prior(made, tmp_path, capsys):
+    a = shutil.copytree(made / "results/a", tmp_path / "a")
+    before, prior = state(a), json.dumps({"calibration": {"prior": str(a)}})
+    words = ["chain", "--campaign-dir", str(made / "raw/a"), "--results", str(a)]
+    assert main([*words, "--settings", prior]) == 2
+    assert "a campaign is not its own prior" in capsys.readouterr().err
+    assert state(a) == before
+
+
+def test_readings_do_not_count_twice_from_another_place_either(made, tmp_path, capsys):
+    for prior, folders, name in (("a", ["a"], "a"), ("a", ["a", "b"], "g")):
+        settings = json.dumps({"calibration": {"prior": str(made / "results" / prior)}})
+        raw = [str(made / "raw" / folder) for folder in folders]
+        words = ["chain", "--campaign-dir", *raw, "--results", str(tmp_path / name)]
+        assert main([*words, "--settings", settings]) == 0
+        assert "the same readings would count twice" in capsys.readouterr().err
+
+
+def test_a_changed_prior_is_calibrated_from_anew(made, tmp_path):
+    from pa10cal.planning.campaign import prior_digest
+
+    a = shutil.copytree(made / "results/a", tmp_path / "a")
+    found = [prior_digest(str(a)), prior_digest(str(a / "model/model.yaml"))]
+    (a / "model/model.covariance.npz").write_bytes(b"other")
+    assert found[0] == found[1] != prior_digest(str(a))
+    assert prior_digest(None) == ""
