@@ -119,9 +119,7 @@ def measured_record(
     Raises:
         RecordError: when a campaign has no `chain.json`.
     """
-    rows = [
-        _robot(name, folder, results, calibration, carried) for name, folder in folders.items()
-    ]
+    rows = [_robot(name, folder, results, calibration, carried) for name, folder in folders.items()]
     for name, members in groups_of(folders).items():
         if not (results / name / fleet.ChainRecord.FILE).is_file():
             continue

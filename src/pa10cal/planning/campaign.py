@@ -4,8 +4,8 @@ Content that cannot be read gives empty answers, so that the command is planned 
 refuses it, by file, line and remedy. `missing_*` and `group_like_campaign` are the refusals of
 planning itself.
 
-Results of another campaign, as a prior is, are never an input of a rule: Snakemake would make them
-anew, with the settings of this run. They are read as they are, and what they contain is a parameter.
+Results of another campaign, as a prior is, are no input of a rule: Snakemake would make them anew,
+with the settings of this run. They are read as they are, and what they contain is a parameter.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def _remove_if_free(path: Path) -> None:
 
 
 def _locked(file: IO[bytes], within_s: float) -> bool:
-    """Lock a file for this process alone, within a time; as good as done where there are no locks."""
+    """Lock a file for this process alone, within a time; as good as done without any locks."""
     end = time.monotonic() + within_s
     while True:
         try:

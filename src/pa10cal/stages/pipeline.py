@@ -94,7 +94,8 @@ def stages(
 ) -> Iterator[Stage]:
     """Yield every stage of a campaign, or of a group, in order.
 
-    A group reads the raw files of its members itself: results that they have are not changed. With the effects of the verdict a campaign is calibrated twice: what is searched is the first,
+    A group reads the raw files of its members itself: results that they have are not changed. With
+    the effects of the verdict a campaign is calibrated twice: what is searched is the first,
     `baseline`, without them.
 
     Args:
