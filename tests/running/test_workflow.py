@@ -34,12 +34,11 @@ def run(tmp_path, monkeypatch):
     rules.mkdir()
     monkeypatch.setattr(running, "workflow_folder", lambda: rules)
 
-    def start(code, *, text=SNAKEFILE, shown=None, lines=True):
+    def start(code="touch {output}", *, text=SNAKEFILE, shown=None, lines=True):
         (rules / "Snakefile").write_text(text.replace("CODE", code))
         out = io.StringIO()
-        more = ("--quiet", "all", "--logger", "pa10cal")
         out_dir, targets = tmp_path / "out", ("mine/poses.txt",)
-        work = Workflow("Snakefile", {}, out_dir, out_dir, "mine", 1, targets, None, more)
+        work = Workflow("Snakefile", {}, out_dir, out_dir, "mine", 1, targets)
         run_workflow(work, shown or RunDisplay(lines=lines, out=out))
         return out.getvalue()
 
@@ -130,10 +129,24 @@ def test_a_workflow_that_is_killed_takes_its_jobs_along_and_goes_on(run, tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", ["kill -9 $$", "bash -c 'kill -9 $$' | tee {log}"])
+@pytest.mark.parametrize(
+    "code",
+    [
+        "kill -9 $$",
+        "bash -c 'kill -9 $$' | tee {log}",
+        "echo pa10cal ingest: internal fault: MemoryError: 9 GB | tee {log}; exit 3",
+        "echo ImportError: a.so: failed to map segment from shared object; exit 1",
+    ],
+)
 def test_a_job_that_is_killed_is_told(run, code):
-    with pytest.raises(StageError, match="without a message, as one that is killed"):
+    with pytest.raises(OutputError, match=r"killed .* not enough memory.*--cores 1.*goes on"):
         run(code)
+
+
+@pytest.mark.slow
+def test_a_command_that_is_not_there_is_told(run):
+    with pytest.raises(RuntimeError, match=r"nosuchprogram.*exit status 127"):
+        run("nosuchprogram")
 
 
 @pytest.mark.slow
@@ -158,6 +171,64 @@ def test_a_folder_that_cannot_be_written_to_is_refused(run, tmp_path):
     (tmp_path / "out").write_text("a file")
     with pytest.raises(OutputError, match="cannot be written"):
         run("touch {output}")
+
+
+# Machines: no home, no place for temporary files, a full disk, a folder that is only read.
+
+#: A folder that cannot be made, whoever asks.
+NOWHERE = "/proc/nowhere"
+
+
+@pytest.mark.parametrize("usual", [True, False])
+def test_caches_lie_among_the_results_where_the_usual_place_cannot_be_written(
+    tmp_path, monkeypatch, usual
+):
+    home = tmp_path / "home"
+    for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(home) if usual else NOWHERE)
+    found = running._caches(tmp_path / "work")
+    assert found == (
+        {}
+        if usual
+        else {
+            "XDG_CACHE_HOME": str(tmp_path / "work/cache"),
+            "MPLCONFIGDIR": str(tmp_path / "work/cache/matplotlib"),
+        }
+    )
+    monkeypatch.setenv("MPLCONFIGDIR", str(tmp_path / "mine"))
+    assert "MPLCONFIGDIR" not in running._caches(tmp_path / "work")
+
+
+def test_a_user_without_any_home_has_caches_too(tmp_path, monkeypatch):
+    for name in ("HOME", "LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)
+    assert running._caches(tmp_path) == {
+        "HOME": str(tmp_path / "cache"),
+        "LOGNAME": str(os.getuid()),
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+        "MPLCONFIGDIR": str(tmp_path / "cache/matplotlib"),
+    }
+
+
+@pytest.mark.slow
+def test_a_run_needs_no_home(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", NOWHERE)
+    assert "read the raw files" in run()
+    monkeypatch.setattr(running, "_caches", lambda work: {})
+    (tmp_path / "out/mine/poses.txt").unlink()
+    with pytest.raises(OutputError, match=r"nowhere.*(Permission denied|No such file)"):
+        run()
+
+
+@pytest.mark.slow
+def test_no_place_for_temporary_files_is_told_as_that(run, monkeypatch):
+    code = "import tempfile; tempfile._candidate_tempdir_list = lambda: ['/proc/nowhere']\n"
+    with pytest.raises(OutputError, match=r"machine.*No usable temporary directory"):
+        run(text=code + "tempfile.tempdir = None; tempfile.TemporaryDirectory()\n" + SNAKEFILE)
 
 
 # Settings of a run: files, the later over the earlier, key by key.

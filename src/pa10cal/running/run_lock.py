@@ -128,7 +128,7 @@ def _await_jobs(jobs: Path, folder: Path) -> None:
     with suppress(FileNotFoundError), jobs.open("rb+") as file:
         if not _locked(file, _SOON_S):
             waited = f"jobs of an earlier run on {folder} to end"
-            print(f"pa10cal: waiting for {waited}", file=sys.stderr)
+            print(f"pa10cal: warning: waiting for {waited}", file=sys.stderr)
             _locked(file, math.inf)
         jobs.unlink(missing_ok=True)
 

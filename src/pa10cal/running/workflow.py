@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import getpass
 import json
 import os
 import re
@@ -11,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -48,7 +50,10 @@ class Workflow:
     targets: Sequence[str] = ()  # rules or files; none for the default
     settings: Path | None = None  # file of settings, over the shipped ones
     # further options of Snakemake; by default its progress goes to the display
-    more: Sequence[str] = ("--quiet", "all", "--logger", "pa10cal")
+    more: Sequence[str] = (
+        *("--quiet", "rules", "reason", "host"),  # the display needs what "progress" is
+        *("--logger", "pa10cal"),
+    )
     # folder of a profile of Snakemake, such as for a cluster, or the name of one of
     # `workflow/profiles`
     profile: str | None = None
@@ -215,9 +220,10 @@ def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
     """
     refuse_without_snakemake(workflow.profile)
     with run_lock(workflow.results, [workflow.name]) as work, ExitStack() as stack:
-        with writing_into(workflow.folder, "the results", "give another folder"):
+        with writing_into(workflow.folder, "Snakemake's own files", "run it in another folder"):
             # Two runs that make Snakemake's folder at once: one takes the other's for an old form.
             (workflow.folder / ".snakemake/incomplete").mkdir(parents=True, exist_ok=True)
+        with writing_into(workflow.results, "the results", "give another folder"):
             said = work / f"{workflow.name}.log"
             printed = stack.enter_context(said.open("w+", encoding="utf-8", errors="replace"))
         stack.enter_context(_ended_as_interrupted())
@@ -227,7 +233,12 @@ def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
             stdin=subprocess.DEVNULL,
             stdout=printed,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "PA10CAL_EVENTS": str(writing), PARENTS: str(os.getpid())},
+            env={
+                **os.environ,
+                **_caches(work),
+                "PA10CAL_EVENTS": str(writing),
+                PARENTS: str(os.getpid()),
+            },
             pass_fds=(writing,),
             start_new_session=True,  # an interrupt is passed on once, below
         )
@@ -244,6 +255,39 @@ def run_workflow(workflow: Workflow, display: RunDisplay) -> None:
         if code != 0:
             printed.seek(0)
             raise _failure(code, failed, workflow, printed.read())
+
+
+def _caches(work: Path) -> dict[str, str]:
+    """Return the environment that keeps caches among the results where the usual cannot be written.
+
+    As where a user has no home, or one that is full: Snakemake would end, and matplotlib warn.
+    """
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    settings = Path(os.environ.get("XDG_CONFIG_HOME") or "~/.config")
+    named, own = os.environ.get("MPLCONFIGDIR"), dict[str, str]()
+    try:
+        Path.home()
+        getpass.getuser()
+    except (RuntimeError, KeyError, OSError):  # of a user whom the system does not know
+        own |= {"HOME": str(work / "cache"), "LOGNAME": str(os.getuid())}
+    if not _writable(caches / "snakemake"):
+        own["XDG_CACHE_HOME"] = str(work / "cache")
+    pictures = [Path(named)] if named else [caches / "matplotlib", settings / "matplotlib"]
+    if not all(map(_writable, pictures)):
+        own["MPLCONFIGDIR"] = str(work / "cache/matplotlib")
+    return own
+
+
+def _writable(folder: Path) -> bool:
+    """Return whether a file can be written in a folder that is there or can be made."""
+    try:
+        folder = folder.expanduser()
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"any")
+    except (OSError, RuntimeError):  # the latter of a user without a home
+        return False
+    return folder.is_absolute()
 
 
 def _followed(pipe: int, display: RunDisplay) -> list[str]:
@@ -271,6 +315,18 @@ def _followed(pipe: int, display: RunDisplay) -> list[str]:
                 failed += event["log"] or []
 
 
+#: What shells, Snakemake, Slurm, Python, numpy and the loader of libraries say where memory runs
+#: out: the system kills one that takes too much.
+_NO_MEMORY = re.compile(
+    r"\bKilled\b|SIGKILL|exit status 137|OUT_OF_MEMORY|MemoryError|Cannot allocate memory"
+    r"|Unable to allocate|failed to map segment"
+)
+#: What an exception of the system says last, and the file that it names.
+_OF_THE_SYSTEM = re.compile(
+    r"^(?:\w+: )?\[Errno \d+\] (?P<what>[^:\n]+)(?:: '(?P<where>.+)')?$", re.MULTILINE
+)
+
+
 def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -> Exception:
     """Return why a run failed: the message of the command, or else of the workflow itself."""
     texts = [printed]
@@ -281,18 +337,23 @@ def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -
     if said := next(filter(None, map(errors.last_message, texts)), None):
         stage, message = said[0].removeprefix("pa10cal").strip(), said[1]
         if "internal fault" in message:
+            if _NO_MEMORY.search(message):
+                return _refusal("killed", workflow.results)
             return RuntimeError(f"{stage}: {message}")
         return StageError(f"{stage}: {message}" if stage else message)
-    full = os.strerror(errno.ENOSPC)
-    if full in printed or shutil.disk_usage(workflow.results).free < _LEAST_FREE:
-        return _refusal("not written", workflow.results, full)
-    last = [line for line in printed.splitlines() if line.strip()][-8:]
-    if code >= 0 and last and not re.search(r"\bKilled\b", printed):
-        return RuntimeError("the workflow failed: " + " | ".join(last))
-    what = "a stage ended without a message, as one that is killed where memory runs out"
+    full, told = os.strerror(errno.ENOSPC), [*_OF_THE_SYSTEM.finditer(printed)]
+    what, where = (told[-1]["what"], told[-1]["where"]) if told else ("", None)
+    if what == full or full in printed or shutil.disk_usage(workflow.results).free < _LEAST_FREE:
+        return _refusal("not written", where or workflow.results, full)
+    again = "run the same command again: it goes on from there"
     if code < 0:
-        what = f"the workflow was ended by signal {-code}"
-    return StageError(f"{what}; run the same command again: it goes on from there")
+        return StageError(f"the workflow was ended by signal {-code}; {again}")
+    if _NO_MEMORY.search(printed):
+        return _refusal("killed", workflow.results)
+    if what:
+        return _refusal("machine", where or "the workflow", what)
+    last = [line for line in printed.splitlines() if line.strip()][-8:]
+    return RuntimeError("the workflow failed: " + " | ".join(last))
 
 
 def _stop(child: subprocess.Popen[bytes]) -> None:
