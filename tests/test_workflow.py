@@ -4,6 +4,7 @@ The planning tests use the project as it is. The running tests use a copy whose 
 stand-ins that take the same options and write little files, so that only the workflow is on trial.
 """
 
+import fcntl
 import json
 import re
 import shutil
@@ -245,6 +246,28 @@ def test_runs_to_the_end_and_then_only_what_a_change_touches(checkout):
     # The campaign's own description of its robot is an input once it is there.
     (checkout.place / "data/raw/c1/pa10_6ce.yaml").write_text("name: pa10_6ce\n")
     assert {"ingest", "base_frame", "montecarlo"} <= set(planned(checkout("-n")[1]))
+
+
+@pytest.mark.slow
+def test_snakemake_by_hand_holds_the_campaigns_that_it_makes(checkout):
+    """One that another run holds is refused, what else there is in the results is not looked at."""
+    locks = checkout.place / "results/.pa10cal/locks"
+    locks.mkdir(parents=True)
+    shutil.copytree(checkout.place / "data/raw/c1", checkout.place / "data/raw/c2")
+    targets = [f"results/{name}/calibration/combined.json" for name in ("c1", "c2")]
+    with (locks / "c1").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for target in targets[:1], targets:
+            code, text = checkout(*target)
+            assert code == 2
+            assert "results/c1: another run is at work on these results" in text
+        assert not (checkout.place / "results/c2").exists()
+        code, text = checkout(targets[1])
+        assert code == 0, text
+    code, text = checkout(*targets)
+    assert code == 0, text
+    assert {path.name for path in locks.iterdir()} == {"c1", "c2"}
+    assert list((locks.parent / "runs").iterdir()) == []
 
 
 @pytest.mark.slow
