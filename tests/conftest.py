@@ -21,6 +21,7 @@ import yaml
 from hypothesis import settings as hypothesis_settings
 from scipy.spatial.transform import Rotation
 
+from attacks import Attack, Forking
 from built_once import built_once
 from made_up_mistakes import Own, own_campaign
 from pa10cal.arm.chain import Chain
@@ -88,6 +89,20 @@ def call_snakemake(tmp_path_factory) -> Iterator[Snakemake]:
     snakemake = Snakemake(tmp_path_factory.mktemp("snakemake"))
     yield snakemake
     snakemake.close()
+
+
+@pytest.fixture(scope="session")
+def forking(tmp_path_factory) -> Iterator[Forking]:
+    """A process that forks for each attack, started once."""
+    process = Forking(tmp_path_factory.mktemp("attacks"))
+    yield process
+    process.close()
+
+
+@pytest.fixture
+def attack(forking, tmp_path, request) -> Attack:
+    """A folder for what an attacker sends, and commands in limited processes; see `attacks`."""
+    return Attack(forking, tmp_path / "sent", tmp_path / "not-sent", request.node.name)
 
 
 @dataclass
