@@ -34,6 +34,7 @@ FLOOR = {
     "arrays",
     "numerics",
     "errors",
+    "input_files",
     "results",
     "settings_reading",
     "options",
@@ -44,6 +45,7 @@ FLOOR = {
 MAY_IMPORT = {
     "settings": {"lab.cell.options", "calibration.options", "evaluation.options"},
     "settings_reading": set(),
+    "input_files": set(),
     "yaml_file": set(),
     "numerics": set(),
     "options": set(),

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from pa10cal.errors import SettingsError, remedy_for
-from pa10cal.yaml_file import parse_yaml
+from pa10cal.yaml_file import read_yaml
 
 _S = TypeVar("_S", bound=BaseModel)
 
@@ -46,19 +46,18 @@ def read_settings_argument(section: type[_S], argument: str, *, where: str = "--
     Raises:
         SettingsError: when it is neither, or its content does not fit `section`.
     """
-    inline = argument.lstrip().startswith("{")
-    where = where if inline else argument
-    try:
-        raw = json.loads(argument) if inline else parse_yaml(Path(argument).read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        absent = isinstance(error, FileNotFoundError)
-        raise SettingsError(
-            "settings cannot be read",
-            where=where,
-            value="the file is not there" if absent else str(error),
-            allowed="a JSON object or the path of a YAML file",
-            remedy="check the path and its syntax",
-        ) from None
+    what, remedy = "settings cannot be read", "check the path and its syntax"
+    allowed = "a JSON object or the path of a YAML file"
+    if argument.lstrip().startswith("{"):
+        try:
+            raw = json.loads(argument)
+        except (ValueError, RecursionError) as error:
+            raise SettingsError(
+                what, where=where, value=str(error), allowed=allowed, remedy=remedy
+            ) from None
+    else:
+        where = argument
+        raw = read_yaml(Path(where), SettingsError, what=what, allowed=allowed, remedy=remedy)
     return parse_section(section, raw, where=where)
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from pa10cal.errors import Pa10calError
+from pa10cal.input_files import read_file, reason
 
 MAX_BYTES = 64 * 1024**2
 MAX_DEPTH = 40
@@ -31,6 +32,7 @@ def read_yaml(
     what: str,
     allowed: str = "a UTF-8 YAML file",
     remedy: str = "check the path and the file's syntax",
+    within: Path | None = None,
 ) -> Any:
     """Return the content of a YAML file.
 
@@ -40,16 +42,14 @@ def read_yaml(
         what: what a refusal says is wrong, such as "the arm description cannot be read".
         allowed: what would have been accepted.
         remedy: what to do.
+        within: folder that it must lie in; None for anywhere.
 
     Raises:
         Pa10calError: `error`, when the file cannot be read, is larger than 64 MiB, nests deeper
             than 40 levels, or is no YAML of plain values with every key once.
     """
     try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ValueError(f"{size / 1e6:.0f} MB, at most {MAX_BYTES / 1e6:.0f} MB are read")
-        content = path.read_bytes()
+        content = read_file(path, MAX_BYTES, within)
         try:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError as odd:
@@ -58,14 +58,8 @@ def read_yaml(
             raise ValueError(what_is) from None
         return parse_yaml(text)
     except (OSError, ValueError) as found:
-        absent = isinstance(found, FileNotFoundError)
-        why = "the file is not there" if absent else getattr(found, "strerror", None) or str(found)
         raise error(
-            what,
-            where=str(path),
-            value=why,
-            allowed=allowed,
-            remedy=remedy,
+            what, where=str(path), value=reason(found), allowed=allowed, remedy=remedy
         ) from None
 
 

@@ -265,5 +265,5 @@ def test_records_know_nothing_of_the_domain() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     parts = {name.split(".")[1] for name in run.stdout.split() if name.startswith("pa10cal.")}
-    assert parts == {"results", "errors", "files"}
+    assert parts == {"results", "errors", "files", "input_files"}
     assert not {"scipy", "pandas", "yaml", "matplotlib"} & set(run.stdout.split())

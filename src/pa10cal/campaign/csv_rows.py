@@ -13,6 +13,7 @@ import difflib
 import gzip
 import importlib
 import io
+import os
 import re
 import sys
 import zlib
@@ -32,6 +33,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
 from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.input_files import open_file, reason
 
 #: Files of more text than this, unpacked, are refused; so many bytes, and rows, are read at a time.
 LARGEST_BYTES = 310_000_000
@@ -64,17 +66,21 @@ class TextLine(NamedTuple):
     ended: bool  # whether a line end follows
 
 
-def lines_of(path: Path) -> Iterator[TextLine]:
+def lines_of(path: Path, within: Path | None = None) -> Iterator[TextLine]:
     """Yield the lines that are not blank; rows of a workbook with tabs between the cells.
+
+    Args:
+        path: the file.
+        within: folder that it must lie in; None for anywhere.
 
     Raises:
         RawDataError: when the file is not there, damaged, larger than is read, or no text.
     """
-    if is_workbook(path):
-        yield from _rows_of_workbook(path)
+    if is_workbook(path, within):
+        yield from _rows_of_workbook(path, within)
         return
-    encoding = encoding_of(path)
-    with _unpacked(path) as content:
+    encoding = encoding_of(path, within)
+    with _unpacked(path, within) as content:
         text = io.TextIOWrapper(content, encoding=encoding, errors="replace")
         for number, line in enumerate(text, start=1):
             if "\x00" in line:
@@ -83,7 +89,7 @@ def lines_of(path: Path) -> Iterator[TextLine]:
                 yield TextLine(number, line.removesuffix("\n"), line.endswith("\n"))
 
 
-def encoding_of(path: Path) -> str:
+def encoding_of(path: Path, within: Path | None = None) -> str:
     """Return the encoding of a file of text, told from its bytes; see `lines_of`.
 
     A byte-order mark says it; text that is valid UTF-8 is UTF-8; of one byte a letter it is the
@@ -91,7 +97,7 @@ def encoding_of(path: Path) -> str:
     """
     decoder = codecs.getincrementaldecoder("utf-8")()
     valid, size, odd, head = True, 0, bytearray(), b""
-    with _unpacked(path) as content:
+    with _unpacked(path, within) as content:
         while block := content.read(BLOCK_BYTES):
             head = head or block[:4096]
             size += len(block)
@@ -118,21 +124,26 @@ def encoding_of(path: Path) -> str:
     return "utf-8" if valid else max(_ONE_BYTE, key=usual)
 
 
-def is_workbook(path: Path) -> bool:
+def is_workbook(path: Path, within: Path | None = None) -> bool:
     """Return whether a file is a workbook, such as .xlsx, .ods or .xls."""
-    try:
-        with path.open("rb") as content:
-            head = content.read(4)
-    except OSError as error:
-        kind = "unreadable" if path.exists() else "absent"
-        raise _refusal(kind, path, error.strerror or str(error)) from None
+    with _opened(path, within) as content:
+        head = content.read(4)
     return head == _OLE or (head == _ARCHIVE and path.suffix.lower() != ".zip")
 
 
+def _opened(path: Path, within: Path | None) -> io.BufferedReader:
+    try:
+        return open_file(path, within)
+    except FileNotFoundError:
+        raise _refusal("absent", path) from None
+    except OSError as error:
+        raise _refusal("unreadable", path, None, reason(error)) from None
+
+
 @contextmanager
-def _unpacked(path: Path) -> Iterator[IO[bytes]]:
+def _unpacked(path: Path, within: Path | None) -> Iterator[IO[bytes]]:
     """Open a file, plain or gzipped."""
-    with path.open("rb") as content:
+    with _opened(path, within) as content:
         packed = content.read(2) == b"\x1f\x8b"
         content.seek(0)
         try:
@@ -141,13 +152,17 @@ def _unpacked(path: Path) -> Iterator[IO[bytes]]:
             raise _refusal("damaged", path) from None
 
 
-def _rows_of_workbook(path: Path) -> Iterator[TextLine]:
+def _rows_of_workbook(path: Path, within: Path | None) -> Iterator[TextLine]:
     """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
-    if path.stat().st_size > LARGEST_BYTES:
+    file = _opened(path, within)
+    if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
         raise _too_large(path)
     importlib.import_module("python_calamine")  # said by its name where it is missing
     try:
-        sheets = pd.read_excel(path, sheet_name=None, header=None, dtype=object, engine="calamine")
+        with file:
+            sheets = pd.read_excel(
+                file, sheet_name=None, header=None, dtype=object, engine="calamine"
+            )
     except Exception as error:
         raise _refusal("workbook", path, " ".join(str(error).split())) from None
     sheet = max(sheets.values(), key=lambda each: int(each.notna().to_numpy().sum()), default=None)
@@ -277,9 +292,9 @@ def numbered_apart(names: Sequence[str]) -> list[str]:
     return apart
 
 
-def column_names(path: Path, layout: Layout = CONTRACT) -> list[str]:
-    """Return the names of the columns of a file, none where it is empty."""
-    first = _first(lines_of(path), layout)
+def column_names(path: Path, layout: Layout = CONTRACT, within: Path | None = None) -> list[str]:
+    """Return the names of the columns of a file, none where it is empty; see `lines_of`."""
+    first = _first(lines_of(path, within), layout)
     return [] if first is None else layout.names(first.text)
 
 
@@ -297,8 +312,9 @@ def read_rows(
     layout: Layout = CONTRACT,
     *,
     repeats: bool = False,
+    within: Path | None = None,
 ) -> RawRows:
-    """Read a file of rows, in parts.
+    """Read a file of rows, in parts; it must lie `within` a folder, see `lines_of`.
 
     Rows with another number of fields than the header, a last line that was cut short and, unless
     `repeats` are kept, exact repeats of an earlier row are quarantined. Columns that belong
@@ -308,14 +324,14 @@ def read_rows(
         RawDataError: when the file is empty or too large, is no text, uses another separator or
             decimal commas throughout, or lacks a required column.
     """
-    lines = lines_of(path)
+    lines = lines_of(path, within)
     first = _first(lines, layout)
     if first is None:
         raise _refusal("empty", f"{path}:1")
     header = layout.names(first.text)
     width = len(header)
     needed = [*required, *(together if set(together) & set(header) else ())]
-    _check_header(path, first, header, needed, layout)
+    _check_header(path, first, header, needed, layout, within)
     used = [name for name in header if name in needed or name in optional]
     below = lines if layout.header else chain([first], lines)
     below = (line for line in below if line.number >= layout.first)
@@ -388,7 +404,12 @@ def _read_part(
 
 
 def _check_header(
-    path: Path, first: TextLine, header: Sequence[str], required: Sequence[str], layout: Layout
+    path: Path,
+    first: TextLine,
+    header: Sequence[str],
+    required: Sequence[str],
+    layout: Layout,
+    within: Path | None,
 ) -> None:
     where, here = f"{path}:{first.number}", layout.separator
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
@@ -407,7 +428,7 @@ def _check_header(
     if twice:
         raise _refusal("twice", where, None, twice[0])
     if missing := [name for name in required if name not in header]:
-        remedy = _remedy_for_missing(path, missing, header, required, layout)
+        remedy = _remedy_for_missing(path, missing, header, required, layout, within)
         words = ("s" * (len(missing) > 1), ", ".join(missing), ", ".join(required), remedy)
         raise _refusal("missing", where, ", ".join(header), *words)
 
@@ -418,6 +439,7 @@ def _remedy_for_missing(
     header: Sequence[str],
     required: Sequence[str],
     layout: Layout,
+    within: Path | None,
 ) -> str:
     """Return what to do where columns are missing: what stands in their place, and which key."""
     others = [name for name in header if name not in required]
@@ -434,7 +456,7 @@ def _remedy_for_missing(
             "columns 1, 2, 3, …; or export the file with a header"
         )
     if layout.key:
-        for line in islice(lines_of(path), _LINES_ABOVE):
+        for line in islice(lines_of(path, within), _LINES_ABOVE):
             if set(missing) <= set(layout.names(line.text)):
                 return (
                     f"the names stand in line {line.number}: set {layout.key}.header: {line.number}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
@@ -19,6 +20,7 @@ from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
 from pa10cal.errors import RawDataError, refusals_beside, remedy_for
+from pa10cal.input_files import is_file, open_file, reason
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
 from pa10cal.observe.quantities import Stated
@@ -231,8 +233,8 @@ def read_description(folder: Path) -> CampaignDescription:
     if not folder.is_dir():
         remedy = remedy_for(folder.name, names_in(folder.parent), "check the path")
         raise _refusal("no folder", folder, None, remedy)
-    if not path.is_file():
-        inside = [name for name in names_in(folder) if (folder / name / path.name).is_file()]
+    if not os.path.lexists(path):
+        inside = [name for name in names_in(folder) if is_file(folder / name / path.name)]
         remedy = "give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file"
         raise _refusal(
             "no file",
@@ -240,7 +242,8 @@ def read_description(folder: Path) -> CampaignDescription:
             None,
             f"did you mean the folder {inside[0]!r} in it?" if inside else remedy,
         )
-    content = read_yaml(path, RawDataError, what="the campaign's description cannot be read")
+    what = "the campaign's description cannot be read"
+    content = read_yaml(path, RawDataError, what=what, within=folder)
     if not isinstance(content, dict):
         raise _refusal("no keys", path, content)
     schema = content.pop("schema", None)
@@ -306,12 +309,12 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
                 "missing", where, None, f"files.{key}", f"a file name, as the kind is {kind}"
             )
         try:
-            there = (folder / name).is_file()
-        except OSError:  # no name that this file system can have
-            there = False
-        if not there:
+            open_file(folder / name, folder).close()
+        except FileNotFoundError:
             remedy = remedy_for(name, names_in(folder), f"put it there, or correct files.{key}")
-            raise _refusal("absent", where, name, remedy)
+            raise _refusal("absent", where, name, remedy) from None
+        except OSError as error:
+            raise _refusal("no file of it", where, name, reason(error)) from None
     mapped = set() if campaign.columns is None else campaign.columns.model_fields_set
     for key in sorted(mapped - set(needed)):
         allowed = " and ".join(f"columns.{other}" for other in needed)

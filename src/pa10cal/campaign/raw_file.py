@@ -76,7 +76,9 @@ class RawFile:
     @property
     def names(self) -> list[str]:
         """Return the columns of the contract that the file has, or stands for."""
-        return column_names(self.path) if self.columns is None else list(self.sources)
+        if self.columns is not None:
+            return list(self.sources)
+        return column_names(self.path, within=self.path.parent)
 
     @cached_property
     def sources(self) -> dict[str, OwnColumn]:
@@ -128,7 +130,7 @@ class RawFile:
     @property
     def header(self) -> list[str]:
         """Return the names of all columns of the file."""
-        return column_names(self.path, self._layout)
+        return column_names(self.path, self._layout, self.path.parent)
 
     @property
     def _layout(self) -> Layout:
@@ -163,7 +165,7 @@ class RawFile:
             # Poses without times are numbered.
             timed = self.key != "poses" or "time_s" in self.names
             there = [name for name in required if name != "time_s" or timed]
-            raw = read_rows(self.path, there, optional, together)
+            raw = read_rows(self.path, there, optional, together, within=self.path.parent)
         else:
             filled = FILLED.get(self.key, ())
             needed = [*required, *(together if set(together) & set(self.sources) else ())]
@@ -193,7 +195,8 @@ class RawFile:
 
     def _translated(self, columns: FileColumns, wanted: set[str]) -> RawRows:
         """Return rows under the contract's names, in its units."""
-        raw = replace(read_rows(self.path, self.own_names, layout=self._layout), unused=())
+        raw = read_rows(self.path, self.own_names, layout=self._layout, within=self.path.parent)
+        raw = replace(raw, unused=())
         turned = columns.rotation if wanted & set(QUATERNION) else None
         if turned is not None:
             raw = raw.finite(turned.names)

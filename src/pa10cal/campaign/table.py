@@ -26,6 +26,7 @@ from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.weighed_arm import weighed_arm
+from pa10cal.input_files import open_file, reason
 from pa10cal.observe.instrument import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
@@ -121,9 +122,9 @@ def as_in_table(
     return _observations(columns, description, BaseTargets.from_columns(columns, found))
 
 
-def read_base_motion(path: Path) -> MotionFound | None:
+def read_base_motion(path: Path, within: Path | None = None) -> MotionFound | None:
     """Read how the motion of targets on the base was found; None where there are none."""
-    text = _metadata(path).get(b"base_motion")
+    text = _metadata(path, within).get(b"base_motion")
     return None if text is None else TypeAdapter(MotionFound).validate_json(text)
 
 
@@ -133,12 +134,15 @@ def read_findings(path: Path) -> tuple[InputFinding, ...]:
     return tuple(InputFinding(**each) for each in findings)
 
 
-def _metadata(path: Path) -> Mapping[bytes, bytes]:
-    return pq.read_schema(path).metadata or {}
+def _metadata(path: Path, within: Path | None = None) -> Mapping[bytes, bytes]:
+    with open_file(path, within) as file:
+        return pq.read_schema(file).metadata or {}
 
 
-def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
-    """Read the table of poses; see the column list in docs/results.md.
+def read_pose_table(
+    path: Path, campaign: str | None = None, within: Path | None = None
+) -> pd.DataFrame:
+    """Read the table of poses, `within` a folder; see the column list in docs/results.md.
 
     The name of the campaign is in `table.attrs["campaign"]`; it must be the one given, if any.
 
@@ -146,9 +150,10 @@ def read_pose_table(path: Path, campaign: str | None = None) -> pd.DataFrame:
         RawDataError: when the file is missing, is no such table, or is of another campaign.
     """
     try:
-        table = pq.read_table(path)
+        with open_file(path, within) as file:
+            table = pq.read_table(file)
     except (OSError, pa.ArrowException) as error:
-        raise _refusal("no table", path, " ".join(str(error).split()), SCHEMA) from None
+        raise _refusal("no table", path, " ".join(reason(error).split()), SCHEMA) from None
     metadata = table.schema.metadata or {}
     schema = metadata.get(b"schema", b"none").decode()
     if schema != SCHEMA:

@@ -80,6 +80,7 @@ def columns(
 
 def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
     """Read a campaign as it is proposed, and return what its reader is to know of that."""
+    from shutil import copyfile
     from tempfile import TemporaryDirectory
 
     from pa10cal.campaign.description import DESCRIPTION_FILE
@@ -92,7 +93,7 @@ def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
         (beside / DESCRIPTION_FILE).write_text(text, encoding="utf-8")
         (beside / f"{arm.name}.yaml").write_text(arm_text(arm), encoding="utf-8")
         for file in files:
-            (beside / file.name).symlink_to(file.absolute())
+            copyfile(file, beside / file.name)  # no link: those out of a folder are not followed
         try:
             found = read_campaign(beside)
         except Pa10calError as error:
@@ -207,8 +208,15 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
 
     from pa10cal.arm.description import neighbouring_axes
     from pa10cal.errors import ArmError
-    from pa10cal.files.arms import arm_from_urdf, arm_text, parse_arm, with_short_limits
+    from pa10cal.files.arms import (
+        MOST_URDF_BYTES,
+        arm_from_urdf,
+        arm_text,
+        parse_arm,
+        with_short_limits,
+    )
     from pa10cal.files.output import whole_files
+    from pa10cal.input_files import read_file
     from pa10cal.yaml_file import parse_yaml
 
     if out.suffix != ".yaml":
@@ -238,7 +246,7 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
     parse_arm(parse_yaml(text), where=str(out))  # what would not be read is not written
     with whole_files(out, copy) as (description, beside):
         description.write_text(text, encoding="utf-8", newline="\n")
-        beside.write_bytes(urdf.read_bytes())
+        beside.write_bytes(read_file(urdf, MOST_URDF_BYTES))
     print(
         "\n".join(lines) + "\n"
         f"{out}: forward kinematics differs from that of the URDF by "

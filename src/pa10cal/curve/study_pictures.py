@@ -42,7 +42,7 @@ def read_content(folder: Path) -> tuple[str, CurveCalibrationRecord]:
     Raises:
         RecordError: when it cannot be used.
     """
-    study = read(CurveCalibrationRecord, folder / FROM)
+    study = read(CurveCalibrationRecord, folder / FROM, within=folder)
     asked: Any = study.settings
     footer = (
         f"{study.summaries[0].individuals} arms of {asked['links']} links of "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +16,12 @@ from pa10cal.curve.gait import laid, shape_of
 from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import RawDataError, RecordError, SettingsError
 from pa10cal.files.output import whole_files
+from pa10cal.input_files import open_file, read_csv, reason
 from pa10cal.results.codec import read, write
 from pa10cal.results.studies import CurveRecord
 
+#: A curve of a hundred thousand points has a third of it [bytes].
+_MOST_BYTES = 16_000_000
 _UNITS_M = {"m": 1.0, "mm": 1e-3}
 _PLACE_M = ["x_m", "y_m", "z_m"]
 
@@ -69,10 +71,9 @@ def read_curve_points(path: Path) -> Array:
         return RawDataError(what, where=where, value=value, allowed=allowed, remedy=remedy)
 
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [(line, row) for line, row in enumerate(csv.reader(file), start=1) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise refusal(1, "the points cannot be read", str(error), "UTF-8 CSV") from None
+        rows = list(read_csv(path, _MOST_BYTES))
+    except (OSError, ValueError) as error:
+        raise refusal(1, "the points cannot be read", reason(error), "UTF-8 CSV") from None
     header = [name.strip() for name in rows[0][1]] if rows else []
     unit = next((unit for unit in _UNITS_M if f"x_{unit}" in header), None)
     names = [f"{axis}_{unit}" for axis in "xyz"]
@@ -120,18 +121,19 @@ def read_curve(folder: Path) -> CurveResults:
     Raises:
         RecordError: when a file is missing or is none of that command.
     """
-    record = read(CurveRecord, folder / "curve.json")
+    record = read(CurveRecord, folder / "curve.json", within=folder)
 
     def columns(name: str, names: list[str]) -> Array:
         path = folder / f"{name}.csv"
         try:
-            table = pd.read_csv(path)[names].to_numpy(dtype=np.float64)
+            with open_file(path, folder) as file:
+                table = pd.read_csv(file)[names].to_numpy(dtype=np.float64)
             return table.reshape(len(record.shapes), -1, len(names))
         except (OSError, ValueError, KeyError) as error:
             raise RecordError(
                 "a table of the curve cannot be used",
                 where=str(path),
-                value=str(error).splitlines()[0],
+                value=reason(error) if isinstance(error, OSError) else str(error).splitlines()[0],
                 allowed="the tables that were written with curve.json",
                 remedy="run pa10cal curve again",
             ) from None

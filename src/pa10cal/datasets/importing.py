@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import os
 import re
 import shutil
 import urllib.request
@@ -18,10 +19,12 @@ from urllib.parse import quote
 import pandas as pd
 import yaml
 
+from pa10cal.campaign.csv_rows import LARGEST_BYTES
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, JointPositions, read_description
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
 from pa10cal.errors import OutputError, RawDataError, refusals_beside
 from pa10cal.files.output import FORMER, folder_beside, whole_files, writing_into
+from pa10cal.input_files import is_file, open_file, read_file, reason
 from pa10cal.yaml_file import read_yaml
 
 # What a reader of a data set defines, and what it gives: campaigns not yet written.
@@ -74,6 +77,7 @@ class AsItIs:
 
     path: Path  # where it is
     columns: Mapping[str, Any]  # `columns.poses` of campaign.yaml
+    folder: Path  # of the data set, which it lies in
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,7 @@ def import_campaigns(
     files = ", ".join(dataset.files)
     if not folder.is_dir():
         raise _refusal("no folder", "folder of the data set", str(folder), files)
-    if missing := [name for name in dataset.files if not (folder / name).is_file()]:
+    if missing := [name for name in dataset.files if not os.path.lexists(folder / name)]:
         raise _refusal("missing", folder, ", ".join(missing), files)
     published = dataset.published
     differing = differing_files(folder, {name: published.sha256[name] for name in dataset.files})
@@ -189,9 +193,21 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
+def _sha256_of(folder: Path, name: str) -> str:
+    try:
+        with open_file(folder / name, folder) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise _refusal("no file", folder / name, None, reason(error)) from None
+
+
 def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differing, ...]:
-    """Return the files, which are all there, whose SHA-256 is not the published one."""
-    found = {name: sha256((folder / name).read_bytes()) for name in published}
+    """Return the files, which are all there, whose SHA-256 is not the published one.
+
+    Raises:
+        RawDataError: when one is no file that can be read.
+    """
+    found = {name: _sha256_of(folder, name) for name in published}
     return tuple(
         Differing(str(folder / name), found[name], expected)
         for name, expected in published.items()
@@ -230,7 +246,7 @@ def fetch(dataset: DataSet, folder: Path, source: str | None = None) -> tuple[st
     expected = {
         name: checksum
         for name, checksum in published.sha256.items()
-        if not (folder / name).is_file() or sha256((folder / name).read_bytes()) != checksum
+        if not is_file(folder / name, folder) or _sha256_of(folder, name) != checksum
     }
     base = published.address
     if source is not None:
@@ -387,7 +403,13 @@ def _refuse_foreign(place: Path, own: frozenset[str]) -> None:
 
 def _write(campaign: ImportedCampaign, folder: Path) -> None:
     readings = campaign.readings
-    content = readings.path.read_bytes() if isinstance(readings, AsItIs) else table_bytes(readings)
+    if isinstance(readings, AsItIs):
+        try:
+            content = read_file(readings.path, LARGEST_BYTES, readings.folder)
+        except OSError as error:
+            raise _refusal("no file", readings.path, None, reason(error)) from None
+    else:
+        content = table_bytes(readings)
     (folder / _file(campaign)).write_bytes(content)
     listing = quarantine_csv(campaign.left_out)
     (folder / LEFT_OUT_FILE).write_text(listing, encoding="utf-8", newline="\n")

@@ -18,6 +18,7 @@ from pa10cal.campaign.description import read_description
 from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_cell, markdown_cell, write_text
+from pa10cal.input_files import is_file
 from pa10cal.results import fleet
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
@@ -91,7 +92,7 @@ def groups_of(campaigns: Mapping[str, object]) -> dict[str, tuple[str, ...]]:
 def files_of(hand: AtHand) -> Iterator[Path]:
     """Yield the files that a campaign is read from, those that are there."""
     folder = hand.folder if hand.source is None else hand.source
-    yield from sorted(path for path in folder.rglob("*") if path.is_file())
+    yield from sorted(path for path in folder.rglob("*") if is_file(path, folder))
 
 
 # The table of measured robots: read from results, written as CSV and for docs/measured.md.
@@ -140,7 +141,7 @@ def _robot(
 ) -> fleet.MeasuredRobot:
     """Return the row of a campaign; what its stages did not come to is not in it."""
     folder, known = results / name, CAMPAIGNS.get(name)
-    outcome = read(fleet.ChainRecord, folder / fleet.ChainRecord.FILE)
+    outcome = read(fleet.ChainRecord, folder / fleet.ChainRecord.FILE, within=folder)
     robot, kind = None, None
     with suppress(Pa10calError):  # where they can be read
         campaign = read_description(raw)
@@ -161,9 +162,9 @@ def _robot(
             errors={},
             carried=(),
         )
-    fitted = read(CalibrationRecord, folder / f"calibration/{calibration}.json")
-    verdict = read(VerdictRecord, folder / "discovery/verdict.json")
-    held_out = read(HoldoutRecord, folder / HoldoutRecord.FILE)
+    fitted = read(CalibrationRecord, folder / f"calibration/{calibration}.json", within=folder)
+    verdict = read(VerdictRecord, folder / "discovery/verdict.json", within=folder)
+    held_out = read(HoldoutRecord, folder / HoldoutRecord.FILE, within=folder)
     calibrated = sum(each.after.configurations for each in fitted.errors.values())
     return fleet.MeasuredRobot(
         **common,

@@ -12,6 +12,7 @@ import difflib
 import io
 import re
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
@@ -26,7 +27,15 @@ from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import RawRows, quarantined
 from pa10cal.datasets.importing import AsItIs, DataSet, ImportedCampaign, Published
 from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.input_files import open_file, read_file, reason
 
+#: Tables of more bytes, unpacked, or more lines are none of a data set: the largest have a tenth.
+_MOST_BYTES, _MOST_LINES = 32_000_000, 1_000_000
+#: What a zip file that is damaged, encrypted or of another kind raises.
+_BROKEN_ZIP = (
+    *(zipfile.BadZipFile, zlib.error, KeyError, UnicodeDecodeError),
+    *(NotImplementedError, RuntimeError, EOFError),
+)
 #: Descriptions of arms that are measured in data sets and are not shipped as arms of their own.
 ARMS = Path(__file__).with_name("arms")
 DATASETS: dict[str, DataSet] = {}
@@ -87,7 +96,15 @@ def read_bare_table(
         RawDataError: when the file as a whole cannot be used.
     """
     path, width = folder / file, len(names)
-    lines = path.read_bytes().decode("utf-8-sig", errors="replace").rstrip().splitlines()
+    try:
+        content = read_file(path, _MOST_BYTES, folder)
+    except OSError as error:
+        raise _too_much(path, reason(error)) from None
+    whole = content.decode("utf-8-sig", errors="replace").rstrip()
+    whole = whole.replace("\r\n", "\n").replace("\r", "\n")
+    if (count := 1 + whole.count("\n")) > _MOST_LINES:
+        raise _too_much(path, f"{count} lines")
+    lines = whole.split("\n") if whole else []
     if not lines:
         raise _refusal("empty", f"{path}:1")
     line = np.arange(1, len(lines) + 1)[int(header) :]
@@ -107,6 +124,10 @@ def read_bare_table(
     wrong_width = f"the number of fields is not {width}"
     listed = quarantined(file, line[~fits], wrong_width, widths[~fits])
     return RawRows(file, columns, line[fits], {file: len(rows)}, (), listed, text).finite(names)
+
+
+def _too_much(path: Path, why: str) -> RawDataError:
+    return _refusal("unreadable", path, None, why, _MOST_BYTES / 1e6, _MOST_LINES)
 
 
 def read_tables(
@@ -175,15 +196,26 @@ def _justin(folder: Path, max_left_out: float, published: Published) -> Iterator
     """
     (file,), table = published.sha256, "measurements.csv"
     try:
-        with zipfile.ZipFile(folder / file) as archive:
-            text = archive.read(table).decode("utf-8")
-    except (zipfile.BadZipFile, KeyError, UnicodeDecodeError) as error:
+        with open_file(folder / file, folder) as packed, zipfile.ZipFile(packed) as archive:
+            with archive.open(table) as unpacked:
+                content = unpacked.read(_MOST_BYTES + 1)
+            if len(content) > _MOST_BYTES:
+                raise _too_much(folder / file, "its table is larger, unpacked")
+            text = content.decode("utf-8")
+    except OSError as error:
+        raise _too_much(folder / file, reason(error)) from None
+    except _BROKEN_ZIP as error:
         raise _refusal("zip", folder / file, str(error), table) from None
     number = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-    rows = [
-        [[float(word) for word in number.findall(field)] for field in (*row[1:3], "", "")[:2]]
-        for row in list(csv.reader(io.StringIO(text)))[1:]
-    ]
+    try:
+        rows = [
+            [[float(word) for word in number.findall(field)] for field in (*row[1:3], "", "")[:2]]
+            for row in list(csv.reader(io.StringIO(text)))[1:]
+        ]
+    except csv.Error as error:
+        raise _too_much(folder / file, str(error)) from None
+    if not rows:
+        raise _refusal("empty", folder / file)
     good = np.array([(len(q), len(p)) == (19, 6) for q, p in rows], dtype=bool)
     raw = RawRows(table, {}, np.arange(1, len(rows) + 1), {table: len(rows)}, (), ()).take(
         good,
@@ -292,7 +324,7 @@ def _ur10(folder: Path, _: float, published: Published) -> Iterator[ImportedCamp
             uncertainty_mm=stated["uncertainty_mm"],
             reference_temperature_C=stated["reference_temperature_C"],
             holdout={"last_fraction": 0.3},
-            readings=AsItIs(folder / file, time | columns),
+            readings=AsItIs(folder / file, time | columns, folder),
             files=(file,),
             joints="commanded",
         )

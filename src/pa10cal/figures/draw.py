@@ -64,7 +64,7 @@ def read_source(
             ResultsBundle(folder, description=description, settings=settings, force=force)
         )
     if (path := folder / "scores.json").exists():
-        scores = read(TrialScoresRecord, path)
+        scores = read(TrialScoresRecord, path, within=folder)
         trials = "wild trials" if scores.measured == "wild" else "blind trials"
         footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
         return Source("trials", folder.name, footer, scores)

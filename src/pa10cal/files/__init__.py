@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 #: A folder of this name beside campaigns holds descriptions of arms, each once for all of them.
@@ -12,10 +13,12 @@ def own_description(name: str, folder: Path, arms: Path | None = None) -> Path |
     """Return the description of an arm that is not a shipped one; None where there is none.
 
     It is looked for in the campaign's folder, then in the folder of arms: the one given, else
-    `arms` beside the campaign's folder, or beside the folder that this is a link to.
+    `arms` beside the campaign's folder, or beside the folder that this is a link to. What stands
+    there may still be no file that can be read.
     """
     file = f"{name}.yaml"
-    return next((each / file for each in arm_places(folder, arms) if (each / file).is_file()), None)
+    places = (each / file for each in arm_places(folder, arms))
+    return next((each for each in places if os.path.lexists(each)), None)
 
 
 def arm_places(folder: Path, arms: Path | None = None) -> tuple[Path, ...]:

@@ -21,9 +21,10 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, refusals_beside
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.output import write_text
+from pa10cal.input_files import read_file, reason
 from pa10cal.options import Positive, Section
 from pa10cal.settings_reading import parse_section
-from pa10cal.yaml_file import parse_yaml, read_yaml
+from pa10cal.yaml_file import MAX_BYTES, parse_yaml, read_yaml
 
 if TYPE_CHECKING:
     from pa10cal.arm.imported import ImportedArm
@@ -205,7 +206,7 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
         raise _refusal("name", "robot", name, ALLOWED)
     own = None if folder is None else own_description(name, folder, arms)
     if own is not None:
-        return read_arm(own)
+        return read_arm(own, own.parent)
     if name not in arm_names():
         allowed = ", ".join(arm_names())
         describe = f"give the file of a description, such as {name}.yaml"
@@ -227,14 +228,15 @@ def arm_asked(robot: str, folder: Path | None = None) -> Arm:
     return read_arm(path) if path.suffix in (".yaml", ".yml") else load_arm(robot, folder)
 
 
-def read_arm(path: Path) -> Arm:
-    """Read an arm from its file.
+def read_arm(path: Path, within: Path | None = None) -> Arm:
+    """Read an arm from its file, which must lie `within` a folder where one is given.
 
     Raises:
         ArmError: when it cannot be read, is not named after the arm, or cannot be meant.
         SettingsError: when a key is unknown, missing or of the wrong kind.
     """
-    arm = parse_arm(read_yaml(path, ArmError, what=_UNREADABLE), where=str(path))
+    raw = read_yaml(path, ArmError, what=_UNREADABLE, within=within)
+    arm = parse_arm(raw, where=str(path))
     if arm.name != path.stem:
         raise _refusal("file name", path, arm.name, path.stem)
     return arm
@@ -250,10 +252,16 @@ def copy_description(name: str, folder: Path, to: Path) -> None:
         OutputError: when nothing can be written there.
     """
     own, source = own_description(name, folder), urdf_of_arm(name, folder)
-    if own is not None:
-        write_text(to / own.name, own.read_text(encoding="utf-8-sig"))
+    if own is None:
+        return
+    text = read_file(own, MAX_BYTES, own.parent).decode("utf-8-sig")
     if source is not None:
-        write_text(to / Path(source.where).name, source.text)
+        file = Path(source.where).name
+        if own.parent / file != Path(source.where):  # in another folder; now they lie together
+            urdf = {"file": file, "base": source.base, "tip": source.tip}
+            text = arm_text(read_arm(own, own.parent), urdf=urdf)
+        write_text(to / file, source.text)
+    write_text(to / own.name, text)
 
 
 def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
@@ -266,16 +274,16 @@ def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
     own = own_description(name, folder)
     if own is None:
         return None
-    raw = read_yaml(own, ArmError, what=_UNREADABLE)
+    raw = read_yaml(own, ArmError, what=_UNREADABLE, within=own.parent)
     source = parse_section(_ArmFile, raw, where=str(own)).urdf
     if source is None:
         return None
     path = own.parent / source.file
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_file(path, MOST_URDF_BYTES, own.parent, folder).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        value = f"{path}: {getattr(error, 'strerror', None) or error}"
-        raise _refusal("own urdf", f"{own}: urdf.file", value) from None
+        where = f"{own}: urdf.file"
+        raise _refusal("own urdf", where, source.file, _why_no_text(error)) from None
     return UrdfSource(text, str(path), source.base, source.tip)
 
 
@@ -336,6 +344,13 @@ def _all_or_none(values: list[Any]) -> Array | None:
 
 # URDF files to import arms from.
 
+#: That of a humanoid with all its inertias has a quarter of a megabyte.
+MOST_URDF_BYTES = 16 * 1024**2
+
+
+def _why_no_text(error: OSError | UnicodeDecodeError) -> str:
+    return reason(error) if isinstance(error, OSError) else "it is not UTF-8 text"
+
 
 def arm_from_urdf(
     path: Path, base: str | None = None, tip: str | None = None, name: str | None = None
@@ -351,9 +366,9 @@ def arm_from_urdf(
     from pa10cal.arm.imported import arm_from_urdf_text  # late: it needs pinocchio
 
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_file(path, MOST_URDF_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise _refusal("urdf", path, getattr(error, "strerror", None) or str(error)) from None
+        raise _refusal("urdf", path, None, _why_no_text(error)) from None
     return arm_from_urdf_text(text, name or path.stem, base=base, tip=tip, where=str(path))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.compensation import compensate
 from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
+from pa10cal.input_files import UnfitFileError, open_file, reason
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
@@ -172,13 +174,14 @@ def load_model(path: str | Path) -> FittedModel:
             or lacks a key.
         TermError: when it has a term that is not known.
     """
-    path = file_of(Path(path))
+    given, path = Path(path), file_of(Path(path))
     content = read_yaml(
         path,
         ModelError,
         what="the model cannot be read",
         allowed="a model.yaml that this package wrote",
         remedy="correct the path, or write the model again",
+        within=None if path == given else given,
     )
     covariance = covariance_beside(path)
     return model_from_plain(content, where=str(path), covariance=covariance)
@@ -256,7 +259,7 @@ def file_of(path: Path) -> Path:
     if not path.is_dir():
         return path
     inside = (path / "model.yaml", path / "model" / "model.yaml")
-    return next((each for each in inside if each.is_file()), inside[0])
+    return next((each for each in inside if os.path.lexists(each)), inside[0])
 
 
 def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
@@ -535,11 +538,14 @@ def covariance_beside(path: Path) -> Array | None:
         ModelError: when there is one that cannot be read.
     """
     beside = covariance_path(path)
-    if not beside.is_file():
-        return None
     try:
-        with np.load(beside) as stored:
+        # A link to a model has its covariance beside it, or where the model itself lies.
+        with open_file(beside, path.parent, path.resolve().parent) as file, np.load(file) as stored:
             covariance: Array = stored["covariance"]
+    except FileNotFoundError:
+        return None
+    except UnfitFileError as error:
+        raise _refusal("unfit covariance", beside, None, reason(error)) from None
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile):
         raise _refusal("no covariance", beside) from None
     return covariance if len(covariance) else None

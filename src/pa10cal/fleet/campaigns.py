@@ -11,12 +11,13 @@ from typing import get_args
 
 from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder, refusals_beside
 from pa10cal.files.output import csv_cell
+from pa10cal.input_files import read_csv, reason
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read
 from pa10cal.results.fleet import Attention, ChainRecord, FleetArm, FleetCampaign, FleetRecord
 
 #: A table of campaigns larger than this is none [bytes].
-_MOST_BYTES = 64 * 1024**2
+_MOST_BYTES = 4 * 1024**2
 _COLUMNS = ("campaign", "arm", "measured")
 _refusal = refusals_beside(__file__, SettingsError)
 
@@ -64,12 +65,9 @@ def in_order(listed: Iterable[Listed]) -> dict[str, list[Listed]]:
 
 def _of_table(path: Path) -> list[tuple[str, Listed]]:
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ValueError(f"more than {_MOST_BYTES} bytes")
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file, strict=True) if any(map(str.strip, row))]
-    except (OSError, ValueError, csv.Error) as error:
-        raise _refusal("unreadable", path, getattr(error, "strerror", None) or str(error)) from None
+        rows = [row for _, row in read_csv(path, _MOST_BYTES)]
+    except (OSError, ValueError) as error:
+        raise _refusal("unreadable", path, reason(error)) from None
     header = [word.strip() for word in rows[0]] if rows else []
     if "campaign" not in header or len(set(header)) < len(header):
         raise _refusal(
@@ -151,9 +149,10 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
         before: tuple[str, Path] | None = None  # the last campaign with a model
         for each in of_arm:
             folder = results_dir / each.campaign
-            outcome, agrees, line = read(ChainRecord, folder / ChainRecord.FILE), None, None
+            outcome = read(ChainRecord, folder / ChainRecord.FILE, within=folder)
+            agrees, line = None, None
             if outcome.status == "done":
-                now = each.campaign, folder / "model/model.yaml"
+                now = each.campaign, folder
                 if before is not None:
                     agrees, line = _moved(before, now)
                 before = now

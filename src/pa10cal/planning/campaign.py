@@ -12,16 +12,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from pa10cal.errors import RawDataError, SettingsError, fits_a_folder, refusals_beside
 from pa10cal.files import own_description
+from pa10cal.input_files import is_file, open_file
 from pa10cal.running.run_lock import refuse_at_work
 from pa10cal.yaml_file import read_yaml
 
 _refusal = refusals_beside(__file__, SettingsError)
+_BLOCK_BYTES = 1 << 20
 
 
 def raw_files(folder: Path) -> list[Path]:
@@ -70,8 +73,10 @@ def prior_digest(prior: str | None) -> str:
 
     file = file_of(Path(prior))
     digest = hashlib.sha256()
-    for path in filter(Path.is_file, (file, covariance_path(file))):
-        digest.update(path.read_bytes())
+    for path in (file, covariance_path(file)):
+        with suppress(OSError), open_file(path) as content:
+            while block := content.read(_BLOCK_BYTES):
+                digest.update(block)
     return digest.hexdigest()[:32]
 
 
@@ -123,9 +128,9 @@ def _there(folder: Path, names: list[str]) -> list[Path]:
     """Return the files of these names that are in a folder; none whose name leads out of it."""
     try:
         inside = [folder / name for name in names if Path(name).name == name]
-        return [path for path in inside if path.is_file()]
-    except (OSError, ValueError):  # a name that no file can have
+    except ValueError:  # a name that no file can have
         return []
+    return [path for path in inside if is_file(path, folder)]
 
 
 def _description(folder: Path) -> dict[str, Any]:
@@ -142,7 +147,8 @@ def _content(path: Path, changed_ns: int) -> dict[str, Any]:
     """Read a description once for as long as it is not changed: plans need it often."""
     del changed_ns
     try:
-        content = read_yaml(path, RawDataError, what="the campaign's description cannot be read")
+        what = "the campaign's description cannot be read"
+        content = read_yaml(path, RawDataError, what=what, within=path.parent)
     except RawDataError:
         return {}
     return content if isinstance(content, dict) else {}

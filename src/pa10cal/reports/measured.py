@@ -83,7 +83,7 @@ def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
         "used | load [N] | poses | readings | readings of a configuration",
         rows,
     )
-    motion = read_base_motion(results.folder / POSES) if moved else None
+    motion = read_base_motion(results.folder / POSES, results.folder) if moved else None
     if motion is not None:
         at_s = [knock.time_s for knock in motion.knocked]
         kinds = ("shift", "turn") if motion.turns else ("shift",)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import os
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -17,7 +17,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from pa10cal.arrays import Array
+from pa10cal.errors import RecordError, refusals_beside
 from pa10cal.files.output import write_text
+from pa10cal.input_files import read_csv, read_file, reason
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
 from pa10cal.reports.blocks import (
     Beside,
@@ -54,6 +56,9 @@ _MOST_ROWS = 8
 #: More configurations than this get thinner lines.
 _CROWD = 150
 _MARGIN_MM = 10.0
+#: Pictures and tables larger than this are none that were drawn [bytes].
+_MOST_PICTURE_BYTES, _MOST_TABLE_BYTES = 64_000_000, 4_000_000
+_refusal = refusals_beside(__file__, RecordError)
 _LOOKS = {"fitted": (BLUE, "circle"), "held out": (VERMILLION, "diamond")}
 #: Models by the residuals that a record has of them.
 _MODELS = {"before_mm": "calibrated", "after_mm": "with the effects found"}
@@ -263,10 +268,17 @@ def images(pictures: PicturesRecord | None, folder: Path, section: str) -> Itera
     for name, of in ((pictures and pictures.captions) or {}).items():
         for kind, endings in (("svg+xml", ("svg", "png")), ("gif", ("gif",))):
             path = folder / f"figures/{name}.{endings[0]}"
-            if of.section == section and path.exists():
-                content = b64encode(path.read_bytes()).decode()
+            if of.section == section and os.path.lexists(path):
+                content = b64encode(_picture(path, folder)).decode()
                 source = f"data:image/{kind};base64,{content}"
                 yield Image(source, of.title, of.text, name, endings)
+
+
+def _picture(path: Path, folder: Path) -> bytes:
+    try:
+        return read_file(path, _MOST_PICTURE_BYTES, folder)
+    except OSError as error:
+        raise _refusal("no picture", path, None, reason(error)) from None
 
 
 def _glances(results: ResultsBundle) -> Iterator[Glance]:
@@ -297,17 +309,25 @@ def _overview_text(folder: Path, pages: Sequence[Path]) -> str:
     links = tuple((str(page.relative_to(folder)), page.parent.name) for page in pages)
     sections = [PageSection("campaigns", "Campaigns", (Links(links),))]
     for path in sorted(folder.rglob(PicturesRecord.FILE)):
-        pictures = read(PicturesRecord, path)
+        pictures = read(PicturesRecord, path, within=folder)
         if pictures.campaign is None:
             name = str(path.parent.relative_to(folder))
             blocks: list[PageBlock] = [*images(pictures, path.parent, "")]
             for table, of in (pictures.captions or {}).items():
-                if (data := path.parent / f"tables/{table}.csv").exists():
-                    with data.open(encoding="utf-8", newline="") as file:
-                        header, *rows = csv.reader(file)
+                data = path.parent / f"tables/{table}.csv"
+                if os.path.lexists(data):
+                    header, *rows = _table(data, folder)
                     blocks += [grid(of.title, header, rows), Paragraph(of.text)]
             sections.append(PageSection(name, name.replace("_", " "), tuple(blocks)))
     return _rendered("All results", [], sections, False, over="Report")
+
+
+def _table(path: Path, folder: Path) -> list[list[str]]:
+    try:
+        rows = [row for _, row in read_csv(path, _MOST_TABLE_BYTES, folder)]
+    except (OSError, ValueError) as error:
+        raise _refusal("no table", path, None, reason(error)) from None
+    return rows or [[]]
 
 
 def _rendered(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -15,6 +15,7 @@ from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
 from pa10cal.errors import RecordError, last_message, refusals_beside
 from pa10cal.evaluation.options import PictureOptions
+from pa10cal.input_files import read_csv, read_file, reason
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words
 from pa10cal.results.analysis import AnalysisRecord
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 _R = TypeVar("_R", bound=Record)
 
+#: A listing of rows, or a log, larger than this is none [bytes].
+_MOST_ROWS_BYTES = 64_000_000
 POSES = "ingest/poses.parquet"
 MODEL = "model/model.yaml"
 #: The calibration of all loads, and that of the general model beside the paper's.
@@ -128,7 +131,7 @@ class ResultsBundle:
         """
         name = file or kind.FILE
         if name not in self._records:
-            self._records[name] = read(kind, self.folder / name, self._described)
+            self._records[name] = read(kind, self.folder / name, self._described, self.folder)
         return cast(_R, self._records[name])
 
     @property
@@ -159,7 +162,9 @@ class ResultsBundle:
     def poses(self) -> pd.DataFrame | None:
         """The table of poses."""
         path = self.folder / POSES
-        return read_pose_table(path, self._described) if path.exists() else None
+        if not os.path.lexists(path):
+            return None
+        return read_pose_table(path, self._described, self.folder)
 
     @property
     def model(self) -> Path | None:
@@ -171,11 +176,17 @@ class ResultsBundle:
     def quarantined(self) -> Mapping[str, int]:
         """How many raw rows are not used, by reason, the most frequent first."""
         path = self.folder / "ingest/quarantine.csv"
-        if not path.is_file():
+        if not os.path.lexists(path):
             return {}
-        with path.open(encoding="utf-8", newline="") as rows:
-            reasons = [row.get("reason") or "no reason given" for row in csv.DictReader(rows)]
-        return dict(Counter(reasons).most_common())
+        counts: Counter[str] = Counter()
+        try:
+            rows = read_csv(path, _MOST_ROWS_BYTES, self.folder)
+            _, header = next(rows, (1, ["reason"]))
+            at = header.index("reason") if "reason" in header else len(header)
+            counts.update(dict(enumerate(row)).get(at) or "no reason given" for _, row in rows)
+        except (OSError, ValueError) as error:
+            raise _refusal("no quarantine", path, None, reason(error)) from None
+        return dict(counts.most_common())
 
     @cached_property
     def _own_records(self) -> tuple[CampaignRecord, ...]:
@@ -225,8 +236,7 @@ class ResultsBundle:
         for name, (pattern, command, log) in _OF_A_RUN.items():
             file, path = pattern.format(self.load_case), self.folder / f"logs/{log}.log"
             if not (self.folder / file).exists():
-                printed = path.read_text("utf-8", errors="replace") if path.is_file() else ""
-                message = last_message(printed)
+                message = last_message(self._log(path))
                 found[name] = (
                     f"There is no {file}: pa10cal {command} was not run, or did not come to its "
                     "end. pa10cal run makes it."
@@ -234,6 +244,13 @@ class ResultsBundle:
                     else f"pa10cal {command}{REFUSED}{message[1]}. Then run it again."
                 )
         return found
+
+    def _log(self, path: Path) -> str:
+        """Return what a stage printed, empty where that cannot be read."""
+        try:
+            return read_file(path, _MOST_ROWS_BYTES, self.folder).decode("utf-8", errors="replace")
+        except OSError:
+            return ""
 
     # What pictures are drawn from.
 

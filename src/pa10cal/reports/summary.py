@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+from pa10cal.input_files import is_file, read_csv
 from pa10cal.reports.errors import headline
 from pa10cal.reports.results_bundle import OUTPUTS, ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
@@ -117,8 +118,9 @@ def paths(results: Path) -> str:
         path = results / name
         there = bool(title) and path.exists()
         if there and path.suffix == ".csv":
-            with path.open(encoding="utf-8") as file:
-                there = len(list(islice(file, 2))) > 1
+            there = is_file(path, results)
+            rows = read_csv(path, path.stat().st_size, results) if there else ()
+            there = len(list(islice(rows, 2))) > 1
         if there:
             found.append((title, path))
     width = max((len(title) for title, _ in found), default=0)

@@ -12,28 +12,33 @@ from pydantic_core import from_json
 
 from pa10cal.errors import RecordError, refusals_beside
 from pa10cal.files.output import whole_file
+from pa10cal.input_files import read_file, reason
 from pa10cal.results.record import Record
 
 _R = TypeVar("_R", bound=Record)
 
+#: A record of ten thousand poses has a hundredth of it.
+MOST_BYTES = 310_000_000
 #: Letters of an offending value that are shown.
 _MOST_LETTERS = 80
 _refusal = refusals_beside(__file__, RecordError)
 
 
-def read(kind: type[_R], path: Path, campaign: str | None = None) -> _R:
+def read(kind: type[_R], path: Path, campaign: str | None = None, within: Path | None = None) -> _R:
     """Read a record; keys that its type does not know are passed over.
 
     Args:
         kind: its type.
         path: the file.
         campaign: whose it must be; None for any.
+        within: folder that it must lie in; None for anywhere.
 
     Raises:
         RecordError: when the file is missing or cannot be read, is another kind of file or of
             another campaign, lacks a key, or holds what the key does not allow.
     """
-    (content,) = _contents(kind, path, "record", f"a JSON file with schema {kind.SCHEMA}")
+    allowed = f"a JSON file with schema {kind.SCHEMA}"
+    (content,) = _contents(kind, path, "record", allowed, within)
     return _checked(kind, content, str(path), campaign)
 
 
@@ -47,10 +52,12 @@ def read_lines(kind: type[_R], path: Path) -> list[_R]:
     return [_checked(kind, each, f"{path}:{k}", None) for k, each in enumerate(contents, start=1)]
 
 
-def _contents(kind: type[Record], path: Path, what: str, allowed: str) -> list[Any]:
+def _contents(
+    kind: type[Record], path: Path, what: str, allowed: str, within: Path | None = None
+) -> list[Any]:
     """Return what a file holds as JSON: one `record`, or `records` on a line each."""
     try:
-        text = path.read_bytes()
+        text = read_file(path, MOST_BYTES, within)
         texts = [text] if what == "record" else text.splitlines()
         return [from_json(each, allow_inf_nan=False) for each in texts]
     except FileNotFoundError:
@@ -58,13 +65,13 @@ def _contents(kind: type[Record], path: Path, what: str, allowed: str) -> list[A
             "missing", path, None, what, "is" if what == "record" else "are", kind.COMMAND
         ) from None
     except (OSError, ValueError) as error:
-        raise _refusal("unreadable", path, str(error), what, allowed, kind.COMMAND) from None
+        raise _refusal("unreadable", path, reason(error), what, allowed, kind.COMMAND) from None
 
 
 def schema_of(path: Path) -> str | None:
     """Return the schema that a JSON file states; None where it cannot be read or states none."""
     try:
-        content = from_json(path.read_bytes(), allow_inf_nan=False)
+        content = from_json(read_file(path, MOST_BYTES), allow_inf_nan=False)
     except (OSError, ValueError):
         return None
     found = content.get("schema") if isinstance(content, dict) else None
