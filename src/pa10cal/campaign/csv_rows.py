@@ -154,17 +154,16 @@ def _unpacked(path: Path, within: Path | None) -> Iterator[IO[bytes]]:
 
 def _rows_of_workbook(path: Path, within: Path | None) -> Iterator[TextLine]:
     """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
-    file = _opened(path, within)
-    if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
-        raise _too_large(path)
     importlib.import_module("python_calamine")  # said by its name where it is missing
-    try:
-        with file:
+    with _opened(path, within) as file:
+        if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
+            raise _too_large(path)
+        try:
             sheets = pd.read_excel(
                 file, sheet_name=None, header=None, dtype=object, engine="calamine"
             )
-    except Exception as error:
-        raise _refusal("workbook", path, " ".join(str(error).split())) from None
+        except Exception as error:
+            raise _refusal("workbook", path, " ".join(str(error).split())) from None
     sheet = max(sheets.values(), key=lambda each: int(each.notna().to_numpy().sum()), default=None)
     if sheet is None:
         return
