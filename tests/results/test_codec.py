@@ -7,18 +7,22 @@ import math
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from types import GenericAlias
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from pa10cal.errors import RecordError
 from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.codec import lines, read, read_lines, write
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, TransferRecord
+from pa10cal.results.record import Shape
 from pa10cal.results.studies import Convergence, CurveRecord
 from pa10cal.results.trials import FailedTrialRecord, JudgedTrialRecord, TrialVerdictRecord
 
@@ -252,6 +256,15 @@ def test_whole_numbers_stay_whole() -> None:
     assert found.mean_mm.dtype == np.float64
     with pytest.raises(ValueError, match="cycles"):
         Convergence(cycles=[0.5], mean_mm=[1.0], half_width95_mm=[0.5])
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.int64, np.bool_, np.str_])
+def test_entries_have_the_type_stated_in_every_numpy(kind: Any) -> None:
+    before = GenericAlias(np.ndarray, (tuple[Any, ...], np.dtype[kind]))
+    since_2_5 = GenericAlias(np.ndarray, (kind,))
+    for annotation in (before, since_2_5, NDArray[kind]):
+        made = TypeAdapter(Annotated[annotation, Shape("k")]).validate_python([])
+        assert made.dtype.type is kind
 
 
 def test_records_know_nothing_of_the_domain() -> None:

@@ -51,7 +51,7 @@ class Shape:
     ) -> CoreSchema:
         """Check on the way in, write nested lists on the way out."""
         del handler
-        dtype: np.dtype[Any] = np.dtype(get_args(get_args(source)[1])[0])
+        dtype = _dtype(source)
         return core_schema.no_info_plain_validator_function(
             partial(self._checked, dtype),
             serialization=core_schema.plain_serializer_function_ser_schema(self._plain),
@@ -90,6 +90,16 @@ class Shape:
             return entries
         known = np.isfinite(value).reshape(len(value), -1).all(axis=1)
         return [entry if there else None for entry, there in zip(entries, known, strict=True)]
+
+
+def _dtype(annotation: Any) -> np.dtype[Any]:
+    """Return the type of the entries of `NDArray[...]`.
+
+    Its last argument is the type itself from numpy 2.5 on, and `dtype[type]` before.
+    """
+    last = get_args(annotation)[-1]
+    entries: np.dtype[Any] = np.dtype(next(iter(get_args(last)), last))
+    return entries
 
 
 @dataclass(frozen=True)
