@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model
+from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model, write_covariance
 from pa10cal.fit.forward import MapMotion, position_covariance
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
@@ -252,6 +253,18 @@ def test_a_covariance_of_another_model_is_refused(tmp_path):
     (tmp_path / "other.covariance.npz").replace(tmp_path / "model.covariance.npz")
     with pytest.raises(ModelError, match=r"covariance: a covariance of shape \(30, 30\)"):
         load_model(tmp_path / "model.yaml")
+
+
+def test_a_covariance_has_the_same_bytes_under_every_python(tmp_path):
+    model = fitted("ur10", 15, links_only)
+    size = len(model.covariance)
+    known = replace(model, covariance=np.arange(float(size**2)).reshape(size, size))
+    write_covariance(known, tmp_path / "model.covariance.npz")
+    written = (tmp_path / "model.covariance.npz").read_bytes()
+    digest = "f04dfef19009e021a23618dee38db66828fda4e99c6a1cf9f84cc3c3fd3bdb73"
+    assert sha256(written).hexdigest() == digest
+    with np.load(tmp_path / "model.covariance.npz") as stored:
+        np.testing.assert_array_equal(stored["covariance"], known.covariance)
 
 
 @pytest.mark.parametrize("knots", [(), (12,), (36, 24)])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 import yaml
@@ -518,17 +519,29 @@ _Dumper.add_representer(list, _list)
 # The covariance of a fitted model as a file beside the model's own.
 
 
+_UNIX = 3  # in the headers of a zip file
+
+
 def covariance_path(path: Path) -> Path:
     """Return the path of the covariance of the model in a file."""
     return path.with_name(f"{path.stem}.covariance.npz")
 
 
 def write_covariance(model: Fitted, path: Path) -> None:
-    """Write the covariance of a model's parameters, with their names (.npz)."""
+    """Write the covariance of a model's parameters, with their names (.npz).
+
+    Equal numbers are equal bytes: `np.savez` has headers that depend on the release of Python, and
+    compression on that of zlib.
+    """
     names = [*(parameter.name for parameter in model.model.parameters), *BASE]
     covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
-    with path.open("wb") as file:
-        np.savez_compressed(file, names=np.array(names), covariance=covariance)
+    with ZipFile(path, "w") as file:
+        for name, array in (("names", np.array(names)), ("covariance", covariance)):
+            member = ZipInfo(f"{name}.npy")
+            member.create_system, member.external_attr = _UNIX, 0o644 << 16
+            content = BytesIO()
+            np.lib.format.write_array(content, array, version=(1, 0), allow_pickle=False)
+            file.writestr(member, content.getvalue())
 
 
 def covariance_beside(path: Path) -> Array | None:
