@@ -227,6 +227,16 @@ def test_no_more_is_read_than_is_allowed(places):
         list(read_csv(path, len(INSIDE) - 1))
 
 
+def test_a_file_on_standard_input_is_one_and_a_pipe_is_none(places):
+    """As `< file` and `cat file |` give them."""
+    with (places[0] / "a").open("rb") as file:
+        assert read_file(Path(f"/dev/fd/{file.fileno()}"), 10) == INSIDE
+    ends = os.pipe()
+    assert "a pipe" in refused(Path(f"/dev/fd/{ends[0]}"))
+    for end in ends:
+        os.close(end)
+
+
 def test_a_file_that_does_not_know_its_size_is_not_read_for_ever():
     path = Path("/proc/self/maps")  # of size 0
     with pytest.raises(UnfitFileError, match="at most 0 MB are read"):

@@ -13,7 +13,15 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import with_hayati_rows
 from pa10cal.errors import ArmError, SettingsError
 from pa10cal.files import own_description
-from pa10cal.files.arms import arm_names, arm_text, copy_description, load_arm, parse_arm, read_arm
+from pa10cal.files.arms import (
+    arm_names,
+    arm_text,
+    copy_description,
+    load_arm,
+    parse_arm,
+    read_arm,
+    urdf_of_arm,
+)
 from pa10cal.planning.campaign import arm_files
 
 SCARA = """
@@ -200,6 +208,27 @@ def test_an_arm_is_kept_once_for_all_campaigns(tmp_path):
     assert own_description("small", two, two.parent) == two.parent / "small.yaml"
     copy_description("small", tmp_path / "one", two)
     assert load_arm("small", two).n == 4
+
+
+@pytest.mark.parametrize(
+    "file", ["a.urdf", "./a.urdf", "b/a.urdf", "../one/a.urdf", "../one/b/a.urdf"]
+)
+@pytest.mark.parametrize("place", ["one", "arms"])
+def test_a_urdf_that_lies_in_a_folder_of_its_own_is_copied_too(tmp_path, place, file):
+    for folder in ("arms/b", "one/b", "two"):
+        (tmp_path / folder).mkdir(parents=True)
+    described = tmp_path / place
+    (described / file).write_text("<robot/>")
+    text = SCARA + f"urdf: {{file: {file}, base: a, tip: b}}\n"
+    (described / "small.yaml").write_text(text, encoding="utf-8")
+    one, two = tmp_path / "one", tmp_path / "two"
+    copy_description("small", one, two)
+    assert urdf_of_arm("small", one) == replace(
+        urdf_of_arm("small", two), where=str(described / file)
+    )
+    for field in fields(load_arm("small", one)):
+        was, now = (getattr(load_arm("small", folder), field.name) for folder in (one, two))
+        np.testing.assert_array_equal(was, now)
 
 
 @pytest.mark.parametrize("name", ["../small", "", ".small", "-small", "a b", "a" * 5000])
