@@ -82,7 +82,7 @@ def _documented(member: Any) -> bool:
 
 
 def _docstring(thing: Any) -> str:
-    if isinstance(thing, str | int | float | tuple | dict):
+    if thing is None or isinstance(thing, str | int | float | tuple | dict):
         return ""
     return inspect.getdoc(getattr(thing, "__func__", thing)) or ""
 

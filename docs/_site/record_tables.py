@@ -16,14 +16,13 @@ from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-import numpy as np
 from field_comments import comment_on
 from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 from pa10cal.files.output import write_text
-from pa10cal.results.record import Key, Part, Record, Shape, Table
+from pa10cal.results.record import Key, Part, Record, Shape, Table, entry_dtype
 
 #: Modules of records, in the order of the docs.
 _MODULES = (
@@ -241,7 +240,7 @@ def _holds(annotation: Any, shared: list[type[Part]], *, in_table: bool) -> str:
 
 
 def _array_words(array: Any, shape: Shape, in_table: bool) -> str:
-    kind = np.dtype(get_args(get_args(array)[1])[0]).kind
+    kind = entry_dtype(array).kind
     one, many = _ARRAYS[kind]
     sizes = shape.sizes[1:] if in_table else shape.sizes
     words = f"{many} ({', '.join(map(str, sizes))})" if sizes else one

@@ -51,7 +51,7 @@ class Shape:
     ) -> CoreSchema:
         """Check on the way in, write nested lists on the way out."""
         del handler
-        dtype = _dtype(source)
+        dtype = entry_dtype(source)
         return core_schema.no_info_plain_validator_function(
             partial(self._checked, dtype),
             serialization=core_schema.plain_serializer_function_ser_schema(self._plain),
@@ -92,7 +92,7 @@ class Shape:
         return [entry if there else None for entry, there in zip(entries, known, strict=True)]
 
 
-def _dtype(annotation: Any) -> np.dtype[Any]:
+def entry_dtype(annotation: Any) -> np.dtype[Any]:
     """Return the type of the entries of `NDArray[...]`.
 
     Its last argument is the type itself from numpy 2.5 on, and `dtype[type]` before.
