@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 import shlex
 from dataclasses import replace
@@ -16,6 +17,7 @@ from made_up_model import fitted, fitted_to, postures
 from made_up_pair import campaign, shifted
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import controller_pose
+from pa10cal.campaign.table import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.contradictions import of_joints
@@ -70,7 +72,7 @@ def test_predictions_are_those_of_the_model(tmp_path, capsys):
     assert run("predict", tmp_path, lines, "--frame", "tool", "--load-N", "11") == 0
     assert "tool of pa10_6ce at 5 joint positions" in capsys.readouterr().out
     found = rows(tmp_path / "out.csv")
-    assert list(found[0]) == ["id", *POSE.split(","), "u_mm", "inside"]
+    assert list(found[0]) == ["id", *POSE.split(","), "u_mm", "inside", "u_parameters_mm"]
     assert [row["id"] for row in found] == [f"P{k}" for k in range(5)]
     expected = model.predict(q, frame="tool", load_N=[22, 11, 22, 22, 22])
     places = column(found, "x_mm", "y_mm", "z_mm")
@@ -421,3 +423,16 @@ def test_a_folder_of_results_is_enough(here, capsys):
     assert "expected to remain" in capsys.readouterr().out
     assert run_command("compare", ["results", "results/july"]) == REFUSED
     assert "results/model.yaml: the model cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("id", ["a,90.0", 'say "b"', "=cmd|' /C calc'!A0", "two\nlines", "a;b\tc"])
+def test_an_id_is_one_cell_whatever_it_is(id):
+    ids, q = np.array([id, "plain"]), np.radians([[1.0, 2.0], [3.0, 4.0]])
+    columns = {"u_mm": np.array([0.5, np.nan])}
+    text = commands_text(ids, q, np.zeros(2, dtype=bool), columns)
+    header, first, second = csv.reader(io.StringIO(text))
+    assert header == ["id", "q1_deg", "q2_deg", "u_mm"]
+    assert first[0].removeprefix("'") == id
+    assert first[0][0] not in "=+-@"
+    assert [float(word) for word in first[1:]] == [1.0, 2.0, 0.5]
+    assert second == ["plain", "3.0000000000", "4.0000000000", ""]

@@ -13,6 +13,7 @@ from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bo
 from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.errors import CalibrationError
+from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import identify, not_identifiable
@@ -82,7 +83,10 @@ def paper_case(
     evidence = _evidence(case, cubic, noise, stated)
     found = health(evidence)
     about = FittedTo.of(used, case.load, found, campaign)
-    model, linear_model = (replace(each, fitted_to=about) for each in (model, linear_model))
+    model, linear_model = (
+        replace(each, fitted_to=about, discrepancy=discrepancy_of(each, used))
+        for each in (model, linear_model)
+    )
     away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
     seed_angle_deg = float(np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
     record = records.PaperCalibrationRecord(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -25,6 +27,7 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.arms import load_arm
+from pa10cal.files.output import csv_cell
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.input_files import open_file, reason
 from pa10cal.observe.instrument import BaseTargets, MotionFound
@@ -348,40 +351,41 @@ def _read(
     )
 
 
-def poses_text(
-    ids: NDArray[np.str_],
-    T: Array,
-    u_mm: Array,
-    inside: NDArray[np.bool_],
-    forced: str | None = None,
-) -> str:
-    """Return poses (N, 4, 4) as `id,x_mm,y_mm,z_mm,qw,qx,qy,qz,u_mm,inside`; unknown u is blank.
-
-    Where the model's grade was overruled, a last column `forced` names it.
-    """
+def poses_text(ids: NDArray[np.str_], T: Array, columns: Mapping[str, NDArray[Any]]) -> str:
+    """Return poses (N, 4, 4) as `id,x_mm,y_mm,z_mm,qw,qx,qy,qz` and further columns (N,)."""
     q = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
-    mark = ("forced",) if forced else ()
-    lines = [",".join(["id", *_PLACE, *_QUATERNION, "u_mm", "inside", *mark])]
-    for name, place, turn, u, within in zip(ids, T[:, :3, 3] / _MM, q, u_mm, inside, strict=True):
-        words = [f"{value:.9f}" for value in place] + [f"{value:.12f}" for value in turn]
-        words += [_field(float(u)), _field(bool(within)), *([forced] if forced else [])]
-        lines.append(",".join([str(name), *words]))
-    return "\n".join(lines) + "\n"
+    numbers = [
+        (name, values, ".9f") for name, values in zip(_PLACE, T[:, :3, 3].T / _MM, strict=True)
+    ]
+    numbers += [(name, values, ".12f") for name, values in zip(_QUATERNION, q.T, strict=True)]
+    return _answers(ids, numbers, columns)
 
 
 def commands_text(
     ids: NDArray[np.str_],
     q: Array,
     prismatic: NDArray[np.bool_],
-    columns: dict[str, NDArray[np.generic]],
+    columns: Mapping[str, NDArray[Any]],
 ) -> str:
     """Return joint positions (N, n) as `id,q1_deg,…` and further columns (N,)."""
-    positions = np.where(prismatic, q / _MM, np.degrees(q))
-    lines = [",".join(["id", *position_columns(prismatic), *columns])]
-    for name, row, *rest in zip(ids, positions, *columns.values(), strict=True):
-        words = [f"{value:.10f}" for value in row] + [_field(value) for value in rest]
-        lines.append(",".join([str(name), *words]))
-    return "\n".join(lines) + "\n"
+    positions, names = np.where(prismatic, q / _MM, np.degrees(q)), position_columns(prismatic)
+    numbers = [(name, values, ".10f") for name, values in zip(names, positions.T, strict=True)]
+    return _answers(ids, numbers, columns)
+
+
+def _answers(
+    ids: NDArray[np.str_],
+    numbers: Sequence[tuple[str, Array, str]],
+    columns: Mapping[str, NDArray[Any]],
+) -> str:
+    """Return a table of a row an id: an id is one cell, whatever a user's file calls it."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["id", *(name for name, _, _ in numbers), *columns])
+    cells = [[format(value, form) for value in values] for _, values, form in numbers]
+    cells += [list(map(_field, values)) for values in columns.values()]
+    rows.writerows(zip((csv_cell(str(name)) for name in ids), *cells, strict=True))
+    return text.getvalue()
 
 
 def _field(value: object) -> str:

@@ -83,9 +83,10 @@ def predict(
 ) -> None:
     """Predict the poses of a calibrated robot at any joint positions.
 
-    Poses are in the robot's base frame, with the standard uncertainty of each position and whether
-    the fit has seen such joint angles. Lost motion counts in it unless the side from which a joint
-    arrives is given. docs/using-the-model.md explains the columns.
+    Poses are in the robot's base frame, with the standard uncertainty of each position (u_mm holds
+    what the model lacks, u_parameters_mm does not) and whether the pose is near poses of the fit.
+    Lost motion counts in both unless the side from which a joint arrives is given.
+    docs/using-the-model.md explains the columns.
 
     Args:
         model: model.yaml of a calibration, or the results that hold it.
@@ -111,12 +112,18 @@ def predict(
     asked = read_joints(joints, fitted.arm.prismatic)
     loads_N, sides = stated(asked, load_N, arrival)
     found = fitted.predict(asked.q, frame=frame, load_N=loads_N, arrival=sides, extrapolate=force)
-    forced = fitted.grade if doubtful(fitted) else None
-    write_text(out, poses_text(asked.ids, found.T, found.u_mm, found.inside, forced))
+    columns = {
+        "u_mm": found.u_mm,
+        "inside": found.inside,
+        "u_parameters_mm": found.u_parameters_mm,
+    }
+    if doubtful(fitted):
+        columns["forced"] = np.full(len(found), fitted.grade)
+    write_text(out, poses_text(asked.ids, found.T, columns))
     rest = remarks("predict", joints, contradictions.of_joints(fitted, asked.q), asked.unused)
     print(
         f"{out}: {frame} of {fitted.arm.name} at {len(found)} joint positions, "
-        f"{np.count_nonzero(~found.inside)} of them beyond the angles of the fit{rest}"
+        f"{np.count_nonzero(~found.inside)} of them away from the poses of the fit{rest}"
     )
 
 
@@ -189,6 +196,7 @@ def compensate(
         "status": found.status,
         "error_mm": found.error_mm,
         "u_mm": found.u_mm,
+        "u_parameters_mm": found.u_parameters_mm,
         "error_deg": found.error_deg,
         "inside": found.inside,
         "branch": found.branch,

@@ -25,7 +25,6 @@ from pa10cal.discovery.linear import (
     cluster_covariance,
     error_mm,
     of_weights,
-    possible_sizes,
     residual_and_jacobian,
     rms,
     unknowns,
@@ -35,6 +34,7 @@ from pa10cal.discovery.preparation import MeasurementSetup, computable, sought
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.weighed_arm import weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect

@@ -15,32 +15,14 @@ from scipy.linalg import cho_factor, cho_solve
 from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame
-from pa10cal.terms.weights import WEIGHT, Weights
-
-#: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
-#: to leave every direction that the data determine alone, and to settle those that they do not.
-_POSSIBLE_SCALES = 30.0
-_POSSIBLE_UNITS = {"windup": 3e-2, "cubic_share": 3.0, "base": 1.0}
-
-
-def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
-    """Return the standard deviation thought possible for every parameter, (k + t,).
-
-    Of the k parameters of a model's terms, then of the t coordinates of an instrument's targets.
-    """
-    found = []
-    for parameter in (*model.parameters, *(() if measured is None else measured.target_parameters)):
-        name, scale = parameter.name, parameter.scale
-        usual = scale if name.startswith(WEIGHT) else _POSSIBLE_SCALES * scale
-        sizes = (size for start, size in _POSSIBLE_UNITS.items() if name.startswith(start))
-        found.append(next(sizes, usual))
-    return np.array(found)
+from pa10cal.terms.weights import Weights
 
 
 def residual(at: FittedModel, poses: Observations) -> Array:

@@ -34,13 +34,15 @@ from pa10cal.discovery.gap import (
     taken_away,
     trusted,
 )
-from pa10cal.discovery.linear import ModelWithEffects, possible_sizes, rms
+from pa10cal.discovery.linear import ModelWithEffects, rms
 from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel, model_to_plain
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import AnalysisRecord, GapField, LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
@@ -236,10 +238,12 @@ class Verdict(ABC, Generic[P_co]):
     @cached_property
     def model(self) -> FittedModel:
         """Return the calibrated model with the effects found."""
+        fitted = self.extended.fitted(self.covariance)
         return replace(
-            self.extended.fitted(self.covariance),
+            fitted,
             targets_off_m=self.targets_off_m,
             seen=self.baseline.seen if self.seen is None else self.seen,
+            discrepancy=discrepancy_of(fitted, self.train.poses),
             falls_back=self.falls_back,
         )
 

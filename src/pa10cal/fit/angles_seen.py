@@ -8,9 +8,11 @@ was taken for smooth, or unknown because it was allowed to be rough.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pa10cal.arrays import Array
 from pa10cal.results import maps
@@ -121,3 +123,54 @@ def _stretches(angle_rad: Array) -> Array:
     ends = np.maximum.reduceat(high, np.flatnonzero(begins))
     here = (ends > 0.0) & (starts < _TURN)
     return np.column_stack([np.maximum(starts[here], 0.0), np.minimum(ends[here], _TURN)])
+
+
+# What a fitted model lacks, by the distance from the poses that it was fitted to.
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """What a fitted model lacks, by the distance from the poses that it was fitted to."""
+
+    q: Array  # (R, n) some of these poses, well spread [rad, m]
+    # (n,) how far a joint moves the end: metres a radian where it turns, 1 where it slides
+    lever_m: Array
+    turns: NDArray[np.bool_]  # (n,) whether a joint turns
+    distance_m: Array  # (m,) distances from the nearest pose at which errors were judged, rising
+    error_mm: Array  # (m,) root mean square of the position error there, never falling
+    near_m: float  # a pose within this distance is near those measured
+
+    def __len__(self) -> int:
+        return len(self.distance_m)
+
+    def distance_of(self, q: Array) -> Array:
+        """Return how far joint positions (N, n) are from the nearest pose, (N,) [m].
+
+        Each joint counts by how far it moves the end, along the chord of its angle.
+        """
+        return np.asarray(self._tree.query(embedded(q, self.lever_m, self.turns))[0])
+
+    def error_at_mm(self, q: Array) -> Array:
+        """Return the standard uncertainty that it adds at joint positions (N, n), (N,).
+
+        Between the distances that were judged the variance is linear; beyond, the error grows in
+        proportion to the distance, as it does where a model is carried on in a straight line.
+        """
+        distance_m = self.distance_of(q)
+        variance = np.interp(distance_m, self.distance_m, self.error_mm**2)
+        beyond = np.maximum(distance_m / max(float(self.distance_m[-1]), 1e-9), 1.0)
+        return np.asarray(np.sqrt(variance) * beyond)
+
+    def near(self, q: Array) -> NDArray[np.bool_]:
+        """Return which joint positions (N, n) are near measured poses, (N,)."""
+        return np.asarray(self.distance_of(q) <= self.near_m)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(embedded(self.q, self.lever_m, self.turns))
+
+
+def embedded(q: Array, lever_m: Array, turns: NDArray[np.bool_]) -> Array:
+    """Return joint positions (N, n) as points whose distance is that of the poses [m]."""
+    around = lever_m[turns] * np.stack([np.cos(q[:, turns]), np.sin(q[:, turns])])
+    return np.concatenate([*around, (lever_m * q)[:, ~turns]], axis=1)

@@ -93,7 +93,7 @@ def compensate(
         empty = np.zeros((0, model.arm.n))
         inside = none.astype(bool)
         words = none.astype(str)
-        return Compensation(empty, words, words, none, none, none, inside, T, tcp)
+        return Compensation(empty, words, words, none, none, none, none, inside, T, tcp)
     q, other = _searched(model, T, frame, given, seed)
     forward = Forward.of(model, frame)
     given = replace(given, q_rad=q)
@@ -111,15 +111,16 @@ def compensate(
     status[beyond] = "outside_limits"
     near = _reached(arm, off_m, off_rad)
     if model.falls_back is not None:
-        # Between what holds inside and what holds outside there is a step, part of `u_mm`.
-        near |= (1e3 * off_m < found.u_mm) & (off_rad < _NEAR_RAD)
+        # Between what holds inside and outside there is a step, part of the uncertainty.
+        near |= (1e3 * off_m < found.u_parameters_mm) & (off_rad < _NEAR_RAD)
     status[~near] = "unreachable"
     off_mm, off_deg = 1e3 * off_m, np.degrees(off_rad)
     # The controller works out the flange from the pose and its TCP, and the joints from the flange
     # of the arm as designed: with both taken the same way back it comes to q.
     T_send = Chain.of(arm).forward(q) @ tcp
     branch = np.where(other, "other", "nearest")
-    return Compensation(q, status, branch, off_mm, off_deg, found.u_mm, found.inside, T_send, tcp)
+    promised = found.u_mm, found.u_parameters_mm, found.inside
+    return Compensation(q, status, branch, off_mm, off_deg, *promised, T_send, tcp)
 
 
 def _searched(

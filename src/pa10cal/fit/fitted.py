@@ -18,7 +18,7 @@ from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.angles_seen import AngleCoverage, Discrepancy
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
@@ -82,11 +82,14 @@ class Prediction:
     """Where a fitted model puts a frame of the robot in N poses."""
 
     T: Array  # (N, 4, 4) the frame in the robot's base frame [m]
-    # (N,) standard uncertainty of its position, from the noise of the measurement, the base being
-    # where the fit puts it, and from sides of arrival that are not given, where the model has lost
-    # motion; nan where the model's covariance is not known
+    # (N,) standard uncertainty of its position, as a user meets it, the base being where the fit
+    # puts it: of the parameters, of what the model lacks, and of sides of arrival that are not
+    # given, where the model has lost motion; nan where the model's covariance is not known
     u_mm: Array
-    inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
+    # (N,) the same without what the model lacks: what the noise of the measurement leaves
+    u_parameters_mm: Array
+    # (N,) whether the pose is near poses of the fit, which has seen all its joint angles
+    inside: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.T)
@@ -102,9 +105,11 @@ class Prediction:
         How far they are from those that stood there becomes part of the uncertainty.
         """
         moved_mm = 1e3 * np.linalg.norm(T[:, :3, 3] - self.T[:, :3, 3], axis=1)
+        moved_mm[~rows] = 0.0
         return Prediction(
             np.where(rows[:, None, None], T, self.T),
-            np.where(rows, np.hypot(self.u_mm, moved_mm), self.u_mm),
+            np.hypot(self.u_mm, moved_mm),
+            np.hypot(self.u_parameters_mm, moved_mm),
             self.inside & ~rows,
         )
 
@@ -136,7 +141,8 @@ class Compensation:
     error_mm: Array  # (N,) distance of the model's position there from the one wanted
     error_deg: Array  # (N,) angle between the model's orientation there and the one wanted
     u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
-    inside: NDArray[np.bool_]  # (N,) whether all joint angles were seen by the fit
+    u_parameters_mm: Array  # (N,) the same without what the model lacks
+    inside: NDArray[np.bool_]  # (N,) whether the pose is near poses of the fit
     # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller that has the nominal
     # model and the TCP below: it then commands q, where it takes the same branch
     T_send: Array
@@ -205,6 +211,8 @@ class Fitted:
     payload: Payload | None = None
     fitted_to: FittedTo | None = None  # what it was fitted to, or None
     seen: AngleCoverage | None = None  # joint positions seen by the fit, or None
+    # what it lacks, by the distance from the poses of the fit; None where that is not known
+    discrepancy: Discrepancy | None = None
     # where its effects do not hold, and what is predicted there; None where they hold everywhere
     falls_back: FallBack | None = None
 
@@ -371,5 +379,6 @@ class Fitted:
         return self.x[self.model.columns_of(term)]
 
     def inside(self, q: Array) -> NDArray[np.bool_]:
-        """Return whether all joint angles of positions (N, n) were seen by the fit, (N,)."""
-        return np.ones(len(q), dtype=bool) if self.seen is None else self.seen.inside(q)
+        """Return whether positions (N, n) are near poses of the fit and their angles seen, (N,)."""
+        inside = np.ones(len(q), dtype=bool) if self.seen is None else self.seen.inside(q)
+        return inside if self.discrepancy is None else inside & self.discrepancy.near(q)

@@ -20,7 +20,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError, refusals_beside
 from pa10cal.files.output import whole_files
-from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.angles_seen import AngleCoverage, Discrepancy
 from pa10cal.fit.compensation import compensate
 from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
@@ -292,6 +292,9 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
             name: T_flange_frame(model, name).tolist() for name in model.frames if name != FLANGE
         },
         "seen": None if model.seen is None else _seen_to_plain(model.seen),
+        "discrepancy": None
+        if (lacks := model.discrepancy) is None
+        else {each.name: _plain(getattr(lacks, each.name)) for each in fields(lacks)},
         "falls_back": None
         if model.falls_back is None
         else {
@@ -330,7 +333,8 @@ def model_from_plain(
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
-        away = content.get("falls_back")  # not in files written before there was one
+        # Not in files written before there was one.
+        away, lacks = content.get("falls_back"), content.get("discrepancy")
         return FittedModel(
             model=Model(chain, terms),
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
@@ -347,6 +351,7 @@ def model_from_plain(
             payload=None if payload is None else _payload_from_plain(payload),
             fitted_to=None if fitted is None else FittedTo.model_validate(fitted),
             seen=None if seen is None else _seen_from_plain(seen),
+            discrepancy=None if lacks is None else _discrepancy_from_plain(lacks, arm.n),
             falls_back=None
             if away is None
             else FallBack(
@@ -374,6 +379,26 @@ def _seen_from_plain(content: Any) -> AngleCoverage:
         tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
         tuple(bool(joint["turns"]) for joint in content),
     )
+
+
+def _discrepancy_from_plain(content: Mapping[str, Any], n: int) -> Discrepancy:
+    numbers = {
+        name: np.array(content[name], dtype=float)
+        for name in ("q", "lever_m", "distance_m", "error_mm")
+    }
+    found = Discrepancy(
+        **numbers,
+        turns=np.array(content["turns"], dtype=bool),
+        near_m=float(content["near_m"]),
+    )
+    every = np.concatenate([each.ravel() for each in numbers.values()])
+    shapes = found.q.shape[1:] == found.lever_m.shape == found.turns.shape == (n,)
+    steps = found.distance_m.shape == found.error_mm.shape == (len(found),)
+    if not (shapes and steps and len(found) and len(found.q) and np.isfinite(every).all()):
+        raise ValueError("discrepancy is not made of finite numbers for this arm")
+    if (np.diff(found.distance_m) < 0.0).any() or (found.error_mm < 0.0).any():
+        raise ValueError("discrepancy has distances that fall, or an error below zero")
+    return found
 
 
 def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:

@@ -296,12 +296,15 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     forward, q = Forward.of(model, frame), given.q_rad
     states = forward.states(given)
     if model.covariance is None:
-        T, u_mm = forward.T_base_frame(states), np.full(len(q), np.nan)
+        T, u_parameters_mm = forward.T_base_frame(states), np.full(len(q), np.nan)
     else:
         end = forward.end(states)
-        T, u_mm = end.T @ forward.T_end_frame, forward.uncertainty_mm(states, end)
-        u_mm = np.hypot(u_mm, forward.unknown_arrival_mm(states))
-    found = Prediction(T, u_mm, model.inside(q))
+        T, u_parameters_mm = end.T @ forward.T_end_frame, forward.uncertainty_mm(states, end)
+        u_parameters_mm = np.hypot(u_parameters_mm, forward.unknown_arrival_mm(states))
+    u_mm = u_parameters_mm
+    if model.discrepancy is not None:
+        u_mm = np.hypot(u_mm, model.discrepancy.error_at_mm(q))
+    found = Prediction(T, u_mm, u_parameters_mm, model.inside(q))
     if model.falls_back is None:
         return found
     away = predicted(model.falls_back.model, given, frame)

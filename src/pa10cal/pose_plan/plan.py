@@ -22,11 +22,12 @@ from pa10cal.arrays import Array, Index
 from pa10cal.calibration.general.problem import GeneralProblem, general_problem
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.raw_rows import position_columns
-from pa10cal.discovery.linear import by_effects, possible_sizes
+from pa10cal.discovery.linear import by_effects
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
 from pa10cal.errors import CalibrationError, SettingsError, refusals_beside, remedy_for
 from pa10cal.files.output import whole_files
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.exchange import (
     Combined,
     Criterion,

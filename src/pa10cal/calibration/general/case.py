@@ -24,6 +24,7 @@ from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
+from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable
@@ -211,6 +212,7 @@ def as_load(
 
 def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
     model = replace(fitted(general), fitted_to=about)
+    model = replace(model, discrepancy=discrepancy_of(model, general.problem.observations))
     names = [parameter.name for parameter in general.problem.parameters]
     parameters, covariance = _parameters(general, model), general.fit.covariance
     return fit_keys(general.fit, model, parameters, names, covariance)

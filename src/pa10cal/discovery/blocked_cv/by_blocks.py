@@ -45,6 +45,7 @@ from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
@@ -163,7 +164,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
             if not isinstance(term, JointErrorMap) and term not in held
         ]
         own = flat(linear.by_own_terms(at, poses, fitted, whiten))
-        sizes = linear.possible_sizes(at.model, poses.measured)
+        sizes = possible_sizes(at.model, poses.measured)
         targets = whiten @ linear.by_targets(at, poses) * sizes[len(at.x) :]
         data = -flat([whiten @ survey.net_residual(at)[rows][:, :, None]])[0][:, 0]
         noise = float(data @ data) * min(

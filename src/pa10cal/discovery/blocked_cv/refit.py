@@ -27,6 +27,7 @@ from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose
 from pa10cal.discovery.preparation import complete_about
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.observe.observations import Observations
 from pa10cal.results import calibration as records
@@ -186,7 +187,7 @@ class _NormalFit:
         self._model = linear.with_base_term(survey.baseline, effects)
         self._maps = [each for each in effects if isinstance(each, JointErrorMap)]
         own, measured = survey.baseline, survey.poses.measured
-        sizes = linear.possible_sizes(self._model, measured)
+        sizes = possible_sizes(self._model, measured)
         columns, first = np.arange(len(sizes)), len(self._model.parameters)
         self._dense: list[Term] = [
             term for term in self._model.terms if not isinstance(term, JointErrorMap)

@@ -18,7 +18,6 @@ from pa10cal.discovery.linear import (
     by_terms,
     of_weights,
     positions_of,
-    possible_sizes,
     residual,
     unknowns,
     with_base_term,
@@ -28,6 +27,7 @@ from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained

@@ -16,7 +16,6 @@ from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
     by_every_joint,
-    possible_sizes,
     residual,
     residual_and_jacobian,
     residual_then_jacobian,
@@ -33,6 +32,7 @@ from pa10cal.discovery.noise import (
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.weighed_arm import unknown_tool
 from pa10cal.numerics.least_squares import Bounds, Equations, minimise
 from pa10cal.observe.observations import Observations, average_groups

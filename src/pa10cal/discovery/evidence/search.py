@@ -24,8 +24,9 @@ from pa10cal.discovery.evidence.problem import (
     torque_rows,
 )
 from pa10cal.discovery.finding import Untestable
-from pa10cal.discovery.linear import by_end, of_weights, possible_sizes
+from pa10cal.discovery.linear import by_end, of_weights
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
+from pa10cal.fit.problem import possible_sizes
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 

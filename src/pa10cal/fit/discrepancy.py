@@ -1,0 +1,243 @@
+"""Model discrepancy: how far a fitted model predicts off beyond what its parameters explain.
+
+The covariance of a fit holds the noise of the readings. What the model lacks is in none of its
+parameters, and shows where poses are predicted that were not fitted (Kennedy and O'Hagan, J. R.
+Stat. Soc. B 63, 2001). Here groups of poses are held out in turn, linear about the fit: single
+poses, drawn at random, and whole clusters of neighbours. What their errors have beyond noise and
+parameters grows with the distance to the nearest pose that stayed, and is known by that distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+from scipy.cluster.vq import kmeans2
+from scipy.linalg import cho_factor, solve_triangular
+from scipy.optimize import isotonic_regression
+from scipy.spatial import cKDTree
+
+from pa10cal.arm.chain import BASE, end_pose_with_screws
+from pa10cal.arrays import Array, Index
+from pa10cal.fit.angles_seen import Discrepancy, embedded
+from pa10cal.fit.fitted import Fitted
+from pa10cal.fit.problem import Problem, possible_sizes
+from pa10cal.observe.observations import Observations
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import base_frame, fixed
+
+#: Groups held out in turn, and the poses that a group has at least.
+_GROUPS, _LEAST_IN_GROUP = 10, 2
+#: Poses that are looked at, and those of them that distances are taken to, at most.
+_MOST_POSES, _MOST_PLACES = 2000, 300
+#: Steps by distance, and the errors that each stands on at least.
+_STEPS, _LEAST_ERRORS = 6, 12
+#: Of poses held out singly, this part counts as near: those farther from others are few.
+_NEAR = 0.98
+#: Poses that joints apart by this would separate are taken at one place, and how many pairs say
+#: enough of noise.
+_PAIR_RAD, _LEAST_PAIRS = 0.01, 20
+#: Poses whose residual is so many times the usual one count less in the fit of the others.
+_FAR = 3.0
+#: Median of the square of a normal deviate.
+_MEDIAN_SQUARE = 0.4549
+#: A joint counts as if it moved the end by this part of what the farthest one does, at least.
+_LEAST_LEVER = 0.1
+#: Along a line of sight one of three components is measured.
+_COMPONENTS = 3.0
+
+
+def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
+    """Return what a model lacks, by the poses that it was fitted to, averaged and as modelled.
+
+    Maps of joints stay as they were fitted: what is uncertain of them is in their covariance.
+    None where there are too few poses to hold some out.
+    """
+    _, label = np.unique(poses.pose, return_inverse=True)
+    step = -(-len(poses) // _MOST_POSES)
+    if step > 1:
+        chosen = label % step == 0
+        poses = poses.take(np.flatnonzero(chosen))
+        _, label = np.unique(poses.pose, return_inverse=True)
+    count = int(label.max()) + 1
+    groups = min(_GROUPS, count // _LEAST_IN_GROUP)
+    if groups < 2:
+        return None
+    rows, lever_m = _HeldOut.of(model, poses), _levers_m(model, poses)
+    turns = ~model.arm.prismatic
+    points = embedded(poses.states.q_rad, lever_m, turns)
+    rows = rows.with_noise_of_pairs(points, label, _PAIR_RAD * float(lever_m.max()))
+    places = _well_spread(points, _MOST_PLACES)
+    rng = np.random.default_rng(0)
+    distance_m, square_mm2 = [], []
+    for number, fold in enumerate(_folds(points, label, poses.states.time_s, groups, rng)):
+        for k in range(groups):
+            out = np.flatnonzero(fold == k)
+            stays = places[fold[places] != k]
+            if not len(out) or not len(stays):
+                continue
+            distance_m.append(cKDTree(points[stays]).query(points[out])[0])
+            square_mm2.append(rows.beyond_parameters_mm2(out))
+        if number == 0:
+            near_m = float(np.quantile(np.concatenate(distance_m), _NEAR))
+    steps_m, mean_mm2 = _by_distance(np.concatenate(distance_m), np.concatenate(square_mm2))
+    return Discrepancy(
+        q=poses.states.q_rad[places],
+        lever_m=lever_m,
+        turns=turns,
+        distance_m=steps_m,
+        error_mm=np.sqrt(mean_mm2),
+        near_m=near_m,
+    )
+
+
+def _levers_m(model: Fitted, poses: Observations) -> Array:
+    """Return how far a unit of each joint moves the end, (n,): root mean square over the poses.
+
+    A joint near the end moves it by little, and turns it all the same.
+    """
+    chain, columns = model.model.chain, model.model.chain.joint_columns.tolist()
+    at = model.model.chain_coordinates(poses.states, model.x)
+    moved_m = end_pose_with_screws(chain, at, columns).screws[:, :3, columns]
+    lever_m = np.sqrt(np.mean(np.sum(moved_m**2, axis=1), axis=0))
+    return np.asarray(np.maximum(lever_m, _LEAST_LEVER * lever_m.max()))
+
+
+def _folds(
+    points: Array, label: Index, time_s: Array, groups: int, rng: np.random.Generator
+) -> Iterator[Index]:
+    """Yield the group of each row (P,): poses at random, clusters of neighbours, stretches of time.
+
+    Rows of one label stay together.
+    """
+    first = np.unique(label, return_index=True)[1]
+    yield (rng.permutation(len(first)) % groups)[label]
+    with catch_warnings():
+        simplefilter("ignore", UserWarning)  # of a cluster that came out empty
+        cluster = kmeans2(points[first], groups, minit="++", rng=rng)[1]
+    yield cluster.astype(np.intp)[label]
+    rank = np.empty(len(first), dtype=np.intp)
+    rank[np.argsort(time_s[first], kind="stable")] = np.arange(len(first))
+    yield (rank * groups // len(first))[label]
+
+
+def _well_spread(points: Array, count: int) -> Index:
+    """Return rows of points (P, d), each in turn the farthest from those before, in order."""
+    chosen = [0]
+    away = np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < min(count, len(points)) and away.max() > 0.0:
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.sort(chosen)
+
+
+def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
+    """Return mean distances of steps (m,), rising, and mean squares there that never fall."""
+    order = np.argsort(distance_m, kind="stable")
+    steps = max(min(_STEPS, len(order) // _LEAST_ERRORS), 1)
+    parts = np.array_split(order, steps)
+    means_m = np.array([distance_m[part].mean() for part in parts])
+    means_mm2 = np.array([square_mm2[part].mean() for part in parts])
+    sizes = np.array([len(part) for part in parts])
+    return means_m, np.maximum(isotonic_regression(means_mm2, weights=sizes).x, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldOut:
+    """Rows of a model about its fit, from which groups of poses can be taken."""
+
+    data: Array  # (P, b) what is left, weighed
+    columns: Array  # (P, b, k) how it follows the unknowns, weighed, each in its possible size
+    normal: Array  # (k + 1, k + 1) products of columns and data of all rows, and of the sizes
+    to_mm: Array  # (P, b) from a weighed component to its part of the position error [mm]
+    noise_mm2: Array  # (P,) square of the position error that noise makes
+    # variance of a prediction by the model's covariance, over what these rows make of it
+    of_parameters: float
+    axes: float  # how many components of three a position error has none of, as a factor
+
+    @classmethod
+    def of(cls, model: Fitted, poses: Observations) -> _HeldOut:
+        """Return the rows of averaged poses, as modelled."""
+        maps = [term for term in model.model.terms if isinstance(term, JointErrorMap)]
+        terms = [
+            fixed(term, model.values_of(term)) if term in maps else term
+            for term in model.model.terms
+        ]
+        at = Model(model.model.chain, (*terms, base_frame()))
+        free = model.model.parameter_indices(*(t for t in model.model.terms if t not in maps))
+        x = np.concatenate([model.x[free], np.zeros(6)])
+        measured, count = poses.measured, len(model.targets_m)
+        problem = Problem(at, np.arange(count), model.targets_m, model.T_instr_base, poses)
+        rows = problem.rows(problem.start(x))
+        seen = measured.components_seen
+        variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
+        weight = np.zeros_like(rows.residual)
+        for _, kind in measured.component_kinds:
+            own = rows.residual[:, kind][seen[:, kind]]
+            usual = np.median(own**2) / _MEDIAN_SQUARE if len(own) else 1.0
+            total = np.maximum(variance[:, kind], max(usual, 1e-24))
+            weight[:, kind] = np.where(seen[:, kind], 1.0 / np.sqrt(total), 0.0)
+        data = weight * rows.residual
+        size = np.sqrt((data**2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
+        weight *= np.minimum(1.0, _FAR * np.median(size) / np.maximum(size, 1e-300))[:, None]
+        sizes = possible_sizes(at, measured if count else None)
+        data, columns = weight * rows.residual, weight[:, :, None] * rows.jacobian * sizes
+        every = np.concatenate([columns, data[:, :, None]], axis=2).reshape(-1, len(sizes) + 1)
+        places = measured.position_columns
+        axes = seen[:, places].sum(axis=1)
+        times = np.maximum(axes / 3.0, 1.0)
+        to_mm = np.zeros_like(weight)
+        to_mm[:, places] = (
+            np.where(seen[:, places], 1e3 / np.maximum(weight[:, places], 1e-300), 0.0)
+            / np.sqrt(times)[:, None]
+        )
+        normal = every.T @ every + np.eye(every.shape[1])
+        noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
+        single = _COMPONENTS if len(places) == 1 else 1.0
+        found = cls(data, columns, normal, to_mm, noise, 1.0, single)
+        if model.covariance is None:
+            return found
+        known = np.append(free, len(model.x) + np.arange(len(BASE)))
+        moved = to_mm[:, :, None] * weight[:, :, None] * rows.jacobian[:, :, : len(known)]
+        own = np.einsum(
+            "pbk,kl,pbl->", moved, model.covariance[np.ix_(known, known)], moved, optimize=True
+        )
+        lower, _ = cho_factor(normal[:-1, :-1], lower=True)
+        half = solve_triangular(lower, columns.reshape(-1, len(sizes)).T, lower=True)
+        every_mm2 = float((to_mm.ravel() ** 2) @ np.sum(half**2, axis=0))
+        return replace(found, of_parameters=min(float(own) / max(every_mm2, 1e-300), 1.0))
+
+    def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> _HeldOut:
+        """Return the rows with the noise that nearest neighbours show, where it is the smaller.
+
+        Two poses so near each other have the same error of the model: half the square of the
+        difference of their residuals is noise (the nugget of a variogram). Noise that was stated
+        larger than that was assumed.
+        """
+        away_m, at = map(np.asarray, cKDTree(points).query(points, k=2))
+        other = at[:, 1]
+        near = (away_m[:, 1] < within_m) & (label != label[other])
+        if np.count_nonzero(near) < _LEAST_PAIRS:
+            return self
+        error_mm = self.to_mm * self.data
+        half = 0.5 * ((error_mm - error_mm[other]) ** 2).sum(axis=1)[near]
+        return replace(self, noise_mm2=np.minimum(self.noise_mm2, float(half.mean())))
+
+    def beyond_parameters_mm2(self, out: Index) -> Array:
+        """Return squares of the errors of poses held out, less noise and parameters, (N,)."""
+        columns = self.columns[out].reshape(-1, self.columns.shape[2])
+        data = self.data[out].reshape(-1)
+        every = np.concatenate([columns, data[:, None]], axis=1)
+        others = self.normal - every.T @ every
+        lower, _ = cho_factor(others[:-1, :-1], lower=True)
+        half = solve_triangular(lower, np.column_stack([others[:-1, -1:], columns.T]), lower=True)
+        error = data - half[:, 1:].T @ half[:, 0]
+        spread = np.sum(half[:, 1:] ** 2, axis=0)
+        to_mm2 = self.to_mm[out].reshape(-1) ** 2
+        beyond = (
+            (to_mm2 * (error**2 - self.of_parameters * spread)).reshape(len(out), -1).sum(axis=1)
+        )
+        return np.asarray(self.axes * (beyond - self.noise_mm2[out]))

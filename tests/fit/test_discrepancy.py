@@ -1,0 +1,104 @@
+"""What a model lacks: the promised uncertainty against errors at poses that were not fitted."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.angles_seen import Discrepancy, embedded
+from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
+from pa10cal.interface import calibrate, read_campaign
+from pa10cal.lab.cell.campaign import simulate_campaign
+from pa10cal.lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
+from pa10cal.lab.cell.write import write_campaign
+
+SOME = Discrepancy(
+    q=np.array([[0.0, 0.2], [1.0, 0.3]]),
+    lever_m=np.array([0.8, 1.0]),
+    turns=np.array([True, False]),
+    distance_m=np.array([0.1, 0.3]),
+    error_mm=np.array([0.05, 0.2]),
+    near_m=0.15,
+)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-0.5, 0.5))
+def test_distances_are_chords_of_joints_that_turn_and_strokes_of_those_that_slide(angle, stroke):
+    apart = embedded(np.array([[0.0, 0.0], [angle, stroke]]), SOME.lever_m, SOME.turns)
+    expected = np.hypot(2.0 * 0.8 * np.sin(angle / 2.0), stroke)
+    assert np.linalg.norm(apart[1] - apart[0]) == pytest.approx(expected, abs=1e-12)
+
+
+def test_errors_never_fall_with_distance_and_go_on_in_proportion():
+    q = np.array([[0.0, 0.2], [0.0, 0.3], [0.0, 0.5], [0.0, 0.8], [0.0, -0.7]])
+    found = SOME.error_at_mm(q)
+    assert found[:3] == pytest.approx([0.05, 0.05, 0.2])
+    assert found[3] == pytest.approx(0.4)  # twice as far as was judged
+    assert np.all(np.diff(found[[0, 2, 3, 4]]) > 0.0)
+    assert SOME.near(q).tolist() == [True, True, False, False, False]
+
+
+def simulated(tmp_path, hidden, **plan):
+    settings = SimulateOptions(
+        robot="irb120",
+        random_seed=11,
+        without_touches=TrackerOptions(instrument="points", flexible_joints=(), **plan),
+        hidden_effects=hidden,
+    )
+    folder = tmp_path / "robot"
+    write_campaign(simulate_campaign("robot", load_arm("irb120"), settings), folder)
+    return read_campaign(folder)
+
+
+def ratio_and_share(campaign, model):
+    """Return rms error over rms promised, and the share of errors within 1.96 times it."""
+    held_out = campaign.observations.of_kind("holdout")
+    error_mm = model.deviations(model.as_modelled(held_out)).distance_mm
+    promised = model.predict(held_out.states.q_rad, frame="tool")
+    noise_mm = 1e3 * np.sqrt(np.trace(held_out.measured.stated_covariance[0][:3, :3]))
+    total_mm = np.hypot(promised.u_mm, noise_mm)
+    rms = [float(np.sqrt(np.mean(each**2))) for each in (error_mm, total_mm)]
+    return rms[0] / rms[1], float(np.mean(error_mm <= 1.96 * total_mm)), promised
+
+
+LARGE = (
+    HiddenEffectOptions(
+        id="encoder_eccentricity", of="joint 2", parameters={"A": 8e-4, "phi": 0.4}
+    ),
+    HiddenEffectOptions(id="encoder_ellipticity", of="joint 3", parameters={"A": 8e-4, "phi": 1.4}),
+)
+
+
+def test_what_a_model_lacks_is_promised(tmp_path):
+    campaign = simulated(tmp_path, LARGE, poses=180, holdout_share=0.33)
+    model = calibrate(campaign)
+    ratio, share, promised = ratio_and_share(campaign, model)
+    assert 0.7 < ratio < 1.3
+    assert share >= 0.9
+    assert np.sqrt(np.mean(promised.u_parameters_mm**2)) < 0.5 * np.sqrt(np.mean(promised.u_mm**2))
+    assert promised.inside.mean() > 0.85
+
+
+def test_of_a_complete_model_little_is_lacking(tmp_path):
+    campaign = simulated(tmp_path, (), poses=180, holdout_share=0.33)
+    ratio, _, promised = ratio_and_share(campaign, calibrate(campaign))
+    assert 0.7 < ratio < 1.3
+    assert np.sqrt(np.mean(promised.u_mm**2)) < 0.05
+
+
+def test_it_is_saved_with_the_model(tmp_path):
+    campaign = simulated(tmp_path, LARGE, poses=60, holdout_share=0.1)
+    model = calibrate(campaign)
+    save_model(model, tmp_path / "model.yaml")
+    back = load_model(tmp_path / "model.yaml")
+    q = campaign.observations.states.q_rad
+    np.testing.assert_allclose(back.predict(q).u_mm, model.predict(q).u_mm, rtol=1e-12)
+    np.testing.assert_array_equal(back.inside(q), model.inside(q))
+    plain = model_to_plain(model)
+    for key, value in (("error_mm", [-1.0]), ("distance_m", [np.nan]), ("turns", [True])):
+        spoilt = {**plain, "discrepancy": {**plain["discrepancy"], key: value}}
+        with pytest.raises(Exception, match="cannot be built"):
+            model_from_plain(spoilt, where="model.yaml")
+    old = model_from_plain({**plain, "discrepancy": None}, where="model.yaml").predict(q)
+    np.testing.assert_array_equal(old.u_mm, old.u_parameters_mm)
