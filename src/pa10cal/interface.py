@@ -89,8 +89,8 @@ def calibrate(
 
     Raises:
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
-            does not fit the readings at all, or the prior is of another arm, without covariance or
-            of an unsound calibration.
+            does not fit the readings at all, or the prior is of another arm, of these readings,
+            without covariance or of an unsound calibration.
     """
     from pa10cal.calibration.campaign import calibrated_record
     from pa10cal.calibration.input_checks import check_input, explained

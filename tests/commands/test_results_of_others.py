@@ -215,7 +215,9 @@ PLANS = [
 ]
 
 
-@pytest.mark.parametrize("file", ["Snakefile", "workflow/run.smk"])
+@pytest.mark.parametrize(
+    "file", [pytest.param("Snakefile", marks=pytest.mark.slow), "workflow/run.smk"]
+)
 @pytest.mark.parametrize(("target", "settings"), PLANS)
 def test_no_plan_makes_results_of_another_campaign(made, call_snakemake, file, target, settings):
     results = made / "results"
@@ -281,3 +283,19 @@ def test_a_changed_prior_is_calibrated_from_anew(made, tmp_path):
     (a / "model/model.covariance.npz").write_bytes(b"other")
     assert found[0] == found[1] != prior_digest(str(a))
     assert prior_digest(None) == ""
+
+
+@pytest.mark.slow
+def test_results_of_a_fleet_are_made_anew_with_a_prior(made, tmp_path):
+    """The workflow does not know with which settings a fleet made them."""
+    b = shutil.copytree(made / "results/b", tmp_path / "b")
+    words = ["run", str(made / "raw/b"), "--out", str(tmp_path)]
+    assert main([*words, "--prior", str(made / "results/a")]) == 0
+    found = json.loads((b / "calibration/combined.json").read_text("utf-8"))
+    assert found["prior"]["campaign"] == "a"
+    assert not (b / "chain.json").exists()
+    before = state(b)
+    assert main([*words, "--prior", str(made / "results/a")]) == 0
+    assert state(b) == before
+    assert main(words) == 0
+    assert "prior" not in json.loads((b / "calibration/combined.json").read_text("utf-8"))

@@ -42,6 +42,7 @@ def run(
         pa10cal run after-the-crash --prior results/march/mine
     """
     import json
+    from dataclasses import replace
     from typing import Any
 
     # What a folder can be refused for is checked before anything heavy is imported or started.
@@ -80,6 +81,7 @@ def run(
             )
 
     from pa10cal.planning.campaign import check_prior, raw_files
+    from pa10cal.results.fleet import ChainRecord
     from pa10cal.running.workflow import RunDisplay, StageError, Workflow, run_workflow, settings_of
 
     own = [] if settings is None else [settings]
@@ -106,6 +108,10 @@ def run(
         raw = work / "raw_dirs" / name
         config |= {"raw_dir": str(raw), "results_dir": str(out)}
         workflow = Workflow("workflow/run.smk", config, out, out, name, cores, targets, settings)
+        # Of results of a fleet, Snakemake does not know with which settings they were made.
+        of_fleet = out / name / ChainRecord.FILE
+        if of_fleet.exists():
+            workflow = replace(workflow, more=(*workflow.more, "--forceall"))
         with writing_into(out, "the results", "give another one with --out"):
             raw.mkdir(parents=True, exist_ok=True)
             for former in raw.iterdir():  # of another run, perhaps to other folders
@@ -131,6 +137,7 @@ def run(
                     write_page(out / name, page, described_in, used.evaluation.calibration)
                     told += f"; report so far: {page}"
             raise StageError(told) from None
+        of_fleet.unlink(missing_ok=True)
 
     from pa10cal.reports.summary import paths, summarise, table
 
