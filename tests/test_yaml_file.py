@@ -34,7 +34,18 @@ BROKEN = {
     "two documents": ("a: 1\n---\nb: 2\n", "another document"),
     "a bracket open": ("a: [1, 2", "line 1"),
     "zero bytes": ("a: \x00", "not allowed"),
-    "a number of 5000 digits": ("a: " + "9" * 5000, "digits"),
+    "a number of 5000 digits": ("a: " + "9" * 5000, "line 1: a number of 5000 digits"),
+    "hexadecimal": ("a:\n- 0x" + "f" * 5000, "line 2: a number of 5002 digits"),
+    "sexagesimal": ("a: 1" + ":1" * 5000, "a number of 10001 digits"),
+    "sexagesimal with decimals": ("a: 1" + ":1" * 5000 + ".5", "a number of 10003 digits"),
+    "underscores": ("a: 1" + "_1" * 5000, "a number of 10001 digits"),
+    "decimals": ("a: 0." + "1" * 5000, "a number of 5002 digits"),
+    "a time of 5000 digits": ("a: 2001-01-01T00:00:00." + "1" * 5000, "a number of 5020 digits"),
+    "a number by its tag": ("a: !!int '1" + ":1" * 5000 + "'", "a number of 10001 digits"),
+    "a number as a key": ("? " + "9" * 5000 + "\n: 1", "a number of 5000 digits"),
+    "a hundred thousand documents": ("---\n" * 100_000, "line 2: another document"),
+    "many keys": ("".join(f"k{k}: 1\n" for k in range(10_001)), "line 10001: more than 10000 keys"),
+    "many values": ("a: [" + "1," * 200_001 + "]", "line 1: more than 200000 values"),
 }
 
 
@@ -78,6 +89,15 @@ _VALUES = st.recursive(
     ),
     max_leaves=20,
 )
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["9" * 64, "2008: as it was measured, " * 9, "1:" * 99 + "x", "0x" + "g" * 99, "1" * 99 + " m"],
+)
+def test_long_texts_that_are_no_numbers_are_read(text: str) -> None:
+    assert str(parse_yaml(f'"{text}"')) == text
+    assert str(parse_yaml(f"- {text}".replace(": ", " "))[0]) == text.strip().replace(": ", " ")
 
 
 @given(_VALUES)

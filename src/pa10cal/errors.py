@@ -144,6 +144,7 @@ def refusals_beside(module: str, error: type[_E]) -> Callable[..., _E]:
 
 #: Part of the letters in common from which a known word counts as meant.
 LIKENESS = 0.65
+_LONGEST_WORD = 200
 
 
 def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
@@ -156,7 +157,9 @@ def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
         known: what could have been meant.
         otherwise: the remedy where none of them is near.
     """
-    names = list(known)
+    names = [name for name in known if len(name) <= _LONGEST_WORD]
+    if len(word) > _LONGEST_WORD:  # nobody meant it, and to compare takes long
+        return otherwise
     small = {name.casefold(): name for name in reversed(names)}
     found = difflib.get_close_matches(word.casefold(), small, n=1, cutoff=LIKENESS)
     near = [small[each] for each in found]

@@ -1,7 +1,8 @@
 """YAML that people wrote, read with bounds: no depth, size or repeated key that it cannot mean.
 
 The parser's own limits are no protection: deep nesting ends the process, references to references
-grow without end, and of two keys of one name the first is dropped without a word.
+grow without end, numbers of many digits take hours to convert, and of two keys of one name the
+first is dropped without a word.
 """
 
 from __future__ import annotations
@@ -19,10 +20,16 @@ from pa10cal.input_files import read_file, reason
 
 MAX_BYTES = 64 * 1024**2
 MAX_DEPTH = 40
-MAX_NODES = 1_000_000
+MAX_NODES = 200_000
+#: Keys of one mapping, and letters of a number or a date.
+MAX_KEYS, MAX_NUMBER = 10_000, 64
 
 # The parser in C is ten times as fast, and is not in every build of the package.
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+#: Tells what a value without quotes or tag becomes.
+_RESOLVER: Any = yaml.resolver.Resolver()
+#: What is converted by more than a look at it.
+_CONVERTED = frozenset(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "timestamp"))
 
 
 def read_yaml(
@@ -46,7 +53,8 @@ def read_yaml(
 
     Raises:
         Pa10calError: `error`, when the file cannot be read, is larger than 64 MiB, nests deeper
-            than 40 levels, or is no YAML of plain values with every key once.
+            than 40 levels, holds more than 200 000 values, or is no YAML of plain values with
+            every key once.
     """
     try:
         content = read_file(path, MAX_BYTES, within)
@@ -95,11 +103,13 @@ def _check_structure(text: str) -> None:
     """Refuse what would not survive being read, from the parser's events alone, without recursion.
 
     Raises:
-        ValueError: too deep, too many values once references are followed, a key that is repeated.
+        ValueError: too deep, too many values once references are followed, a key that is repeated,
+            a number that is too long, a second document.
         yaml.YAMLError: a syntax error.
     """
     above: list[_Collection] = []
     nodes_of: dict[str | None, int] = {}
+    documents = 0
     event: Any
     for event in yaml.parse(text, Loader=_Loader):
         kind, line = type(event), f"line {event.start_mark.line + 1}"
@@ -113,12 +123,19 @@ def _check_structure(text: str) -> None:
             closed = above.pop()
             nodes = nodes_of[closed.anchor] = closed.nodes
         elif kind is yaml.ScalarEvent:
+            if len(event.value) > MAX_NUMBER and _is_converted(event):
+                raise ValueError(
+                    f"{line}: a number of {len(event.value)} digits and signs, at most {MAX_NUMBER}"
+                )
             nodes = nodes_of[event.anchor] = 1
         elif kind is yaml.AliasEvent:
             if event.anchor not in nodes_of:
                 raise ValueError(f"{line}: *{event.anchor} refers to what it stands in")
             nodes = nodes_of[event.anchor]
         else:
+            documents += kind is yaml.DocumentStartEvent
+            if documents > 1:
+                raise ValueError(f"{line}: another document begins there, and one is read")
             continue
         if not above:
             continue
@@ -134,4 +151,14 @@ def _check_structure(text: str) -> None:
                 twice = f"the key {event.value} stands there twice, first in {first}: remove one"
                 raise ValueError(f"{line}: {twice}")
             parent.keys[event.value] = line
+            if len(parent.keys) > MAX_KEYS:
+                raise ValueError(f"{line}: more than {MAX_KEYS} keys in one mapping")
         parent.expects_key = not parent.expects_key
+
+
+def _is_converted(value: Any) -> bool:
+    """Return whether a scalar event becomes a number or a date."""
+    tag = value.tag
+    if tag is None and value.implicit[0]:
+        tag = _RESOLVER.resolve(yaml.ScalarNode, value.value, value.implicit)
+    return tag in _CONVERTED

@@ -50,6 +50,8 @@ def weights_known(arm: Arm) -> WeightsKnown:
     return WeightsKnown("stated", np.full(arm.n, STATED_MASS), np.full(arm.n, STATED_COM_M))
 
 
+#: An arm of more joints is none: the longest snakes have a third.
+MOST_ROWS = 100
 #: Longer links than this are millimetres.
 _LONGEST_M = 10.0
 #: What a joint that carried hardly anything counts as rated for, of the most that any carried.
@@ -128,6 +130,8 @@ class Arm:
 
     def __post_init__(self) -> None:
         n = len(self.theta_rad)
+        if n > MOST_ROWS:
+            raise _refusal("many", self.name, n, MOST_ROWS)
         if not len(self.beta_rad):
             object.__setattr__(self, "beta_rad", np.zeros(n))
         for name in ROW_FIELDS:

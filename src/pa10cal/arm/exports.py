@@ -6,7 +6,6 @@ import hashlib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from itertools import accumulate
 from typing import Literal, get_args
 from xml.etree import ElementTree
@@ -126,10 +125,9 @@ def patched_urdf(
     tree = read_tree(source.text, source.where)
     _, _, path = tree.path(source.base, source.tip)
     joints = [joint for joint in path if joint.kind in MOVING]
-    T_root = {  # all joints at zero
-        link.name: reduce(np.matmul, map(_origin, tree.above(link.name)), np.eye(4))
-        for link in tree.links
-    }
+    T_root = {tree.root: np.eye(4)}  # all joints at zero
+    for joint in tree.below(tree.root):
+        T_root[joint.child] = T_root[joint.parent] @ _origin(joint)
     T_base = {link: np.linalg.inv(T_root[source.base]) @ T for link, T in T_root.items()}
     own = np.array([T_base[joint.child] for joint in joints])
     _refuse_another_arm(source, chain, joints, own, T_base[source.tip])

@@ -107,10 +107,11 @@ class _Posed:
         self._model = pin.Model()
         # Which joint of pinocchio carries each link, and where the link is on it.
         at = {tree.root: (0, pin.SE3.Identity())}
-        for joint in sorted(tree.joints, key=lambda joint: len(tree.above(joint.child))):
+        moves = {joint.name for joint in moving}
+        for joint in tree.below(tree.root):
             carrier, T = at[joint.parent]
             T = T * pin.SE3(pin.rpy.rpyToMatrix(np.array(joint.rpy)), np.array(joint.xyz))
-            if joint in moving:
+            if joint.name in moves:
                 slides = joint.kind == "prismatic"
                 kind = (
                     pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import takewhile
 from xml.etree import ElementTree
 from xml.parsers import expat
 
 from pa10cal.arm.chain import roll_pitch_yaw
+from pa10cal.arm.description import MOST_ROWS
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError, refusals_beside, remedy_for
 
 # XML of a URDF as robots have it: prefixes need no declaration, and comments may be kept.
+
+#: Far beyond any robot: the largest that was seen has 2 000 elements, 12 deep.
+_MOST_DEPTH, _MOST_ELEMENTS = 100, 100_000
 
 
 @dataclass(frozen=True)
@@ -34,17 +40,37 @@ def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
     """Read the text of a URDF; comments stay where they are, or are dropped.
 
     Raises:
-        ValueError: when it is not XML, saying where.
+        ValueError: when it is not XML, defines entities, nests deeper than 100 elements or has more
+            than 100 000 of them, saying where.
     """
     builder = ElementTree.TreeBuilder(insert_comments=comments)
     before: list[str] = []
-    inside: list[ElementTree.Element] = []  # the elements that are open
-    parser = expat.ParserCreate()
+    depth = count = 0
+    parser = expat.ParserCreate("utf-8")  # the text is decoded, whatever it says of itself
     parser.buffer_text = True
-    parser.StartElementHandler = lambda *element: inside.append(builder.start(*element))
-    parser.EndElementHandler = lambda tag: inside.remove(builder.end(tag))
+
+    def refuse(what: str) -> None:
+        raise ValueError(f"line {parser.CurrentLineNumber}: {what}")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
+        if depth > _MOST_DEPTH:
+            refuse(f"elements are nested deeper than {_MOST_DEPTH}")
+        if count > _MOST_ELEMENTS:
+            refuse(f"more than {_MOST_ELEMENTS} elements")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = builder.data
-    parser.CommentHandler = lambda said: builder.comment(said) if inside else before.append(said)
+    parser.CommentHandler = lambda said: builder.comment(said) if depth else before.append(said)
+    # What stands for other text may grow without end, and no robot needs it.
+    parser.EntityDeclHandler = lambda *_: refuse("it defines entities, which a URDF does not need")
     try:
         parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as error:
@@ -76,6 +102,8 @@ KINDS = (*MOVING, "fixed", "floating", "planar")
 #: No joint of an arm is further from the one before.
 _FAR_M = 10.0
 _NOWHERE = (0.0, 0.0, 0.0)
+#: A whole cell has some hundred links; a number has no more letters than this.
+_MOST_LINKS, _MOST_LETTERS = 5000, 64
 _refusal = refusals_beside(__file__, ArmError)
 
 
@@ -135,8 +163,11 @@ class UrdfTree:
         if tip not in with_base and (not joints or joints[0].parent not in with_base):
             beyond = ", ".join(self._beyond(with_base[-1])) or "none"
             raise _refusal("beyond", self.where, tip, f"{base}: {beyond}")
-        if not any(joint.kind in MOVING for joint in joints):
+        moving = sum(joint.kind in MOVING for joint in joints)
+        if not moving:
             raise _refusal("still", self.where, f"{base} to {tip}")
+        if moving > MOST_ROWS:
+            raise _refusal("long", self.where, moving, MOST_ROWS)
         for joint in joints:
             place = f"{self.where}: joint {joint.name}"
             if joint.kind not in (*MOVING, "fixed"):
@@ -147,12 +178,30 @@ class UrdfTree:
 
     def above(self, link: str) -> tuple[UrdfJoint, ...]:
         """Return the joints that carry a link, from the root on."""
-        carriers = {joint.child: joint for joint in self.joints}
         found: list[UrdfJoint] = []
-        while link in carriers:
-            found.append(carriers[link])
-            link = carriers[link].parent
+        while link in self._carriers:
+            found.append(self._carriers[link])
+            link = self._carriers[link].parent
         return tuple(reversed(found))
+
+    def below(self, link: str) -> Iterator[UrdfJoint]:
+        """Yield the joints beyond a link, each after the one that carries it."""
+        links = [link]
+        while links:
+            for joint in self._carried.get(links.pop(), ()):
+                yield joint
+                links.append(joint.child)
+
+    @cached_property
+    def _carriers(self) -> Mapping[str, UrdfJoint]:
+        return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def _carried(self) -> Mapping[str, list[UrdfJoint]]:
+        carried: dict[str, list[UrdfJoint]] = {}
+        for joint in self.joints:
+            carried.setdefault(joint.parent, []).append(joint)
+        return carried
 
     def _known(self, name: str, option: str) -> str:
         names = [link.name for link in self.links]
@@ -163,18 +212,15 @@ class UrdfTree:
 
     def _beyond(self, base: str) -> list[str]:
         """Return the links beyond a link, in the order of the file."""
-        names = [link.name for link in self.links]
-        return [name for name in names if any(j.parent == base for j in self.above(name))]
+        beyond = {joint.child for joint in self.below(base)}
+        return [link.name for link in self.links if link.name in beyond]
 
     def _only_tip(self, base: str) -> str:
-        parents = {joint.parent for joint in self.joints}
-        before = len(self.above(base))
-        tips = [
-            link
-            for link in self._beyond(base)
-            if link not in parents
-            and any(joint.kind != "fixed" for joint in self.above(link)[before:])
-        ]
+        moves = {base: False}
+        for joint in self.below(base):
+            moves[joint.child] = moves[joint.parent] or joint.kind != "fixed"
+        beyond = (link.name for link in self.links if moves.get(link.name))
+        tips = [link for link in beyond if link not in self._carried]
         if len(tips) > 1:
             raise _refusal("branches", self.where, f"{len(tips)} tips", ", ".join(tips))
         return tips[0] if tips else base
@@ -198,34 +244,35 @@ def read_tree(text: str, where: str) -> UrdfTree:
         words = (element.text or "", *element.attrib.values())
         if "xacro" in element.tag or any("${" in word or "$(" in word for word in words):
             raise _refusal("xacro", where)
+    if (count := len(robot.findall("link"))) > _MOST_LINKS:
+        raise _refusal("many", where, count, _MOST_LINKS)
     links = tuple(_link(element, where) for element in robot.findall("link"))
     joints = tuple(_joint(element, where) for element in robot.findall("joint"))
-    return UrdfTree(where, links, joints, _root(links, joints, where))
+    return _tree(links, joints, where)
 
 
-def _root(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str) -> str:
+def _tree(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str) -> UrdfTree:
     names = [link.name for link in links]
     for what, seen in (("link", names), ("joint", [joint.name for joint in joints])):
-        if twice := sorted({name for name in seen if seen.count(name) > 1}):
+        if twice := sorted(name for name, times in Counter(seen).items() if times > 1):
             raise _refusal("twice", where, twice[0], what)
-    children = [joint.child for joint in joints]
+    known, children = set(names), Counter(joint.child for joint in joints)
     for joint in joints:
         place = f"{where}: joint {joint.name}"
         for link in (joint.parent, joint.child):
-            if link not in names:
+            if link not in known:
                 raise _refusal("link", place, link, ", ".join(names) or "no links")
-        if children.count(joint.child) > 1:
+        if children[joint.child] > 1:
             raise _refusal("child", place, joint.child)
     roots = [name for name in names if name not in children]
     if len(roots) != 1:
         none = "no root: the joints form a loop, or there are no links"
         raise _refusal("tree", where, ", ".join(roots) or none)
-    reached = {roots[0]}
-    for _ in joints:
-        reached |= {joint.child for joint in joints if joint.parent in reached}
+    tree = UrdfTree(where, links, joints, roots[0])
+    reached = {roots[0], *(joint.child for joint in tree.below(roots[0]))}
     if apart := [name for name in names if name not in reached]:
         raise _refusal("loop", where, ", ".join(apart), roots[0])
-    return roots[0]
+    return tree
 
 
 def _link(element: ElementTree.Element, where: str) -> UrdfLink:
@@ -290,7 +337,8 @@ def _numbers(
     if text is None:
         return default
     try:
-        values = tuple(float(word) for word in text.split())
+        numbers = text.split(maxsplit=len(default))
+        values = tuple(float(word) for word in numbers if len(word) <= _MOST_LETTERS)
     except ValueError:
         values = ()
     if len(values) != len(default) or not all(map(math.isfinite, values)):

@@ -15,7 +15,13 @@ import yaml
 from pydantic import Field, FiniteFloat
 
 from pa10cal.arm.chain import placed, roll_pitch_yaw
-from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, neighbouring_axes, with_hayati_rows
+from pa10cal.arm.description import (
+    MOST_ROWS,
+    NEARLY_PARALLEL_RAD,
+    Arm,
+    neighbouring_axes,
+    with_hayati_rows,
+)
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
 from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, refusals_beside
@@ -174,7 +180,7 @@ class _ArmFile(Section):
     name: str
     title: str | None = None
     convention: Literal["standard", "modified"] = "standard"
-    rows: tuple[Any, ...] = Field(min_length=1)
+    rows: tuple[Any, ...] = Field(min_length=1, max_length=MOST_ROWS)
     base: _Frame = _Frame()
     tool: _Frame = _Frame()
     urdf: _Urdf | None = None

@@ -17,8 +17,8 @@ from pa10cal.results.record import Record
 
 _R = TypeVar("_R", bound=Record)
 
-#: A record of ten thousand poses has a hundredth of it.
-MOST_BYTES = 310_000_000
+#: A record of a hundred thousand poses has half of it; values are counted by what divides them.
+_MOST_BYTES, _MOST_VALUES = 128_000_000, 5_000_000
 #: Letters of an offending value that are shown.
 _MOST_LETTERS = 80
 _refusal = refusals_beside(__file__, RecordError)
@@ -57,7 +57,9 @@ def _contents(
 ) -> list[Any]:
     """Return what a file holds as JSON: one `record`, or `records` on a line each."""
     try:
-        text = read_file(path, MOST_BYTES, within)
+        text = _read(path, within)
+        if what == "records" and text.count(b"\n") + text.count(b"\r") > _MOST_VALUES:
+            raise ValueError(f"more than {_MOST_VALUES} lines")
         texts = [text] if what == "record" else text.splitlines()
         return [from_json(each, allow_inf_nan=False) for each in texts]
     except FileNotFoundError:
@@ -68,10 +70,17 @@ def _contents(
         raise _refusal("unreadable", path, reason(error), what, allowed, kind.COMMAND) from None
 
 
+def _read(path: Path, within: Path | None = None) -> bytes:
+    text = read_file(path, _MOST_BYTES, within)
+    if sum(map(text.count, (b",", b"[", b"{"))) > _MOST_VALUES:
+        raise ValueError(f"more than {_MOST_VALUES} values")
+    return text
+
+
 def schema_of(path: Path) -> str | None:
     """Return the schema that a JSON file states; None where it cannot be read or states none."""
     try:
-        content = from_json(read_file(path, MOST_BYTES), allow_inf_nan=False)
+        content = from_json(_read(path), allow_inf_nan=False)
     except (OSError, ValueError):
         return None
     found = content.get("schema") if isinstance(content, dict) else None

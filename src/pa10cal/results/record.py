@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, Self, TypeVar, get_args
 
 import numpy as np
@@ -28,6 +29,8 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 # Arrays in records: nested lists in the file, numpy arrays in memory.
 
 _WORDS = {"f": "finite numbers", "i": "whole numbers", "b": "true or false", "U": "texts"}
+#: Letters of all texts of an array, each as long as the longest.
+_MOST_LETTERS = 50_000_000
 #: Kinds of array that are taken for one of a kind: whole numbers for numbers, nothing for texts.
 _TAKEN = {"f": "fiu", "i": "iu", "b": "b", "U": "U"}
 
@@ -61,6 +64,8 @@ class Shape:
     def _checked(self, dtype: np.dtype[Any], value: Any) -> NDArray[Any]:
         """Return a copy as an array of its type, null along the first axis made nan."""
         given, wanted = value, [size if isinstance(size, int) else None for size in self.sizes]
+        if not _texts_fit(value):
+            raise PydanticCustomError("array", "texts of usual lengths")
         if self.missing and not isinstance(value, np.ndarray):
             nothing = np.full([size for size in wanted[1:] if size is not None], np.nan)
             given = [nothing if entry is None else entry for entry in value]
@@ -90,6 +95,20 @@ class Shape:
             return entries
         known = np.isfinite(value).reshape(len(value), -1).all(axis=1)
         return [entry if there else None for entry, there in zip(entries, known, strict=True)]
+
+
+def _texts_fit(value: Any) -> bool:
+    """Return whether an array has room for a list: it has that of the longest text for each."""
+    if type(value) is not list:
+        return True
+    kinds = set(map(type, value))
+    while kinds == {list}:
+        value = list(chain.from_iterable(value))
+        kinds = set(map(type, value))
+    if str not in kinds:
+        return True
+    longest = max(len(each) for each in value if type(each) is str)
+    return longest * len(value) <= _MOST_LETTERS
 
 
 def entry_dtype(annotation: Any) -> np.dtype[Any]:
@@ -149,6 +168,15 @@ class Part(BaseModel):
         defer_build=True,
     )
 
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: type[BaseModel], handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Check lists and mappings to their first entry that is wrong: a million may be."""
+        schema = handler(source)
+        _stop_at_first(schema)
+        return schema
+
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
@@ -156,6 +184,34 @@ class Part(BaseModel):
         return all(_equal(value, theirs[name]) for name, value in mine.items())
 
     __hash__ = None  # type: ignore[assignment]  # arrays have none
+
+
+#: Those that can stop at the first entry that is wrong, in this release of pydantic.
+_STOPPING = {
+    kind
+    for kind, schema in (
+        ("list", core_schema.ListSchema),
+        ("tuple", core_schema.TupleSchema),
+        ("dict", core_schema.DictSchema),
+    )
+    if "fail_fast" in schema.__annotations__
+}
+
+
+def _stop_at_first(schema: Any, *, part: bool = True) -> None:
+    """Make lists and mappings within the schema of a part stop so; parts in it have done so."""
+    inner = schema
+    if isinstance(schema, dict):
+        kind = schema.get("type")
+        if kind in _STOPPING:
+            schema["fail_fast"] = True
+        if kind == "model" and not part:
+            return
+        part = part and kind != "model"
+        inner = [each for name, each in schema.items() if name != "metadata"]
+    if isinstance(inner, list | tuple):
+        for each in inner:
+            _stop_at_first(each, part=part)
 
 
 class Table(Part):
