@@ -41,7 +41,8 @@ class Pa10calError(Exception):
         self.allowed = allowed
         self.remedy = remedy
         got = "" if value is None else f" (got {_short(repr(value))})"
-        super().__init__(f"{_short(where)}: {what}{got}; allowed: {_short(allowed)}; {remedy}")
+        where, what, allowed, remedy = map(_short, (where, what, allowed, remedy))
+        super().__init__(f"{where}: {what}{got}; allowed: {allowed}; {remedy}")
 
     def within(self, place: str) -> Self:
         """Return this refusal, and where it belongs in what was being done."""

@@ -338,7 +338,8 @@ def _numbers(
         return default
     try:
         numbers = text.split(maxsplit=len(default))
-        values = tuple(float(word) for word in numbers if len(word) <= _MOST_LETTERS)
+        fit = all(len(number) <= _MOST_LETTERS for number in numbers)
+        values = tuple(map(float, numbers)) if fit else ()
     except ValueError:
         values = ()
     if len(values) != len(default) or not all(map(math.isfinite, values)):

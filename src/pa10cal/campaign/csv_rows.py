@@ -35,10 +35,17 @@ from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_a
 from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.input_files import open_file, reason
 
-#: Files of more text than this, unpacked, are refused; so many bytes, and rows, are read at a time.
-LARGEST_BYTES = 310_000_000
-BLOCK_BYTES = 1 << 22
-ROWS_A_PART = 20_000
+#: Files of more text than this, unpacked, or of more lines, are refused, before any is read.
+LARGEST_BYTES, MOST_LINES = 310_000_000, 5_000_000
+#: So many bytes are looked at at a time; a block without a line end is of a line that is too long.
+BLOCK_BYTES, LINE_BYTES = 1 << 22, 1 << 19
+MOST_COLUMNS = 2000
+#: So many rows, or letters, are read at a time.
+ROWS_A_PART, LETTERS_A_PART = 20_000, 1 << 23
+#: Rows and fields that cannot be read are listed; a file of more of them is another kind of file.
+MOST_UNREADABLE = 500_000
+#: Letters of all labels of a column, each as long as the longest.
+MOST_LABEL_LETTERS = 100_000_000
 #: Byte-order marks, the longest first: that of UTF-32 begins with that of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -96,13 +103,14 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
     encoding whose letters are such as units, German, French and Spanish have.
     """
     decoder = codecs.getincrementaldecoder("utf-8")()
-    valid, size, odd, head = True, 0, bytearray(), b""
+    valid, size, lines, odd, head = True, 0, 1, bytearray(), b""
     with _unpacked(path, within) as content:
         while block := content.read(BLOCK_BYTES):
             head = head or block[:4096]
             size += len(block)
             if size > LARGEST_BYTES:
                 raise _too_large(path)
+            lines = _checked_lines(block, lines, path)
             if valid:
                 try:
                     decoder.decode(block)
@@ -122,6 +130,23 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
         return sum(letter in _USUAL for letter in odd.decode(encoding, errors="replace"))
 
     return "utf-8" if valid else max(_ONE_BYTE, key=usual)
+
+
+def _checked_lines(block: bytes, before: int, path: Path) -> int:
+    """Return the number of the line that a block ends in, `before` being that it begins in."""
+    for start in range(0, len(block) - LINE_BYTES + 1, LINE_BYTES):
+        part = block[start : start + LINE_BYTES]
+        if b"\n" not in part and b"\r" not in part:
+            line = before + _line_ends(block[:start])
+            raise _refusal("long line", f"{path}:{line}", None, LINE_BYTES)
+    lines = before + _line_ends(block)
+    if lines > MOST_LINES:
+        raise _refusal("many lines", path, None, MOST_LINES)
+    return lines
+
+
+def _line_ends(block: bytes) -> int:
+    return max(block.count(b"\n"), block.count(b"\r"))
 
 
 def is_workbook(path: Path, within: Path | None = None) -> bool:
@@ -265,7 +290,7 @@ class Layout:
         plain = fields if self.decimal == "." else [self.plain(field) for field in fields]
         values = np.array(pd.to_numeric(np.array(plain, object), errors="coerce"), dtype=float)
         for k in np.flatnonzero(~np.isfinite(values)).tolist():
-            value = self.number(fields[k])
+            value = self.number(fields[k]) if fields[k] != "" else np.nan
             values[k] = value if np.isfinite(value) else np.nan
         return values
 
@@ -334,10 +359,15 @@ def read_rows(
     used = [name for name in header if name in needed or name in optional]
     below = lines if layout.header else chain([first], lines)
     below = (line for line in below if line.number >= layout.first)
-    parts, last = [], first
-    while part := list(islice(below, ROWS_A_PART)):
-        parts.append(_read_part(part, header, used, layout))
-        last = part[-1]
+    parts, last, unreadable, rows_read = [], first, 0, 0
+    while part := _part_of(below):
+        parts.append(read := _read_part(part, header, used, layout))
+        last, rows_read = part[-1], rows_read + len(part)
+        unreadable += int(np.count_nonzero(read[0][1] != width)) + sum(map(len, read[2].values()))
+        unreadable += 0 if repeats else len(read[0][2]) - len(set(read[0][2].tolist()))
+        if unreadable > MOST_UNREADABLE:
+            words = (unreadable, rows_read, width)
+            raise _refusal("unreadable rows", f"{path}:{first.number}", None, *words)
     if not parts:
         raise _refusal("no rows", f"{path}:{first.number}")
     known = zip(*(numbers for numbers, _, _ in parts), strict=True)
@@ -358,6 +388,10 @@ def read_rows(
     )
     unused = tuple(name for name in header if name not in used)
     columns = {name: np.concatenate([read.pop(name) for _, read, _ in parts]) for name in used}
+    for name in set(used) & set(layout.text):
+        longest = max(map(len, columns[name].tolist()), default=0)
+        if longest * len(columns[name]) > MOST_LABEL_LETTERS:
+            raise _refusal("long label", f"{path}:{first.number}", None, name, longest)
     non_numeric = {name: dict(ChainMap(*(part[2][name] for part in parts))) for name in used}
     raw = RawRows(path.name, columns, right, {path.name: len(line)}, unused, listed, non_numeric)
     if not last.ended and widths[-1] == width:
@@ -369,6 +403,19 @@ def read_rows(
     return raw if repeats else raw.take(~pd.Series(hashes).duplicated().to_numpy(), REPEATED)
 
 
+def _part_of(
+    lines: Iterator[TextLine], most: int = ROWS_A_PART, most_letters: int = LETTERS_A_PART
+) -> list[TextLine]:
+    """Return some of the lines that follow."""
+    part, letters = [], 0
+    for line in lines:
+        part.append(line)
+        letters += len(line.text)
+        if len(part) == most or letters > most_letters:
+            break
+    return part
+
+
 def _read_part(
     lines: Sequence[TextLine], header: Sequence[str], used: Sequence[str], layout: Layout
 ) -> tuple[list[NDArray[np.int64]], dict[str, NDArray[Any]], dict[str, dict[int, str]]]:
@@ -377,7 +424,7 @@ def _read_part(
     Returns:
         The numbers of the lines, how many fields each has, and of the rows as wide as the header a
         hash of all fields and the digits of the last; the columns, text as it is and numbers, nan
-        where there is none; and what stands there, by line.
+        where there is none; and what stands there, by line, but for blanks.
     """
     every = [layout.row(line.text, len(header)) for line in lines]
     rows = [row for row in every if len(row) == len(header)]
@@ -392,7 +439,7 @@ def _read_part(
             continue
         columns[name] = layout.numbers(fields)
         unread = np.flatnonzero(np.isnan(columns[name])).tolist()
-        non_numeric[name] = {right[k]: fields[k] for k in unread}
+        non_numeric[name] = {right[k]: fields[k] for k in unread if fields[k] != ""}
     known = (
         [line.number for line in lines],
         [len(row) for row in every],
@@ -411,6 +458,8 @@ def _check_header(
     within: Path | None,
 ) -> None:
     where, here = f"{path}:{first.number}", layout.separator
+    if len(header) > MOST_COLUMNS:
+        raise _refusal("many columns", where, None, len(header), MOST_COLUMNS)
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
         if here and here != separator and first.text.count(separator) > first.text.count(here):
             allowed = "commas between fields, decimal points"
@@ -469,8 +518,8 @@ def _remedy_for_missing(
 
 # How an unknown file is written: separator, decimal sign, line of the names, numbers.
 
-#: So many lines are looked at.
-LINES = 3000
+#: So many lines, or letters, are looked at.
+LINES, LETTERS = 3000, 1 << 21
 LEAST_FIELDS = 3
 _SEPARATORS = (";", "\t", ",", "|", None)
 
@@ -484,7 +533,7 @@ class Sniffed:
     names: tuple[str, ...]  # of its columns
     units: tuple[str, ...]  # what a line of units below the names says of each; empty without one
     lines: tuple[int, ...]  # (N,) physical line of each row
-    text: NDArray[np.str_]  # (N, k) fields of the rows
+    text: NDArray[np.object_]  # (N, k) fields of the rows
     numbers: Array  # (N, k) the same as numbers, nan where a field is none
 
     def column(self, name: str) -> Array:
@@ -507,9 +556,12 @@ class Sniffed:
 
 def sniff(path: Path) -> Sniffed:
     """Find out how a file of rows of numbers is written; refuse one without such rows."""
-    lines = [(line.number, line.text) for line in islice(lines_of(path), LINES)]
+    lines = [(line.number, line.text) for line in _part_of(lines_of(path), LINES, LETTERS)]
     if not lines:
         raise _refusal("empty", f"{path}:1")
+    for number, line in lines:
+        if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
+            raise _refusal("many columns", f"{path}:{number}", None, most, MOST_COLUMNS)
     workbook = is_workbook(path)
     ways = [
         _judged(lines, Layout(separator, decimal, own=True))
@@ -543,7 +595,7 @@ def sniff(path: Path) -> Sniffed:
     else:
         layout = replace(layout, header=0, first=rows[0][0] if rows[0][0] > 1 else 0)
         names = tuple(str(k) for k in range(1, width + 1))
-    text = np.array([fields for _, fields in rows[body:]], dtype=str)
+    text = np.array([fields for _, fields in rows[body:]], dtype=object)
     encoding = "" if workbook else encoding_of(path)
     of_rows = tuple(number for number, _ in rows[body:])
     return Sniffed(layout, encoding, names, units, of_rows, text.reshape(-1, width), every[body:])

@@ -36,7 +36,8 @@ Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 #: Places on the apparatus: no tool is larger [mm].
 PlaceMm = Annotated[FiniteFloat, Field(ge=-1e4, le=1e4)]
 Place = tuple[PlaceMm, PlaceMm, PlaceMm]
-Text = Annotated[str, StringConstraints(min_length=1)]
+Text = Annotated[str, StringConstraints(min_length=1, max_length=20_000)]
+Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
 
 
@@ -138,9 +139,9 @@ class CampaignDescription(Section):
     Every key is one of the raw-data contract; `read_description` checks what each instrument needs.
     """
 
-    name: Text
+    name: Name
     provenance: Text
-    robot: Text
+    robot: Name
     instrument: InstrumentDescription
     tool: Tool
     gravity_m_s2: Vector = Field(

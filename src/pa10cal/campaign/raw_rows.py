@@ -55,7 +55,8 @@ class RawRows:
     totals: Mapping[str, int]  # rows in each file, quarantined ones included, by its name
     unused: tuple[str, ...]  # columns that were not requested
     quarantined: tuple[Quarantined, ...]  # rows that are not used
-    # what stands where a column of numbers holds no finite one, by its name and the line
+    # what stands where a column of numbers holds no finite one, by its name and the line, but for
+    # blanks
     non_numeric: dict[str, dict[int, str]] = field(default_factory=dict)
     # the file's own columns, by the contract's names; empty where it has those
     own: Mapping[str, OwnColumn] = field(default_factory=dict)
@@ -114,14 +115,21 @@ class RawRows:
 
     def finite(self, names: Sequence[str], *, may_be_blank: bool = False) -> RawRows:
         """Quarantine the rows in which a column holds no finite number; a blank may be nan."""
-        wrong: dict[int, str] = {}
-        for name in names:
-            for line, text in self.non_numeric.get(name, {}).items():
-                if text != "" or not may_be_blank:
-                    comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
-                    wrong.setdefault(line, f"{self.name_of(name)} = {text!r}{comma}")
-        keep = ~np.isin(self.line, list(wrong))
-        values = [wrong[line] for line in self.line[~keep].tolist()]
+        known = [self.non_numeric.get(name, {}) for name in names]
+        keep = ~np.isin(self.line, [line for texts in known for line in texts])
+        if not may_be_blank:
+            keep &= ~np.isnan(self.numbers_of([n for n in names if n in self.columns])).any(axis=1)
+        values = []
+        for row, line in zip(
+            np.flatnonzero(~keep).tolist(), self.line[~keep].tolist(), strict=True
+        ):
+            name, text = next(
+                (name, texts.get(line, ""))
+                for name, texts in zip(names, known, strict=True)
+                if line in texts or (not may_be_blank and np.isnan(self.columns[name][row]))
+            )
+            comma = COMMA if _DECIMAL_COMMA.fullmatch(text) else ""
+            values.append(f"{self.name_of(name)} = {text!r}{comma}")
         return self.take(keep, "not a finite number", values)
 
     def choices(self, name: str, allowed: Sequence[str]) -> RawRows:

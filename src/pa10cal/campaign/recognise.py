@@ -24,6 +24,8 @@ WORDS = read_yaml(Path(__file__).with_name("words.yaml"), RawDataError, what="it
 _SPELLED: dict[str, str] = {
     spelled: unit for unit, words in WORDS["units"].items() for spelled in words.split()
 }
+#: Longer names have no unit, and longer words are no dates: to look for one takes ever longer.
+MOST_LETTERS = 200
 _BRACKETED = re.compile(r"^(?P<bare>.*?)\s*[\[({<]\s*(?P<unit>[^\[\](){}<>]{1,14}?)\s*[\])}>]\s*$")
 _APART = re.compile(r"^(?P<bare>.+?)(?:\s+in\s+|[\s_/,;:-]+)(?P<unit>[^\s_/,;:-]{1,12})$")
 _SIGN = re.compile(r"^(?P<bare>.*?)\s*(?P<unit>°[CF]?)$")
@@ -42,6 +44,8 @@ def unit_alone(field: str) -> str:
 
 def split_unit(name: str) -> tuple[str, str]:
     """Return a column's name without its unit, and the unit; empty where there is none."""
+    if len(name) > MOST_LETTERS:
+        return name.strip(), ""
     for like in (_BRACKETED, _SIGN, _APART):
         found = like.match(name.strip())
         if found is not None and (unit := canonical_unit(found["unit"])):
@@ -83,6 +87,8 @@ def plain(text: str) -> str:
 @lru_cache(maxsize=4096)
 def _words(name: str) -> tuple[str, ...]:
     """Return the words of a name without its unit: camel case and signs between are boundaries."""
+    if len(name) > MOST_LETTERS:
+        return ()
     bare = re.sub(r"(?<=[a-zäöüéèí])(?=[A-Z])", " ", split_unit(name)[0])
     return tuple(re.findall(r"[a-z]+\d*|\d+", plain(bare)))
 
@@ -342,12 +348,14 @@ def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
 def moments_of(words: Sequence[str], how: str) -> pd.Series[pd.Timestamp]:
     """Return dates and times read in a format of `time.format`; NaT of those that are none."""
     form = "ISO8601" if how == ISO else how
-    some = pd.Series(list(words), dtype=object)
+    some = pd.Series([word if len(word) <= MOST_LETTERS else "" for word in words], dtype=object)
     return pd.to_datetime(some, format=form, errors="coerce", utc=True)
 
 
 def _formats(word: str) -> Iterator[str]:
     """Yield the formats that a date or time may have: those that read its first row."""
+    if len(word) > MOST_LETTERS:
+        return
     every = itertools.chain(
         (ISO, "%Y%m%d%H%M%S", "%Y%m%d_%H%M%S", "%Y%m%dT%H%M%S"),
         map("".join, itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)),
