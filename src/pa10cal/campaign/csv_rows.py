@@ -37,8 +37,8 @@ from pa10cal.input_files import open_file, reason
 
 #: Files of more text than this, unpacked, or of more lines, are refused, before any is read.
 LARGEST_BYTES, MOST_LINES = 310_000_000, 5_000_000
-#: So many bytes are looked at at a time; a block without a line end is of a line that is too long.
-BLOCK_BYTES, LINE_BYTES = 1 << 22, 1 << 19
+#: So many bytes are looked at at a time; a line that fills them is none of a table.
+BLOCK_BYTES = 1 << 20
 MOST_COLUMNS = 2000
 #: So many rows, or letters, are read at a time.
 ROWS_A_PART, LETTERS_A_PART = 20_000, 1 << 23
@@ -110,7 +110,12 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
             size += len(block)
             if size > LARGEST_BYTES:
                 raise _too_large(path)
-            lines = _checked_lines(block, lines, path)
+            ends = max(block.count(b"\n"), block.count(b"\r"))
+            if not ends and len(block) == BLOCK_BYTES:
+                raise _refusal("long line", f"{path}:{lines}", None, BLOCK_BYTES)
+            lines += ends
+            if lines > MOST_LINES:
+                raise _refusal("many lines", path, None, MOST_LINES)
             if valid:
                 try:
                     decoder.decode(block)
@@ -130,23 +135,6 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
         return sum(letter in _USUAL for letter in odd.decode(encoding, errors="replace"))
 
     return "utf-8" if valid else max(_ONE_BYTE, key=usual)
-
-
-def _checked_lines(block: bytes, before: int, path: Path) -> int:
-    """Return the number of the line that a block ends in, `before` being that it begins in."""
-    for start in range(0, len(block) - LINE_BYTES + 1, LINE_BYTES):
-        part = block[start : start + LINE_BYTES]
-        if b"\n" not in part and b"\r" not in part:
-            line = before + _line_ends(block[:start])
-            raise _refusal("long line", f"{path}:{line}", None, LINE_BYTES)
-    lines = before + _line_ends(block)
-    if lines > MOST_LINES:
-        raise _refusal("many lines", path, None, MOST_LINES)
-    return lines
-
-
-def _line_ends(block: bytes) -> int:
-    return max(block.count(b"\n"), block.count(b"\r"))
 
 
 def is_workbook(path: Path, within: Path | None = None) -> bool:
