@@ -39,13 +39,11 @@ from pa10cal.input_files import open_file, reason
 LARGEST_BYTES, MOST_LINES = 310_000_000, 5_000_000
 #: So many bytes are looked at at a time; a line that fills them is none of a table.
 BLOCK_BYTES = 1 << 20
-MOST_COLUMNS = 2000
 #: So many rows, or letters, are read at a time.
-ROWS_A_PART, LETTERS_A_PART = 20_000, 1 << 23
-#: Rows and fields that cannot be read are listed; a file of more of them is another kind of file.
-MOST_UNREADABLE = 500_000
-#: Letters of all labels of a column, each as long as the longest.
-MOST_LABEL_LETTERS = 100_000_000
+ROWS_A_PART, LETTERS_A_PART, MOST_COLUMNS = 20_000, 1 << 23, 2000
+#: Rows and fields that cannot be read are listed, up to so many; letters of a column of labels,
+#: each as long as the longest.
+MOST_UNREADABLE, MOST_LABEL_LETTERS = 500_000, 100_000_000
 #: Byte-order marks, the longest first: that of UTF-32 begins with that of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -354,8 +352,7 @@ def read_rows(
         unreadable += int(np.count_nonzero(read[0][1] != width)) + sum(map(len, read[2].values()))
         unreadable += 0 if repeats else len(read[0][2]) - len(set(read[0][2].tolist()))
         if unreadable > MOST_UNREADABLE:
-            words = (unreadable, rows_read, width)
-            raise _refusal("unreadable rows", f"{path}:{first.number}", None, *words)
+            raise _refusal("unreadable rows", path, None, unreadable, rows_read, width)
     if not parts:
         raise _refusal("no rows", f"{path}:{first.number}")
     known = zip(*(numbers for numbers, _, _ in parts), strict=True)
