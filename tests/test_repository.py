@@ -189,6 +189,7 @@ MAY_IMPORT = {
     "planning": {
         "calibration.options",
         "files",
+        "fit.covariance_file",
         "fit.fitted_model",
         "observe.kinds",
         "running.run_lock",

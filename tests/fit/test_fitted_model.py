@@ -16,7 +16,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model, write_covariance
+from pa10cal.fit.covariance_file import write_covariance
+from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model
 from pa10cal.fit.forward import MapMotion, position_covariance
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
@@ -253,6 +254,62 @@ def test_a_covariance_of_another_model_is_refused(tmp_path):
     (tmp_path / "other.covariance.npz").replace(tmp_path / "model.covariance.npz")
     with pytest.raises(ModelError, match=r"covariance: a covariance of shape \(30, 30\)"):
         load_model(tmp_path / "model.yaml")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda C: C.fill(np.nan), "not made of finite numbers"),
+        (lambda C: C.__setitem__((3, 3), np.inf), "not made of finite numbers"),
+        (lambda C: C.__setitem__((3, 3), -C[3, 3]), "a variance below zero, that of parameter 3"),
+        (lambda C: C.__setitem__((0, 1), C[0, 1] + 0.5 * np.sqrt(C[0, 0] * C[1, 1])), "symmetric"),
+        (
+            lambda C: [
+                C.__setitem__(at, 2.0 * np.sqrt(C[0, 0] * C[1, 1])) for at in ((0, 1), (1, 0))
+            ],
+            "correlations that no random numbers have",
+        ),
+        # A parameter without a variance goes with no other.
+        (lambda C: C.__setitem__((3, 3), 0.0), "correlations that no random numbers have"),
+    ],
+)
+def test_a_covariance_that_no_random_numbers_have_is_refused(change, message, tmp_path):
+    model = fitted("ur10", 15, links_only)
+    covariance = model.covariance.copy()
+    change(covariance)
+    save_model(model, tmp_path / "model.yaml")
+    write_covariance(replace(model, covariance=covariance), tmp_path / "model.covariance.npz")
+    with pytest.raises(ModelError, match=rf"model\.yaml: covariance: .*{message}.*write"):
+        load_model(tmp_path / "model.yaml")
+
+
+def test_a_covariance_of_parameters_that_are_held_is_one(tmp_path):
+    model = fitted("ur10", 15, links_only)
+    covariance = model.covariance.copy()
+    covariance[3], covariance[:, 3] = 0.0, 0.0
+    save_model(replace(model, covariance=covariance), tmp_path / "model.yaml")
+    np.testing.assert_array_equal(load_model(tmp_path / "model.yaml").covariance, covariance)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda plain: plain["T_instr_base"][0].__setitem__(0, 0.5),
+        lambda plain: plain["T_instr_base"][0].__setitem__(3, float("nan")),
+        lambda plain: plain["T_instr_base"][3].__setitem__(3, 2.0),
+        lambda plain: plain["tool"].__setitem__("R_ee_target", [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+        lambda plain: plain["arm"]["T_base_row1"][0].__setitem__(0, -1.0),
+        lambda plain: plain["targets_m"].update(A=[0.0, 0.0, None]),
+    ],
+)
+def test_frames_that_are_none_are_refused(change, tmp_path):
+    path = tmp_path / "model.yaml"
+    save_model(fitted("pa10_6ce", 16), path)
+    plain = yaml.safe_load(path.read_text(encoding="utf-8"))
+    change(plain)
+    path.write_text(yaml.safe_dump(plain), encoding="utf-8")
+    with pytest.raises(ModelError, match=r"model\.yaml: .*cannot be built"):
+        load_model(path)
 
 
 def test_a_covariance_has_the_same_bytes_under_every_python(tmp_path):

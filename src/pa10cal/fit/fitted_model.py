@@ -5,10 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 import yaml
@@ -22,9 +20,14 @@ from pa10cal.errors import ModelError, Pa10calError, refusals_beside
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AngleCoverage, Discrepancy
 from pa10cal.fit.compensation import compensate
+from pa10cal.fit.covariance_file import (
+    checked_covariance,
+    covariance_beside,
+    covariance_path,
+    write_covariance,
+)
 from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
-from pa10cal.input_files import UnfitFileError, open_file, reason
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
@@ -213,11 +216,11 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
             known = [names.index(name) for name in (*solved, *base) if name in names]
             at = [*range(k), *(k + base.index(name) for name in names if name in base)]
             covariance[np.ix_(at, at)] = matrix[np.ix_(known, known)]
-            model = replace(model, covariance=covariance)
+            model = replace(model, covariance=checked_covariance(covariance, k + 6, place))
         elif names == tuple(parameter.name for parameter in report.parameters):
             back = np.linalg.pinv(report.jacobian)
             covariance[:k, :k] = back @ matrix @ back.T
-            model = replace(model, covariance=covariance)
+            model = replace(model, covariance=checked_covariance(covariance, k + 6, place))
         models[name] = model
     return models
 
@@ -231,6 +234,8 @@ _CONVENTIONS = {
     "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
     "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
 }
+#: Of the axes of a frame: what sums of products of digits that a file keeps may come to.
+_ROTATION_WITHIN = 1e-6
 _refusal = refusals_beside(__file__, ModelError)
 
 
@@ -321,9 +326,9 @@ def model_from_plain(
     if not isinstance(content, Mapping) or found != SCHEMA:
         raise _refusal("version", f"{where}: schema", found, SCHEMA)
     try:
-        size = sum(len(term["x"]) for term in content["terms"]) + 6
-        if covariance is not None and covariance.shape != (size, size):
-            raise _refusal("shape", f"{where}: covariance", None, covariance.shape, size)
+        if covariance is not None:
+            size = sum(len(term["x"]) for term in content["terms"]) + len(BASE)
+            covariance = checked_covariance(covariance, size, where)
         pairs = [
             _term_from_plain(entry, f"{where}: terms[{k}]")
             for k, entry in enumerate(content["terms"])
@@ -339,14 +344,14 @@ def model_from_plain(
             model=Model(chain, terms),
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
             T_instr_base=_frame(content["T_instr_base"], "T_instr_base"),
-            R_ee_target=np.array(content["tool"]["R_ee_target"], dtype=float).reshape(3, 3),
+            R_ee_target=_rotation(content["tool"]["R_ee_target"], "R_ee_target"),
             R_first_target_of={
-                name: np.array(R, dtype=float).reshape(3, 3)
+                name: _rotation(R, f"R_first_target_of.{name}")
                 for name, R in content["tool"].get("R_first_target_of", {}).items()
             },
-            targets_m=np.array(list(targets.values()), dtype=float).ravel(),
+            targets_m=_finite(list(targets.values()), "targets_m").ravel(),
             target_names=tuple(targets),
-            targets_off_m=np.array(content["targets_off_m"], dtype=float),
+            targets_off_m=_finite(content["targets_off_m"], "targets_off_m"),
             covariance=covariance,
             payload=None if payload is None else _payload_from_plain(payload),
             fitted_to=None if fitted is None else FittedTo.model_validate(fitted),
@@ -487,11 +492,26 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
     )
 
 
+def _finite(value: Any, name: str) -> Array:
+    numbers = np.array(value, dtype=float)
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name} is not made of finite numbers")
+    return numbers
+
+
 def _frame(value: Any, name: str) -> Array:
-    T = np.array(value, dtype=float)
-    if T.shape != (4, 4):
-        raise ValueError(f"{name} is not a 4 by 4 matrix")
+    T = _finite(value, name)
+    if T.shape != (4, 4) or (T[3] != [0.0, 0.0, 0.0, 1.0]).any():
+        raise ValueError(f"{name} is not a 4 by 4 matrix whose last row is 0, 0, 0, 1")
+    _rotation(T[:3, :3], name)
     return T
+
+
+def _rotation(value: Any, name: str) -> Array:
+    R = _finite(value, name).reshape(3, 3)
+    if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_WITHIN or np.linalg.det(R) < 0.0:
+        raise ValueError(f"{name} has no rotation: its columns are axes of length one")
+    return R
 
 
 def _payload_to_plain(payload: Payload) -> dict[str, Any]:
@@ -539,51 +559,3 @@ def _list(dumper: Any, data: list[Any]) -> Any:
 
 
 _Dumper.add_representer(list, _list)
-
-
-# The covariance of a fitted model as a file beside the model's own.
-
-
-_UNIX = 3  # in the headers of a zip file
-
-
-def covariance_path(path: Path) -> Path:
-    """Return the path of the covariance of the model in a file."""
-    return path.with_name(f"{path.stem}.covariance.npz")
-
-
-def write_covariance(model: Fitted, path: Path) -> None:
-    """Write the covariance of a model's parameters, with their names (.npz).
-
-    Equal numbers are equal bytes: `np.savez` has headers that depend on the release of Python, and
-    compression on that of zlib.
-    """
-    names = [*(parameter.name for parameter in model.model.parameters), *BASE]
-    covariance = np.zeros((0, 0)) if model.covariance is None else model.covariance
-    with ZipFile(path, "w") as file:
-        for name, array in (("names", np.array(names)), ("covariance", covariance)):
-            member = ZipInfo(f"{name}.npy")
-            member.create_system, member.external_attr = _UNIX, 0o644 << 16
-            content = BytesIO()
-            np.lib.format.write_array(content, array, version=(1, 0), allow_pickle=False)
-            file.writestr(member, content.getvalue())
-
-
-def covariance_beside(path: Path) -> Array | None:
-    """Return the covariance in the file beside a model's own; None where there is none.
-
-    Raises:
-        ModelError: when there is one that cannot be read.
-    """
-    beside = covariance_path(path)
-    try:
-        # A link to a model has its covariance beside it, or where the model itself lies.
-        with open_file(beside, path.parent, path.resolve().parent) as file, np.load(file) as stored:
-            covariance: Array = stored["covariance"]
-    except FileNotFoundError:
-        return None
-    except UnfitFileError as error:
-        raise _refusal("unfit covariance", beside, None, reason(error)) from None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile):
-        raise _refusal("no covariance", beside) from None
-    return covariance if len(covariance) else None

@@ -69,7 +69,9 @@ def prior_digest(prior: str | None) -> str:
     """Return a digest of a prior and of its covariance: it changes when one of them does."""
     if not prior:
         return ""
-    from pa10cal.fit.fitted_model import covariance_path, file_of  # late: with numpy
+    # late: with numpy
+    from pa10cal.fit.covariance_file import covariance_path
+    from pa10cal.fit.fitted_model import file_of
 
     file = file_of(Path(prior))
     digest = hashlib.sha256()

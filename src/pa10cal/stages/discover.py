@@ -41,7 +41,7 @@ def discover(
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.files.output import whole_files, write_text
-    from pa10cal.fit.fitted_model import covariance_path, write_covariance
+    from pa10cal.fit.covariance_file import covariance_path, write_covariance
     from pa10cal.results.codec import write
     from pa10cal.results.plan import suggestion_table
     from pa10cal.stages.inputs import read_calibrated, read_measured
