@@ -1,4 +1,4 @@
-"""The covariance of a fitted model, in a file beside the model's own; one that is none is refused."""
+"""The covariance of a fitted model, in a file beside its own; one that is none is refused."""
 
 from __future__ import annotations
 
