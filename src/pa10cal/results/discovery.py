@@ -230,6 +230,8 @@ class Tried(record.EffectName):
     helps: bool  # whether the gain is significant
     # whether both gain by it; null where that was not looked at
     positions_and_attitudes_agree: bool | None
+    # whether its parameters are such as it can have; null where that was not looked at
+    physical: bool | None = None
 
 
 class Remaining(record.Part):

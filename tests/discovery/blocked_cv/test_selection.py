@@ -1,10 +1,17 @@
 """Sets solved by block elimination against least squares written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.family import Columns, start
-from pa10cal.discovery.blocked_cv.survey import Products
+from pa10cal.discovery.blocked_cv.family import Candidate, Columns, both_kinds_agree, start
+from pa10cal.discovery.blocked_cv.judge import alternatives, over_floor, unexplained
+from pa10cal.discovery.blocked_cv.search import Search
+from pa10cal.discovery.blocked_cv.survey import Products, ShapedEffect
+from pa10cal.results.discovery import Remaining, Tried
+from pa10cal.terms.effects.joint import Backlash
+from pa10cal.terms.effects.unnamed import WindupMap
 
 BLOCKS, ROWS = 5, 40
 
@@ -62,7 +69,7 @@ def test_members_that_join_and_leave_are_as_if_solved_anew(rows):
     assert less.members == (ONE, THREE)
     for state in (grown, less):
         np.testing.assert_allclose(state.squares, by_hand(rows, (OWN, *state.members)), rtol=1e-8)
-        np.testing.assert_allclose(state.position_squares, state.squares)
+        np.testing.assert_allclose(state.squares_by_kind[0], state.squares)
 
 
 def test_candidates_are_judged_without_joining_and_members_without_leaving(rows):
@@ -72,3 +79,140 @@ def test_candidates_are_judged_without_joining_and_members_without_leaving(rows)
     for squares, members in zip((*joined, *left), sets, strict=True):
         np.testing.assert_allclose(squares, by_hand(rows, (OWN, *members)), rtol=1e-8)
     assert np.all(state.solution_without(1)[:, -2:] == 0.0)
+
+
+def with_told(rows, told):
+    """Return the rows without orientations, weights being told something in every block."""
+    products = rows[2]
+    gram = products.gram.copy()
+    gram[:, np.arange(14), np.arange(14)] += told
+    return Products(gram, products.projection, products.squares, None, told)
+
+
+def test_what_is_known_of_weights_is_neither_a_position_nor_an_orientation(rows):
+    # An effect for which weights have to be other than described, where positions gain all the
+    # same: no orientation was measured that could contradict it.
+    told = np.zeros(14)
+    told[0] = 50.0
+    before = start(with_told(rows, told), OWN)
+    after = before.extended(ONE)
+    for state in (before, after):
+        (positions,) = state.squares_by_kind
+        beside = state.solution**2 @ told[state.at]
+        np.testing.assert_allclose(positions + beside, state.squares)
+        assert beside.max() > 0.0
+    assert both_kinds_agree(before, after)
+
+
+def test_orientations_that_come_out_worse_contradict():
+    rng = np.random.default_rng(7)
+    columns = rng.standard_normal((BLOCKS, ROWS, 2))
+
+    def of(of_rows, sign):  # the second column, turned or not
+        own = columns[:, of_rows] * [1.0, sign]
+        data = columns[:, of_rows, 1] + 0.01 * rng.standard_normal((BLOCKS, len(of_rows)))
+        return Products(
+            np.einsum("bri,brj->bij", own, own),
+            np.einsum("bri,br->bi", own, data),
+            np.sum(data**2, axis=1),
+        )
+
+    own, effect = (Columns(np.array([at]), np.ones(1)) for at in (0, 1))
+    for sign, agree in ((1.0, True), (-1.0, False)):
+        positions, attitudes = of(np.arange(30), 1.0), of(np.arange(30, ROWS), sign)
+        before = start(replace(positions + attitudes, of_positions=positions), own)
+        after = before.extended(effect)
+        assert after.squares.sum() < before.squares.sum()
+        assert both_kinds_agree(before, after) is agree
+
+
+@pytest.mark.parametrize(
+    ("means_mm", "over"),
+    [
+        (np.full(10, 0.0101), False),
+        (np.r_[np.full(9, 0.0101), 5.0], False),  # one block alone tells nothing of the others
+        (np.linspace(0.2, 0.4, 10), True),
+        (np.r_[np.linspace(0.2, 0.4, 9), 20.0], True),  # and hides nothing of them
+    ],
+)
+def test_one_bad_block_neither_makes_nor_hides_what_is_left(means_mm, over):
+    assert over_floor(means_mm, float(means_mm.mean()), 0.01) is over
+
+
+def remaining(*tried):
+    return Remaining(
+        mean_mm=0.3, std_mm=0.01, rms_mm=0.3, floor_mm=0.05, over_floor=True, tried=tried
+    )
+
+
+@pytest.mark.parametrize(
+    ("agree", "physical", "words"),
+    [
+        (False, True, "positions and orientations contradict"),
+        (True, False, "sign or size that it physically cannot have"),
+        (True, True, "what was found in its place predicts as much"),
+    ],
+)
+def test_what_helps_is_told_with_why_it_was_not_taken(agree, physical, words):
+    entry = Tried(
+        id="backlash",
+        of="joint 1",
+        gain=0.12,
+        gain_std=0.01,
+        helps=True,
+        positions_and_attitudes_agree=agree,
+        physical=physical,
+    )
+    (found,) = unexplained(remaining(entry), ())
+    assert found.of == "joint 1"
+    assert found.form == "backlash"
+    assert words in found.why
+    assert "nothing that was tried" not in found.why
+
+
+def test_nothing_that_was_tried_is_told_only_where_nothing_helps():
+    entry = Tried(
+        id="backlash",
+        of="joint 1",
+        gain=0.01,
+        gain_std=0.01,
+        helps=False,
+        positions_and_attitudes_agree=None,
+    )
+    (found,) = unexplained(remaining(entry), ())
+    assert "nothing that was tried significantly predicts it; the nearest is backlash" in found.why
+
+
+def test_what_imitates_a_rival_is_no_alternative_to_a_name():
+    # The member, a rival without a name, and an effect that follows both of them a little.
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((BLOCKS, 200, 4))
+    member, rival, imitator = 1, 2, 3
+    columns[..., imitator] *= 0.7
+    columns[..., imitator] += columns[..., member] / 3.0 + columns[..., rival]
+    data = columns[..., member] + 3.0 * columns[..., rival]
+    data += 0.1 * rng.standard_normal(data.shape)
+    products = Products(
+        np.einsum("bri,brj->bij", columns, columns),
+        np.einsum("bri,br->bi", columns, data),
+        np.sum(data**2, axis=1),
+    )
+    backlash, nameless, spring = (
+        Candidate(np.array([at]), np.ones(1), ShapedEffect(effect))
+        for at, effect in (
+            (member, Backlash("joint 1")),
+            (rival, WindupMap("joint 3", 10.0)),
+            (imitator, Backlash("joint 2")),
+        )
+    )
+    own = Columns(np.array([0]), np.ones(1))
+    search = Search(products, own, (backlash, nameless, spring), BLOCKS * 2.0, 0.01)
+    with_rival = start(products, own).extended(backlash).extended(nameless)
+    alone = with_rival.reduced(1)
+
+    def found(chosen):
+        beside = dict(zip((spring,), chosen.with_each((spring,)), strict=True))
+        return alternatives(search, chosen, 0, beside)
+
+    assert found(alone) == (spring.effect,)
+    assert found(with_rival) == ()

@@ -96,10 +96,18 @@ class EffectSet:
         return self._squares(self.products, self.solution)
 
     @cached_property
-    def position_squares(self) -> Array:
-        """Return the part of `squares` that is of positions, (B,)."""
-        assert self.products.of_positions is not None
-        return self._squares(self.products.of_positions, self.solution)
+    def squares_by_kind(self) -> tuple[Array, ...]:
+        """Return the parts of `squares` that are of positions and of orientations, (B,) each.
+
+        What is known of weights is in neither.
+        """
+        readings = self.squares
+        if (told := self.products.told) is not None:
+            readings = readings - self.solution**2 @ told[self.at]
+        if self.products.of_positions is None:
+            return (readings,)
+        positions = self._squares(self.products.of_positions, self.solution)
+        return positions, readings - positions
 
     def with_each(self, candidates: Sequence[Columns]) -> Array:
         """Return the sums of squares with each of some candidates added, (m, B)."""
@@ -289,9 +297,8 @@ def both_kinds_agree(before: EffectSet, after: EffectSet) -> bool:
 
     What turns the end one way and moves it another is not what its name says.
     """
-    positions = before.position_squares - after.position_squares
-    attitudes = before.squares - after.squares - positions
-    return not (surely_worse(positions) or surely_worse(attitudes))
+    pairs = zip(before.squares_by_kind, after.squares_by_kind, strict=True)
+    return not any(surely_worse(less - more) for less, more in pairs)
 
 
 def as_good(squares: Array, than: Array) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import median_abs_deviation
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
@@ -26,6 +27,7 @@ from pa10cal.discovery.blocked_cv.family import (
     both_kinds_agree,
     family,
     surely_worse,
+    within_bounds,
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
 from pa10cal.discovery.blocked_cv.search import (
@@ -62,6 +64,8 @@ from pa10cal.terms.effects.unnamed import DirectionMap
 _OVER_FLOOR = 1.15
 #: Standard errors over blocks by which it has to be larger.
 _SURELY = 3.0
+#: Standard error of the median of normal deviates over that of their mean: sqrt(pi / 2).
+_OF_MEDIAN = 1.2533
 
 
 class BlockPrediction(BlockedCrossValidation, MayHaveCarrier):
@@ -98,9 +102,13 @@ def prediction(
 
 
 def judged_members(
-    rows: BlockedRows, search: Search, chosen: EffectSet
+    rows: BlockedRows, search: Search, chosen: EffectSet, with_rivals: EffectSet
 ) -> tuple[tuple[Judged, ...], Array]:
-    """Return the evidence of each member, and the position errors (P,) [mm] of held-out blocks."""
+    """Return the evidence of each member, and the position errors (P,) [mm] of held-out blocks.
+
+    Alternatives are judged with the rivals there: without them, whatever imitates a rival does as
+    well as the member in its place.
+    """
     solutions = np.stack(
         [chosen.solution, *(chosen.solution_without(k) for k in range(len(chosen.members)))]
     )
@@ -115,8 +123,8 @@ def judged_members(
         whiteners = rows.weights.whiteners(np.flatnonzero(here))
         squares[here] = np.sum((whiteners @ left) ** 2, axis=1)
     rms = np.sqrt(np.mean(errors_mm**2, axis=0))
-    others = search.others(chosen)
-    beside = dict(zip(others, chosen.with_each(others), strict=True)) if others else {}
+    others = search.others(with_rivals)
+    beside = dict(zip(others, with_rivals.with_each(others), strict=True)) if others else {}
     labels, pose = np.unique(rows.survey.poses.pose, return_inverse=True)
     found = []
     for k, without in enumerate(chosen.without_each()):
@@ -127,9 +135,9 @@ def judged_members(
         carrier = carrier_of(labels, without_each, whole, search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
         proof = prediction(gain, float(without.sum()), rms_mm, carrier)
-        found.append(
-            Judged(chosen.members[k].effect, proof, alternatives(search, chosen, k, beside))
-        )
+        member = chosen.members[k]
+        place = with_rivals.members.index(member)
+        found.append(Judged(member.effect, proof, alternatives(search, with_rivals, place, beside)))
     return tuple(found), errors_mm[:, 0]
 
 
@@ -144,9 +152,25 @@ def remaining_error(
         std_mm=std_mm,
         rms_mm=rms(errors_mm),
         floor_mm=floor_mm,
-        over_floor=mean_mm > _OVER_FLOOR * floor_mm and mean_mm - floor_mm > _SURELY * std_mm,
+        over_floor=over_floor(means, mean_mm, floor_mm),
         tried=others,
     )
+
+
+def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
+    """Return whether blocks of means (B,) have more than noise, however far off one of them is.
+
+    By their mean and its standard error, or by their median and what the median of normal deviates
+    scatters by, taken from their median absolute deviation.
+    """
+    if mean_mm <= _OVER_FLOOR * floor_mm:
+        return False
+    root = np.sqrt(len(means_mm))
+    middle_mm = float(np.median(means_mm))
+    usual_mm = _OF_MEDIAN * float(median_abs_deviation(means_mm, scale="normal")) / root
+    surely = mean_mm - floor_mm > _SURELY * means_mm.std(ddof=1) / root
+    middle = middle_mm > _OVER_FLOOR * floor_mm and middle_mm - floor_mm > _SURELY * usual_mm
+    return bool(surely or middle)
 
 
 def alternatives(
@@ -185,17 +209,18 @@ def tried(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
     for other, squares in zip(others, found, strict=True):
         gain = chosen.squares - squares
         helps = search.helps(chosen.squares, squares)
+        ahead = chosen.extended(other) if helps else None
         entry = Tried(
             id=other.effect.id,
             of=other.effect.of,
             gain=float(gain.sum()) / whole,
             gain_std=standard_error(gain) / whole,
             helps=helps,
-            positions_and_attitudes_agree=both_kinds_agree(chosen, chosen.extended(other))
-            if helps
-            else None,
+            positions_and_attitudes_agree=ahead and both_kinds_agree(chosen, ahead),
+            physical=ahead and within_bounds(ahead),
         )
-        if other.name not in best or entry.gain > best[other.name].gain:
+        known = best.get(other.name)
+        if known is None or (entry.helps, entry.gain) > (known.helps, known.gain):
             best[other.name] = entry
     return tuple(sorted(best.values(), key=lambda entry: -entry.gain))
 
@@ -205,10 +230,10 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
     if not remaining.over_floor:
         return ()
     left_mm, others = remaining.mean_mm, remaining.tried
-    contradicting: dict[str, Tried] = {}  # the best of each place that makes a kind worse
+    helpful: dict[str, Tried] = {}  # the best of each place that helps and was not taken
     for entry in others:
-        if entry.helps and entry.positions_and_attitudes_agree is False:
-            contradicting.setdefault(entry.of, entry)
+        if entry.helps:
+            helpful.setdefault(entry.of, entry)
     places = [smooth_unknown(each, left_mm, "held-out blocks") for each in nameless]
     places += [
         Unexplained(
@@ -216,10 +241,9 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
             form=entry.id,
             shared_error_mm=left_mm,
             why=f"{100 * entry.gain:.0f} % of the remaining error depends on {entry.id} of "
-            f"{entry.of}, but positions and orientations contradict each other: it is no "
-            "effect of that name",
+            f"{entry.of}, but {_why_not_taken(entry)}",
         )
-        for entry in contradicting.values()
+        for entry in helpful.values()
     ]
     if places:
         return tuple(places)
@@ -234,6 +258,14 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
             f"({100 * nearest.gain:.1f} ± {100 * nearest.gain_std:.1f}) % of it"
         )
     return (Unexplained(of=None, form=None, shared_error_mm=left_mm, why=why),)
+
+
+def _why_not_taken(entry: Tried) -> str:
+    if entry.physical is False:
+        return "with a sign or size that it physically cannot have: it is no effect of that name"
+    if entry.positions_and_attitudes_agree is False:
+        return "positions and orientations contradict each other: it is no effect of that name"
+    return "what was found in its place predicts as much of it"
 
 
 # Every tenth pose predicted from the others: for what the search's stretches of time hardly see.
@@ -410,14 +442,15 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
     search = Search(products, Columns(rows.own, rows.own_sizes), known.shown, noise, error_rate)
     chosen = search.run()
     others = tried(search, chosen)
+    with_rivals = chosen
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)
     for k in reversed(range(len(chosen.members))):
         if chosen.members[k].effect.generic:  # rivals are not in the model
             chosen = chosen.reduced(k)
-    judged, errors_mm = judged_members(rows, search, chosen)
+    judged, errors_mm = judged_members(rows, search, chosen, with_rivals)
     members, effects, least_gain = chosen.members, search.effects, search.least_gain
     below = below_detection_limit(known, search.is_surely_found)
-    del products, search, chosen  # they are large
+    del products, search, chosen, with_rivals  # they are large
     return SearchOutcome(
         survey=rows.survey,
         rows=rows,

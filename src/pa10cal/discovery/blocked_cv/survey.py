@@ -267,8 +267,10 @@ class Products:
     gram: Array  # (N, N) or (B, N, N) of columns with columns
     projection: Array  # (N,) or (B, N) of columns with the data
     squares: Array  # () or (B,) of the data
-    # the same of the rows of positions alone, where it was requested
+    # the same of the rows of positions alone, where there are others; then of what every block is
+    # told beside its rows, the precision (N,)
     of_positions: Products | None = None
+    told: Array | None = None
 
     @classmethod
     def of(cls, data: Array, dense: Array, maps: csr_array) -> Products:
@@ -458,10 +460,14 @@ class BlockedRows:
         projection[1] += projection[0]
         # What is known of the weights is told like readings, some in every block: what they would
         # have to be to explain an error counts against them.
-        of_weights = self.of_weights
-        gram[1][:, of_weights, of_weights] += 1.0 / BLOCKS
-        positions = Products(gram[0], projection[0], squares[0])
-        return Products(gram[1], projection[1], squares.sum(axis=0), positions)
+        told = np.zeros(total)
+        told[self.of_weights] = 1.0 / BLOCKS
+        every = np.arange(total)
+        gram[1][:, every, every] += told
+        measured, positions = self.survey.poses.measured, None
+        if measured.components_seen.shape[1] > len(measured.position_columns):
+            positions = Products(gram[0], projection[0], squares[0])
+        return Products(gram[1], projection[1], squares.sum(axis=0), positions, told)
 
     def products_by_kind(
         self, b: int, joints: Sequence[int], knots: Sequence[int]

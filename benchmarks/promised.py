@@ -1,0 +1,85 @@
+"""Promised uncertainty against the errors of held-out poses: what `u_mm` is worth.
+
+`python -m benchmarks.promised RESULTS …` takes folders of results of campaigns with held-out poses
+(`pa10cal chain`, `pa10cal run`): the extended model where there is one, else the calibrated one.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from pa10cal.commands.command_line import limit_threads
+
+#: Of a standard uncertainty, the half width of an interval of 95 %.
+_TWICE = 1.96
+
+
+def promised(results: Path) -> tuple[int, float, float, float, float]:
+    """Return configurations, rms error and rms `u_mm` [mm], parts of poses within 1.96, `inside`.
+
+    Raises:
+        Pa10calError: when results lack a file, or no pose is held out.
+    """
+    from pa10cal.campaign.table import read_pose_table
+    from pa10cal.fit.fitted_model import load_model
+    from pa10cal.results.codec import read
+    from pa10cal.results.evaluation import HoldoutRecord
+
+    record = read(HoldoutRecord, results / "evaluation" / "holdout.json")
+    *_, judged = record.models.values()
+    table = read_pose_table(results / "ingest" / "poses.parquet")
+    table = table[table["kind"] == "holdout"].drop_duplicates(["pose", "load_N"])
+    table = table.set_index(["pose", "load_N"])
+    rows = table.loc[list(zip(judged.rows.pose, judged.rows.load_N, strict=True))]
+    model = load_model(results)
+    n = model.arm.n
+    q = rows[[name for name in rows if name[:1] == "q" and name.split("_")[0][1:].isdigit()]]
+    q = q[[name for name in q if "_u_" not in name]]
+    arrival = rows[[f"s{joint}" for joint in range(1, n + 1)]].to_numpy(float)
+    targets = [name for name in model.frames if name.startswith("target_")] or ["tool"]
+    found = [
+        model.predict(
+            q.to_numpy(),
+            frame=frame,
+            load_N=rows.index.get_level_values("load_N").to_numpy(),
+            arrival=arrival,
+            extrapolate=True,
+        )
+        for frame in targets
+    ]
+    u_mm = np.sqrt(np.mean([each.u_mm**2 for each in found], axis=0))
+    error_mm = judged.rows.error_mm
+    return (
+        len(error_mm),
+        float(np.sqrt(np.mean(error_mm**2))),
+        float(np.sqrt(np.mean(u_mm**2))),
+        float(np.mean(error_mm <= _TWICE * u_mm)),
+        float(np.mean(found[0].inside)),
+    )
+
+
+def main(folders: list[str]) -> None:
+    """Print a line for each folder of results."""
+    from pa10cal.errors import Pa10calError
+
+    limit_threads()
+    print("| results | poses | rms error [mm] | rms u [mm] | ratio | within 95 % | inside |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for folder in map(Path, folders):
+        try:
+            poses, error, u, within, inside = promised(folder)
+        except Pa10calError as refused:
+            print(f"| {folder.name} | {str(refused).splitlines()[0]} |||||||")
+            continue
+        ratio = f"{error / u:.2f}" if u else "no u"
+        print(
+            f"| {folder.name} | {poses} | {error:.3f} | {u:.3f} | {ratio} "
+            f"| {100 * within:.0f} % | {100 * inside:.0f} % |"
+        )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
