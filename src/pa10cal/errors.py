@@ -61,6 +61,15 @@ def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:half]} … {text[-half:]}"
 
 
+def no_memory(error: MemoryError) -> str:
+    """Return what is said where memory does not suffice, and what to do about it."""
+    needed = f" ({_short(str(error))})" if str(error) else ""
+    return (
+        f"not enough memory{needed}; close other programs, use fewer cores (--cores 1) or less "
+        "data, or a machine with more memory"
+    )
+
+
 def last_message(printed: str) -> tuple[str, str] | None:
     """Return the last message in what a command printed: who says it, and what; warnings are none.
 

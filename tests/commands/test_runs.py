@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import csv
+import errno
+import faulthandler
+import os
+import re
+import select
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from benchmarks.broken_fleet import BROKEN, broken_fleet
 
-from pa10cal.commands.command_line import REFUSED, main, run_command
-from pa10cal.errors import OutputError
+from pa10cal.commands.command_line import INTERRUPTED, REFUSED, main, run_command
+from pa10cal.files.output import write_text, writing_into
 from pa10cal.fit.fitted_model import load_model
+from pa10cal.fleet.campaigns import Listed, forget_ended
 from pa10cal.reports import page, summary
 from pa10cal.reports.summary import CampaignSummary
-from pa10cal.results.codec import read
+from pa10cal.results.codec import read, write
 from pa10cal.results.fleet import ChainRecord, FleetRecord
 from pa10cal.running import workflow
 from pa10cal.stages import readings
@@ -215,20 +227,98 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
     assert (found.status, found.message) == ("fault", "internal fault: ZeroDivisionError: oh")
 
 
-@pytest.mark.parametrize(
-    ("error", "code"),
-    [
-        (OutputError("full", where="here", allowed="room", remedy="make room"), 2),
-        (OSError(28, "No space left on device"), 3),
-    ],
-)
-def test_a_full_disk_is_no_verdict_on_a_campaign(tmp_path, monkeypatch, error, code):
-    def full(**_):
-        raise error
+FULL = OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(readings, "ingest", full)
-    assert take(EXAMPLE, tmp_path) == code
+
+def _refused_as_full():
+    with writing_into(Path("here"), "the output", "remove it"):
+        raise FULL
+
+
+def _raise(error):
+    raise error
+
+
+@pytest.mark.parametrize("full", [_refused_as_full, lambda: _raise(FULL)])
+def test_a_full_disk_is_no_verdict_on_a_campaign(tmp_path, monkeypatch, capsys, full):
+    monkeypatch.setattr(readings, "ingest", lambda **_: full())
+    assert take(EXAMPLE, tmp_path) == REFUSED
+    assert "No space left on device" in capsys.readouterr().err
     assert not (tmp_path / "chain.json").exists()
+
+
+ENDS = {
+    "abort": (
+        lambda: (faulthandler.disable(), os.abort()),
+        r"killed by signal 6 \(SIGABRT\), as by a library that needs more memory",
+    ),
+    "kill": (lambda: os.kill(os.getpid(), signal.SIGKILL), r"signal 9 .*not enough memory"),
+    "exit": (lambda: os._exit(7), "ended with exit code 7"),
+    "memory": (lambda: np.empty(2**61, "u1"), "^not enough memory .*EiB.*; close other programs"),
+    "file": (lambda: Path("/gone/x").read_text(), "^FileNotFoundError: .*'/gone/x'"),
+    "output": (
+        lambda: write_text(Path("/dev/null/x"), ""),
+        "^/dev/null/x: the output cannot be written .*File exists",
+    ),
+}
+
+
+@pytest.mark.parametrize("way", ENDS)
+def test_what_the_machine_ends_leaves_its_reason(tmp_path, monkeypatch, capsys, way):
+    end, message = ENDS[way]
+    monkeypatch.setattr(readings, "ingest", lambda **_: end())
+    assert take(EXAMPLE, tmp_path) == 0
+    found = read(ChainRecord, tmp_path / "chain.json")
+    assert (found.campaign, found.status, found.stage) == (EXAMPLE.name, "ended", "ingest")
+    assert re.search(message, found.message), found.message
+    assert f"pa10cal chain: {EXAMPLE.name}: ingest: {found.message}" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["chain.json"]
+
+
+def test_an_interrupt_of_the_child_is_one_of_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(readings, "ingest", lambda **_: _raise(KeyboardInterrupt))
+    assert take(EXAMPLE, tmp_path) == INTERRUPTED
+    assert "pa10cal chain: interrupted" in capsys.readouterr().err
+    assert not (tmp_path / "chain.json").exists()
+
+
+def test_the_child_ends_with_its_parent(tmp_path):
+    """However that is killed."""
+    code = (
+        "import os, sys, time; from pathlib import Path\n"
+        "from pa10cal.running.child import in_child\n"
+        "def work(say):\n"
+        "    Path(sys.argv[1]).write_text(str(os.getpid())); time.sleep(60)\n"
+        "in_child(work)"
+    )
+    told = tmp_path / "child"
+    parent = subprocess.Popen([sys.executable, "-c", code, str(told)])
+    while not (told.exists() and told.read_text()):
+        time.sleep(0.02)
+    child = os.pidfd_open(int(told.read_text()))
+    parent.kill()
+    parent.wait()
+    assert select.select([child], [], [], 10.0)[0]
+    os.close(child)
+
+
+def test_too_little_memory_is_told_as_that(capsys):
+    code = run_command("predict", [], lambda: np.empty(2**61, "u1"))
+    said = capsys.readouterr().err
+    assert code == REFUSED
+    assert said.startswith("pa10cal predict: not enough memory (Unable to allocate 2.00 EiB")
+    assert "use fewer cores" in said
+    assert said.count("\n") == 1
+
+
+def test_what_the_machine_ended_is_begun_anew(tmp_path):
+    for name, status in (("a", "ended"), ("b", "refused"), ("c", "done")):
+        (tmp_path / name).mkdir()
+        write(ChainRecord(campaign=name, status=status), tmp_path / name / "chain.json")
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d/chain.json").write_text("[")
+    forget_ended([Listed(name, name) for name in "abcde"], tmp_path)
+    assert [path.parent.name for path in sorted(tmp_path.glob("*/chain.json"))] == ["b", "c", "d"]
 
 
 def test_a_fleet_is_summarised_and_its_campaigns_are_compared(done, capsys):
@@ -269,11 +359,21 @@ def test_the_whole_way_is_one_command(tmp_path, capsys):
     (tmp_path / "raw/bad-one").mkdir()
     (tmp_path / "raw/bad-one/campaign.yaml").write_text("nothing", "utf-8")
     out = tmp_path / "results"
-    assert main(["fleet", "*", "--raw-dir", str(tmp_path / "raw"), "--out", str(out)]) == 0
-    printed = capsys.readouterr().out
-    assert "bad-one: no_result: bad-one: ingest: " in printed
-    assert "2 campaigns of 2 arms: 1 good, 1 refused" in printed
+    assert main(["fleet", "*", "--raw-dir", str(tmp_path / "raw"), "--out", str(out)]) == REFUSED
+    shown = capsys.readouterr()
+    assert "bad-one: no_result: bad-one: ingest: " in shown.out
+    assert "2 campaigns of 2 arms: 1 good, 1 refused" in shown.out
+    assert "pa10cal fleet: 1 of 2 campaigns gave no model: bad-one" in shown.err
     assert (out / "fleet/fleet.html").is_file()
+
+
+@pytest.mark.slow
+def test_campaigns_broken_in_ten_ways_stop_no_other(tmp_path):
+    """The figure of two hundred is that of `python -m benchmarks.broken_fleet`."""
+    found = broken_fleet(tmp_path, 3 + len(BROKEN))
+    assert found.code == REFUSED
+    assert found.done == 3
+    assert found.wrong == {}
 
 
 def test_a_fleet_of_nothing_is_refused(tmp_path, capsys):

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from pa10cal.errors import OutputError, Pa10calError, SettingsError, no_memory
 from pa10cal.evaluation.options import ChainOptions
+from pa10cal.files.output import MAKE_ROOM, no_room
+
+if TYPE_CHECKING:
+    from pa10cal.running.child import Say
 
 #: What a run writes under the results of a campaign; `members` is a group's.
 _WRITTEN = (
@@ -25,8 +30,9 @@ def chain(
     """Take a campaign from raw files to its model, or a group of campaigns, in one go.
 
     Writes the same files as the single stages, as one of many: a campaign that is refused, or that
-    a fault of the program ends, stops no other. `chain.json` states its outcome, and files that
-    earlier runs wrote for stages that did not run are removed.
+    a fault of the program or the machine ends, stops no other. The stages run in a child, so that
+    `chain.json` states the outcome whatever ends them; files that earlier runs wrote for stages
+    that did not run are removed. A full disk alone ends the command.
 
     Args:
         campaign_dir: folder of raw files; of a group several.
@@ -40,15 +46,11 @@ def chain(
         pa10cal chain --campaign-dir data/raw/may data/raw/june --results results/both
     """
     import sys
-    import traceback
+    from functools import partial
 
-    from pa10cal.commands.data import import_data
-    from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.planning.campaign import check_prior
-    from pa10cal.reports.summary import summarise
-    from pa10cal.results.codec import write
     from pa10cal.results.fleet import ChainRecord
-    from pa10cal.stages.pipeline import stages
+    from pa10cal.running.child import in_child
 
     if bool(dataset) != bool(source) or (dataset and len(campaign_dir) > 1):
         raise SettingsError(
@@ -58,36 +60,82 @@ def chain(
             allowed="--dataset with --source and one folder of raw files, or neither of them",
             remedy="give both; for a group run pa10cal import first",
         )
-    raw, file = campaign_dir[0], ChainRecord.FILE
-    name = results.name if len(campaign_dir) > 1 else raw.name
+    file, several = ChainRecord.FILE, len(campaign_dir) > 1
+    name = results.name if several else campaign_dir[0].name
     if settings.calibration.prior is not None:  # before results that hold it are removed
-        members = campaign_dir if len(campaign_dir) > 1 else ()
+        members = campaign_dir if several else ()
         own = [results, *(results.parent / folder.name for folder in members)]
         check_prior(settings.calibration.prior, own)
     _remove(results, file, *_WRITTEN)
-    stage, written = "import", set[str]()
-    outcome: dict[str, Any] = {}
+    found = in_child(partial(_walk, campaign_dir, results, name, dataset, source, settings))
+    said = dict(found.said)
+    stage, written = said.pop("stage", "import"), said.pop("written", ())
+    if full := said.pop("no_room", None):
+        raise OutputError(
+            "the results cannot be written",
+            where=str(results),
+            value=full,
+            allowed="a folder with room in it",
+            remedy=MAKE_ROOM,
+        )
+    if said.get("status") == "done" and found.code == 0:
+        return
+    outcome = said if found.code == 0 else {"status": "ended", "message": found.why}
+    _remove(results, *written)
+    print(f"pa10cal chain: {name}: {stage}: {outcome['message']}", file=sys.stderr)
+    # Late: where all went well, the child alone has imported what writes records.
+    from pa10cal.results.codec import write
+
+    write(ChainRecord(**outcome | {"campaign": name, "stage": stage}), results / file)
+
+
+def _walk(
+    folders: tuple[Path, ...],
+    results: Path,
+    name: str,
+    dataset: str,
+    source: Path | None,
+    settings: ChainOptions,
+    say: Say,
+) -> None:
+    """Walk the stages of a campaign, say which is at work, and at last what came of them."""
+    import traceback
+
+    from pa10cal.commands.data import import_data
+    from pa10cal.reports.summary import summarise
+    from pa10cal.results.codec import write
+    from pa10cal.results.fleet import ChainRecord
+    from pa10cal.stages.pipeline import stages
+
+    outcome: dict[str, Any] = {"status": "done"}
     try:
         if source is not None:
+            raw = folders[0]
             import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
-        for each in stages(campaign_dir, results, settings):
-            stage = each.name
-            written = {path.relative_to(results).parts[0] for path in each.writes.values()}
+        for each in stages(folders, results, settings):
+            parts = {path.relative_to(results).parts[0] for path in each.writes.values()}
+            say({"stage": each.name, "written": sorted(parts)})
             each.run()
-    except (OutputError, OSError, MemoryError):  # of the machine, not of the campaign
-        raise
+        done = dict(summarise(results, settings.evaluation.calibration).outcome)
+        write(ChainRecord(**done | {"campaign": name}), results / ChainRecord.FILE)
+    except (OutputError, OSError, MemoryError) as error:
+        # A full disk is no verdict on a campaign, and ends a run: all others would end likewise.
+        outcome = {"no_room": str(error)} if no_room(error) else _ended(error)
     except Pa10calError as error:
-        outcome = {"status": "refused", "stage": stage, "message": str(error)}
+        outcome = {"status": "refused", "message": str(error)}
     except Exception as error:  # a fault of one campaign is not to end the others
         traceback.print_exc()
         message = f"internal fault: {type(error).__name__}: {error}"
-        outcome = {"status": "fault", "stage": stage, "message": message}
-    if outcome:
-        _remove(results, *written)
-        print(f"pa10cal chain: {name}: {stage}: {outcome['message']}", file=sys.stderr)
-    else:
-        outcome = dict(summarise(results, settings.evaluation.calibration).outcome)
-    write(ChainRecord(**outcome | {"campaign": name}), results / file)
+        outcome = {"status": "fault", "message": message}
+    say(outcome)
+
+
+def _ended(error: Exception) -> dict[str, Any]:
+    """Return the outcome of a campaign that the machine ended, which a next run begins anew."""
+    if isinstance(error, MemoryError):
+        return {"status": "ended", "message": no_memory(error)}
+    told = str(error) if isinstance(error, OutputError) else f"{type(error).__name__}: {error}"
+    return {"status": "ended", "message": told}
 
 
 def _remove(results: Path, *names: str) -> None:

@@ -25,7 +25,13 @@ from types import NoneType, UnionType
 from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints
 
 from pa10cal import __version__
-from pa10cal.errors import OutputError, Pa10calError, missing_package, remedy_for
+from pa10cal.errors import (
+    OutputError,
+    Pa10calError,
+    missing_package,
+    no_memory,
+    remedy_for,
+)
 
 #: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C;
 #: stopped because nobody reads the output any more, as by `| head`.
@@ -209,6 +215,9 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
         refusal = error if isinstance(error, Pa10calError) else missing_package(error)
         if refusal is not None:
             print(f"pa10cal {name}: {refusal}", file=sys.stderr)
+            return REFUSED
+        if isinstance(error, MemoryError):
+            print(f"pa10cal {name}: {no_memory(error)}", file=sys.stderr)
             return REFUSED
         print(
             f"pa10cal {name}: internal fault: {type(error).__name__}: {error}; "

@@ -243,9 +243,10 @@ def fleet(
 ) -> None:
     """Run many campaigns of many arms to models, and summarise them: which arms need attention.
 
-    Results that are up to date are not computed again. A campaign that is refused stops no other:
-    it is in the summary with its message. `run` makes figures and reports of single campaigns,
-    `snakemake` those that are requested.
+    Results that are up to date are not computed again. A campaign that is refused, or that a fault
+    or the machine ends, stops no other: it is in the summary with its reason, and the exit code is
+    2. One that the machine ended is begun anew by the next run. `run` makes figures and reports of
+    single campaigns, `snakemake` those that are requested.
 
     Args:
         campaigns: table of campaigns (.csv) with the column campaign and, where known, arm and
@@ -263,14 +264,22 @@ def fleet(
     """
     import json
 
-    from pa10cal.fleet.campaigns import campaigns_of
+    from pa10cal.fleet.campaigns import campaigns_of, forget_ended
     from pa10cal.results.codec import read
     from pa10cal.results.fleet import FleetRecord
-    from pa10cal.running.workflow import RunDisplay, Workflow, run_workflow, settings_of
+    from pa10cal.running.run_lock import run_lock
+    from pa10cal.running.workflow import (
+        RunDisplay,
+        StageError,
+        Workflow,
+        run_workflow,
+        settings_of,
+    )
 
     raw_dir, out = raw_dir.absolute(), out.absolute()
     asked = str(Path(campaigns).absolute()) if campaigns.endswith(".csv") else campaigns
-    names = [each.campaign for each in campaigns_of(asked, raw_dir)]
+    listed = campaigns_of(asked, raw_dir)
+    names = [each.campaign for each in listed]
     own = [] if settings is None else [settings]
     used = settings_of(own, {"campaigns": names}, f"{settings or 'campaigns'}")
     texts = {"campaigns": asked, "raw_dir": str(raw_dir), "results_dir": str(out)}
@@ -281,15 +290,26 @@ def fleet(
     workflow = Workflow(
         "workflow/run.smk", config, out, out, "fleet", cores, targets, settings, profile=profile
     )
-    with closing(RunDisplay(lines=False)) as display:
+    with run_lock(out, ["fleet"]), closing(RunDisplay(lines=False)) as display:
+        forget_ended(listed, out)
         run_workflow(workflow, display)
     found = read(FleetRecord, out / FleetRecord.FILE)
+    last = set()
     for each in found.arms:
         if each.attention != "none":
             print(f"{each.arm}: {each.attention}: {each.last}: {each.why}")
+            last.add(each.last)
+    lost = [each for each in found.campaigns if each.became.status != "done"]
+    for of in lost:  # of earlier campaigns of arms too
+        if of.campaign not in last:
+            why = ": ".join(filter(None, (of.became.stage, of.became.message)))
+            print(f"{of.arm}: {of.became.status}: {of.campaign}: {why}")
     words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
     print(f"\n{len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")
     print(f"{out / 'fleet/fleet.html'}\nin {display.seconds:.0f} s")
+    if lost:
+        named = ", ".join(each.campaign for each in lost[:10]) + ", …" * (len(lost) > 10)
+        raise StageError(f"{len(lost)} of {len(found.campaigns)} campaigns gave no model: {named}")
 
 
 def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) -> None:

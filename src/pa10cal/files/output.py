@@ -22,6 +22,7 @@ _PARTIAL = ".partial."
 FORMER = ".former"
 #: What a full disk, or a limit on sizes, answers.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+MAKE_ROOM = "make room on the disk"
 
 
 @contextmanager
@@ -160,8 +161,15 @@ def writing_into(
             where=str(folder),
             value=os.strerror(error.errno) if error.errno else str(error),
             allowed=allowed,
-            remedy="make room on the disk" if error.errno in _NO_ROOM else remedy,
+            remedy=MAKE_ROOM if error.errno in _NO_ROOM else remedy,
         ) from None
+
+
+def no_room(error: Exception) -> bool:
+    """Return whether an error, or the refusal that it was made, is that of a full disk."""
+    if isinstance(error, OutputError):
+        return error.remedy == MAKE_ROOM
+    return isinstance(error, OSError) and error.errno in _NO_ROOM
 
 
 def _writing(path: Path) -> AbstractContextManager[None]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -140,8 +142,10 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
         listed: its campaigns.
         results_dir: holds a folder of results for each.
 
+    A campaign without a `chain.json` counts as one that the machine ended.
+
     Raises:
-        RecordError: when a campaign has no `chain.json`.
+        RecordError: when one cannot be read.
     """
     of_campaign: dict[str, FleetCampaign] = {}
     arms = []
@@ -149,7 +153,7 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
         before: tuple[str, Path] | None = None  # the last campaign with a model
         for each in of_arm:
             folder = results_dir / each.campaign
-            outcome = read(ChainRecord, folder / ChainRecord.FILE, within=folder)
+            outcome = _outcome(each.campaign, folder)
             agrees, line = None, None
             if outcome.status == "done":
                 now = each.campaign, folder
@@ -179,6 +183,22 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
     )
 
 
+def _outcome(campaign: str, folder: Path) -> ChainRecord:
+    if (folder / ChainRecord.FILE).exists():
+        return read(ChainRecord, folder / ChainRecord.FILE, within=folder)
+    log = folder / "logs/chain.log"
+    return ChainRecord(campaign=campaign, status="ended", message=f"it left no outcome; see {log}")
+
+
+def forget_ended(listed: Iterable[Listed], results_dir: Path) -> None:
+    """Remove the outcomes of campaigns that the machine ended, so that a run begins them anew."""
+    for each in listed:
+        path = results_dir / each.campaign / ChainRecord.FILE
+        with suppress(OSError, ValueError, AttributeError):  # one that no run of ours has written
+            if json.loads(path.read_bytes()).get("status") == "ended":
+                path.unlink()
+
+
 def _moved(before: tuple[str, Path], now: tuple[str, Path]) -> tuple[bool | None, str]:
     """Return whether two models of an arm agree, and the sentences that say so and what moved."""
     # Late: planning a run lists campaigns, and compares none.
@@ -198,7 +218,7 @@ def _attention(last: FleetCampaign) -> tuple[Attention, str]:
     """Return whether a campaign asks for attention, and why."""
     outcome = last.became
     if outcome.status != "done":
-        return "no_result", f"{outcome.stage}: {outcome.message}"
+        return "no_result", ": ".join(filter(None, (outcome.stage, outcome.message)))
     said = f"{outcome.grade}: {outcome.line}"
     if outcome.grade not in UNRESERVED:
         return "input", said

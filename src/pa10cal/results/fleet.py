@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pa10cal.results.record import CampaignRecord, Key, Part, Record, filed, optional
 
 #: What became of a campaign.
-ChainStatus = Literal["done", "refused", "fault"]
+ChainStatus = Literal["done", "refused", "fault", "ended"]
 #: Why an arm needs attention, the most urgent first.
 Attention = Literal["no_result", "input", "moved", "incomplete", "none"]
 
@@ -17,9 +17,10 @@ Attention = Literal["no_result", "input", "moved", "incomplete", "none"]
 class ChainRecord(CampaignRecord):
     """What became of one campaign of many: done, or where it ended and why."""
 
-    # `done`; `refused` where a stage refused its input; `fault` where one failed
+    # `done`; `refused` where a stage refused its input; `fault` where one failed; `ended` where the
+    # machine ended it, such as by a signal or for want of memory: a next run begins it anew
     status: ChainStatus
-    stage: str | None = optional()  # the stage that refused or failed
+    stage: str | None = optional()  # the stage that refused, failed or was ended
     message: str | None = optional()  # what it said
     robot: str | None = optional()  # the arm's description
     provenance: str | None = optional()  # where its data come from, in its own words
@@ -62,7 +63,7 @@ class FleetArm(Part):
 class FleetRecord(Record):
     """A fleet: every campaign, and every arm with those first that need attention."""
 
-    # campaigns by what became of them: their grade, `refused` or `fault`
+    # campaigns by what became of them: their grade, `refused`, `fault` or `ended`
     counts: Mapping[Annotated[str, Key("word")], int]
     arms: tuple[FleetArm, ...]  # every arm, those first that need attention
     campaigns: tuple[FleetCampaign, ...]  # every campaign, in the table's order
