@@ -46,6 +46,7 @@ def states_of(arm, seed=3, poses=5, **known) -> PoseStates:
         "load_N": rng.choice([0.0, 44.0], poses),
         "temperature_C": rng.uniform(19.0, 27.0, poses),
         "time_s": np.sort(rng.uniform(100.0, 4e4, poses)),
+        "move_share": np.linspace(-1.0, 1.0, poses * n).reshape(poses, n),
         "static_loads": StaticLoads(
             link_Nm=rng.uniform(-60.0, 60.0, (poses, n, 3)),
             base_Nm=rng.uniform(-100.0, 100.0, (poses, 3)),

@@ -166,6 +166,12 @@ def test_a_joint_arrives_from_where_it_stood_before():
     assert found.states.arrival.T.tolist() == [[0, 1, -1, 1], [0, -1, 1, -1]]
 
 
+def test_moves_are_shares_of_that_of_the_joint_that_went_furthest():
+    found, _ = with_arrivals(observed([0.0, 0.5, 0.3, 0.3001], [0.0, -0.25, 0.15, 0.15]))
+    expected = [[0.0, 0.0], [1.0, -0.5], [-0.5, 1.0], [0.0, 0.0]]
+    np.testing.assert_allclose(found.states.move_share, expected, atol=1e-12)
+
+
 def test_one_that_stays_keeps_its_last_direction():
     found, _ = with_arrivals(observed([0.0, 0.5, 0.50001, 0.5, 0.2], [0.0] * 5))
     assert found.states.arrival.T.tolist() == [[0, 1, 1, 1, -1], [0] * 5]
@@ -202,7 +208,8 @@ def test_what_was_logged_is_left_alone():
     logged = observed([0.0, 0.5, 0.3], [0.0] * 3, s1=[0, -1, 0])
     found, from_order = with_arrivals(logged)
     assert not from_order
-    assert found is logged
+    assert found.states.arrival is logged.states.arrival
+    assert found.states.moved is None
 
 
 def test_no_readings_stay_as_they_are():

@@ -70,6 +70,9 @@ class PoseStates:
     # (P, n) direction in which each joint moved from the pose before: -1, 0 (it stayed) or +1;
     # None where `arrival` says so
     moved: Array | None = None
+    # (P, n) move from the pose before over that of the joint that went furthest, a metre of one
+    # that slides counting as a radian; None where no order of poses is known
+    move_share: Array | None = None
     # (P,) whether `time_s` tells time; where it does not, as where times were not recorded or the
     # order goes with a joint or a load, it gives an order alone. None where all do.
     timed: NDArray[np.bool_] | None = None

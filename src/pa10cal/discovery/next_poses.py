@@ -38,6 +38,7 @@ from pa10cal.fit.loads import with_torques
 from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, greedy_order
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import move_shares
 from pa10cal.results.discovery import Separation as ExpectedSeparation
 from pa10cal.results.discovery import SuggestedPose
 from pa10cal.terms.effects.effect import Effect
@@ -204,6 +205,7 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
         load_N=rng.choice(loads_N, count),
         temperature_C=np.full(count, measured.temperature_C[last]),
         time_s=np.full(count, measured.time_s[last]),
+        move_share=move_shares(np.diff(q_rad, axis=0, prepend=q_rad[-1:])),
     )
 
 

@@ -201,16 +201,18 @@ def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
     stood in the configuration measured before, of whatever kind; one that stays keeps the direction
     of its last movement, and the first configuration has none. `moved` has the direction of the
     last move alone, 0 where the joint stayed, also where the directions logged are those of the
-    order, as in a table of a group.
+    order, as in a table of a group. `move_share` is known wherever the order is.
     Times that many configurations share give no order: then no direction is known. Logged
     directions of joints that are reversed (`reversed_joints`) are put right.
     """
     states = every.states
     by_order = _by_order(every) if len(every) else None
+    if by_order is not None:
+        states = replace(states, move_share=by_order[2])
     if not states.arrival.any():
         if by_order is None:
             return every, False
-        arrival, moved = by_order
+        arrival, moved, _ = by_order
         return every.with_states(replace(states, arrival=arrival, moved=moved)), True
     wrong = reversed_joints(every)
     if wrong.any():
@@ -230,7 +232,7 @@ def reversed_joints(every: Observations) -> NDArray[np.bool_]:
     none = np.zeros(logged.shape[1], dtype=bool)
     if by_order is None or not logged.any():
         return none
-    ordered, _ = by_order
+    ordered, _, _ = by_order
     known = (logged != 0.0) & (ordered != 0.0)
     times = known.sum(axis=0)
     agree = np.sum(known & (logged == ordered), axis=0) / np.maximum(times, 1)
@@ -240,10 +242,10 @@ def reversed_joints(every: Observations) -> NDArray[np.bool_]:
     return wrong if right.sum() > wrong.sum() else none
 
 
-def _by_order(every: Observations) -> tuple[Array, Array] | None:
+def _by_order(every: Observations) -> tuple[Array, Array, Array] | None:
     """Return directions (P, n) from where joints stood before, and those of joints that moved.
 
-    None where no order is known.
+    Then the moves, see `PoseStates.move_share`. None where no order is known.
     """
     import pandas as pd  # late: few campaigns need it
 
@@ -256,7 +258,15 @@ def _by_order(every: Observations) -> tuple[Array, Array] | None:
     moved = of_campaign.diff().to_numpy()
     last = pd.DataFrame(np.sign(moved)).mask(np.abs(moved) < _STOOD_STILL)
     direction = last.groupby(campaign[in_time]).ffill().fillna(0.0)
-    arrival, move_from_previous = np.zeros((2, *states.arrival.shape))
+    arrival, move_from_previous, share = np.zeros((3, *states.arrival.shape))
     arrival[in_time] = direction.to_numpy()
     move_from_previous[in_time] = np.where(np.abs(moved) < _STAYED, 0.0, np.sign(moved))
-    return arrival, np.nan_to_num(move_from_previous)
+    share[in_time] = move_shares(moved)
+    return arrival, np.nan_to_num(move_from_previous), share
+
+
+def move_shares(moved: Array) -> Array:
+    """Return moves (P, n) over that of the joint that went furthest; 0 where none is known."""
+    known = np.nan_to_num(moved)
+    furthest = np.abs(known).max(axis=1, initial=0.0)
+    return np.asarray(known / np.where(furthest > _STAYED, furthest, np.inf)[:, None])

@@ -74,6 +74,7 @@ _CLAUSES: Mapping[str, str] = {
     "torque_gain": "the logged torque{s} of {at} {is_} off by {a}factor{s}",
     "transmission_error": "the gear{s} of {at} err{v} twice a turn of {its} motor{s}",
     # of effects that sit at one place
+    "along_move": "the log of joints and the readings are not of one instant",
     "base_compliance": "the base tilts under the arm's weight",
     "base_drift": "the base moved while the campaign lasted",
     "cmm_scale": "the instrument's scale is off",

@@ -114,7 +114,9 @@ def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
 
 
 def falsifies_log(term: Term) -> bool:
-    """Return whether a term shows in a log of torques alone, and moves no robot."""
+    """Return whether a term shows in a log of joints or torques alone, and moves no robot."""
+    if getattr(term, "of_log", False):
+        return True
     of_calculated = getattr(term, "of_calculated", False)
     return shows_torque(term) and not term.acts_on_joint and not of_calculated
 

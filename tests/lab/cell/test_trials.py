@@ -287,9 +287,10 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
         time_span_s=(0.0, 3600.0),
     )
     terms = {term.id: term for term in candidates(context) if term.of not in ("joint 2", "joint 3")}
-    assert {name for name, term in terms.items() if not term.generic} == set(vocabulary())
+    simulated = vocabulary() | {"along_move": all_effects()["along_move"]}  # of studies of its own
+    assert {name for name, term in terms.items() if not term.generic} == set(simulated)
     rng = np.random.default_rng(0)
-    for name, effect in vocabulary().items():
+    for name, effect in simulated.items():
         term = terms[name]
         joint = int(term.of.removeprefix("joint ")) if term.of.startswith("joint") else 0
         rated_Nm = float(arm.torque_limit_Nm[joint - 1])

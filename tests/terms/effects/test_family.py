@@ -59,6 +59,7 @@ ONE_SIGN = {
 #: Those of either sign: amplitudes have a phase, errors of ratios, scales and reading any sign, a
 #: controller stops short or beyond, and a base drifts any way.
 EITHER_SIGN = {
+    "along_move",
     "arrival_error",
     "base_drift",
     "cmm_scale",

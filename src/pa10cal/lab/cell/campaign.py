@@ -84,7 +84,8 @@ def measure_campaign(
     swing = np.sin(2.0 * np.pi * at_rest_s / _DRIFT_PERIOD_S + phase)
     temperature_C = REFERENCE_TEMPERATURE_C + settings.temperature_drift_C * swing
     q_motor, drive = instrument.motors(schedule, streams)
-    motion = JointState(q_motor, schedule.arrival, robot.arm.gear_ratio)
+    came = schedule.q - schedule.q_from
+    motion = JointState(q_motor, schedule.arrival, robot.arm.gear_ratio, move=came)
     rest = rest_poses(
         robot,
         effects,

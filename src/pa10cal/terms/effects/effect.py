@@ -102,6 +102,8 @@ class Effect(ABC):
     positive: ClassVar[bool] = False
     #: Whether it goes with time or temperature.
     goes_with_time: ClassVar[bool] = False
+    #: Whether the log of joints errs by it, and not the robot: it plays no part in predictions.
+    of_log: ClassVar[bool] = False
     #: Whether searches try it; else it is a name for what another form finds.
     sought: ClassVar[bool] = True
 
@@ -249,6 +251,22 @@ def time_in(states: PoseStates, effect: Effect) -> Array:
             "omit the effect, or measure in random order and log time_s",
         )
     return states.time_s
+
+
+def move_share_in(states: PoseStates, effect: Effect) -> Array:
+    """Return the moves from the pose before, (P, n), over that of the joint that went furthest.
+
+    Raises:
+        CalibrationError: when no order of poses is known.
+    """
+    if states.move_share is None:
+        raise _lacking(
+            effect,
+            "the order in which poses were measured is not known",
+            "poses with times of their own",
+            "log time_s, or omit the effect",
+        )
+    return states.move_share
 
 
 def seen_in(states: PoseStates, effect: Effect) -> ObservedTargets:

@@ -77,6 +77,34 @@ class ArrivalError(effect.JointEffect):
 
 
 @dataclass(frozen=True)
+class AlongMove(effect.Effect):
+    """Log and reading are not of one instant: all joints are off along the move to the pose.
+
+    A controller ends a move with all joints at once, so what is left of it, or was already gone of
+    it, is a part of the move of the pose before to this one. Moves differ in length and not in how
+    they end: c [rad] is what the joint that went furthest is off.
+    """
+
+    joints: tuple[int, ...]  # those that turn, from 1
+    id = "along_move"
+    sits = "arm"
+    words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
+    reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
+    of_log = True
+
+    @classmethod
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return (effect.turning_joints(context),)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return tuple(f"theta_{joint}" for joint in self.joints)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        return effect.move_share_in(states, self)[:, [joint - 1 for joint in self.joints]]
+
+
+@dataclass(frozen=True)
 class WristCoupling(effect.Effect):
     """The last joint turns with the one before it: c q_(n-1) [rad], c without unit."""
 

@@ -37,10 +37,12 @@ class JointState:
     tau_Nm: Array = field(default_factory=lambda: np.zeros(()))  # torques carried
     # (n,) rated torques; (1,) of one joint
     rated_Nm: Array = field(default_factory=lambda: np.full((), np.nan))
+    # (P, n) how far each joint went to get there; () where nothing is said of it
+    move: Array = field(default_factory=lambda: np.zeros(()))
 
     def of(self, joint: int) -> JointState:
         """Return how one joint, from 0, stands."""
-        q_rad, tau_Nm = np.broadcast_arrays(self.q_rad, self.tau_Nm)
+        q_rad, tau_Nm, move = np.broadcast_arrays(self.q_rad, self.tau_Nm, self.move)
         gear_ratio, rated_Nm = np.broadcast_arrays(self.gear_ratio, self.rated_Nm)
         one = slice(joint, joint + 1)
         return JointState(
@@ -49,6 +51,7 @@ class JointState:
             gear_ratio[one],
             tau_Nm[:, joint],
             rated_Nm[one],
+            move[:, joint],
         )
 
 

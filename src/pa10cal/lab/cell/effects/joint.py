@@ -227,6 +227,26 @@ class SimulatedWristCoupling(effect.JointsEffect):
         return turn
 
 
+class SimulatedAlongMove(effect.JointsEffect):
+    """The arm is read a little before, or after, its log says where it stands.
+
+    All joints brake together, the one that goes furthest as hard in every move: what is left of a
+    move then is as far for it, and for the others in proportion; of a short move no more than it.
+    """
+
+    id = "along_move"
+    places = ("arm",)
+    drawn = False
+    usual = effect.draws(c=effect.signed(3e-4))
+
+    c: effect.Finite = Field(description="how far the joint that goes furthest is ahead [rad]")
+
+    def added(self, motion: effect.JointState) -> Array:
+        furthest = np.abs(motion.move).max(axis=1, keepdims=True)
+        part = np.clip(self.c / np.maximum(furthest, 1e-9), -1.0, 1.0)
+        return np.asarray(part * motion.move)
+
+
 # Who errs in a drive: the sensor behind the gear, or the gear; and where its motor then stops.
 #
 # A controller turns the motor until the sensor at the output reads what was commanded, so a
