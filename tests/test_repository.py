@@ -10,6 +10,8 @@ import pytest
 import yaml
 
 import pa10cal
+from benchmarks.pythons import SUPPORTED
+from pa10cal.commands.doctor import LEAST_PYTHON
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src/pa10cal"
@@ -422,9 +424,29 @@ def test_locks_hold_every_dependency_and_that_of_users_no_tool():
 
 def test_one_version_stands_everywhere():
     changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
-    citation = (ROOT / "CITATION.cff").read_text("utf-8")
-    assert re.search(r"^## (\S+), ", changes, re.MULTILINE)[1] == pa10cal.__version__
-    assert f"\nversion: {pa10cal.__version__}\n" in citation
+    version, date = re.search(r"^## (\S+), (.+)$", changes, re.MULTILINE).groups()
+    assert version == pa10cal.__version__
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == version
+    assert f"{citation['date-released']:%d %B %Y}".lstrip("0") == date
+    assert f"newest release, {version}, " in (ROOT / "SECURITY.md").read_text("utf-8")
+
+
+def test_the_supported_pythons_are_the_same_everywhere():
+    configuration = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    project, tools = configuration["project"], configuration["tool"]
+    named = [re.search(r" :: Python :: (3\.\d+)$", each) for each in project["classifiers"]]
+    supported = [found[1] for found in named if found]
+    assert supported == [f"{major}.{minor}" for major, minor in SUPPORTED]
+    least = supported[0]
+    assert project["requires-python"] == f">={least}"
+    assert tools["mypy"]["python_version"] == least
+    assert tools["ruff"]["target-version"] == "py" + least.replace(".", "")
+    assert ".".join(map(str, LEAST_PYTHON)) == least
+    assert f"older than Python {least};" in (ROOT / "Makefile").read_text("utf-8")
+    said = f"Python {', '.join(supported[:-1])} {{}} {supported[-1]}"
+    assert f"You need {said.format('or')}. " in (ROOT / "README.md").read_text("utf-8")
+    assert f"under {said.format('and')} " in (ROOT / "SECURITY.md").read_text("utf-8")
 
 
 def test_hooks_before_a_commit_are_local_tools_of_the_lock():

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 from pa10cal.__main__ import main
 from pa10cal.commands import doctor as machine
@@ -14,6 +18,7 @@ def test_what_is_there_is_listed_and_nothing_needed_is_missing(capsys):
     shown = capsys.readouterr().out
     for name in ("Python", *machine.LIBRARIES, "workflow", "memory", "disk", "cores"):
         assert f" {name} " in shown
+    assert "irb120-points, raw files to model: 0.084 mm" in shown
     assert "MISSING" not in shown
 
 
@@ -24,6 +29,7 @@ def test_what_is_missing_is_refused_with_what_to_do(monkeypatch, capsys):
     assert "MISSING pandas" in shown.out
     assert "→ pip install pandas" in shown.out
     assert "pandas" in shown.err
+    assert "not tried: pandas missing" in shown.out
 
 
 def test_what_only_some_commands_need_is_a_note_that_names_its_extra(monkeypatch, capsys):
@@ -47,3 +53,58 @@ def test_it_needs_no_library_to_say_that_one_is_missing():
     assert done.returncode in (0, 2), done.stderr
     assert "pa10cal" in done.stdout
     assert "internal fault" not in done.stderr
+
+
+def stands_in(monkeypatch, code):
+    """Let another program stand where the campaign is calibrated."""
+    run = subprocess.run
+
+    def other(words, **options):
+        assert words[1:4] == ["-m", "pa10cal", "chain"]
+        return run([sys.executable, "-c", code, words[-1]], **options)
+
+    monkeypatch.setattr(machine.subprocess, "run", other)
+
+
+CHAIN = {"after_mm": 0.2}
+WRITES = f"""
+import sys, pathlib
+out = pathlib.Path(sys.argv[1])
+(out / "model").mkdir()
+(out / "model/model.yaml").touch()
+(out / "chain.json").write_text({json.dumps(CHAIN)!r})
+"""
+KILLED = "import os, signal; os.kill(os.getpid(), signal.{})"
+
+
+@pytest.mark.parametrize(
+    ("code", "why", "remedy"),
+    [
+        ("import sys; sys.exit('first\\nIndexError: one')", "IndexError: one", "users.lock"),
+        (KILLED.format("SIGILL"), "killed by SIGILL", "not built for this processor"),
+        (KILLED.format("SIGKILL"), "killed by SIGKILL", "not enough memory"),
+        (KILLED.format("SIGSEGV"), "killed by SIGSEGV", "users.lock"),
+        ("import time; time.sleep(60)", "not done in 0.5 s", "try again"),
+        (WRITES, "0.2 mm at held-out poses in place of 0.0841 mm", "numbers of this machine"),
+        (WRITES.replace("model.yaml", "other"), "no model was written", "users.lock"),
+    ],
+)
+def test_a_calibration_that_fails_is_told_with_its_likely_remedy(
+    monkeypatch, capsys, code, why, remedy
+):
+    stands_in(monkeypatch, code)
+    if "sleep" in code:
+        monkeypatch.setattr(machine, "LIMIT_S", 0.5)
+    assert main(["doctor"]) == 2
+    shown = capsys.readouterr()
+    failed, arrow = shown.out.splitlines()[-2:]
+    assert failed.startswith("FAILED  calibration")
+    assert why in failed
+    assert remedy in arrow
+    assert "calibration" in shown.err
+
+
+def test_an_installation_without_the_campaign_is_incomplete(monkeypatch, capsys):
+    monkeypatch.setattr(machine, "CAMPAIGN", Path("examples/nothing"))
+    assert main(["doctor"]) == 2
+    assert "install pa10cal anew" in capsys.readouterr().out

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import re
 import shutil
+import signal
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -22,6 +25,16 @@ from pa10cal.running.workflow import workflow_folder
 LEAST_PYTHON = (3, 11)
 #: A run of the largest campaigns needs less memory than this, and leaves less on the disk [bytes].
 MEMORY, DISK = 2e9, 1e9
+#: The campaign that is calibrated, in the folder of the rules; three seconds where nothing else runs.
+CAMPAIGN, LIMIT_S = Path("examples/irb120-points"), 30
+#: Its mean error over held-out poses, and how far from it the last digits may lead [mm].
+KNOWN_MM, NEAR_MM = 0.0841, 0.001
+LOCKED = "pip install --require-hashes --requirement users.lock installs versions that work"
+#: What the death of a process by a signal is likely to mean.
+DEATHS = {
+    signal.SIGILL: "a library is not built for this processor: install it for this kind of machine",
+    signal.SIGKILL: "there was likely not enough memory: make room, or allow this process more",
+}
 #: What each library is for, by the name of its distribution and of its module; those that come with
 #: an extra are needed by some commands alone.
 LIBRARIES = {
@@ -44,8 +57,8 @@ class Check(NamedTuple):
     """One thing that was looked at."""
 
     name: str
-    # `ok`, `missing` where something that is needed is not there, else `note`
-    state: Literal["ok", "missing", "note"]
+    # `ok`, `missing` where something that is needed is not there, `failed` where it does not work
+    state: Literal["ok", "missing", "failed", "note"]
     found: str  # what was found
     remedy: str = ""  # what to do; empty where nothing is to be done
 
@@ -53,7 +66,8 @@ class Check(NamedTuple):
 def doctor() -> None:
     """Check this machine: what pa10cal needs, what is missing, and what to do about it.
 
-    Exit code 2 where something that is needed is missing.
+    A small campaign that comes with pa10cal is taken from raw files to a model too, in at most
+    thirty seconds. Exit code 2 where something that is needed is missing, or that failed.
 
     Examples:
         pa10cal doctor
@@ -61,11 +75,12 @@ def doctor() -> None:
     checks = list(examine())
     width = max(len(check.name) for check in checks)
     for check in checks:
-        mark = check.state.replace("missing", "MISSING")
+        bad = check.state in ("missing", "failed")
+        mark = check.state.upper() if bad else check.state
         print(f"{mark:<7} {check.name:<{width}}  {check.found}")
         if check.remedy:
             print(f"{'':<7} {'':<{width}}  → {check.remedy}")
-    missing = [check.name for check in checks if check.state == "missing"]
+    missing = [check.name for check in checks if check.state in ("missing", "failed")]
     if missing:
         raise SettingsError(
             f"{len(missing)} of {len(checks)} checks failed",
@@ -77,7 +92,19 @@ def doctor() -> None:
 
 
 def examine() -> Iterator[Check]:
-    """Look at Python, libraries, rules, memory, disk and cores."""
+    """Look at Python, libraries, rules, memory, disk and cores, and calibrate once."""
+    lacking = []
+    for check in _there():
+        if check.state == "missing":
+            lacking.append(check.name)
+        yield check
+    if lacking:
+        yield Check("calibration", "note", f"not tried: {', '.join(lacking)} missing")
+    else:
+        yield _calibration()
+
+
+def _there() -> Iterator[Check]:
     yield Check("pa10cal", "ok", f"{pa10cal.__version__}, {Path(__file__).parents[1]}")
     python, least = platform.python_version(), ".".join(map(str, LEAST_PYTHON))
     yield (
@@ -148,3 +175,47 @@ def _disk(here: Path) -> Check:
     if free < DISK:
         return Check("disk", "note", f"{free / 1e9:.1f} GB free in {here}", "make room")
     return Check("disk", "ok", f"{free / 1e9:.0f} GB free in {here}")
+
+
+def _calibration() -> Check:
+    """Take a shipped campaign from raw files to a model, in a process that may die of it."""
+
+    def failed(why: str, remedy: str) -> Check:
+        return Check("calibration", "failed", why, remedy)
+
+    folder = workflow_folder() / CAMPAIGN
+    if not folder.is_dir():
+        return failed(f"{folder} is not there", "install pa10cal anew: it is incomplete")
+    try:
+        with tempfile.TemporaryDirectory(prefix="pa10cal-doctor-") as results:
+            words = ["chain", "--campaign-dir", str(folder), "--results", results]
+            done = subprocess.run(
+                [sys.executable, "-m", "pa10cal", *words],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=LIMIT_S,
+                check=False,
+            )
+            if done.returncode < 0:
+                died = signal.Signals(-done.returncode)
+                return failed(f"{CAMPAIGN.name}: killed by {died.name}", DEATHS.get(died, LOCKED))
+            if done.returncode:
+                told = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+                return failed(f"{CAMPAIGN.name}: {told[-1][:300]}", LOCKED)
+            found = json.loads(Path(results, "chain.json").read_text("utf-8"))
+            if not Path(results, "model/model.yaml").is_file():
+                return failed(f"{CAMPAIGN.name}: no model was written", LOCKED)
+    except subprocess.TimeoutExpired:
+        why = f"{CAMPAIGN.name}: not done in {LIMIT_S} s; three are usual"
+        return failed(why, "other programs may take all cores: look, and try again")
+    except OSError as error:
+        remedy = "make room, or set TMPDIR to a folder that may be written to"
+        return failed(f"no temporary files: {error.strerror}", remedy)
+    error_mm = found["after_mm"]
+    if error_mm is None or not abs(error_mm - KNOWN_MM) < NEAR_MM:
+        why = f"{CAMPAIGN.name}: {error_mm} mm at held-out poses in place of {KNOWN_MM} mm"
+        return failed(why, f"the numbers of this machine are wrong: {LOCKED}")
+    error = f"{error_mm:.3f} mm at held-out poses, as it should be"
+    return Check("calibration", "ok", f"{CAMPAIGN.name}, raw files to model: {error}")
