@@ -2,7 +2,8 @@
 # urdfs, commanded, measured, plan, fleet, kill-trials, clean, and for maintainers: lock, schema.
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup tools reproduce figures report docs test test-all test-browser test-slurm check bench peers urdfs commanded \
+.PHONY: help setup tools reproduce figures report docs test test-all test-browser test-slurm test-pythons test-digits \
+  check bench peers urdfs commanded \
   measured plan fleet kill-trials clean lock schema
 
 PYTHON ?= python3
@@ -15,6 +16,8 @@ help:
 	@echo "make reproduce   set up .venv, run the whole workflow, write results/ and results/report.html"
 	@echo "make test        set up .venv, run the tests, but for those marked slow"
 	@echo "make test-all    all tests: half an hour"
+	@echo "make test-pythons   installs and tests it under every supported Python here (PYTHONS=--newest, --quick)"
+	@echo "make test-digits   tests of equal digits with other kernels, languages and time zones"
 	@echo "make test-browser   the tests that need Chromium on the machine: reports as a browser shows them"
 	@echo "make figures     figures and tables, and what they stand on where it is not up to date"
 	@echo "make report      results/report.html alone: every campaign's page, pictures of studies"
@@ -71,6 +74,10 @@ test: tools
 # Those marked slow too: half an hour on two cores.
 test-all: tools
 	$(PYTEST)
+
+# A quarter of an hour a Python, in environments that are removed again.
+test-pythons: tools
+	$(BIN)/python -m benchmarks.pythons --cores $(CORES) $(PYTHONS)
 
 # Needs Chromium; make test does not.
 test-browser: tools

@@ -1,8 +1,8 @@
 """Installs pa10cal under every supported Python of this machine, and runs it there.
 
-    python -m benchmarks.pythons            from users.lock and as a wheel; then the fast tests
-    python -m benchmarks.pythons --newest   newest releases of all dependencies, in place of the lock
-    python -m benchmarks.pythons --quick    one Python that is not this one, two minutes, for .ci/run
+    python -m benchmarks.pythons            a wheel beside users.lock; the fast tests too
+    python -m benchmarks.pythons --newest   newest releases of all dependencies, no lock
+    python -m benchmarks.pythons --quick    one that is not this one, two minutes: .ci/run
 
 What each step printed is kept in build/pythons.
 """
@@ -50,7 +50,7 @@ class Interpreter(NamedTuple):
         return minor_of(self.version)
 
 
-class Failed(Exception):
+class StepError(Exception):
     """A step failed; what it printed has been shown."""
 
 
@@ -114,7 +114,7 @@ class Bench:
         """Run commands, keep what they print, and say how it went.
 
         Raises:
-            Failed: when one of them fails.
+            StepError: when one of them fails.
         """
         log = LOGS / f"{self.label}-{name.replace(' ', '-')}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -138,7 +138,7 @@ class Bench:
         if code:
             lines = log.read_text("utf-8", errors="replace").splitlines()
             print(*lines[-SHOWN:], f"all of it: {log}", sep="\n", flush=True)
-            raise Failed
+            raise StepError
 
     def runs(self, *words: str | Path) -> list[str]:
         """Return a command of the environment's Python."""
@@ -275,7 +275,7 @@ def main(words: list[str] | None = None) -> int:
             bench = Bench(python, Path(folder), label, chosen.cores)
             try:
                 way(bench)
-            except Failed:
+            except StepError:
                 failed.append(label)
             print(f"{label:<10} {'together':<10} {sum(bench.seconds.values()):6.0f} s", flush=True)
     print(f"failed: {', '.join(failed)}" if failed else "All passed.")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from benchmarks.pythons import SUPPORTED
 
 import pa10cal
-from benchmarks.pythons import SUPPORTED
 from pa10cal.commands.doctor import LEAST_PYTHON
 
 ROOT = Path(__file__).parents[1]

@@ -25,7 +25,7 @@ from pa10cal.running.workflow import workflow_folder
 LEAST_PYTHON = (3, 11)
 #: A run of the largest campaigns needs less memory than this, and leaves less on the disk [bytes].
 MEMORY, DISK = 2e9, 1e9
-#: The campaign that is calibrated, in the folder of the rules; three seconds where nothing else runs.
+#: The campaign that is calibrated, in the folder of the rules; three seconds at an idle machine.
 CAMPAIGN, LIMIT_S = Path("examples/irb120-points"), 30
 #: Its mean error over held-out poses, and how far from it the last digits may lead [mm].
 KNOWN_MM, NEAR_MM = 0.0841, 0.001
