@@ -217,5 +217,5 @@ def _calibration() -> Check:
     if error_mm is None or not abs(error_mm - KNOWN_MM) < NEAR_MM:
         why = f"{CAMPAIGN.name}: {error_mm} mm at held-out poses in place of {KNOWN_MM} mm"
         return failed(why, f"the numbers of this machine are wrong: {LOCKED}")
-    error = f"{error_mm:.3f} mm at held-out poses, as it should be"
-    return Check("calibration", "ok", f"{CAMPAIGN.name}, raw files to model: {error}")
+    what = f"{error_mm:.3f} mm at held-out poses, as it should be"
+    return Check("calibration", "ok", f"{CAMPAIGN.name}, raw files to model: {what}")
