@@ -299,6 +299,20 @@ def test_pure_packages_know_no_files_no_settings_and_do_not_print():
     assert not wrong
 
 
+#: How a table could be written beside `files.output.csv_text`.
+WRITES_CSV = re.compile(r"csv\.(?:Dict)?[Ww]riter\b|\.to_csv\(|savetxt\(|[\"'],[\"']\.join\b")
+
+
+def test_tables_go_out_through_one_writer():
+    wrong = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in MODULES
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), start=1)
+        if WRITES_CSV.search(line)
+    ]
+    assert [each.rpartition(":")[0] for each in wrong] == ["src/pa10cal/files/output.py"], wrong
+
+
 def test_no_private_name_crosses_modules():
     wrong = [
         f"{path.relative_to(ROOT)} imports {module}"

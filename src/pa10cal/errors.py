@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import sys
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -13,6 +14,23 @@ _E = TypeVar("_E", bound="Pa10calError")
 
 #: A longer part of a message is shortened in its middle: a file may hold anything.
 _LONGEST = 2000
+
+#: What a terminal obeys, what changes the order in which text is read or breaks its line, and what
+#: is no character; tabs and ends of lines are not among them.
+_UNSEEN = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff"
+    r"\ud800-\udfff\U000e0000-\U000e007f]"
+)
+
+
+def visible(text: str) -> str:
+    r"""Return a text with control characters and marks of direction by their numbers: `\x1b`."""
+    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def one_line(text: str) -> str:
+    """Return a text as `visible` on one line, as in a message or a comment."""
+    return visible(re.sub(r"\s*[\r\n]+\s*", " ", text))
 
 
 class Pa10calError(Exception):
@@ -40,8 +58,10 @@ class Pa10calError(Exception):
         self.value = value
         self.allowed = allowed
         self.remedy = remedy
-        got = "" if value is None else f" (got {_short(repr(value))})"
-        where, what, allowed, remedy = map(_short, (where, what, allowed, remedy))
+        got = "" if value is None else f" (got {_short(visible(repr(value)))})"
+        where, what, allowed, remedy = (
+            _short(one_line(each)) for each in (where, what, allowed, remedy)
+        )
         super().__init__(f"{where}: {what}{got}; allowed: {allowed}; {remedy}")
 
     def within(self, place: str) -> Self:

@@ -22,7 +22,8 @@ from pa10cal.arm.exports import (
     urdf_text,
 )
 from pa10cal.arm.imported import arm_from_urdf_text
-from pa10cal.errors import ArmError
+from pa10cal.arm.urdf_reading import parse_urdf
+from pa10cal.errors import ArmError, visible
 from pa10cal.files.arms import arm_names, load_arm
 
 
@@ -54,6 +55,18 @@ def test_what_is_not_known_is_written_as_none():
     chain = Chain.of(load_arm("irb120"))  # its rated torques are not published
     model = pin.buildModelFromXML(urdf_text(chain, chain.nominal, "irb120"))
     assert not model.effortLimit.any()
+
+
+@pytest.mark.parametrize("name", ['a"b<c>&d', "--><link name='x'/>", "a\nb\tc", " -", "ä\u202e"])
+def test_names_are_read_back_whatever_they_are(name):
+    """What XML has no sign for stands there by its number."""
+    chain = Chain.of(load_arm("irb120"))
+    shown = f"{name}\x1b\x00"
+    text = urdf_text(chain, chain.nominal, "irb120", shown, frames={shown: np.eye(4)})
+    robot = parse_urdf(text).robot
+    links = [link.get("name") for link in robot.iter("link")]
+    assert len(links) == 9
+    assert visible(shown) in links
 
 
 @pytest.mark.parametrize("name", arm_names())

@@ -108,6 +108,17 @@ def test_an_arm_is_taken_from_a_folder_of_arms(tmp_path, proposed):
     assert main(["columns", str(folder / "export.txt"), "--robot", "ours"]) != 0
 
 
+def test_a_proposal_shows_nothing_that_a_terminal_obeys(tmp_path, proposed):
+    """And names its columns all the same."""
+    _, table = tracked(tmp_path)
+    names = [f"J{k}\u202e\x1b[2J\x9b'# : {{" for k in range(1, 7)]
+    own = table.rename(columns=dict(zip(Q, names, strict=True)))
+    content, text, folder = proposed(own, "--robot", "ur10")
+    assert content["columns"]["poses"]["joints"]["names"] == names
+    assert all(line.isprintable() for line in text.splitlines())
+    assert read_campaign(folder).arm.n == 6
+
+
 def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, proposed):
     _, table = tracked(tmp_path)
     own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})

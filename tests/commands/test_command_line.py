@@ -11,6 +11,7 @@ from typing import Literal
 
 import pytest
 
+from pa10cal.commands import command_line
 from pa10cal.commands.command_line import (
     CLOSED,
     COMMANDS,
@@ -24,6 +25,7 @@ from pa10cal.commands.command_line import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.options import IngestOptions
+from pa10cal.running.workflow import RunDisplay
 
 REFUSAL = RawDataError(
     "not a number",
@@ -317,3 +319,44 @@ def test_an_interrupt_while_it_starts_is_one_line():
     )
     done = subprocess.run([sys.executable, "-c", code, "doctor"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (INTERRUPTED, "pa10cal: interrupted\n")
+
+
+HOSTILE = "a\x1b[2Jb\x9bc\u202ed\u2066e\u200ff\u2028g\rh\x00\udc80"
+SHOWN = r"a\x1b[2Jb\x9bc\u202ed\u2066e\u200ff\u2028g\rh\x00\udc80"
+
+
+def test_nothing_that_a_terminal_obeys_is_printed(monkeypatch, capfd):
+    """Whoever prints it, and wherever; lines of our own messages stay."""
+
+    def prints(words):
+        print(HOSTILE, "two\nlines\tand a tab")
+        print(HOSTILE, file=sys.stderr)
+        sys.stderr.writelines([HOSTILE, "\n"])
+        RunDisplay(lines=True).started(1, "ingest", HOSTILE)
+        return 0
+
+    monkeypatch.setattr(command_line, "_run", prints)
+    before = sys.stdout, sys.stderr
+    assert command_line.main([]) == 0
+    assert (sys.stdout, sys.stderr) == before
+    out, err = capfd.readouterr()
+    assert out == f"{SHOWN} two\nlines\tand a tab\n"
+    assert err.startswith(f"{SHOWN}\n{SHOWN}\n")
+    assert not set(out + err) & set(HOSTILE) - set(SHOWN)
+
+
+def test_a_refusal_is_one_line_whatever_a_file_holds(capsys):
+    def refuses(arm: str, *, out: Path) -> None:
+        raise RawDataError(
+            f"what {HOSTILE}",
+            where=f"{HOSTILE}\npa10cal ingest: all is well",
+            value=HOSTILE,
+            allowed=f"this\r\n{HOSTILE}",
+            remedy=HOSTILE,
+        )
+
+    assert run_command("ingest", ["a", "--out", "b"], refuses) == REFUSED
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert message.isprintable() or message[:-1].isprintable()
+    assert message.count(r"\x1b[2Jb") == 5

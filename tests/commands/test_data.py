@@ -208,6 +208,17 @@ def test_limits_have_the_digits_that_they_need(urdf, tmp_path):
     assert isinstance(limits[1], int)  # a full turn
 
 
+def test_names_of_a_urdf_are_a_comment_of_the_description(urdf, tmp_path):
+    """A line break in one would write keys."""
+    text = urdf.read_text(encoding="utf-8").replace('"joint_2"', '"a&#10;name: b&#x202e;"')
+    urdf.write_text(text, encoding="utf-8")
+    out = tmp_path / "mine.yaml"
+    assert run_command("import_arm", [str(urdf), "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert yaml.safe_load(text)["name"] == "mine"
+    assert r"joint_1, a name: b\u202e, joint_3" in text
+
+
 def test_the_urdf_stays_beside_the_description(urdf, tmp_path):
     out = tmp_path / "campaign" / "mine.yaml"
     assert run_command("import_arm", [str(urdf), "--out", str(out)]) == 0

@@ -7,6 +7,7 @@ import io
 import re
 import shlex
 from dataclasses import replace
+from functools import partialmethod
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,10 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import controller_pose
 from pa10cal.campaign.table import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.fit import fitted_model
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.contradictions import of_joints
-from pa10cal.fit.fitted_model import load_model, save_model
+from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read
 from pa10cal.results.comparison import ComparisonRecord
@@ -79,6 +81,38 @@ def test_predictions_are_those_of_the_model(tmp_path, capsys):
     np.testing.assert_allclose(places, 1e3 * expected.T[:, :3, 3], atol=1e-8)
     np.testing.assert_allclose(column(found, "u_mm")[:, 0], expected.u_mm, atol=1e-8)
     assert [row["inside"] for row in found] == [str(bool(i)).lower() for i in expected.inside]
+
+
+def test_many_poses_are_predicted_in_blocks_with_the_same_bytes(tmp_path, capsys, monkeypatch):
+    model = saved(tmp_path, grade="unreliable")
+    q = np.degrees(postures(model.arm, 5, 30)).tolist()
+    lines = [
+        f"id,{JOINTS},load_N",
+        *(f"P{k},{','.join(map(repr, row))},2" for k, row in enumerate(q)),
+    ]
+    assert run("predict", tmp_path, lines, "--force") == 0
+    said = capsys.readouterr().out
+    rows, blocks, former = [], FittedModel.predict_in_blocks, fitted_model.predicted
+    monkeypatch.setattr(FittedModel, "predict_in_blocks", partialmethod(blocks, rows=7))
+
+    def predicted(model, given, frame):
+        rows.append(len(given.q_rad))
+        return former(model, given, frame)
+
+    monkeypatch.setattr(fitted_model, "predicted", predicted)
+    assert run("predict", tmp_path, None, "--force", out="blocks.csv") == 0
+    assert rows == [7, 7, 7, 7, 2]
+    assert (tmp_path / "blocks.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
+    assert capsys.readouterr().out == said.replace("out.csv", "blocks.csv")
+
+
+def test_nothing_is_written_where_a_later_block_is_refused(tmp_path, monkeypatch):
+    saved(tmp_path)
+    blocks = FittedModel.predict_in_blocks
+    monkeypatch.setattr(FittedModel, "predict_in_blocks", partialmethod(blocks, rows=1))
+    lines = [f"id,{JOINTS},load_N", "a,0,-90,90,0,10,0,0", "b,0,-90,90,0,10,0,9999"]
+    assert run("predict", tmp_path, lines) == REFUSED
+    assert not (tmp_path / "out.csv").exists()
 
 
 def test_what_is_predicted_is_compensated_back(tmp_path, capsys):
@@ -425,12 +459,18 @@ def test_a_folder_of_results_is_enough(here, capsys):
     assert "results/model.yaml: the model cannot be read" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("id", ["a,90.0", 'say "b"', "=cmd|' /C calc'!A0", "two\nlines", "a;b\tc"])
+@pytest.mark.parametrize(
+    "id",
+    [
+        *("a,90.0", 'say "b"', "=cmd|' /C calc'!A0", "two\nlines", "a;b\tc", "a\r90.0"),
+        *(" =1+1", "\t=1", "+A1", "-A1", "@A1"),
+    ],
+)
 def test_an_id_is_one_cell_whatever_it_is(id):
     ids, q = np.array([id, "plain"]), np.radians([[1.0, 2.0], [3.0, 4.0]])
     columns = {"u_mm": np.array([0.5, np.nan])}
     text = commands_text(ids, q, np.zeros(2, dtype=bool), columns)
-    header, first, second = csv.reader(io.StringIO(text))
+    header, first, second = csv.reader(io.StringIO(text, newline=""))
     assert header == ["id", "q1_deg", "q2_deg", "u_mm"]
     assert first[0].removeprefix("'") == id
     assert first[0][0] not in "=+-@"

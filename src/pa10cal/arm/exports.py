@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
 from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, as_comment, origin_of, parse_urdf, read_tree
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import ArmError, refusals_beside
+from pa10cal.errors import ArmError, refusals_beside, visible
 
 _refusal = refusals_beside(__file__, ArmError)
 
@@ -80,6 +80,7 @@ def _joint(
     robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, T: Array
 ) -> ElementTree.Element:
     """Add a link and the joint that carries it, at pose T in its parent."""
+    name, child = visible(name), visible(child)
     ElementTree.SubElement(robot, "link", name=child)
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
     ElementTree.SubElement(joint, "origin", origin_of(T))

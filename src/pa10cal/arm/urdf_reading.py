@@ -14,7 +14,7 @@ from xml.parsers import expat
 from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arm.description import MOST_ROWS
 from pa10cal.arrays import Array
-from pa10cal.errors import ArmError, refusals_beside, remedy_for
+from pa10cal.errors import ArmError, refusals_beside, remedy_for, visible
 
 # XML of a URDF as robots have it: prefixes need no declaration, and comments may be kept.
 
@@ -90,9 +90,10 @@ def words(values: Iterable[float]) -> str:
 
 def as_comment(text: str) -> str:
     """Return a text as the content of a comment, which has no two hyphens in a row."""
+    text = visible(text)  # XML has no sign for the others
     while "--" in text:
         text = text.replace("--", "- -")
-    return f" {text} " if text[:1].strip() else text
+    return f" {text} " if text[:1].strip() or text.endswith("-") else text
 
 
 # A URDF as a tree of links and joints, and the serial path through it.

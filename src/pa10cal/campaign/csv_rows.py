@@ -33,6 +33,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
 from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.files.output import from_csv_cell
 from pa10cal.input_files import open_file, reason
 
 #: Files of more text than this, unpacked, or of more lines, are refused, before any is read.
@@ -194,8 +195,7 @@ def _cell(value: object) -> str:
 
 
 def _too_large(path: Path) -> RawDataError:
-    largest = LARGEST_BYTES / 1e6
-    return _refusal("too large", path, f"more than {largest:.0f} MB", largest)
+    return _refusal("too large", path, f"more than {(mb := LARGEST_BYTES / 1e6):.0f} MB", mb)
 
 
 # How the rows of a file are written, and what stands in its columns.
@@ -420,7 +420,7 @@ def _read_part(
         at = header.index(name)
         fields = [row[at] for row in rows]
         if name in layout.text:
-            columns[name] = np.array(list(map(sys.intern, fields)), dtype=object)
+            columns[name] = np.array([sys.intern(from_csv_cell(each)) for each in fields], object)
             continue
         columns[name] = layout.numbers(fields)
         unread = np.flatnonzero(np.isnan(columns[name])).tolist()

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import RawDataError, refusals_beside
-from pa10cal.files.output import csv_cell
+from pa10cal.files.output import csv_text, from_csv_cell
 from pa10cal.observe.observations import Observations
 
 _refusal = refusals_beside(__file__, RawDataError)
@@ -207,11 +207,8 @@ def configurations(readings: Observations) -> list[str]:
 
 def quarantine_csv(rows: Iterable[Quarantined]) -> str:
     """Return the quarantine table as CSV text."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("file", "line", "reason", "value"))
-    writer.writerows((row.file, row.line, row.reason, csv_cell(row.value)) for row in rows)
-    return text.getvalue()
+    header = ("file", "line", "reason", "value")
+    return csv_text(header, ((row.file, row.line, row.reason, row.value) for row in rows))
 
 
 def joined_listings(listings: Mapping[str, Path]) -> str:
@@ -223,8 +220,8 @@ def joined_listings(listings: Mapping[str, Path]) -> str:
     for name, path in listings.items():
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
         for row in csv.DictReader(io.StringIO(text, newline="")):
-            file, line = f"{name}/{row['file']}", int(row["line"])
-            rows.append(Quarantined(file, line, row["reason"], row["value"]))
+            file, reason, value = (from_csv_cell(row[key]) for key in ("file", "reason", "value"))
+            rows.append(Quarantined(f"{name}/{file}", int(row["line"]), reason, value))
     return quarantine_csv(rows)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -27,7 +25,7 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.arms import load_arm
-from pa10cal.files.output import csv_cell
+from pa10cal.files.output import csv_line, csv_text
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.input_files import open_file, reason
 from pa10cal.observe.instrument import BaseTargets, MotionFound
@@ -351,14 +349,19 @@ def _read(
     )
 
 
-def poses_text(ids: NDArray[np.str_], T: Array, columns: Mapping[str, NDArray[Any]]) -> str:
-    """Return poses (N, 4, 4) as `id,x_mm,y_mm,z_mm,qw,qx,qy,qz` and further columns (N,)."""
+def poses_text(
+    ids: NDArray[np.str_], T: Array, columns: Mapping[str, NDArray[Any]], *, header: bool = True
+) -> str:
+    """Return poses (N, 4, 4) as `id,x_mm,y_mm,z_mm,qw,qx,qy,qz` and further columns (N,).
+
+    Rows that follow others have no header.
+    """
     q = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
     numbers = [
         (name, values, ".9f") for name, values in zip(_PLACE, T[:, :3, 3].T / _MM, strict=True)
     ]
     numbers += [(name, values, ".12f") for name, values in zip(_QUATERNION, q.T, strict=True)]
-    return _answers(ids, numbers, columns)
+    return _answers(ids, numbers, columns, header=header)
 
 
 def commands_text(
@@ -377,15 +380,15 @@ def _answers(
     ids: NDArray[np.str_],
     numbers: Sequence[tuple[str, Array, str]],
     columns: Mapping[str, NDArray[Any]],
+    *,
+    header: bool = True,
 ) -> str:
     """Return a table of a row an id: an id is one cell, whatever a user's file calls it."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["id", *(name for name, _, _ in numbers), *columns])
     cells = [[format(value, form) for value in values] for _, values, form in numbers]
     cells += [list(map(_field, values)) for values in columns.values()]
-    rows.writerows(zip((csv_cell(str(name)) for name in ids), *cells, strict=True))
-    return text.getvalue()
+    names = ["id", *(name for name, _, _ in numbers), *columns]
+    rows = zip(map(str, ids), *cells, strict=True)
+    return csv_text(names, rows) if header else "".join(map(csv_line, rows))
 
 
 def _field(value: object) -> str:

@@ -18,11 +18,22 @@ import re
 import select
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, NoReturn, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Literal,
+    NoReturn,
+    TextIO,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from pa10cal import __version__
 from pa10cal.errors import (
@@ -31,6 +42,7 @@ from pa10cal.errors import (
     missing_package,
     no_memory,
     remedy_for,
+    visible,
 )
 
 #: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C;
@@ -107,7 +119,35 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: arguments without the program's name; None for the process's own.
     """
-    words = list(sys.argv[1:] if argv is None else argv)
+    with redirect_stdout(_Visible.of(sys.stdout)), redirect_stderr(_Visible.of(sys.stderr)):
+        return _main(list(sys.argv[1:] if argv is None else argv))
+
+
+class _Visible:
+    """A stream on which everything is printed as `errors.visible` has it, whoever wrote it.
+
+    What moves the cursor of a terminal goes to `terminal`.
+    """
+
+    def __init__(self, terminal: TextIO) -> None:
+        self.terminal = terminal
+
+    @classmethod
+    def of(cls, stream: TextIO) -> TextIO:
+        return cast("TextIO", cls(stream))
+
+    def write(self, text: str) -> int:
+        self.terminal.write(visible(text))
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        self.terminal.writelines(map(visible, lines))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.terminal, name)
+
+
+def _main(words: list[str]) -> int:
     try:
         try:
             if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow

@@ -44,7 +44,7 @@ def columns(
 
     from pa10cal.campaign.csv_rows import sniff
     from pa10cal.campaign.propose import follows_contract, label_of, propose, propose_two_logs
-    from pa10cal.errors import SettingsError
+    from pa10cal.errors import SettingsError, one_line, visible
     from pa10cal.files.arms import load_arm
 
     if len(files) > 2 or len({file.absolute().parent for file in files}) > 1:
@@ -66,12 +66,24 @@ def columns(
         proposal = propose(found, file.name, label, robot or "my_arm", arm)
         if follows_contract(found):
             del proposal.content["columns"]
-    text = yaml.safe_dump(
-        proposal.content, sort_keys=False, default_flow_style=None, width=90, allow_unicode=True
-    )
+
+    def proposed(*, as_it_is: bool) -> str:
+        text: str = yaml.safe_dump(
+            proposal.content,
+            sort_keys=False,
+            default_flow_style=None,
+            width=90,
+            allow_unicode=as_it_is,
+        )
+        return text
+
+    text = proposed(as_it_is=True)
+    if text != visible(text):  # escaped, so that what is printed is read as it was meant
+        text = proposed(as_it_is=False)
     told = [] if arm is None else _tried(files, text, arm)
     read_as = (f"# {line}" for line in proposal.read_as)
-    print("\n".join((*told, *read_as, *(f"# check {each}" for each in proposal.checks))))
+    comments = (*told, *read_as, *(f"# check {each}" for each in proposal.checks))
+    print("\n".join(map(one_line, comments)))
     print(text, end="")
     if sys.stdout.isatty():
         print(f"\nSave this as {file.parent / 'campaign.yaml'}, correct it, and then:")

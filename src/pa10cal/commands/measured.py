@@ -27,7 +27,7 @@ def measured(
         pa10cal measured --campaign-dir data/measured/titan-fixed --results results/measured \\
           --out results/measured
     """
-    from pa10cal.datasets.measured import CARRIED, csv_text, markdown, measured_record
+    from pa10cal.datasets.measured import CARRIED, markdown, measured_record, robots_csv
     from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.results.codec import read, write
@@ -68,6 +68,6 @@ def measured(
             found[source, target] = carried
     record = measured_record(folders, results, calibration, found)
     with whole_files(out / "measured.csv", out / "measured.json") as (table, whole):
-        write_text(table, csv_text(record))
+        write_text(table, robots_csv(record))
         write(record, whole)
     print(markdown(record))

@@ -105,25 +105,31 @@ def predict(
     import numpy as np
 
     from pa10cal.campaign.table import poses_text, read_joints
-    from pa10cal.files.output import write_text
+    from pa10cal.files.output import whole_file
     from pa10cal.fit import contradictions
 
     fitted = model_in_use(model, force=force)
     asked = read_joints(joints, fitted.arm.prismatic)
     loads_N, sides = stated(asked, load_N, arrival)
-    found = fitted.predict(asked.q, frame=frame, load_N=loads_N, arrival=sides, extrapolate=force)
-    columns = {
-        "u_mm": found.u_mm,
-        "inside": found.inside,
-        "u_parameters_mm": found.u_parameters_mm,
-    }
-    if doubtful(fitted):
-        columns["forced"] = np.full(len(found), fitted.grade)
-    write_text(out, poses_text(asked.ids, found.T, columns))
+    away = 0
+    blocks = fitted.predict_in_blocks(
+        asked.q, frame=frame, load_N=loads_N, arrival=sides, extrapolate=force
+    )
+    with whole_file(out) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+        for rows, found in blocks:
+            columns = {
+                "u_mm": found.u_mm,
+                "inside": found.inside,
+                "u_parameters_mm": found.u_parameters_mm,
+            }
+            if doubtful(fitted):
+                columns["forced"] = np.full(len(found), fitted.grade)
+            file.write(poses_text(asked.ids[rows], found.T, columns, header=rows.start == 0))
+            away += int(np.count_nonzero(~found.inside))
     rest = remarks("predict", joints, contradictions.of_joints(fitted, asked.q), asked.unused)
     print(
-        f"{out}: {frame} of {fitted.arm.name} at {len(found)} joint positions, "
-        f"{np.count_nonzero(~found.inside)} of them away from the poses of the fit{rest}"
+        f"{out}: {frame} of {fitted.arm.name} at {len(asked.ids)} joint positions, "
+        f"{away} of them away from the poses of the fit{rest}"
     )
 
 

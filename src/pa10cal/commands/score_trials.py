@@ -75,17 +75,14 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
 
 def _table(trials: Sequence[JudgedTrial]) -> str:
     """Return one line a trial, lists joined."""
-    import pandas as pd
-
+    from pa10cal.files.output import csv_text
     from pa10cal.results.trials import JudgedTrial
 
     rows = [
         ["; ".join(map(_words, value)) if isinstance(value, tuple) else value for _, value in trial]
         for trial in trials
     ]
-    table = pd.DataFrame(rows, columns=list(JudgedTrial.model_fields), dtype=object)
-    text: str = table.to_csv(index=False, lineterminator="\n")
-    return text
+    return csv_text(JudgedTrial.model_fields, rows)
 
 
 def _words(entry: str | JudgedEffect) -> str:

@@ -15,7 +15,7 @@ from pa10cal.curve.curve import polyline, spline_through
 from pa10cal.curve.gait import laid, shape_of
 from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import RawDataError, RecordError, SettingsError
-from pa10cal.files.output import whole_files
+from pa10cal.files.output import csv_text, whole_files
 from pa10cal.input_files import open_file, read_csv, reason
 from pa10cal.results.codec import read, write
 from pa10cal.results.studies import CurveRecord
@@ -50,7 +50,8 @@ def write_curve(options: CurveOptions, points: Path | None, out_dir: Path) -> Cu
     paths = [*(out_dir / f"{name}.csv" for name in tables), out_dir / "curve.json"]
     with whole_files(*paths) as (*besides, record_beside):
         for beside, columns in zip(besides, tables.values(), strict=True):
-            pd.DataFrame(columns).to_csv(beside, index=False, lineterminator="\n")
+            rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+            beside.write_text(csv_text(columns, rows), encoding="utf-8", newline="\n")
         write(record, record_beside)
     return record
 

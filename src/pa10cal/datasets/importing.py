@@ -23,7 +23,7 @@ from pa10cal.campaign.csv_rows import LARGEST_BYTES
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, JointPositions, read_description
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
 from pa10cal.errors import OutputError, RawDataError, refusals_beside
-from pa10cal.files.output import FORMER, folder_beside, whole_files, writing_into
+from pa10cal.files.output import FORMER, csv_text, folder_beside, whole_files, writing_into
 from pa10cal.input_files import is_file, open_file, read_file, reason
 from pa10cal.yaml_file import read_yaml
 
@@ -380,8 +380,8 @@ def _file(campaign: ImportedCampaign) -> str:
 def table_bytes(table: pd.DataFrame) -> bytes:
     """Return a gzipped CSV whose bytes depend on the table alone; nan is an empty field."""
     columns = [_as_text(table[name]) for name in table.columns]
-    lines = [",".join(table.columns), *map(",".join, zip(*columns, strict=True))]
-    return gzip.compress(("\n".join(lines) + "\n").encode(), compresslevel=6, mtime=0)
+    text = csv_text(table.columns, zip(*columns, strict=True))
+    return gzip.compress(text.encode(), compresslevel=6, mtime=0)
 
 
 def _as_text(column: pd.Series[Any]) -> list[str]:

@@ -5,8 +5,6 @@ Nothing here comes from a run. The workflow reads this while it plans, so it nee
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +15,7 @@ from pathlib import Path
 from pa10cal.campaign.description import read_description
 from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.arms import load_arm
-from pa10cal.files.output import csv_cell, markdown_cell, write_text
+from pa10cal.files.output import csv_text, markdown_cell, write_text
 from pa10cal.input_files import is_file
 from pa10cal.results import fleet
 from pa10cal.results.calibration import CalibrationRecord
@@ -221,33 +219,29 @@ def _carried(
             yield fleet.Carried(source=source, errors=errors)
 
 
-def csv_text(record: fleet.MeasuredRobotsRecord) -> str:
+def robots_csv(record: fleet.MeasuredRobotsRecord) -> str:
     """Return the table as CSV, a row a campaign and a row a model carried to it."""
     kinds = [(model, kind) for model in MODELS for kind in ("mean_mm", "rms_mm")]
 
     def numbers(errors: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str | None]:
         return [f"{getattr(errors[m], kind):.4f}" if m in errors else None for m, kind in kinds]
 
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(
-        [
-            *("campaign", "model_of", "robot", "instrument", "poses", "held_out"),
-            *(f"{model}_{kind}" for model, kind in kinds),
-            *("grade", "verdict", "names", "faults", "status", "message", "published"),
-        ]
+    header = (
+        *("campaign", "model_of", "robot", "instrument", "poses", "held_out"),
+        *(f"{model}_{kind}" for model, kind in kinds),
+        *("grade", "verdict", "names", "faults", "status", "message", "published"),
     )
+    lines: list[tuple[object, ...]] = []
     for robot in record.robots:
         about = (robot.robot, robot.instrument, robot.poses, robot.held_out)
         verdict = (robot.grade, robot.verdict, "; ".join(robot.names), "; ".join(robot.faults))
         cells = (robot.campaign, robot.campaign, *about, *numbers(robot.errors), *verdict)
-        lines = [(*cells, robot.status, robot.message, robot.published)]
+        lines.append((*cells, robot.status, robot.message, robot.published))
         for other in robot.carried:
             status = "done" if other.message is None else "refused"
             cells = (robot.campaign, other.source, *about, *numbers(other.errors))
             lines.append((*cells, None, None, None, None, status, other.message, None))
-        rows.writerows(["" if cell is None else csv_cell(cell) for cell in line] for line in lines)
-    return text.getvalue()
+    return csv_text(header, lines)
 
 
 def markdown(record: fleet.MeasuredRobotsRecord) -> str:

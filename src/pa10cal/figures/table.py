@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from pa10cal.files.output import csv_cell, markdown_cell, whole_files, write_text
+from pa10cal.files.output import csv_text, markdown_cell, whole_files, write_text
 from pa10cal.reports.blocks import Grid
 
 Row = tuple[str, ...]
@@ -36,6 +37,16 @@ def frame_of(header: Sequence[str], rows: Iterable[Sequence[object]]) -> pd.Data
     return pd.DataFrame([list(row) for row in rows], columns=list(header))
 
 
+def _csv_column(column: pd.Series[Any]) -> list[object]:
+    """Return the cells of a column, ten digits of a number."""
+    if column.dtype.kind == "b":
+        return ["true" if value else "false" for value in column]
+    known = column.astype(object).where(column.notna(), None).tolist()
+    if column.dtype.kind != "f":
+        return known
+    return [None if value is None else f"{value:.10g}" for value in known]
+
+
 def write_table(table: ResultTable, footer: str, folder: Path, name: str) -> None:
     """Write a table as CSV and Markdown: both or none.
 
@@ -45,11 +56,7 @@ def write_table(table: ResultTable, footer: str, folder: Path, name: str) -> Non
         folder: to write to.
         name: of the files.
     """
-    data = table.data.copy()
-    for column in data.select_dtypes("bool"):
-        data[column] = data[column].map({True: "true", False: "false"})
-    for column in data.select_dtypes(["object", "str"]):
-        data[column] = data[column].map(csv_cell)
+    columns = [_csv_column(column) for _, column in table.data.items()]
     parts = [f"# {table.title}", footer]
     cells = table.data.astype(object).where(table.data.notna(), "").astype(str).to_numpy()
     as_it_is = Grid("", tuple(table.data.columns), tuple(map(tuple, cells)))
@@ -61,5 +68,5 @@ def write_table(table: ResultTable, footer: str, folder: Path, name: str) -> Non
     if table.notes:
         parts.append("\n".join(f"- {note}" for note in table.notes))
     with whole_files(folder / f"{name}.csv", folder / f"{name}.md") as (csv, markdown):
-        write_text(csv, data.to_csv(index=False, float_format="%.10g", lineterminator="\n"))
+        write_text(csv, csv_text(table.data.columns, zip(*columns, strict=True)))
         write_text(markdown, "\n\n".join(parts) + "\n")

@@ -24,7 +24,7 @@ from pa10cal.arm.description import (
 )
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
-from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, refusals_beside
+from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, one_line, refusals_beside
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.output import write_text
 from pa10cal.input_files import read_file, reason
@@ -394,7 +394,7 @@ def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | N
     head: dict[str, Any] = {"name": arm.name, "title": arm.title, "convention": arm.convention}
     if urdf is not None:
         head["urdf"] = dict(urdf)
-    lines = [f"# {line}".rstrip() for line in comments]
+    lines = [f"# {one_line(line)}".rstrip() for line in comments]
     lines += [f"{key}: {_flow(value)}" for key, value in head.items()]
     for key, T in (("base", arm.T_base_row1), ("tool", arm.T_row_n_ee)):
         if (np.eye(4) != T).any():

@@ -11,8 +11,9 @@ import fcntl
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 
 from pa10cal.errors import OutputError
@@ -186,28 +187,75 @@ def write_text(path: Path, text: str) -> None:
         beside.write_text(text, encoding="utf-8", newline="\n")
 
 
-# Text of a user's files as a cell of a table: shown as it is, run by nothing.
+# Text of a user's files as a cell of a table: shown as it is, run by nothing, one cell.
 #
 # A label may be anything. A spreadsheet takes a cell that begins with one of a few signs for a
-# formula, and a Markdown page takes some text for markup.
+# formula, also behind blanks and quotes, and where lists are separated by semicolons also one that
+# follows a semicolon. A Markdown page takes some text for markup.
 
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-_TAG = re.compile(r"<(?=[A-Za-z/!?])")
-_LINK = re.compile(r"\[(?=[^\]]*\][(\[:])")
+#: Numbers, and words of letters: nothing to do for most cells.
+_PLAIN = re.compile(r"-?\d[\d.]*(?:e[-+]?\d+)?|[^\W\d_][\w .:/-]*")
+_FORMULA = re.compile(
+    r"[\s\x00-\x20\x7f\u200b\ufeff'\"]*([=+@\uff1d\uff0b\uff0d\uff20-].*)", re.DOTALL
+)
+_QUOTED = re.compile(r"[\",\r\n]")
+_LISTS = re.compile(r"(;)")
+
+
+def _runs(piece: str) -> bool:
+    """Return whether a spreadsheet would run a text; numbers such as `-1.5` and `+1` are none."""
+    found = _FORMULA.fullmatch(piece)
+    if found is None:
+        return False
+    try:
+        float(found[1])
+    except ValueError:
+        return True
+    return False
 
 
 def csv_cell(value: object) -> object:
-    """Return a value of a CSV cell; text that a spreadsheet would run begins with an apostrophe.
+    """Return a value of a CSV cell; before text that a spreadsheet would run is an apostrophe.
 
-    Numbers, also those given as text (`-1.5`, `+1`), stay as they are.
+    Numbers, also those given as text (`-1.5`, `+1`), stay as they are. `from_csv_cell` undoes it.
     """
-    if not isinstance(value, str) or not value.startswith(_FORMULA):
+    if not isinstance(value, str) or _PLAIN.fullmatch(value):
         return value
-    try:
-        float(value)
-    except ValueError:
-        return f"'{value}"
-    return value
+    return "".join(f"'{piece}" if _runs(piece) else piece for piece in _LISTS.split(value))
+
+
+def from_csv_cell(text: str) -> str:
+    """Return the text of which `csv_cell` made a cell."""
+    if "'" not in text:
+        return text
+    return "".join(
+        piece[1:] if piece.startswith("'") and _runs(piece[1:]) else piece
+        for piece in _LISTS.split(text)
+    )
+
+
+def csv_line(cells: Iterable[object]) -> str:
+    """Return a row of a CSV file, with the end of its line; every value is one cell.
+
+    What is not known, None or nan, is empty. The same bytes under every Python: a carriage return
+    is quoted too.
+    """
+    texts = []
+    for cell in cells:
+        text = "" if cell is None or cell != cell else str(csv_cell(cell))
+        if _QUOTED.search(text):
+            text = '"' + text.replace('"', '""') + '"'
+        texts.append(text)
+    return ",".join(texts if texts != [""] else ['""']) + "\n"
+
+
+def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
+    """Return a CSV file: the one way in which tables go out."""
+    return "".join(map(csv_line, chain([header], rows)))
+
+
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
+_LINK = re.compile(r"\[(?=[^\]]*\][(\[:])")
 
 
 def markdown_cell(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,9 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
 from pa10cal.yaml_file import read_yaml
+
+#: Poses that are predicted at a time where there are many.
+BLOCK = 10_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,6 +85,29 @@ class FittedModel(Fitted):
         of_pose = load_N, arrival, temperature_C, time_s
         given = states_at(self, self._positions(q), *of_pose, extrapolate=extrapolate)
         return predicted(self, given, frame)
+
+    def predict_in_blocks(
+        self,
+        q: ArrayLike,
+        *,
+        frame: str = FLANGE,
+        load_N: ArrayLike = 0.0,
+        arrival: ArrayLike = 0.0,
+        extrapolate: bool = False,
+        rows: int = BLOCK,
+    ) -> Iterator[tuple[slice, Prediction]]:
+        """Yield predictions of so many rows at a time, and which; see `predict`.
+
+        A prediction takes some kilobytes a pose; these take what a block does, however many poses.
+
+        Raises:
+            ModelError: see `predict`, before anything is predicted.
+        """
+        given = states_at(self, self._positions(q), load_N, arrival, extrapolate=extrapolate)
+        for first in range(0, len(given.q_rad), rows):
+            part = slice(first, first + rows)
+            here = given.take(np.arange(len(given.q_rad))[part])
+            yield part, predicted(self, here, frame)
 
     def compensate(
         self,

@@ -9,6 +9,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain, end_pose, end_pose_with_screws
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
+from pa10cal.files.output import csv_text
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, Fitted
 from pa10cal.fit.forward import T_flange_frame, pose_difference, predicted
 from pa10cal.observe.observations import Observations
@@ -193,7 +194,7 @@ def dh_text(
     last = {"grade": mark}
     if error is not None:
         last |= {"error_rms_mm": f"{error.rms_mm:.4f}", "error_peak_mm": f"{error.peak_mm:.4f}"}
-    lines = [",".join(["joint", *names, *last])]
+    rows: list[list[str]] = []
     for joint in range(1, chain.arm.n + 1):
         words = [str(joint)]
         for kind, (factor, _) in _KINDS.items():
@@ -202,5 +203,5 @@ def dh_text(
             u = factor * np.sqrt(variance[column])
             words += [f"{value:.9f}" for value in (nominal, found - nominal, found)]
             words.append("" if np.isnan(u) else f"{u:.9f}")
-        lines.append(",".join([*words, *last.values()]))
-    return "\n".join(lines) + "\n"
+        rows.append([*words, *last.values()])
+    return csv_text(["joint", *names, *last], rows)

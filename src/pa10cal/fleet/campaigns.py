@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -12,7 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder, refusals_beside
-from pa10cal.files.output import csv_cell
+from pa10cal.files.output import csv_text
 from pa10cal.input_files import read_csv, reason
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read
@@ -73,7 +71,7 @@ def _of_table(path: Path) -> list[tuple[str, Listed]]:
     header = [word.strip() for word in rows[0]] if rows else []
     if "campaign" not in header or len(set(header)) < len(header):
         raise _refusal(
-            "columns", f"{path}, line 1", ",".join(header), _COLUMNS[0], " and ".join(_COLUMNS[1:])
+            "columns", f"{path}, line 1", ", ".join(header), _COLUMNS[0], " and ".join(_COLUMNS[1:])
         )
     found = []
     for number, row in enumerate(rows[1:], start=2):
@@ -109,9 +107,7 @@ HEADER = (
 def fleet_csv(fleet: FleetRecord) -> str:
     """Return the table as CSV; `attention` stands in the row of an arm's last campaign."""
     last = {each.last: each for each in fleet.arms}
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(HEADER)
+    rows: list[tuple[object, ...]] = []
     for each in fleet.campaigns:
         outcome, arm_status = each.became, last.get(each.campaign)
         cells = (
@@ -123,8 +119,8 @@ def fleet_csv(fleet: FleetRecord) -> str:
             arm_status.attention if arm_status else None,
             arm_status.why if arm_status else outcome.message,
         )
-        rows.writerow(["" if cell is None else csv_cell(cell) for cell in cells])
-    return text.getvalue()
+        rows.append(cells)
+    return csv_text(HEADER, rows)
 
 
 # How every arm of a fleet stands after its last campaign, and which need attention first.

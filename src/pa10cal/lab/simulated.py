@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri, stdtrit
@@ -29,6 +28,7 @@ from pa10cal.calibration.paper import parameter_records
 from pa10cal.campaign import read
 from pa10cal.evaluation.options import CoverageCaseOptions, CoverageOptions
 from pa10cal.files.arms import load_arm
+from pa10cal.files.output import csv_text
 from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
 from pa10cal.lab.cell.campaign import SimulatedCampaign, measure_campaign, simulate_campaign
@@ -351,8 +351,7 @@ def coverage_table(record: results.CoverageRecord) -> str:
         for title, of, s in shares
     ]
     header = ["case", "of", "inside_percent", "from_percent", "to_percent", "rms_score"]
-    text: str = pd.DataFrame(rows, columns=header).to_csv(index=False, lineterminator="\n")
-    return text
+    return csv_text(header, rows)
 
 
 def _line(title: str, shares: dict[str, results.Coverage]) -> str:

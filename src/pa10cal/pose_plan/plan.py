@@ -25,7 +25,7 @@ from pa10cal.campaign.raw_rows import position_columns
 from pa10cal.discovery.linear import by_effects
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
 from pa10cal.errors import CalibrationError, SettingsError, refusals_beside, remedy_for
-from pa10cal.files.output import whole_files
+from pa10cal.files.output import csv_text, whole_files
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.exchange import (
@@ -574,8 +574,9 @@ def read_keep_out(path: Path) -> tuple[KeepOutBox, ...]:
 
 def plan_text(plan: PosePlan) -> str:
     """Return the poses as `id,q1_deg,…,x_mm,y_mm,z_mm,u_tool_mm`."""
-    lines = [",".join(["id", *position_columns(plan.arm.prismatic), *_PLACE, "u_tool_mm"])]
+    header = ["id", *position_columns(plan.arm.prismatic), *_PLACE, "u_tool_mm"]
+    rows = []
     for pose in plan.expected.poses:
         words = [f"{value:.3f}" for value in (*pose.q, *pose.target_mm)]
-        lines.append(",".join([pose.id, *words, f"{pose.u_tool_mm:.4f}"]))
-    return "\n".join(lines) + "\n"
+        rows.append([pose.id, *words, f"{pose.u_tool_mm:.4f}"])
+    return csv_text(header, rows)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from pydantic import JsonValue
 
+from pa10cal.files.output import csv_text
 from pa10cal.results.discovery import SuggestedPose
 from pa10cal.results.record import Key, ParameterKey, Part, Record, Vector3, filed
 
@@ -83,9 +82,8 @@ def suggestion_table(suggestions: Sequence[SuggestedPose], joints: int, *, with_
     """
     numbers = range(1, joints + 1)
     sides = [*(f"arrive{j}_from" for j in numbers), "separation_nats"] if with_sides else []
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["order", *(f"q{j}_deg" for j in numbers), "load_N", *sides, "for"])
+    header = ["order", *(f"q{j}_deg" for j in numbers), "load_N", *sides, "for"]
+    rows = []
     for order, pose in enumerate(suggestions, start=1):
         cells = [order, *(f"{angle:.4f}" for angle in pose.q_deg), f"{pose.load_N:g}"]
         if with_sides and pose.arrive_from is not None:
@@ -93,5 +91,5 @@ def suggestion_table(suggestions: Sequence[SuggestedPose], joints: int, *, with_
             cells += [f"{pose.separation_nats:.2f}"]
         else:
             cells += [""] * len(sides)
-        rows.writerow([*cells, "; ".join(pose.for_)])
-    return text.getvalue()
+        rows.append([*cells, "; ".join(pose.for_)])
+    return csv_text(header, rows)

@@ -167,8 +167,9 @@ class RunDisplay:
     def close(self) -> None:
         """Take what is at work off the terminal."""
         if self._live:
-            self._out.write("\r\x1b[K")
-            self._out.flush()
+            terminal: TextIO = getattr(self._out, "terminal", self._out)
+            terminal.write("\r\x1b[K")
+            terminal.flush()
 
 
 class StageError(errors.Pa10calError):

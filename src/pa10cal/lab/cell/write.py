@@ -15,7 +15,7 @@ import yaml
 
 from pa10cal.errors import SimulationError, refusals_beside
 from pa10cal.files.arms import arm_names, arm_text
-from pa10cal.files.output import whole_file, write_text
+from pa10cal.files.output import csv_text, whole_file, write_text
 from pa10cal.lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
 from pa10cal.lab.cell.disturbances import disturb
 from pa10cal.lab.cell.raw_log import RawLog
@@ -135,8 +135,7 @@ def write_table(table: pd.DataFrame, path: Path, decimals: Mapping[str, int]) ->
         decimals: how many a column has, by the end of its name; others are written as they are.
     """
     columns = [_as_text(table[name], decimals) for name in table.columns]
-    lines = [",".join(table.columns), *map(",".join, zip(*columns, strict=True))]
-    content = ("\n".join(lines) + "\n").encode()
+    content = csv_text(table.columns, zip(*columns, strict=True)).encode()
     if path.suffix == ".gz":
         packed = BytesIO()
         with gzip.GzipFile(

@@ -34,10 +34,12 @@ document.addEventListener("click", async event => {
   link.click();
 });
 
-// A cell that a spreadsheet would run begins with an apostrophe.
+// Before text that a spreadsheet would run is an apostrophe, as files/output.py has it.
 function asCsv(table) {
-  const cell = text => /[",\n]/.test(text) ? `"${text.replace(/"/g, '""')}"` : text;
-  const plain = text => /^[=+@-]/.test(text) && isNaN(text) ? `'${text}` : text;
+  const cell = text => /[",\r\n]/.test(text) ? `"${text.replace(/"/g, '""')}"` : text;
+  const runs = /^[\s\x00-\x20\x7f\u200b'"]*([=+@\uff1d\uff0b\uff0d\uff20-].*)$/s;
+  const safe = text => (runs.test(text) && isNaN(runs.exec(text)[1]) ? `'${text}` : text);
+  const plain = text => text.split(";").map(safe).join(";");
   return [...table.rows].map(row => [...row.cells].map(each => cell(plain(each.innerText.trim())))
     .join(",")).join("\n") + "\n";
 }
