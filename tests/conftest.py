@@ -9,6 +9,8 @@ for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import gzip
+import inspect
+import re
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -54,8 +56,19 @@ APPROACH, DWELL = 6, 10
 NOISE_MM = 0.004
 
 
+#: Equal numbers or bytes, and tolerances of rounding: what another processor's kernels may change.
+DIGITS = re.compile(r"array_equal|read_bytes\(\)|tobytes\(|1e-1[0-9]\b|finfo")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files first that are named so; workers take files in the order of the items."""
+    """Put the files first that are named so; workers take files in the order of the items.
+
+    Tests that compare digits get their marker here, so that none is forgotten.
+    """
+    for item in items:
+        function = getattr(item, "function", None)
+        if function is not None and DIGITS.search(inspect.getsource(function)):
+            item.add_marker(pytest.mark.digits)
     items.sort(key=lambda item: not item.nodeid.startswith(FIRST))
 
 
