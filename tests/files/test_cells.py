@@ -7,9 +7,11 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from markdown_it import MarkdownIt
 
 from pa10cal.campaign.csv_rows import read_rows
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
+from pa10cal.errors import one_line
 from pa10cal.figures.table import ResultTable, write_table
 from pa10cal.files.output import csv_cell, csv_text, from_csv_cell, markdown_cell
 from pa10cal.input_files import read_csv
@@ -44,7 +46,62 @@ def test_numbers_as_text_stay(value: float) -> None:
 
 def test_markup_is_shown() -> None:
     assert markdown_cell("<b>a</b> | [x](y)\nz") == r"\<b>a\</b> \| \[x](y) z"
-    assert markdown_cell("p < 0.05, [1, 2], `id`") == "p < 0.05, [1, 2], `id`"
+    assert markdown_cell("p < 0.05, [1, 2], theta_2 & K_cub") == "p < 0.05, [1, 2], theta_2 & K_cub"
+
+
+MARKUP = {
+    "entity": "&lt;b&gt; &#60; &#x3c;",
+    "escape": r"\<b>x</b> \| \`",
+    "emphasis": "*a* **b** _c_ __d__ ~e~ ~~f~~ _a_b_",
+    "code": "`a` ``b`` `<i>`",
+    "link": "[a](javascript:x) [a [b] c](d) [a\\]b](c) ![x](y) [a][b] [x]: y [1](y) <http://a.b>",
+    "address": "http://a.b/c www.a.b HTTPS://x",
+    "formula": "$a$ $$b$$",
+    "tag": "<script>x</script> <!-- a --> <?x?> <a.b@c.d>",
+    "columns": "a | b || c",
+    "lines": "a\rb\nc\r\n# d",
+    "terminal": "a\x1b[2J\x9b\u202e\u2066\u200f\u2028b",
+    "heading": "# a",
+    "rule": "---",
+    "list": "- a",
+    "numbered": "1. a",
+    "quotation": "> a",
+}
+
+
+@pytest.mark.parametrize("kind", MARKUP)
+def test_no_markup_of_any_kind_is_left(kind: str, tmp_path) -> None:
+    """As a reader of Markdown sees it: text alone, and all of it."""
+    text = MARKUP[kind]
+    data = pd.DataFrame({text: [text], "b": [1.0]})
+    table = ResultTable(text, data, (grid(text, [text, "b"], [[text, "1"]]),), (text,))
+    write_table(table, text, tmp_path, "t")
+    written = (tmp_path / "t.md").read_bytes().decode()
+    assert all(line.isprintable() for line in written.split("\n"))
+    tokens = MarkdownIt("gfm-like", {"linkify": False}).parse(written)
+    seen = [token for token in tokens if token.type == "inline"]
+    assert {child.type for token in seen for child in token.children} <= {"text", "text_special"}
+    assert [token.tag for token in tokens if token.nesting == 1 and token.tag[0] in "hptu"] == [
+        *(
+            "h1",
+            "p",
+            "h2",
+            "table",
+            "thead",
+            "tr",
+            "th",
+            "th",
+            "tbody",
+            "tr",
+            "td",
+            "td",
+            "ul",
+            "p",
+        ),
+    ]
+    words = ["".join(child.content for child in token.children) for token in seen]
+    plain = one_line(text)
+    assert words == [plain, plain, plain, plain, "b", plain, "1", plain]
 
 
 @pytest.mark.parametrize("label", FORMULAS)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
 from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, as_comment, origin_of, parse_urdf, read_tree
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import ArmError, refusals_beside, visible
+from pa10cal.errors import ArmError, one_line, refusals_beside, visible
 
 _refusal = refusals_beside(__file__, ArmError)
 
@@ -220,7 +220,7 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
     # The driver counts from the frame that the first joint stands on, turned with its own base.
     T_base_first = homogeneous(T_base_frames[0, :3, :3], np.zeros(3))
     before = np.concatenate([T_base_first[None], moved[:-1]])
-    lines = [f"# {line}".rstrip() for line in comments] + ["kinematics:"]
+    lines = [f"# {one_line(line)}".rstrip() for line in comments] + ["kinematics:"]
     for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
         lines.append(f"  {name}:")
         values = (*T[:3, 3], *roll_pitch_yaw(T[:3, :3]))

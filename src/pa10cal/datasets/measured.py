@@ -248,7 +248,7 @@ def markdown(record: fleet.MeasuredRobotsRecord) -> str:
     """Return the tables of the page."""
 
     def line(cells: Sequence[str]) -> str:
-        return f"| {' | '.join(markdown_cell(cell) for cell in cells)} |"
+        return f"| {' | '.join(cells)} |"
 
     def header(*titles: str) -> list[str]:
         return [line(titles), line(["---"] * len(titles))]
@@ -261,20 +261,23 @@ def markdown(record: fleet.MeasuredRobotsRecord) -> str:
     lines = header(*head, "verdict, names", "reported by others")
     for robot in record.robots:
         faults = [f"the log: {fault}" for fault in robot.faults]
-        verdict = "; ".join([f"`{robot.verdict}`", *robot.names, *faults])
-        verdict = f"{robot.status}: {robot.message}" if robot.message else verdict
+        said = map(markdown_cell, (*robot.names, *faults))
+        verdict = "; ".join([f"`{robot.verdict}`", *said])
+        verdict = markdown_cell(f"{robot.status}: {robot.message}") if robot.message else verdict
         about = ", ".join(text for text in (robot.robot, robot.instrument) if text)
         if robot.members:
             about += f"; {', '.join(robot.members)} as one"
         poses = "" if robot.poses is None else f"{robot.poses} ({robot.held_out})"
-        of = (f"`{robot.campaign}`", about, poses, *errors(robot.errors))
-        lines.append(line([*of, verdict, robot.published or ""]))
+        of = (f"`{robot.campaign}`", markdown_cell(about), poses, *errors(robot.errors))
+        lines.append(line([*of, verdict, markdown_cell(robot.published or "")]))
     carried = [(robot.campaign, other) for robot in record.robots for other in robot.carried]
     if carried:
         lines += ["", "Carried to another campaign, base and tool alone fitted there:", ""]
         lines += header("model of", "in", *MODELS)
     for name, other in carried:
-        cells = [other.message, "", "", ""] if other.message else errors(other.errors)
+        cells = (
+            [markdown_cell(other.message), "", "", ""] if other.message else errors(other.errors)
+        )
         lines.append(line([f"`{other.source}`", f"`{name}`", *cells]))
     return "\n".join(lines) + "\n"
 

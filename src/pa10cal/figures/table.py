@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from pa10cal.files.output import csv_text, markdown_cell, whole_files, write_text
+from pa10cal.files.output import csv_text, markdown_cell, markdown_line, whole_files, write_text
 from pa10cal.reports.blocks import Grid
 
 Row = tuple[str, ...]
@@ -57,16 +57,17 @@ def write_table(table: ResultTable, footer: str, folder: Path, name: str) -> Non
         name: of the files.
     """
     columns = [_csv_column(column) for _, column in table.data.items()]
-    parts = [f"# {table.title}", footer]
+    parts = [f"# {markdown_line(table.title)}", markdown_line(footer)]
     cells = table.data.astype(object).where(table.data.notna(), "").astype(str).to_numpy()
     as_it_is = Grid("", tuple(table.data.columns), tuple(map(tuple, cells)))
     for grid in table.shown or (as_it_is,):
         none = ("none", *["–"] * (len(grid.header) - 1))
-        rows = [grid.header, ["---"] * len(grid.header), *(grid.rows or [none])]
-        parts += [f"## {grid.caption}"] if grid.caption else []
-        parts.append("\n".join(f"| {' | '.join(map(markdown_cell, row))} |" for row in rows))
+        header, *rows = (map(markdown_cell, row) for row in (grid.header, *(grid.rows or [none])))
+        rows = [header, ["---"] * len(grid.header), *rows]
+        parts += [f"## {markdown_line(grid.caption)}"] if grid.caption else []
+        parts.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
     if table.notes:
-        parts.append("\n".join(f"- {note}" for note in table.notes))
+        parts.append("\n".join(f"- {markdown_line(note)}" for note in table.notes))
     with whole_files(folder / f"{name}.csv", folder / f"{name}.md") as (csv, markdown):
         write_text(csv, csv_text(table.data.columns, zip(*columns, strict=True)))
         write_text(markdown, "\n\n".join(parts) + "\n")

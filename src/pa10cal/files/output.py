@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from itertools import chain
 from pathlib import Path
 
-from pa10cal.errors import OutputError
+from pa10cal.errors import OutputError, one_line
 
 _PARTIAL = ".partial."
 #: Ending of a folder that is being replaced.
@@ -254,11 +254,25 @@ def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
     return "".join(map(csv_line, chain([header], rows)))
 
 
-_TAG = re.compile(r"<(?=[A-Za-z/!?])")
-_LINK = re.compile(r"\[(?=[^\]]*\][(\[:])")
+#: What begins markup inside a line: escapes, code, formulas, emphasis but for `_` inside a word,
+#: strikes, columns, tags, entities, links but not lists of numbers, addresses.
+_MARKUP = re.compile(
+    r"[\\`$*~|]|(?<![^\W_])_|_(?![^\W_])|<(?=[A-Za-z/!?])|&(?=#|\w+;)|\[(?!-?[\d., -]+\](?![(\[:]))"
+    r"|:(?=//)|(?<=www)\.",
+    re.IGNORECASE,
+)
 
 
 def markdown_cell(text: str) -> str:
-    """Return text as the cell of a Markdown table: on one line, without columns or markup."""
-    text = " ".join(text.split("\n")).replace("|", "\\|")
-    return _LINK.sub(r"\\[", _TAG.sub(r"\\<", text))
+    """Return text as the cell of a Markdown table: on one line, without columns or markup.
+
+    Every sign of it is shown; what is not visible, such as a mark of direction, by its number.
+    """
+    return _MARKUP.sub(r"\\\g<0>", one_line(text.replace("\t", " ")))
+
+
+def markdown_line(text: str) -> str:
+    """Return text as a line of a Markdown page: as `markdown_cell`, and it begins no block."""
+    shown = markdown_cell(text).strip()
+    head = re.match(r"\d{1,9}(?=[.)](\s|$))|(?=[#>+=-]([\s#>+=-]|$))", shown)
+    return shown if head is None else f"{head[0]}\\{shown[head.end() :]}"
