@@ -27,6 +27,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pa10cal.errors import visible
+
 #: What a command may use before it refuses: most take a hundredth.
 MOST_S, MOST_MB = 20.0, 1000.0
 #: What it can use before it is ended.
@@ -69,6 +71,7 @@ class Attacked:
         assert self.code in (0, _REFUSED), f"exit code {self.code}\n{text}"
         assert not self.read_outside, f"{self.read_outside}\n{text}"
         assert SECRET not in text, text
+        assert visible(text) == text, "a terminal would obey what is printed"
         assert self.seconds < MOST_S, f"{self.seconds:.1f} s\n{text}"
         assert self.peak_mb < MOST_MB, f"{self.peak_mb:.0f} MB\n{text}"
 

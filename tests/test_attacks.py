@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import shutil
@@ -16,6 +18,7 @@ import yaml
 from attacks import SECRET
 from built_once import built_once
 from made_up_results import NAME, small_results
+from pa10cal.files.output import from_csv_cell
 from pa10cal.results.codec import write
 from pa10cal.results.fleet import PicturesRecord
 
@@ -304,6 +307,25 @@ def test_no_picture_elsewhere_is_shown(sent, name):
         assert (found.code == 2) == (name == "above results")
         page = sent.inside / "report.html"
         assert found.code == 2 or SECRET not in page.read_text("utf-8")
+
+
+# What a spreadsheet, a robot or a terminal takes for something else.
+
+IDS = ["a,90.0", "=cmd|' /C calc'!A0", " =1+1", "-A1", "a;=1", "a\x1b[2J\x9b\u202e", 'a"b']
+
+
+def test_an_id_is_one_cell_and_runs_nothing(sent):
+    joints = sent.inside / "joints.csv"
+    header, row = joints.read_text("utf-8").splitlines()
+    quoted = (f'"{each.replace(chr(34), 2 * chr(34))}"{row[1:]}' for each in IDS)
+    joints.write_text("\n".join((header, *quoted, "")), "utf-8")
+    found = _predict(sent)
+    found.harmless()
+    assert found.code == 0
+    _, *rows = csv.reader(io.StringIO((sent.inside / "out.csv").read_text("utf-8"), newline=""))
+    assert [from_csv_cell(id) for id, *_ in rows] == [each.strip() for each in IDS]
+    assert {len(each) for each in rows} == {11}
+    assert not [id for id, *_ in rows if id[0] in "=+-@"]
 
 
 # What a user names may lie anywhere, and may be a link; but it has to be a file.

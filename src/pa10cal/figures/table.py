@@ -62,7 +62,9 @@ def write_table(table: ResultTable, footer: str, folder: Path, name: str) -> Non
     as_it_is = Grid("", tuple(table.data.columns), tuple(map(tuple, cells)))
     for grid in table.shown or (as_it_is,):
         none = ("none", *["–"] * (len(grid.header) - 1))
-        header, *rows = (map(markdown_cell, row) for row in (grid.header, *(grid.rows or [none])))
+        header, *rows = (
+            list(map(markdown_cell, row)) for row in (grid.header, *(grid.rows or [none]))
+        )
         rows = [header, ["---"] * len(grid.header), *rows]
         parts += [f"## {markdown_line(grid.caption)}"] if grid.caption else []
         parts.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
