@@ -11,7 +11,6 @@ import codecs
 import csv
 import difflib
 import gzip
-import importlib
 import io
 import os
 import re
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
+from pa10cal.campaign.workbook import rows_of_workbook
 from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.output import from_csv_cell
 from pa10cal.input_files import open_file, reason
@@ -166,32 +166,15 @@ def _unpacked(path: Path, within: Path | None) -> Iterator[IO[bytes]]:
 
 def _rows_of_workbook(path: Path, within: Path | None) -> Iterator[TextLine]:
     """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
-    importlib.import_module("python_calamine")  # said by its name where it is missing
+    letters = 0
     with _opened(path, within) as file:
         if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
             raise _too_large(path)
-        try:
-            sheets = pd.read_excel(
-                file, sheet_name=None, header=None, dtype=object, engine="calamine"
-            )
-        except Exception as error:
-            raise _refusal("workbook", path, " ".join(str(error).split())) from None
-    sheet = max(sheets.values(), key=lambda each: int(each.notna().to_numpy().sum()), default=None)
-    if sheet is None:
-        return
-    for number, row in enumerate(sheet.itertuples(index=False), start=1):
-        cells = [_cell(value) for value in row]
-        if any(cells):
-            yield TextLine(number, "\t".join(cells), ended=True)
-
-
-def _cell(value: object) -> str:
-    if value is None or value is pd.NaT or (isinstance(value, float) and value != value):
-        return ""
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
-        return str(int(value))
-    text = value.isoformat() if hasattr(value, "isoformat") else str(value)
-    return " ".join(text.split())
+        for number, text in rows_of_workbook(path, file):
+            letters += len(text)
+            if letters > LARGEST_BYTES:
+                raise _too_large(path)
+            yield TextLine(number, text, ended=True)
 
 
 def _too_large(path: Path) -> RawDataError:
