@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.campaign.csv_rows import CUT, column_names, read_rows
+from pa10cal.campaign.csv_rows import CUT, MOST_COLUMNS, MOST_LABEL_LETTERS, column_names, read_rows
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError, refusals_beside
@@ -34,6 +34,8 @@ from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.results.calibration import InputFinding
 
 SCHEMA = "pa10cal-poses/1"
+#: Tables of more values than this, or in more parts, are refused.
+MOST_VALUES, MOST_PARTS, _BYTES_A_VALUE = 100_000_000, 200_000, 8
 _refusal = refusals_beside(__file__, RawDataError)
 
 #: The column that says which campaign of a group a row is of, and beginnings of those that hold
@@ -140,6 +142,43 @@ def _metadata(path: Path, within: Path | None = None) -> Mapping[bytes, bytes]:
         return pq.read_schema(file).metadata or {}
 
 
+def _read_parquet(file: IO[bytes], path: Path) -> pa.Table:
+    """Return a table; text that stands in many rows is looked at before each gets its own."""
+    promised = pq.read_metadata(file)
+    _refuse_larger(promised, path)
+    schema = promised.schema.to_arrow_schema()
+    texts = [name for name in schema.names if pa.types.is_string(schema.field(name).type)]
+    file.seek(0)
+    table = pq.read_table(file, read_dictionary=texts)
+    for name in texts:
+        column = table[name]
+        if not pa.types.is_dictionary(column.type):
+            continue
+        words = [word for part in column.chunks for word in part.dictionary.to_pylist() if word]
+        if (longest := max(map(len, words), default=0)) * len(column) > MOST_LABEL_LETTERS:
+            raise _refusal("long label", path, None, name, longest)
+        at = table.schema.get_field_index(name)
+        table = table.set_column(at, schema.field(name), column.cast(schema.field(name).type))
+    return table
+
+
+def _refuse_larger(promised: pq.FileMetaData, path: Path) -> None:
+    """Refuse a table by what its header promises, before anything of it is unpacked."""
+    rows, columns, groups = promised.num_rows, promised.num_columns, promised.num_row_groups
+    if columns <= MOST_COLUMNS and groups * columns <= MOST_PARTS:
+        of_groups = [promised.row_group(k) for k in range(groups)]
+        values = max(
+            rows * columns,
+            *(of.column(k).num_values for of in of_groups for k in range(columns)),
+            sum(of.num_rows for of in of_groups) * columns,
+            sum(of.total_byte_size for of in of_groups) // _BYTES_A_VALUE,
+        )
+        if values <= MOST_VALUES:
+            return
+    promises = f"{rows} rows, {columns} columns, {groups} groups of rows"
+    raise _refusal("large table", path, promises, MOST_VALUES, MOST_COLUMNS)
+
+
 def read_pose_table(
     path: Path, campaign: str | None = None, within: Path | None = None
 ) -> pd.DataFrame:
@@ -152,7 +191,7 @@ def read_pose_table(
     """
     try:
         with open_file(path, within) as file:
-            table = pq.read_table(file)
+            table = _read_parquet(file, path)
     except (OSError, pa.ArrowException) as error:
         raise _refusal("no table", path, " ".join(reason(error).split()), SCHEMA) from None
     metadata = table.schema.metadata or {}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import os
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
@@ -14,6 +17,13 @@ from pa10cal.errors import ModelError, refusals_beside
 from pa10cal.fit.fitted import Fitted
 from pa10cal.input_files import UnfitFileError, open_file, reason
 
+#: No covariance has more than this: that of fourteen hundred parameters.
+MOST_BYTES = 16_000_000
+#: What reads the header of an array, by the version of its format.
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 _UNIX = 3  # in the headers of a zip file
 #: Of a correlation matrix: how unlike its transpose, and how far below zero the eigenvalues of one
 #: may lie that was solved with directions that the poses hardly identify.
@@ -52,8 +62,8 @@ def covariance_beside(path: Path) -> Array | None:
     beside = covariance_path(path)
     try:
         # A link to a model has its covariance beside it, or where the model itself lies.
-        with open_file(beside, path.parent, path.resolve().parent) as file, np.load(file) as stored:
-            covariance: Array = stored["covariance"]
+        with open_file(beside, path.parent, path.resolve().parent) as file:
+            covariance = _read(file)
     except FileNotFoundError:
         return None
     except UnfitFileError as error:
@@ -61,6 +71,30 @@ def covariance_beside(path: Path) -> Array | None:
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile):
         raise _refusal("no covariance", beside) from None
     return covariance if len(covariance) else None
+
+
+def _read(file: BinaryIO) -> Array:
+    """Return the covariance in a file; nothing is allocated that the file does not hold.
+
+    Raises:
+        ValueError, KeyError, BadZipFile: when there is none.
+    """
+    size = os.fstat(file.fileno()).st_size
+    if size > MOST_BYTES:
+        raise ValueError("it is too large")
+    with ZipFile(file) as archive:
+        of = archive.getinfo("covariance.npy")
+        if of.file_size > MOST_BYTES:
+            raise ValueError("it is too large, unpacked")
+        content = BytesIO(archive.read(of))
+    version = np.lib.format.read_magic(content)
+    if version not in _HEADERS:
+        raise ValueError("another version")
+    shape, _, dtype = _HEADERS[version](content)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize > of.file_size:
+        raise ValueError("it promises more than it holds")
+    content.seek(0)
+    return np.asarray(np.lib.format.read_array(content, allow_pickle=False))
 
 
 def checked_covariance(covariance: Array, size: int, where: str) -> Array:
