@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.calibration.health import FitSummary, GradeEvidence, poses_needed
+from pa10cal.calibration.fit_summary import FitSummary, poses_needed
+from pa10cal.calibration.health import GradeEvidence
 from pa10cal.calibration.health import health as health_of
 from pa10cal.calibration.uncertainty import HeldOut, gram
 from pa10cal.fit.identifiability import identify, not_identifiable
@@ -123,7 +124,7 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({}, {"train_rms_mm": 6.0}, "suspect_input", "does not fit the readings"),
         ({}, {"repeats": repeats(3.5e-5)}, "suspect_input", "0.01 mm is stated, repeats"),
         ({}, {"repeats": repeats(0.3e-5)}, "suspect_input", "repeats scatter by 0.003 mm"),
-        ({}, {"noise_mm": 0.06}, "suspect_input", "0.06 mm is stated, 0.017 mm remain"),
+        ({}, {"noise_mm": 17.0}, "suspect_input", "it looks like micrometres, divide it by 1000"),
         ({}, {"noise_mm": 1.7e-5}, "suspect_input", "check its unit and value"),
         ({}, {"findings": (GUESS,)}, "suspect_input", "joint 6: its sign is reversed; correct"),
         # not_converged
@@ -174,16 +175,89 @@ def test_the_worst_is_said_first():
     assert health(stuck, errors(**lacking, **suspect)).grade == "not_converged"
 
 
+ZERO = InputFinding(
+    what="the zero of joint 3 is 2.1 deg off",
+    where="joint 3",
+    remedy="set joint_offsets_deg: [0, 0, 2.1]",
+    kind="joint_zero",
+)
+
+
+def mastered(off_rad):
+    """A fit whose fourth joint has another zero than its description."""
+    made = ended()
+    first = replace(made.parameters[0], name="delta_theta_4", unit="rad", tolerance=5e-4)
+    x = np.zeros(len(made.parameters))
+    x[0] = off_rad
+    parameters = (first, *made.parameters[1:])
+    return replace(made, parameters=parameters, solution=replace(made.solution, x=x))
+
+
+def test_departures_that_held_out_poses_confirm_are_what_was_found():
+    found = health(mastered(np.radians(-1.99)), errors())
+    assert found.grade == "good"
+    assert found.findings == ()
+    (zero,) = found.departures
+    assert (zero.kind, zero.where) == ("departure", "delta_theta_4")
+    assert "joint 4 was mastered 1.99 deg off (69 tolerances), as held-out" in found.line
+    alone = health(mastered(np.radians(-1.99)), errors(held_out=None))
+    assert alone.grade == "suspect_input"
+    assert alone.departures == ()
+    # So is a zero that a check of the input found, and nothing else that one finds.
+    assert health(ended(), errors(findings=(ZERO,))).departures == (ZERO,)
+    assert health(ended(), errors(findings=(ZERO,))).grade == "good"
+    assert health(ended(), errors(findings=(GUESS,))).grade == "suspect_input"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "turns", "says"),
+    [
+        (101.0, 1.0, ": 1 turn of a motor of ratio 101"),
+        (101.0, -2.02, ": 2 turns of a motor of ratio 101"),
+        (101.0, 1.4, "tolerances), as"),
+        (np.nan, 1.0, "tolerances), as"),
+    ],
+)
+def test_whole_turns_of_a_motor_are_told(ratio, turns, says):
+    ratios = np.full(6, np.nan)
+    ratios[3] = ratio
+    fit = mastered(2.0 * np.pi / 101.0 * turns)
+    assert says in health(fit, errors(gear_ratio=ratios)).line
+
+
+def test_noise_that_is_stated_is_noise_however_large():
+    # An arm of cameras: noise of 1.2 % of the spread, as stated.
+    loud = {"train_rms_mm": 6.0, "noise_mm": 6.0, "held_out": HeldOut(accuracy(6.0, 9.0, 6.2, 60))}
+    found = health(ended(), errors(**loud))
+    assert found.grade == "good", found.line
+    assert health(ended(), errors(**{**loud, "noise_mm": 1.5})).grade == "suspect_input"
+
+
+@pytest.mark.parametrize("left_mm", [5e-3, 1e-7])
+def test_less_than_the_stated_noise_is_no_mistake(left_mm):
+    away = HeldOut(accuracy(left_mm, left_mm, left_mm, 60))
+    found = health(ended(), errors(train_rms_mm=left_mm, held_out=away))
+    assert found.grade == "good", found.line
+    assert "the stated noise of 0.017 mm is larger than what remains" in found.line
+    assert "more uncertain than single readings" not in found.line
+
+
+def test_a_nominal_arm_that_is_exact_is_said_so():
+    assert "the nominal arm fits as well" in health(ended(), errors(nominal_mm=0.0170)).line
+    assert "nominal" not in health(ended(), errors(nominal_mm=0.02)).line
+
+
 def test_a_departure_that_no_arm_was_built_with():
-    found = health(off([25.0, -90.0, 19.0]), errors())
+    alone = errors(held_out=None)
+    found = health(off([25.0, -90.0, 19.0]), alone)
     assert found.grade == "suspect_input"
     assert [each.where for each in found.findings] == ["delta_a_2", "delta_a_1"]
-    assert "delta_a_2: 90 tolerances from nominal" in found.line
+    assert "delta_a_2: -90 mm from nominal (90 tolerances)" in found.line
     assert "1 more in health.findings" in found.line
-    assert health(off([19.0]), errors()).grade == "good"
+    assert health(off([19.0]), alone).grade == "good"
     # What the mounting of the apparatus may cause says nothing of the arm.
     mounted = replace(off([25.0]), of_mounting=frozenset({"delta_a_1"}))
-    assert health(mounted, errors()).grade == "good"
+    assert health(mounted, alone).grade == "good"
 
 
 def test_a_touched_ball_may_be_stated_with_what_its_touches_share():

@@ -176,11 +176,18 @@ class TestNone:
         assert "the held-out error is" in why(doubtful)
 
     def test_error_left_and_repeatability(self, found):
-        for factor in (0.2, 5.0):
+        # Below what repeats show is an error of these readings; below what is stated is none.
+        by_repeats = replace(found, noise_floor_from=None)
+        for given, factor, word in (
+            (found, 5.0, "unexplained"),
+            (replace(found, noise_floor_from="stated"), 0.2, "none"),
+            (by_repeats, 0.2, "unexplained"),
+            (by_repeats, 5.0, "unexplained"),
+        ):
             mean_mm = factor * found.train.noise_floor_mm
-            doubtful = gated(replace(found, train=erring(found.train, mean_mm)))
-            assert doubtful.verdict == "unexplained"
-            assert "the remaining error is" in why(doubtful)
+            doubtful = gated(replace(given, train=erring(found.train, mean_mm)))
+            assert doubtful.verdict == word
+            assert word == "none" or "the remaining error is" in why(doubtful)
 
     def test_stated_uncertainty_and_repeatability(self, found):
         poses = found.train.poses

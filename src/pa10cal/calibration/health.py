@@ -11,16 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array
-from pa10cal.calibration.uncertainty import HeldOut, gram
-from pa10cal.fit.identifiability import Identifiability
-from pa10cal.fit.problem import Solution
-from pa10cal.numerics.exchange import Information, greedy_order
+from pa10cal.calibration.fit_summary import FitSummary, correlated, poses_needed
+from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.results import calibration as records
-from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import TermParameter
 
 #: Remaining error over the noise above which a model lacks something.
@@ -44,8 +40,11 @@ TOUCHES_SHARE = 15.0
 #: Remaining error over a stated noise that nothing else confirms, above which the unit is in doubt:
 #: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise.
 UNIT_OFF = 300.0
-#: Remaining error over a stated noise below which readings were computed, without any noise.
-EXACT = 1e-5
+#: Held-out over remaining error, or over the noise, up to which held-out poses confirm a model; and
+#: how many of them there have to be.
+CONFIRMED, FEW_HELD_OUT = 2.0, 5
+#: A joint that is off by whole turns of its motor is off by them to within this part of a turn.
+OF_A_TURN = 0.1
 #: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
 JOINT_RAD = 1e-5
 #: Departure over tolerance that no arm was built with.
@@ -60,35 +59,8 @@ MOSTLY = 0.7
 SMALL_SHARE = 0.3
 #: Condition number in scaled parameters above which some direction is poorly determined.
 ILL_CONDITIONED = 1e5
-#: Names that a sentence lists, and pairs of parameters that a record lists: those of which the
-#: correlation is above this are nearly inseparable.
-_MOST_NAMES, _MOST_PAIRS = 4, 20
-_CORRELATED = 0.95
-
-
-@dataclass(frozen=True)
-class FitSummary:
-    """How a fit ended, whichever fit it was."""
-
-    solution: Solution  # where it ended
-    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
-    parameters: tuple[TermParameter, ...]  # the k parameters it was solved in
-    covariance: Array  # (k, k) theirs
-    identifiability: Identifiability  # rank of the rows
-    white: Array  # (P, b, k) rows of unit variance
-    # (k, k) Gram matrix of the derivative of predicted positions [m], summed over the poses
-    position_gram: Array
-    not_identifiable: frozenset[str]  # names of those that the data do not identify
-    # names of those that no pose of this instrument can determine
-    hidden: frozenset[str] = frozenset()
-    # names of those that the mounting of base or tool moves as well, so that they say nothing of
-    # how the arm was built
-    of_mounting: frozenset[str] = frozenset()
-
-    @property
-    def at_bound(self) -> tuple[str, ...]:
-        """Return the names of the parameters at the end of their physical range."""
-        return names_of(self.parameters, self.solution.at_bound)
+#: Names that a sentence lists.
+_MOST_NAMES = 4
 
 
 @dataclass(frozen=True)
@@ -118,6 +90,9 @@ class GradeEvidence:
     weights: str = ""
     # standard uncertainty of predicted positions that is wanted; None where nobody says so
     wanted_mm: float | None = None
+    # the same as `train_rms_mm` of the nominal arm, base and targets fitted; None where not known
+    nominal_mm: float | None = None
+    gear_ratio: Array | None = None  # (n,) of the joints, nan where not stated
 
     @cached_property
     def poses(self) -> records.PosesNeeded:
@@ -126,7 +101,8 @@ class GradeEvidence:
         Where nobody says what is wanted, it is one that adds hardly anything to the error.
         """
         wanted_mm = self.wanted_mm
-        small_mm = SMALL_SHARE * self.train_rms_mm if wanted_mm is None else wanted_mm
+        single_mm = self.train_rms_mm if self.single_mm == self.error_mm else self.single_mm
+        small_mm = SMALL_SHARE * single_mm if wanted_mm is None else wanted_mm
         return poses_needed(self.ended, small_mm, wanted_mm)
 
     @property
@@ -156,6 +132,27 @@ class GradeEvidence:
         return rigid_mm is not None and self.train_rms_mm**2 < MOSTLY * rigid_mm**2
 
     @property
+    def within_noise(self) -> bool:
+        """Return whether the remaining error is about the noise, however large that is."""
+        over = self.over_noise
+        return over is not None and over < STATED_OFF
+
+    @property
+    def fits_not(self) -> bool:
+        """Return whether more remains than calibrated arms have, and than noise explains."""
+        return self.train_rms_mm > FITS_NOT * self.spread_mm and not self.within_noise
+
+    @property
+    def confirmed(self) -> bool:
+        """Return whether held-out poses are predicted as well as the fitted ones are explained."""
+        away = self.held_out
+        if away is None or away.accuracy.configurations < FEW_HELD_OUT or self.fits_not:
+            return False
+        # What is exact is confirmed by what is as exact.
+        known_mm = max(self.error_mm, self.own_noise_mm or 0.0)
+        return away.accuracy.rms_mm < CONFIRMED * known_mm
+
+    @property
     def error_mm(self) -> float:
         """Return the remaining error without what the fit has taken up of it."""
         taken = min(self.rank / max(self.rows, 1), 0.9)
@@ -173,6 +170,26 @@ class GradeEvidence:
         if self.noise_mm is None or self.noise_is_found or not self.repeats:
             return self.noise_mm
         return self.noise_mm * self.repeats[0].ratio
+
+    @cached_property
+    def departures(self) -> tuple[records.InputFinding, ...]:
+        """Return the departures that no arm was built with, where held-out poses confirm them."""
+        if not self.confirmed:
+            return ()
+        found = tuple(_departures(self))
+        zeros = (each for each in self.findings if each.kind == "joint_zero")
+        return (*(each for each in zeros if not found), *found)
+
+    @property
+    def below_noise(self) -> bool:
+        """Return whether less remains than is stated, by more than chance: see `_remarks`."""
+        over = self.over_noise
+        return over is not None and over < 1.0 / STATED_OFF
+
+    @property
+    def single_mm(self) -> float:
+        """Return the error of a single reading: what remains, or what is stated if that is more."""
+        return (self.own_noise_mm or 0.0) if self.below_noise else self.error_mm
 
     @property
     def over_noise(self) -> float | None:
@@ -233,6 +250,7 @@ def health(evidence: GradeEvidence) -> records.Health:
         held_out_over_expected=evidence.over_expected,
         repeats=evidence.repeats,
         findings=findings,
+        departures=evidence.departures,
         poses=evidence.poses,
     )
 
@@ -248,7 +266,8 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         remedy = "raise calibration.max_iterations, or measure more poses"
         return "not_converged", f"the fit did not converge: {solution.reason}; {remedy}", ()
     errors = _errors(evidence)
-    if findings := (*evidence.findings, *_suspected(evidence)):
+    doubts = (each for each in evidence.findings if each not in evidence.departures)
+    if findings := (*doubts, *_suspected(evidence)):
         more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
         return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
     beside = "".join(f"; {remark}" for remark in _remarks(evidence))
@@ -296,7 +315,7 @@ def _errors(evidence: GradeEvidence) -> str:
 
 def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return what the fit itself shows to be wrong in the input."""
-    if evidence.train_rms_mm > FITS_NOT * evidence.spread_mm and not evidence.soft:
+    if evidence.fits_not and not evidence.soft:
         yield records.InputFinding(
             what="the arm as described does not fit the readings",
             where="the whole campaign",
@@ -304,25 +323,61 @@ def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
             kind="other_arm",
         )
     yield from _stated(evidence)
-    # Departures that no arm was built with, the largest first.
+    if not evidence.confirmed:
+        yield from _departures(evidence)
+
+
+def _departures(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
+    """Return departures that no arm was built with, the largest first.
+
+    Where held-out poses confirm them they are what was found, and else what is suspected.
+    """
     ended, over = evidence.ended, max(evidence.over_noise or 1.0, 1.0)
     std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
     apart = ended.not_identifiable | ended.of_mounting
     far = [
-        (abs(float(value)) / each.tolerance, each.name)
+        (abs(float(value)) / each.tolerance, float(value), each)
         for each, value, sigma in zip(ended.parameters, ended.solution.x, std, strict=True)
         if each.tolerance
         and each.name not in apart
         and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
     ]
-    for size, name in sorted(far, key=lambda each: -each[0]):
+    for size, value, each in sorted(far, key=lambda each: -each[0]):
         yield records.InputFinding(
-            what=f"{size:.0f} tolerances from nominal",
-            where=name,
+            what=_departed(each, value, size)
+            + _turns_of_motor(evidence.gear_ratio, each.name, value),
+            where=each.name,
             remedy="check this value in the description of the arm, and the zero of its joint in "
             "the log",
             kind="departure",
         )
+
+
+_ZERO = "delta_theta_"
+
+
+def _departed(parameter: TermParameter, value: float, tolerances: float) -> str:
+    """Return a departure as people say it: angles in degrees, lengths in millimetres."""
+    name, unit = parameter.name, parameter.unit
+    off = f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{1e3 * value:.3g} mm"
+    if unit == "rad" and name.startswith(_ZERO):
+        off = f"{np.degrees(abs(value)):.3g} deg"
+        return (
+            f"joint {name.removeprefix(_ZERO)} was mastered {off} off ({tolerances:.0f} tolerances)"
+        )
+    return f"{off} from nominal ({tolerances:.0f} tolerances)"
+
+
+def _turns_of_motor(gear_ratio: Array | None, name: str, value: float) -> str:
+    """Return that the zero of a joint is off by whole turns of its motor, where it is."""
+    if gear_ratio is None or not name.startswith(_ZERO):
+        return ""
+    ratio = abs(float(gear_ratio[int(name.removeprefix(_ZERO)) - 1]))
+    turns = abs(value) * ratio / (2.0 * np.pi)
+    whole = round(turns) if np.isfinite(turns) else 0
+    if ratio <= 1.0 or not whole or abs(turns - whole) > OF_A_TURN:
+        return ""
+    return f": {whole} turn{'s' * (whole > 1)} of a motor of ratio {ratio:g}"
 
 
 #: A stated uncertainty in another unit is off by its factor, within this.
@@ -349,12 +404,14 @@ def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
         return
     ratio = evidence.error_mm / evidence.noise_mm
-    if EXACT < ratio < 1.0 / STATED_OFF or ratio > UNIT_OFF:
-        # The unit in which it seems stated, by the error that remains over it.
-        units = {"metres, multiply it by 1000": 1e3, "micrometres, divide it by 1000": 1e-3}
-        near = {name: abs(np.log(ratio / factor)) for name, factor in units.items()}
-        unit = min(near, key=lambda name: near[name])
-        looks = f": it looks like {unit}" if near[unit] < np.log(_OF_UNIT) else ""
+    # The unit in which it seems stated, by the error that remains over it.
+    units = {"metres, multiply it by 1000": 1e3, "micrometres, divide it by 1000": 1e-3}
+    near = {name: abs(np.log(max(ratio, 1e-300) / factor)) for name, factor in units.items()}
+    unit = min(near, key=lambda name: near[name])
+    like_unit = near[unit] < np.log(_OF_UNIT)
+    # Noise that is stated too large by another factor is no mistake of the input: see `_remarks`.
+    if (ratio < 1.0 and like_unit) or ratio > UNIT_OFF:
+        looks = f": it looks like {unit}" if like_unit else ""
         yield records.InputFinding(
             what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             where="stated uncertainty of the position (instrument.uncertainty_mm)",
@@ -382,7 +439,7 @@ def _lacking(evidence: GradeEvidence) -> str:
         )
     rigid_mm = evidence.without_springs_mm
     # Of another robot a springy model leaves as much: a reader is to know why it was not refused.
-    refused = evidence.train_rms_mm > FITS_NOT * evidence.spread_mm
+    refused = evidence.fits_not
     if parts and refused and evidence.soft and rigid_mm is not None:
         parts.append(
             f"a soft arm: with rigid joints {rigid_mm:.3f} mm remain, springs explain the larger "
@@ -414,11 +471,11 @@ def _uncertain(evidence: GradeEvidence) -> str:
 
     Where nobody says what is wanted, they are to be no more uncertain than single readings.
     """
-    u_mm, wanted_mm = evidence.u_model_mm, evidence.wanted_mm or evidence.error_mm
+    u_mm, wanted_mm = evidence.u_model_mm, evidence.wanted_mm or evidence.single_mm
     if u_mm <= wanted_mm:
         return ""
     more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
-    word = "good" if u_mm <= evidence.error_mm else "more uncertain than single readings"
+    word = "good" if u_mm <= evidence.single_mm else "more uncertain than single readings"
     text = f"{word}: {u_mm:.3f} mm standard uncertainty of predicted positions"
     if f"{wanted_mm:.3f}" == f"{u_mm:.3f}":
         return text
@@ -441,6 +498,17 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
             )
             + ": stiffness is relative to them"
         )
+    if off := evidence.departures:
+        more = f" ({len(off) - 1} more in health.departures)" if off[1:] else ""
+        yield f"{off[0].where}: {off[0].what}, as held-out poses confirm{more}"
+    if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):
+        yield (
+            f"the stated noise of {evidence.noise_mm:.2g} mm is larger than what remains: effects "
+            "below it stay hidden until a smaller one is stated (instrument.uncertainty_mm)"
+        )
+    nominal_mm = evidence.nominal_mm
+    if nominal_mm is not None and nominal_mm <= NOTICED * evidence.train_rms_mm:
+        yield f"the nominal arm fits as well ({nominal_mm:.3f} mm): nothing is to be calibrated"
     if evidence.ended.identifiability.condition > ILL_CONDITIONED:
         yield f"condition number {evidence.ended.identifiability.condition:.1e}"
     if count := evidence.suspected_outliers:
@@ -454,93 +522,3 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
 def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(map(reported_name, names[:_MOST_NAMES]))
     return shown + (" and others" if names[_MOST_NAMES:] else "")
-
-
-# Pairs of parameters that correlate.
-
-
-def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
-    """Return pairs of reported parameters: of a spring, its stiffness."""
-    solved = [parameter.name for parameter in ended.parameters]
-    known = np.flatnonzero(
-        (np.diag(ended.covariance) > 0)
-        & np.array([name not in ended.not_identifiable for name in solved])
-    )
-    by_solved = stiffness_by_solved(solved, ended.solution.x)
-    covariance = by_solved @ ended.covariance @ by_solved.T
-    std = np.sqrt(np.diag(covariance))
-    names = list(map(reported_name, solved))
-    correlation = covariance[np.ix_(known, known)] / np.outer(std[known], std[known])
-    first, second = np.nonzero(np.triu(np.abs(correlation) > _CORRELATED, 1))
-    sizes = correlation[first, second]
-    worst = np.argsort(-np.abs(sizes))[:_MOST_PAIRS]
-    return tuple(
-        records.CorrelatedPair(
-            parameters=(names[known[first[k]]], names[known[second[k]]]),
-            correlation=float(sizes[k]),
-        )
-        for k in worst
-    )
-
-
-# How many poses a calibration needs: D-optimal order, and expected uncertainty by their number.
-#
-# A pose adds its information J^T J, whatever was read there. Taken in the order in which the
-# determinant grows fastest, the measured poses show with how few of them the model would have been
-# known nearly as well (D-optimality; Sun and Hollerbach, 2008, compare such criteria).
-
-#: Poses to choose from and poses chosen at most: more would change no curve that one can see.
-_POOL = 1000
-_MOST = 200
-#: Expected size of a parameter in its scale, which makes information definite before it is full.
-_POSSIBLE_SCALES = 30.0
-
-
-def poses_needed(
-    ended: FitSummary, u_needed_mm: float, wanted_mm: float | None = None
-) -> records.PosesNeeded:
-    """Order the poses of a fit by their information, and tell how many an uncertainty takes.
-
-    Args:
-        u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
-            all poses.
-        wanted_mm: the same, where somebody asked for it.
-    """
-    white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
-    count, scales = len(white), np.outer(scale, scale)
-    pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
-    information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
-
-    candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
-    order = pool[greedy_order(candidates, min(len(pool), _MOST))]
-    spread = ended.position_gram * scales / count
-    enough = -(-ended.identifiability.rank // white.shape[1])
-
-    def u_mm(of_poses: Array) -> float | None:
-        if len(of_poses) < enough:
-            return None
-        covariance = np.linalg.inv(information + gram(of_poses) * scales)
-        u_m = float(np.sqrt(np.sum(covariance * spread)))
-        return 1e3 * u_m if np.isfinite(u_m) else None
-
-    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp)).tolist()
-    expected = [
-        records.ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
-        for n in numbers
-        if (optimal := u_mm(white[order[:n]])) is not None
-    ]
-    few = (each.poses for each in expected if each.u_optimal_mm <= u_needed_mm)
-    return records.PosesNeeded(
-        measured=count,
-        needed=next(few, None),
-        u_needed_mm=u_needed_mm,
-        wanted_mm=wanted_mm,
-        u_model_mm=u_mm(white),
-        d_optimal_order=tuple(ended.pose[order].tolist()),
-        expected=tuple(expected),
-    )
-
-
-def names_of(parameters: Sequence[TermParameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return the names of some parameters."""
-    return tuple(p.name for p, of_them in zip(parameters, rows, strict=True) if of_them)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.calibration.health import FitSummary
+from pa10cal.calibration.fit_summary import FitSummary
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.uncertainty import calibrated_parameters

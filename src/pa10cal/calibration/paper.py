@@ -10,7 +10,8 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.calibration import uncertainty
 from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bounds
-from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
+from pa10cal.calibration.fit_summary import FitSummary, names_of
+from pa10cal.calibration.health import GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import discrepancy_of

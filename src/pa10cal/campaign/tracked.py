@@ -370,12 +370,15 @@ class Screen:
         """
         length_mm = 1e3 * float(np.nanmedian(misfit.length_m))
         turn_deg = float(np.degrees(np.median(misfit.turn_rad)))
-        off = [f"{length_mm:.0f} mm"] if length_mm > WARN_MM else []
+        measured = self.found.measured
+        at, variance = measured.position_columns, measured.stated_covariance
+        stated_mm = 1e3 * float(np.sqrt(np.trace(variance[:, at][:, :, at].mean(axis=0))))
+        off = [f"{length_mm:.0f} mm"] if length_mm > max(WARN_MM, 2.0 * stated_mm) else []
         off += [f"{turn_deg:.0f} deg"] if turn_deg > WARN_DEG else []
         if not off:
             return
         path, words, T_base_ee = self.file.path, self.file.words, self.T_base_ee
-        measured, (best, seen) = self.found.measured, self._most_seen()
+        best, seen = self._most_seen()
         warnings = [
             f"the nominal model, base and target fitted, is {' and '.join(off)} off in the median: "
             "check robot, and order, signs and zeros of the joints and of the quaternion"

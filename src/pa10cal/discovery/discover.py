@@ -198,8 +198,11 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> CannotSearch
         if not kind.startswith("attitude"):
             continue
         left_rad = np.abs(linear.residual(baseline, readings)[:, at])
-        typical_rad = float(np.median(left_rad[readings.measured.components_seen[:, at]]))
-        if typical_rad > _NO_ATTITUDE_RAD:
+        seen = readings.measured.components_seen[:, at]
+        typical_rad = float(np.median(left_rad[seen]))
+        variance = np.diagonal(readings.measured.stated_covariance, axis1=1, axis2=2)[:, at]
+        stated_rad = float(np.sqrt(np.median(variance[seen])))
+        if typical_rad > max(_NO_ATTITUDE_RAD, stated_rad):
             return CannotSearch(
                 f"the orientations are {np.degrees(typical_rad):.0f} deg off those of the "
                 "calibrated model, typically",

@@ -14,7 +14,8 @@ import numpy as np
 
 from pa10cal.arrays import Mask
 from pa10cal.calibration import uncertainty
-from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
+from pa10cal.calibration.fit_summary import FitSummary, names_of
+from pa10cal.calibration.health import GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes

@@ -76,6 +76,7 @@ def held_out_faults(held_out: Observations, model: FittedModel, fitted: Observat
     Both they and those fitted are single readings with what the model needs.
     """
     far, white = robust_weights.far_from_prediction(held_out, model, fitted)
+    far &= _above_noise(held_out, residual(model, held_out), white)
     off_mm = _position_mm(held_out, residual(model, held_out))
     gross = GrossErrors(far, far, _times_usual(white, held_out), off_mm)
     return RowFaults(far, tuple(_of_readings(held_out, model, gross, "held out, ")))
@@ -201,6 +202,7 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
         return found
     white = _by_scatter(readings, model, left)
     far = alone & _beyond_tails(white, readings, np.ones_like(alone))
+    far &= _above_noise(readings, left, white)
     far &= ~robust_weights.confirmed(readings, left, np.flatnonzero(far))
     far &= ~_in_time(far, readings.states.time_s)
     return GrossErrors(
@@ -295,6 +297,7 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
         )
         far |= np.any(np.abs(white[:, at]) > tails.largest(_OF_POSES_RATE), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
+    far &= _above_noise(averages, left, white)
     times = _times_usual(white, averages)
     off_mm = _position_mm(averages, left)
     return {str(labels[k]): (float(off_mm[k]), float(times[k])) for k in np.flatnonzero(far)}
@@ -357,6 +360,15 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
     together = np.zeros(len(off), dtype=bool)
     together[order] = np.convolve(most & off[order], window, mode="same") > 0.5
     return together & off
+
+
+def _above_noise(readings: Observations, left: Array, white: Array) -> Mask:
+    """Return which readings (P,) are further off than is usual, and than their stated noise.
+
+    Nothing below both can be seen in a single reading, however alike the others are.
+    """
+    stated = _times_usual(robust_weights.by_stated(readings, left), readings)
+    return np.asarray((stated > 1.0) & (_times_usual(white, readings) > 1.0))
 
 
 def _times_usual(white: Array, readings: Observations) -> Array:

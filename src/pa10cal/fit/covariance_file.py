@@ -27,7 +27,7 @@ _HEADERS = {
 _UNIX = 3  # in the headers of a zip file
 #: Of a correlation matrix: how unlike its transpose, and how far below zero the eigenvalues of one
 #: may lie that was solved with directions that the poses hardly identify.
-_SYMMETRIC_WITHIN, _EIGENVALUES_ABOVE = 1e-6, -1e-6
+_SYMMETRIC_WITHIN, _EIGENVALUES_ABOVE = 1e-3, -1e-3
 _refusal = refusals_beside(__file__, ModelError)
 
 
@@ -123,6 +123,6 @@ def checked_covariance(covariance: Array, size: int, where: str) -> Array:
     if np.abs(correlation - correlation.T).max(initial=0.0) > _SYMMETRIC_WITHIN:
         raise _refusal("symmetry", place)
     held = covariance[variance == 0.0]
-    if (held != 0.0).any() or np.linalg.eigvalsh(correlation)[0] < _EIGENVALUES_ABOVE * size:
+    if (held != 0.0).any() or np.linalg.eigvalsh(correlation)[0] < _EIGENVALUES_ABOVE:
         raise _refusal("correlation", place)
     return np.asarray(covariance, dtype=float)

@@ -113,6 +113,8 @@ class Health(record.Part):
     repeats: tuple[RepeatScatter, ...]
     # what is probably wrong in the input; empty where nothing is
     findings: tuple[InputFinding, ...]
+    # departures from nominal that no arm is built with and held-out poses confirm
+    departures: tuple[InputFinding, ...] = ()
     poses: PosesNeeded  # how many poses there are and how many are needed
 
     @property

@@ -13,6 +13,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array
 from pa10cal.calibration import uncertainty
+from pa10cal.calibration.fit_summary import FitSummary, names_of
 from pa10cal.calibration.general.calibrate import GeneralCalibration, base_motion, calibrate_general
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.general.other_campaign import (
@@ -20,7 +21,7 @@ from pa10cal.calibration.general.other_campaign import (
     prior_of,
     refuse_own_readings,
 )
-from pa10cal.calibration.health import FitSummary, GradeEvidence, health, names_of
+from pa10cal.calibration.health import STATED_OFF, GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
@@ -118,9 +119,9 @@ def general_case(
 
     grid = weighed(grid)
     found = calibrated.deviations(grid)
-    _refuse_another_arm(
-        full, uncertainty.summarise(found.take(rows)).rms_mm, used.measured.spread_mm
-    )
+    noise_mm = uncertainty.position_noise_mm(used.measured, full.problem.stated_covariance)
+    left_mm = uncertainty.summarise(found.take(rows)).rms_mm
+    _refuse_another_arm(full, left_mm, used.measured.spread_mm, noise_mm)
     off = None
     if len(held_out):
         held_out = weighed(held_out)
@@ -136,12 +137,13 @@ def general_case(
     group = per_campaign_fits(full.problem, full.fit)
     findings = case.findings if group is None else (*case.findings, *contradictions(group))
     rigid_left = fitted(geometry).deviations(grid)
+    of_nominal = fitted(nominal).deviations(grid)
     readings = single.take(case.rows(single.states.load_N))
     evidence = GradeEvidence(
         ended=_fit_summary(full),
         train_rms_mm=uncertainty.summarise(found.take(trusted)).rms_mm,
         held_out=off,
-        noise_mm=uncertainty.position_noise_mm(used.measured, full.problem.stated_covariance),
+        noise_mm=noise_mm,
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
         repeats=uncertainty.scatter_of_repeats(readings, calibrated),
@@ -152,10 +154,11 @@ def general_case(
         else uncertainty.summarise(rigid_left.take(trusted)).rms_mm,
         weights=known.origin if known.assumed and full.springs else "",
         wanted_mm=options.wanted_uncertainty_mm,
+        nominal_mm=uncertainty.summarise(of_nominal.take(trusted)).rms_mm,
+        gear_ratio=arm.gear_ratio,
     )
     judged = health(evidence)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
-    of_nominal = fitted(nominal).deviations(grid)
     before = uncertainty.summarise_by_load(of_nominal, load_N)
     less = uncertainty.summarise_trusted(of_nominal, found, load_N, flagged)
     of_geometry = uncertainty.summarise_by_load(rigid_left, load_N)
@@ -253,9 +256,11 @@ def _parameters(
     }
 
 
-def _refuse_another_arm(general: GeneralCalibration, left_mm: float, spread_mm: float) -> None:
+def _refuse_another_arm(
+    general: GeneralCalibration, left_mm: float, spread_mm: float, noise_mm: float | None
+) -> None:
     rank = general.fit.identifiability.rank
-    if rank and left_mm < _NO_FIT * spread_mm:
+    if rank and left_mm < max(_NO_FIT * spread_mm, STATED_OFF * (noise_mm or 0.0)):
         return
     raise CalibrationError(
         "the arm as described does not fit the readings",

@@ -1,0 +1,138 @@
+"""How a fit ended, whichever fit it was: what it identified, and how many poses that takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pa10cal.arm.statics import reported_name
+from pa10cal.arrays import Array
+from pa10cal.calibration.uncertainty import gram
+from pa10cal.fit.identifiability import Identifiability
+from pa10cal.fit.problem import Solution
+from pa10cal.numerics.exchange import Information, greedy_order
+from pa10cal.results import calibration as records
+from pa10cal.terms.joint_spring import stiffness_by_solved
+from pa10cal.terms.term import TermParameter
+
+#: Pairs of parameters that a record lists: those of which the correlation is above this are nearly
+#: inseparable.
+_MOST_PAIRS, _CORRELATED = 20, 0.95
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """How a fit ended, whichever fit it was."""
+
+    solution: Solution  # where it ended
+    pose: NDArray[np.str_]  # (P,) labels of the poses fitted
+    parameters: tuple[TermParameter, ...]  # the k parameters it was solved in
+    covariance: Array  # (k, k) theirs
+    identifiability: Identifiability  # rank of the rows
+    white: Array  # (P, b, k) rows of unit variance
+    # (k, k) Gram matrix of the derivative of predicted positions [m], summed over the poses
+    position_gram: Array
+    not_identifiable: frozenset[str]  # names of those that the data do not identify
+    # names of those that no pose of this instrument can determine
+    hidden: frozenset[str] = frozenset()
+    # names of those that the mounting of base or tool moves as well, so that they say nothing of
+    # how the arm was built
+    of_mounting: frozenset[str] = frozenset()
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Return the names of the parameters at the end of their physical range."""
+        return names_of(self.parameters, self.solution.at_bound)
+
+
+# Pairs of parameters that correlate.
+
+
+def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
+    """Return pairs of reported parameters: of a spring, its stiffness."""
+    solved = [parameter.name for parameter in ended.parameters]
+    known = np.flatnonzero(
+        (np.diag(ended.covariance) > 0)
+        & np.array([name not in ended.not_identifiable for name in solved])
+    )
+    by_solved = stiffness_by_solved(solved, ended.solution.x)
+    covariance = by_solved @ ended.covariance @ by_solved.T
+    std = np.sqrt(np.diag(covariance))
+    names = list(map(reported_name, solved))
+    correlation = covariance[np.ix_(known, known)] / np.outer(std[known], std[known])
+    first, second = np.nonzero(np.triu(np.abs(correlation) > _CORRELATED, 1))
+    sizes = correlation[first, second]
+    worst = np.argsort(-np.abs(sizes))[:_MOST_PAIRS]
+    return tuple(
+        records.CorrelatedPair(
+            parameters=(names[known[first[k]]], names[known[second[k]]]),
+            correlation=float(sizes[k]),
+        )
+        for k in worst
+    )
+
+
+# How many poses a calibration needs: D-optimal order, and expected uncertainty by their number.
+#
+# A pose adds its information J^T J, whatever was read there. Taken in the order in which the
+# determinant grows fastest, the measured poses show with how few of them the model would have been
+# known nearly as well (D-optimality; Sun and Hollerbach, 2008, compare such criteria).
+
+#: Poses to choose from and poses chosen at most: more would change no curve that one can see.
+_POOL = 1000
+_MOST = 200
+#: Expected size of a parameter in its scale, which makes information definite before it is full.
+_POSSIBLE_SCALES = 30.0
+
+
+def poses_needed(
+    ended: FitSummary, u_needed_mm: float, wanted_mm: float | None = None
+) -> records.PosesNeeded:
+    """Order the poses of a fit by their information, and tell how many an uncertainty takes.
+
+    Args:
+        u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
+            all poses.
+        wanted_mm: the same, where somebody asked for it.
+    """
+    white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
+    count, scales = len(white), np.outer(scale, scale)
+    pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
+    information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
+
+    candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
+    order = pool[greedy_order(candidates, min(len(pool), _MOST))]
+    spread = ended.position_gram * scales / count
+    enough = -(-ended.identifiability.rank // white.shape[1])
+
+    def u_mm(of_poses: Array) -> float | None:
+        if len(of_poses) < enough:
+            return None
+        covariance = np.linalg.inv(information + gram(of_poses) * scales)
+        u_m = float(np.sqrt(np.sum(covariance * spread)))
+        return 1e3 * u_m if np.isfinite(u_m) else None
+
+    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp)).tolist()
+    expected = [
+        records.ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
+        for n in numbers
+        if (optimal := u_mm(white[order[:n]])) is not None
+    ]
+    few = (each.poses for each in expected if each.u_optimal_mm <= u_needed_mm)
+    return records.PosesNeeded(
+        measured=count,
+        needed=next(few, None),
+        u_needed_mm=u_needed_mm,
+        wanted_mm=wanted_mm,
+        u_model_mm=u_mm(white),
+        d_optimal_order=tuple(ended.pose[order].tolist()),
+        expected=tuple(expected),
+    )
+
+
+def names_of(parameters: Sequence[TermParameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return the names of some parameters."""
+    return tuple(p.name for p, of_them in zip(parameters, rows, strict=True) if of_them)
