@@ -371,8 +371,10 @@ class Screen:
         length_mm = 1e3 * float(np.nanmedian(misfit.length_m))
         turn_deg = float(np.degrees(np.median(misfit.turn_rad)))
         measured = self.found.measured
-        at, variance = measured.position_columns, measured.stated_covariance
-        stated_mm = 1e3 * float(np.sqrt(np.trace(variance[:, at][:, :, at].mean(axis=0))))
+        at = measured.position_columns
+        variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)[:, at]
+        seen_variance = variance[measured.components_seen[:, at]]
+        stated_mm = 1e3 * float(np.sqrt(min(len(at), 3) * np.median(seen_variance)))
         off = [f"{length_mm:.0f} mm"] if length_mm > max(WARN_MM, 2.0 * stated_mm) else []
         off += [f"{turn_deg:.0f} deg"] if turn_deg > WARN_DEG else []
         if not off:
