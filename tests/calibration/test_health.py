@@ -11,6 +11,7 @@ from pa10cal.calibration.fit_summary import FitSummary, poses_needed
 from pa10cal.calibration.health import GradeEvidence
 from pa10cal.calibration.health import health as health_of
 from pa10cal.calibration.uncertainty import HeldOut, gram
+from pa10cal.files.arms import load_arm
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Solution
 from pa10cal.results.calibration import InputFinding, RepeatScatter
@@ -222,7 +223,17 @@ def test_whole_turns_of_a_motor_are_told(ratio, turns, says):
     ratios = np.full(6, np.nan)
     ratios[3] = ratio
     fit = mastered(2.0 * np.pi / 101.0 * turns)
-    assert says in health(fit, errors(gear_ratio=ratios)).line
+    arm = replace(load_arm("irb120"), gear_ratio=ratios)
+    assert says in health(fit, errors(arm=arm)).line
+
+
+def test_a_length_of_the_wrong_sign_is_told():
+    arm = load_arm("irb120")
+    a_mm = 1e3 * arm.a_m[1]  # parameters here are of unit 1e-3
+    assert a_mm > 100.0
+    says = health(off([0.0, -2.05 * a_mm]), errors(arm=arm)).line
+    assert f"as if the sign of its {a_mm:.4g} mm were wrong" in says
+    assert "as if" not in health(off([0.0, -1.5 * a_mm]), errors(arm=arm)).line
 
 
 def test_noise_that_is_stated_is_noise_however_large():

@@ -43,6 +43,26 @@ def exchanged_joints(first, second):
     return lambda table: table.put(names, table.numbers(names)[:, ::-1])
 
 
+@pytest.mark.parametrize("kind", ["pose", "points"])
+@pytest.mark.parametrize("times", [1.8, 1.1, 0.5, 1.0])
+def test_one_factor_of_all_readings_is_told_with_its_number(tmp_path, kind, times):
+    folder = simulated(tmp_path / "c", "ur10", kind, poses=40)
+    header = (folder / "poses.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    places = [name for name in header if name.endswith(("x_mm", "y_mm", "z_mm"))]
+    mend(
+        folder,
+        "poses.csv",
+        lambda table: table.put(places, times * np.array(table.numbers(places))),
+    )
+    found = [each for each in findings(folder) if each.kind == "scale"]
+    if times == 1.0:
+        assert found == []
+        return
+    (scale,) = found
+    said = float(scale.remedy.split("divide the positions by ")[1].split(":")[0])
+    assert said == pytest.approx(times, rel=3e-3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ur10", "irb120", "iiwa14"])
 @pytest.mark.parametrize(

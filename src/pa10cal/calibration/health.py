@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import reported_name
-from pa10cal.arrays import Array
 from pa10cal.calibration.fit_summary import FitSummary, correlated, poses_needed
 from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.results import calibration as records
@@ -45,6 +45,8 @@ UNIT_OFF = 300.0
 CONFIRMED, FEW_HELD_OUT = 2.0, 5
 #: A joint that is off by whole turns of its motor is off by them to within this part of a turn.
 OF_A_TURN = 0.1
+#: A length whose sign is wrong is off by twice itself, to within this part of it.
+OF_A_LENGTH = 0.1
 #: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
 JOINT_RAD = 1e-5
 #: Departure over tolerance that no arm was built with.
@@ -92,7 +94,7 @@ class GradeEvidence:
     wanted_mm: float | None = None
     # the same as `train_rms_mm` of the nominal arm, base and targets fitted; None where not known
     nominal_mm: float | None = None
-    gear_ratio: Array | None = None  # (n,) of the joints, nan where not stated
+    arm: Arm | None = None  # as described; None where that is not known
 
     @cached_property
     def poses(self) -> records.PosesNeeded:
@@ -146,7 +148,10 @@ class GradeEvidence:
     def confirmed(self) -> bool:
         """Return whether held-out poses are predicted as well as the fitted ones are explained."""
         away = self.held_out
-        if away is None or away.accuracy.configurations < FEW_HELD_OUT or self.fits_not:
+        if away is None or away.accuracy.configurations < FEW_HELD_OUT:
+            return False
+        # Where much is left, another cause may look like a departure.
+        if self.fits_not or not (self.over_noise is None or self.within_noise):
             return False
         # What is exact is confirmed by what is as exact.
         known_mm = max(self.error_mm, self.own_noise_mm or 0.0)
@@ -344,8 +349,7 @@ def _departures(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     ]
     for size, value, each in sorted(far, key=lambda each: -each[0]):
         yield records.InputFinding(
-            what=_departed(each, value, size)
-            + _turns_of_motor(evidence.gear_ratio, each.name, value),
+            what=_departed(each, value, size) + _looks_like(evidence.arm, each.name, value),
             where=each.name,
             remedy="check this value in the description of the arm, and the zero of its joint in "
             "the log",
@@ -368,11 +372,17 @@ def _departed(parameter: TermParameter, value: float, tolerances: float) -> str:
     return f"{off} from nominal ({tolerances:.0f} tolerances)"
 
 
-def _turns_of_motor(gear_ratio: Array | None, name: str, value: float) -> str:
-    """Return that the zero of a joint is off by whole turns of its motor, where it is."""
-    if gear_ratio is None or not name.startswith(_ZERO):
+def _looks_like(arm: Arm | None, name: str, value: float) -> str:
+    """Return what a departure looks like: whole turns of a motor, or the wrong sign of a length."""
+    kind, _, number = name.removeprefix("delta_").rpartition("_")
+    if arm is None or kind not in ("theta", "a", "d"):
         return ""
-    ratio = abs(float(gear_ratio[int(name.removeprefix(_ZERO)) - 1]))
+    row = int(number) - 1
+    if kind != "theta":
+        length = float((arm.a_m if kind == "a" else arm.d_m)[row])
+        reversed_ = abs(value + 2.0 * length) < OF_A_LENGTH * abs(length)
+        return f": as if the sign of its {1e3 * length:.4g} mm were wrong" if reversed_ else ""
+    ratio = abs(float(arm.gear_ratio[row]))
     turns = abs(value) * ratio / (2.0 * np.pi)
     whole = round(turns) if np.isfinite(turns) else 0
     if ratio <= 1.0 or not whole or abs(turns - whole) > OF_A_TURN:

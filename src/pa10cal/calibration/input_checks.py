@@ -9,37 +9,31 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.optimize import minimize_scalar
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array, Index, Mask
-from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
+from pa10cal.arrays import Array
+from pa10cal.calibration.checked_campaign import CheckedCampaign, scatter_of_repeats_mm, spread_rows
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.uncertainty import targets_seen
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.nominal_fit import exchange_text, stated_order, stated_shape
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import words_of
-from pa10cal.errors import CalibrationError, Pa10calError
+from pa10cal.errors import Pa10calError
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.weighed_arm import weights_finding
-from pa10cal.frame.hand_eye import LEVER_M
-from pa10cal.observe.instrument import group_means
-from pa10cal.observe.observations import Observations, average_repeats, reading_groups
+from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.model import Model
 
 Refusal = TypeVar("Refusal", bound=Pa10calError)
 
-#: Poses that a check looks at, spread over all.
-MOST_POSES = 100
 #: Temperatures at which arms are measured.
 LABORATORY_C = (0.0, 50.0)
 #: Part of the error that another direction of gravity must leave.
@@ -70,12 +64,18 @@ def check_input(
         )
     single = every.of_kind("grid")
     grid, words = average_repeats(single), words_of(campaign, arm.prismatic)
-    checked = _Checked(
-        campaign, arm, options, words, grid.take(_spread(len(grid))), _scatter_of_repeats_mm(single)
+    checked = CheckedCampaign(
+        campaign,
+        arm,
+        options,
+        words,
+        grid.take(spread_rows(len(grid))),
+        scatter_of_repeats_mm(single),
     )
     # One wrong column explains what others seem to show: the first hypothesis that holds is told.
     hypotheses = (
         _attitudes,
+        _scale,
         _signs_and_order,
         _joint_zeros,
         _gravity_by_torques,
@@ -104,122 +104,7 @@ def explained(error: Refusal, findings: Sequence[InputFinding]) -> Refusal:
     )
 
 
-def _spread(count: int) -> Index:
-    """Return the rows that a check looks at."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).astype(int))
-
-
-def _scatter_of_repeats_mm(single: Observations) -> float:
-    """Return how far readings lie from the mean of their repeats; 0 without any."""
-    code = reading_groups(single)
-    repeated = np.bincount(code)[code] > 1
-    p_m = single.measured.places_m
-    off_m = p_m - group_means(p_m.reshape(len(p_m), -1), code)[code].reshape(p_m.shape)
-    size_m = np.linalg.norm(off_m[repeated], axis=2)
-    return 1e3 * float(np.nanmedian(size_m)) if np.isfinite(size_m).any() else 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Checked:
-    """A campaign whose input is checked, and how its user calls it."""
-
-    campaign: CampaignDescription
-    arm: Arm
-    options: CalibrationOptions
-    words: OwnWords
-    grid: Observations  # the poses that checks look at, averaged
-    repeats_mm: float  # how far repeats scatter; 0 where that is not known
-
-    @property
-    def payload(self) -> Payload | None:
-        """Return what the arm carries; None where it is not known."""
-        return self.campaign.payload(self.arm)
-
-    @property
-    def logs_torques(self) -> bool:
-        """Return whether every pose has torques."""
-        return bool(np.isfinite(self.grid.states.tau_Nm).all())
-
-    @property
-    def signs(self) -> list[int]:
-        """Return the signs of the joints that campaign.yaml states."""
-        return list(self.campaign.joint_signs or [1] * self.arm.n)
-
-    @property
-    def offsets_deg(self) -> list[float]:
-        """Return the offsets of the joints that campaign.yaml states."""
-        return list(self.campaign.joint_offsets_deg or [0.0] * self.arm.n)
-
-    @cached_property
-    def above_noise(self) -> bool:
-        """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
-        found = self.calibration(None)
-        if found is None:
-            return False  # too few poses: the calibration says how many it needs
-        residual, variances, seen = _positions(found)
-        return bool(np.median((residual**2 / variances)[seen]) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
-
-    def nominal_misfit_m(self, q: Array) -> float:
-        """Return the rms misfit of the nominal arm, base and targets fitted; inf if none fits."""
-        try:
-            found = self.grid.measured.locate(Chain.of(self.arm).forward(q))
-        except CalibrationError:
-            return np.inf
-        return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))
-
-    def calibration(
-        self, payload: Payload | None, q: Array | None = None
-    ) -> GeneralCalibration | None:
-        """Return a quick calibration; None where the poses are too few.
-
-        Args:
-            payload: what the arm carries; None for rigid joints.
-            q: (P, n) joint positions in place of those logged.
-        """
-        grid, options = self.grid, self.options
-        if q is not None:
-            grid = grid.with_states(replace(grid.states, q_rad=q))
-        if payload is None:
-            options = options.with_springs(())
-        try:
-            return calibrate_general(self.arm, grid, find_start(self.arm, grid), payload, options)
-        except CalibrationError:
-            return None
-
-    def calibrated_mm(self, payload: Payload | None, q: Array | None = None) -> tuple[float, float]:
-        """Return the rms position error of a calibration, and the noise stated or found."""
-        found = self.calibration(payload, q)
-        if found is None:
-            return np.inf, np.inf
-        residual, variances, seen = _positions(found)
-        stated_mm = 1e3 * float(np.sqrt(min(3, seen.shape[1]) * np.mean(variances[seen])))
-        # Of several targets the error of one is meant; a distance is one component.
-        squares = np.sum(residual**2, axis=1) / targets_seen(found.problem.observations.measured)
-        rms_mm = 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
-        return rms_mm, max(stated_mm, self.repeats_mm)
-
-    def may_be_offered(self, q: Array, nominal_m: float) -> bool:
-        """Return whether changed joints are right: for the nominal arm, and for a calibrated one.
-
-        Args:
-            q: (P, n) the joints, changed.
-            nominal_m: misfit of the nominal arm with them.
-        """
-        if not puts_right(nominal_m, EXPECTED_M):
-            return False
-        left_mm, noise_mm = self.calibrated_mm(self.payload, q)
-        # Of too few poses the nominal arm is all that judges.
-        return left_mm == np.inf or puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
-
-
-def _positions(found: GeneralCalibration) -> tuple[Array, Array, Mask]:
-    """Return residuals, stated variances and what was seen of positions, (P, c) each [m]."""
-    problem, columns = found.problem, found.problem.observations.measured.position_columns
-    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
-    return found.fit.residual[:, columns], variances, problem.components_seen[:, columns]
-
-
-def _attitudes(checked: _Checked) -> InputFinding | None:
+def _attitudes(checked: CheckedCampaign) -> InputFinding | None:
     """Find the convention of the orientations, where another than the one stated is right."""
     grid, measured, words = checked.grid, checked.grid.measured, checked.words
     if measured.attitudes is None or measured.from_touches:
@@ -243,7 +128,55 @@ def _attitudes(checked: _Checked) -> InputFinding | None:
     )
 
 
-def _gravity(checked: _Checked) -> InputFinding | None:
+#: Factors between readings and arm that are sought, and how far from 1 one is to be a mistake: no
+#: instrument, and no arm, is off by more than a thousandth of its lengths.
+_SCALES, _ANOTHER_SCALE = (0.2, 5.0), 0.01
+#: How far about a first estimate the factor is looked for.
+_ABOUT = 1.3
+
+
+def _scale(checked: CheckedCampaign) -> InputFinding | None:
+    """Find one factor between all readings and the arm: of a tag's size, or of a wrong unit."""
+    grid, measured = checked.grid, checked.grid.measured
+    T_base_ee = Chain.of(checked.arm).forward(grid.states.q_rad)
+    first = None if measured.from_touches else measured.scale(T_base_ee)
+    if first is None or not _SCALES[0] / _ABOUT < first < _SCALES[1] * _ABOUT:
+        return None
+
+    def scaled(factor: float) -> CheckedCampaign:
+        return replace(checked, grid=replace(grid, measured=measured.scaled(factor)))
+
+    q = grid.states.q_rad
+    best = minimize_scalar(
+        lambda log: scaled(float(np.exp(log))).nominal_misfit_m(q),
+        bounds=(float(np.log(first / _ABOUT)), float(np.log(first * _ABOUT))),
+        method="bounded",
+        options={"xatol": 1e-5},
+    )
+    factor = float(np.exp(best.x))
+    now_m, left_m = checked.nominal_misfit_m(q), float(best.fun)
+    times = 1.0 / factor
+    # Calibrated lengths take up any scale: only the arm as described can tell.
+    if abs(times - 1.0) < _ANOTHER_SCALE or not left_m < NOMINAL_LEFT * now_m:
+        return None
+    if left_m > max(NOT_DEPARTURES_M, 0.1 * now_m):
+        return None
+    right = scaled(factor).may_be_offered(q, left_m)
+    then = "" if right else f", {STILL_WRONG}"
+    return InputFinding(
+        kind="scale",
+        where="the measured positions",
+        what=f"readings are {times:.4g} times as long as the arm moves: the nominal arm fits to "
+        f"{1e3 * now_m:.3g} mm as read, {1e3 * left_m:.3g} mm if they are divided by that{then}",
+        remedy=f"divide the positions by {times:.4g}: check the size of the tag or target as the "
+        "instrument holds it, and the unit of the file"
+        if right
+        else _CHECK_ALL,
+        would_leave_mm=1e3 * left_m,
+    )
+
+
+def _gravity(checked: CheckedCampaign) -> InputFinding | None:
     """Try gravity along the other axes of the base, with joints elastic under the masses described.
 
     An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
@@ -269,7 +202,7 @@ def _gravity(checked: _Checked) -> InputFinding | None:
     )
 
 
-def _gravity_by_torques(checked: _Checked) -> InputFinding | None:
+def _gravity_by_torques(checked: CheckedCampaign) -> InputFinding | None:
     """Compare logged torques with those of the masses, under gravity along each axis."""
     payload, states = checked.payload, checked.grid.states
     others = _other_directions(payload) if checked.logs_torques else {}
@@ -334,7 +267,7 @@ def _target_places(
     allowed_mm = 10.0 * (options.apparatus_uncertainty_mm if measured.from_touches else 1.0)
     if off is None or off.largest_mm < max(allowed_mm, 5.0 * off.u_mm):
         # Distances do not show what is exchanged in a pair, or in a regular ring.
-        some = _spread(len(grid))
+        some = spread_rows(len(grid))
         nominal = Chain.of(arm).forward(grid.states.q_rad[some])
         order = stated_order(nominal, places_m[some], stated_mm)
         shown = "the nominal arm carries each of them where the other is stated to be"
@@ -401,9 +334,6 @@ NO_MASTERING_RAD = float(np.radians(1.0))
 #: A change that puts the nominal arm so much further off is not tried with a calibration.
 WORTH_TRYING = 3.0
 MOST_CHANGES = 3
-#: Error left over that of the stated noise above which the input is searched for a cause.
-ABOVE_NOISE = 5.0
-_MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
 _CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
 
 
@@ -437,7 +367,7 @@ class _Change:
         return ", ".join(words.joint(joint) for joint in self.joints)
 
 
-def _remedies(made: Sequence[_Change], checked: _Checked) -> str:
+def _remedies(made: Sequence[_Change], checked: CheckedCampaign) -> str:
     """Say what to state, so that the changes are made."""
     words, n = checked.words, checked.arm.n
     stated = np.array([checked.signs, checked.offsets_deg, range(1, n + 1)], dtype=float)
@@ -474,7 +404,7 @@ def _changes(arm: Arm) -> Iterator[_Change]:
             yield _Change("joint_order", (joint, joint + 1))
 
 
-def _signs_and_order(checked: _Checked) -> InputFinding | None:
+def _signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
     """Change signs and order of joints one after the other, as long as much less is left."""
     q = checked.grid.states.q_rad
     first_m = left_m = checked.nominal_misfit_m(q)
@@ -494,7 +424,7 @@ def _signs_and_order(checked: _Checked) -> InputFinding | None:
     return _changed(made, checked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right)
 
 
-def _small_signs(checked: _Checked) -> InputFinding | None:
+def _small_signs(checked: CheckedCampaign) -> InputFinding | None:
     """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
     if not checked.above_noise:
         return None
@@ -516,7 +446,7 @@ def _small_signs(checked: _Checked) -> InputFinding | None:
 
 def _changed(
     made: Sequence[_Change],
-    checked: _Checked,
+    checked: CheckedCampaign,
     now_mm: float,
     left_mm: float,
     fits: str,
@@ -533,7 +463,7 @@ def _changed(
     )
 
 
-def _joint_zeros(checked: _Checked) -> InputFinding | None:
+def _joint_zeros(checked: CheckedCampaign) -> InputFinding | None:
     """Find the zero of a joint that is off by more than any mastering, by calibrating."""
     arm, q = checked.arm, checked.grid.states.q_rad
     first_m = checked.nominal_misfit_m(q)

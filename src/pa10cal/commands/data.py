@@ -29,7 +29,7 @@ def columns(
     Args:
         files: one with a row a configuration, joint positions and what was measured; or two, the
             joints in one and the readings in the other.
-        robot: name of the arm's description, shipped or beside the file.
+        robot: name of the arm's description, shipped or beside the file (also as NAME.yaml).
         name: name of the campaign; without it, that of the folder.
         arms: folder of arm descriptions; without it, `arms` beside the folder of the files.
 
@@ -56,6 +56,7 @@ def columns(
             remedy="give one or two files of the campaign's folder",
         )
     file = files[0]
+    robot = None if robot is None else robot.removesuffix(".yaml")
     arm = None if robot is None else load_arm(robot, file.parent, arms)
     label = name or label_of(file.absolute().parent)
     if len(files) == 2:

@@ -237,6 +237,10 @@ class Instrument(ABC):
         """
 
     @abstractmethod
+    def scaled(self, factor: float) -> Self:
+        """Return them with positions and distances so many times as long, and as uncertain."""
+
+    @abstractmethod
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> quantities.Misfit:
         """Fit the nominal model to some poses, weighted, and return how far every pose is from it.
 

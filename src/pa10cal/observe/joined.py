@@ -273,6 +273,9 @@ class Joined(Instrument):
         known = [each for each in found if each is not None]
         return float(np.median(known)) if known else None
 
+    def scaled(self, factor: float) -> Self:
+        return self._with(part.scaled(factor) for part in self.parts)
+
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         def of(p: _Place) -> Misfit:
             here = self.campaign[used] == self.names.index(p.name)

@@ -176,6 +176,9 @@ class Points(Instrument):
             self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]]
         )
 
+    def scaled(self, factor: float) -> Self:
+        return replace(self, p_instr_m=factor * self.p_instr_m)
+
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         found = hand_eye_from_points(T_base_ee[used], self.p_instr_m[used], weights=weights)
         off_m = self.p_instr_m - found.targets(T_base_ee)[..., :3, 3]
@@ -368,6 +371,9 @@ class Distance(Instrument):
 
     def scale(self, T_base_ee: Array) -> float | None:
         return rigid_fit.scale_of_distances(self.d_m, T_base_ee)
+
+    def scaled(self, factor: float) -> Self:
+        return replace(self, d_m=factor * self.d_m)
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
         found = ranging(T_base_ee[used], self.d_m[used], weights=weights)

@@ -160,6 +160,11 @@ class Pose(Instrument):
     def scale(self, T_base_ee: Array) -> float | None:
         return rigid_fit.scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
 
+    def scaled(self, factor: float) -> Self:
+        T = self.T_instr_target.copy()
+        T[:, :3, 3] *= factor
+        return replace(self, T_instr_target=T)
+
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> quantities.Misfit:
         T = self.T_instr_target
         found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights)

@@ -155,7 +155,7 @@ def general_case(
         weights=known.origin if known.assumed and full.springs else "",
         wanted_mm=options.wanted_uncertainty_mm,
         nominal_mm=uncertainty.summarise(of_nominal.take(trusted)).rms_mm,
-        gear_ratio=arm.gear_ratio,
+        arm=arm,
     )
     judged = health(evidence)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)

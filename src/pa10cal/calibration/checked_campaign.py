@@ -1,0 +1,145 @@
+"""A campaign whose input is checked: quick calibrations of it, as stated or changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtri
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload
+from pa10cal.arrays import Array, Index, Mask
+from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
+from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.uncertainty import targets_seen
+from pa10cal.campaign.conventions import EXPECTED_M, puts_right
+from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.own_columns import OwnWords
+from pa10cal.errors import CalibrationError
+from pa10cal.frame.hand_eye import LEVER_M
+from pa10cal.observe.instrument import group_means
+from pa10cal.observe.observations import Observations, reading_groups
+
+#: Poses that a check looks at, spread over all.
+MOST_POSES = 100
+#: Error left over that of the stated noise above which the input is searched for a cause.
+ABOVE_NOISE = 5.0
+_MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
+
+
+def spread_rows(count: int) -> Index:
+    """Return the rows that a check looks at."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).astype(int))
+
+
+def scatter_of_repeats_mm(single: Observations) -> float:
+    """Return how far readings lie from the mean of their repeats; 0 without any."""
+    code = reading_groups(single)
+    repeated = np.bincount(code)[code] > 1
+    p_m = single.measured.places_m
+    off_m = p_m - group_means(p_m.reshape(len(p_m), -1), code)[code].reshape(p_m.shape)
+    size_m = np.linalg.norm(off_m[repeated], axis=2)
+    return 1e3 * float(np.nanmedian(size_m)) if np.isfinite(size_m).any() else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedCampaign:
+    """A campaign whose input is checked, and how its user calls it."""
+
+    campaign: CampaignDescription
+    arm: Arm
+    options: CalibrationOptions
+    words: OwnWords
+    grid: Observations  # the poses that checks look at, averaged
+    repeats_mm: float  # how far repeats scatter; 0 where that is not known
+
+    @property
+    def payload(self) -> Payload | None:
+        """Return what the arm carries; None where it is not known."""
+        return self.campaign.payload(self.arm)
+
+    @property
+    def logs_torques(self) -> bool:
+        """Return whether every pose has torques."""
+        return bool(np.isfinite(self.grid.states.tau_Nm).all())
+
+    @property
+    def signs(self) -> list[int]:
+        """Return the signs of the joints that campaign.yaml states."""
+        return list(self.campaign.joint_signs or [1] * self.arm.n)
+
+    @property
+    def offsets_deg(self) -> list[float]:
+        """Return the offsets of the joints that campaign.yaml states."""
+        return list(self.campaign.joint_offsets_deg or [0.0] * self.arm.n)
+
+    @cached_property
+    def above_noise(self) -> bool:
+        """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
+        found = self.calibration(None)
+        if found is None:
+            return False  # too few poses: the calibration says how many it needs
+        residual, variances, seen = positions_of(found)
+        return bool(np.median((residual**2 / variances)[seen]) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
+
+    def nominal_misfit_m(self, q: Array) -> float:
+        """Return the rms misfit of the nominal arm, base and targets fitted; inf if none fits."""
+        try:
+            found = self.grid.measured.locate(Chain.of(self.arm).forward(q))
+        except CalibrationError:
+            return np.inf
+        return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))
+
+    def calibration(
+        self, payload: Payload | None, q: Array | None = None
+    ) -> GeneralCalibration | None:
+        """Return a quick calibration; None where the poses are too few.
+
+        Args:
+            payload: what the arm carries; None for rigid joints.
+            q: (P, n) joint positions in place of those logged.
+        """
+        grid, options = self.grid, self.options
+        if q is not None:
+            grid = grid.with_states(replace(grid.states, q_rad=q))
+        if payload is None:
+            options = options.with_springs(())
+        try:
+            return calibrate_general(self.arm, grid, find_start(self.arm, grid), payload, options)
+        except CalibrationError:
+            return None
+
+    def calibrated_mm(self, payload: Payload | None, q: Array | None = None) -> tuple[float, float]:
+        """Return the rms position error of a calibration, and the noise stated or found."""
+        found = self.calibration(payload, q)
+        if found is None:
+            return np.inf, np.inf
+        residual, variances, seen = positions_of(found)
+        stated_mm = 1e3 * float(np.sqrt(min(3, seen.shape[1]) * np.mean(variances[seen])))
+        # Of several targets the error of one is meant; a distance is one component.
+        squares = np.sum(residual**2, axis=1) / targets_seen(found.problem.observations.measured)
+        rms_mm = 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
+        return rms_mm, max(stated_mm, self.repeats_mm)
+
+    def may_be_offered(self, q: Array, nominal_m: float) -> bool:
+        """Return whether changed joints are right: for the nominal arm, and for a calibrated one.
+
+        Args:
+            q: (P, n) the joints, changed.
+            nominal_m: misfit of the nominal arm with them.
+        """
+        if not puts_right(nominal_m, EXPECTED_M):
+            return False
+        left_mm, noise_mm = self.calibrated_mm(self.payload, q)
+        # Of too few poses the nominal arm is all that judges.
+        return left_mm == np.inf or puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
+
+
+def positions_of(found: GeneralCalibration) -> tuple[Array, Array, Mask]:
+    """Return residuals, stated variances and what was seen of positions, (P, c) each [m]."""
+    problem, columns = found.problem, found.problem.observations.measured.position_columns
+    variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
+    return found.fit.residual[:, columns], variances, problem.components_seen[:, columns]
