@@ -47,6 +47,8 @@ CONFIRMED, FEW_HELD_OUT = 2.0, 5
 OF_A_TURN = 0.1
 #: A length whose sign is wrong is off by twice itself, to within this part of it.
 OF_A_LENGTH = 0.1
+#: An end-effector that turned by less over all poses was held in one orientation [rad].
+HARDLY_TURNED_RAD = 0.1
 #: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
 JOINT_RAD = 1e-5
 #: Departure over tolerance that no arm was built with.
@@ -95,6 +97,8 @@ class GradeEvidence:
     # the same as `train_rms_mm` of the nominal arm, base and targets fitted; None where not known
     nominal_mm: float | None = None
     arm: Arm | None = None  # as described; None where that is not known
+    # largest turn of the end-effector between two poses [rad]; None where not known
+    turned_rad: float | None = None
 
     @cached_property
     def poses(self) -> records.PosesNeeded:
@@ -470,6 +474,9 @@ def _few(evidence: GradeEvidence) -> str:
             "state the mass of the tool and its centre (tool in campaign.yaml), or measure under "
             "loads: joints as stiff as these hardly show weights"
             if weights
+            else "measure poses in other orientations: the tool hardly turned "
+            f"({np.degrees(evidence.turned_rad):.2g} deg at most)"
+            if evidence.turned_rad is not None and evidence.turned_rad < HARDLY_TURNED_RAD
             else "measure poses that move every joint over its range"
         )
         return f"not identifiable with these poses: {_listed(names)} ({told}); {remedy}"

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from calibrated import general
 from made_up_model import case_of
+from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.case import fitted
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.points import Points
@@ -168,3 +169,29 @@ def test_poses_in_one_plane_leave_no_length_astray(see):
     assert np.abs(off[links]).max() < 30.0
     again = see("ur10", "point", count=40, posed=posed)
     assert fitted(full).deviations(again).distance_mm.max() < 0.15
+
+
+def one_orientation(q_rad):
+    """Hold the tool of a UR10 upright and turned one way, wherever it goes."""
+    q_rad[:, 3] = -0.5 * np.pi - q_rad[:, 1] - q_rad[:, 2]
+    q_rad[:, 4] = -0.5 * np.pi
+    q_rad[:, 5] = q_rad[:, 0]
+    return q_rad
+
+
+@pytest.mark.parametrize("kind", ["pose", "points"])
+@pytest.mark.parametrize("noise_m", [2e-6, 5e-5])
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_tool_in_one_orientation(see, kind, noise_m, seed):
+    seen = see("ur10", kind, noise_m=noise_m, posed=one_orientation, seed=seed)
+    T = Chain.of(UR10).forward(seen.states.q_rad)
+    np.testing.assert_allclose(T[:, :3, :3], T[:1, :3, :3].repeat(len(T), axis=0), atol=1e-9)
+    record, full = case_of(UR10, seen)
+    # Where the base is, and where the tool, is one number less; predictions do not know of it.
+    assert full.fit.converged, full.fit.reason
+    assert full.fit.identifiability.rank < len(full.problem.parameters)
+    assert record.health.grade == "few_poses"
+    assert "not identifiable with these poses" in record.health.line
+    assert "the tool hardly turned" in record.health.line
+    left = fitted(full).deviations(seen.turned(full.start.R_ee_target)).distance_mm
+    assert np.sqrt(np.mean(left**2)) < 2e3 * noise_m

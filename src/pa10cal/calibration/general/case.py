@@ -156,6 +156,7 @@ def general_case(
         wanted_mm=options.wanted_uncertainty_mm,
         nominal_mm=uncertainty.summarise(of_nominal.take(trusted)).rms_mm,
         arm=arm,
+        turned_rad=_turned_rad(calibrated, used),
     )
     judged = health(evidence)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
@@ -211,6 +212,13 @@ def as_load(
             **renamed(record),
         }
     )
+
+
+def _turned_rad(model: FittedModel, poses: Observations) -> float:
+    """Return the largest turn of the end-effector from its first pose [rad]."""
+    R = model.nominal().as_read(poses)[:, :3, :3]
+    cosine = 0.5 * (np.einsum("ij,pij->p", R[0], R) - 1.0)
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
 
 
 def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:

@@ -8,6 +8,7 @@ count as not identifiable. What an earlier fit says of some of them takes the pl
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,10 +31,20 @@ _THERE = 1e-5
 #: Weights that nobody stated and springs make a curved valley, along which stiffness and weights
 #: change and no prediction does: there steps a little longer than these end the search.
 _ALONG_A_VALLEY = 200.0
+#: Directions that the poses hardly identify may be curved valleys too, as of a tool that is held in
+#: one orientation: along these the step ahead stays long, and no step that is taken comes far.
+#: Where predictions moved by so little in so many steps, in standard uncertainties, they stand
+#: still, and the search ends.
+_STANDS_STILL, _STEPS_STILL = 0.05, 8
+#: A step ahead that is so many times as long as those taken is one along a valley.
+_NOT_TAKEN = 5.0
 #: Growth of the weighted squares that counts as rounding, relative.
 _NO_WORSE = 1e-9
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
 _REACH = 30.0
+
+
+_STILL = "predictions stand still along directions that the poses hardly identify"
 
 
 @dataclass(frozen=True)
@@ -152,8 +163,9 @@ def fit(
         scale=problem.scale,
         cost=float(np.sum(weighted.residual**2)),
         iterations=found.iterations,
-        converged=found.converged and bool(length < _NEARLY * weighting.patience),
-        reason=found.reason,
+        converged=found.converged
+        and (weighting.stand_still or bool(length < _NEARLY * weighting.patience)),
+        reason=_STILL if found.converged and weighting.stand_still else found.reason,
         widening=scatter.widening,
     )
 
@@ -193,6 +205,8 @@ class _WeightedProblem:
         self._before = self.scatter
         self._length = self._ahead = np.inf
         self._settled = self._turns = False
+        # by how much the last steps moved predictions
+        self._moved: deque[float] = deque(maxlen=_STEPS_STILL)
         if scatter is None:
             self.weighted = weighted_rows(problem, rows, self.scatter, robust)
         else:
@@ -231,6 +245,9 @@ class _WeightedProblem:
         self._renew(x)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
+        by_readings = taken.before.normal - self._span.precision
+        squares = float(taken.step @ by_readings @ taken.step)
+        self._moved.append(float(np.sqrt(max(squares, 0.0) / max(1, len(taken.step)))))
         here = self.equations(x)
         self._ahead = _step_ahead(here, ~self._span.bounds.held(x, here.gradient))
         return here
@@ -253,10 +270,17 @@ class _WeightedProblem:
             self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
 
     def arrived(self, x: Array, taken: Step) -> bool:
-        """Return whether step and weights have converged."""
+        """Return whether step and weights have converged, or predictions stand still."""
         del x, taken
         near = self._length < _ARRIVED * self.patience or self._ahead < _THERE
-        return bool(near and self._settled)
+        return bool((near or self.stand_still) and self._settled)
+
+    @property
+    def stand_still(self) -> bool:
+        """Return whether the last steps moved no prediction, however long the step ahead is."""
+        path = sum(self._moved)
+        along_a_valley = self._ahead > _NOT_TAKEN * path / _STEPS_STILL
+        return len(self._moved) == _STEPS_STILL and path < _STANDS_STILL and along_a_valley
 
 
 def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:
