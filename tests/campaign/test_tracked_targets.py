@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.arm.chain import Chain
-from pa10cal.campaign.read import repeatability_mm
+from pa10cal.campaign.read import repeatability_mm, wrong_rows
+from pa10cal.campaign.screens import held_last
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
 from spoiling import ingest, replace, with_columns
@@ -371,3 +373,40 @@ def test_a_long_campaign_takes_seconds(tmp_path, kind):
     begin = time.process_time()
     assert len(ingest(raw).observations) == 12_000
     assert time.process_time() - begin < 6.0
+
+
+HELD = (
+    "repeats the reading of the row before, though the arm moved: the instrument held its last one"
+)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_in_which_the_instrument_held_its_last_reading_are_told_as_that(tmp_path, kind):
+    raw = sighted(tmp_path, kind, robot="ur10")
+    header = raw.poses[0].split(",")
+    of_instrument = re.compile(r"(u_)?(T\d_)?([xyz]|d)_mm|q[wxyz]|T\d_mm")
+    columns = [k for k, name in enumerate(header) if of_instrument.fullmatch(name)]
+    rows = [
+        index
+        for index in range(5, len(raw.poses))
+        if all(raw.poses[at].split(",")[k] for at in (index - 1, index) for k in columns)
+    ][:1]
+    for index in [*rows, rows[0] + 1]:  # and once more the same
+        before, words = raw.poses[index - 1].split(","), raw.poses[index].split(",")
+        for k in columns:
+            words[k] = before[k]
+        raw.poses[index] = ",".join(words)
+    ingested = ingest(raw)
+    assert listed(ingested) == [(index + 1, HELD) for index in (rows[0], rows[0] + 1)]
+    told = wrong_rows(ingested.quarantined)
+    assert {finding.what for finding in told} == {f"{HELD}; its rows are quarantined"}
+
+
+def test_a_target_about_which_the_arm_turned_or_that_stood_still_is_no_held_reading():
+    rng = np.random.default_rng(5)
+    p_m = np.round(rng.normal(0.0, 0.5, (40, 1, 3)), 6)
+    modelled = p_m + rng.normal(0.0, 1e-4, p_m.shape)
+    p_m[7], modelled[7] = p_m[6], modelled[6] + 1e-4
+    assert not held_last(p_m, modelled).any()
+    p_m[9] = p_m[8]
+    assert np.flatnonzero(held_last(p_m, modelled)[:, 0]).tolist() == [9]

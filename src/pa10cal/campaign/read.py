@@ -24,7 +24,7 @@ from pa10cal.campaign.description import (
 )
 from pa10cal.campaign.nominal_fit import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.raw_rows import Quarantined, groups_joined, same_commands
-from pa10cal.campaign.screens import OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
+from pa10cal.campaign.screens import HELD, OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
@@ -285,6 +285,9 @@ def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:
             labels = row.reason.removeprefix(EXCHANGED).removeprefix(": ") or row.value
             kind, what = "target_label", f"the labels of {labels} seem exchanged there"
             remedy = "correct the labels of this configuration"
+        elif row.reason == HELD:
+            kind, what = "outlier", row.reason
+            remedy = "measure it again, and write a row only when the instrument has a new reading"
         elif row.reason in _WRONG:
             kind, what = "outlier", row.reason
             remedy = "check the raw reading; measure it again or exclude it"

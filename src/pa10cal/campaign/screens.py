@@ -28,6 +28,10 @@ HELD_OUT_RAD = np.radians(2.0)
 #: Part of these distances that is allowed beside a reading that is further off: errors of one size
 #: differ by the error of the arm itself, and are to go together.
 BESIDE_ANOTHER = 0.5
+#: A target that the nominal arm moved by this much, and by so many of the least steps between
+#: readings, is not read at the same place in every digit.
+HELD_M = 2e-3
+HELD_STEPS = 5.0
 #: Repeats of which a median shows the one that is off.
 LEAST_REPEATS = 3
 #: Part of the rows at either end that may be outliers when the extent of a motion is taken.
@@ -44,6 +48,9 @@ SCALE_RATIO = 5.0
 OUT_OF_REACH = "further from the other positions than the arm reaches"
 OFF_REPEATS = "far from the other readings of this pose and load"
 OFF_MODEL = "far from where the joint angles put the end-effector"
+HELD = (
+    "repeats the reading of the row before, though the arm moved: the instrument held its last one"
+)
 READ_BEFORE = "this configuration was read before"
 ONE_LABEL = (
     "another configuration has this pose, load and repeat: give each a label or a repeat of its own"
@@ -99,6 +106,41 @@ def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:
 
     turned = far(misfit.turn_rad, float(MODEL_RAD), float(HELD_OUT_RAD))
     return far(misfit.length_m, MODEL_M, HELD_OUT_M) | turned[:, None]
+
+
+def held_last(p_m: Array, modelled_m: Array) -> Mask:
+    """Return targets (N, B) read in every digit where the row before has them, though they moved.
+
+    They were measured at (N, B, k), rows in order of time, nan where not seen; the nominal arm puts
+    them at (N, B, 3). Of distances all of a row must be those before.
+    """
+    held = np.zeros(p_m.shape[:2], dtype=bool)
+    if len(p_m) < 2:
+        return held
+    same = np.asarray((p_m[1:] == p_m[:-1]).all(axis=2))
+    if p_m.shape[2] == 1:
+        seen = np.isfinite(p_m[1:, :, 0])
+        # A distance that comes back in other rows too is kept, or read coarsely.
+        runs = p_m[np.append(True, ~same.any(axis=1)), :, 0]
+        fine = len(np.unique(runs[np.isfinite(runs)])) == np.isfinite(runs).sum()
+        same &= ((same == seen).all(axis=1) & (fine | (seen.sum(axis=1) > 1)))[:, None]
+    if not same.any():
+        return held
+    least_m = _least_move(p_m)
+    first = modelled_m[0].copy()  # where the arm had each when its reading was new
+    for row in range(1, len(p_m)):
+        again = same[row - 1]
+        far = np.linalg.norm(modelled_m[row] - first, axis=1) > least_m
+        held[row] = again & far
+        first[~again] = modelled_m[row, ~again]
+    return held
+
+
+def _least_move(p_m: Array) -> float:
+    """Return how far a target must move to be read elsewhere for certain."""
+    steps = np.abs(np.diff(np.sort(p_m.reshape(-1, p_m.shape[2]), axis=0), axis=0))
+    real = steps[steps > 1e-9]
+    return max(HELD_M, HELD_STEPS * float(real.min()) if real.size else 0.0)
 
 
 def off_command(pose: NDArray[np.str_], q_rad: Array, prismatic: Mask) -> Mask:

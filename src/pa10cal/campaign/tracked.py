@@ -241,6 +241,7 @@ class Screen:
 
         self._quarantine_targets(self._by_target(reach), screens.OUT_OF_REACH)
         self._refuse_units()
+        self._quarantine_targets(self._held_last(), screens.HELD)
         self._quarantine_exchanged()
         self._quarantine_targets(self._by_target(repeats), screens.OFF_REPEATS)
         misfit = misfit_of(self.found.measured, self.T_base_ee)
@@ -275,6 +276,17 @@ class Screen:
             numbers = ", ".join(f"{value:g}" for value in place_mm)
             values.append(f"{self._target(int(first[row]))} = {numbers}")
         self.quarantine(lost, reason, values)
+
+    def _held_last(self) -> Mask:
+        """Return the targets (N, B) of which the instrument gave the reading before again."""
+        places_m = self.found.measured.places_m
+        if not (places_m[1:] == places_m[:-1]).all(axis=2).any():
+            return np.zeros(places_m.shape[:2], dtype=bool)
+        # A target about which the arm turned stayed where it was.
+        modelled = nominal_places(self.T_base_ee, places_m) if places_m.shape[2] == 3 else None
+        if modelled is None:
+            modelled = np.repeat(self.T_base_ee[:, None, :3, 3], places_m.shape[1], axis=1)
+        return screens.held_last(places_m, modelled)
 
     def _quarantine_exchanged(self) -> None:
         """Quarantine rows whose targets are exchanged; refuse columns that are, in most rows."""
