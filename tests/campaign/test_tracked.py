@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.read import repeatability_mm
+from mended import simulated
+from pa10cal.campaign.read import POSES_TO_SEARCH, read_campaign, repeatability_mm
+from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.errors import Pa10calError
 from spoiling import ingest, replace, with_columns
 
@@ -130,6 +135,36 @@ def test_holds_out_whole_poses_where_the_rows_do_not_say_it(tracked, rule, held_
     assert sorted(set(poses.pose[poses.kind == "holdout"])) == sorted(held_out)
     assert not set(poses.pose[poses.kind == "grid"]) & set(held_out)
     assert "no line_x rows" in ingested.notes
+
+
+@pytest.mark.parametrize(
+    ("rule", "count", "held"),
+    [
+        ({"every": 5}, 99, 19),  # too few for a search in any case
+        ({"every": 5}, 101, 1),
+        ({"every": 5}, 120, 20),
+        ({"every": 5}, 126, 25),
+        ({"last_fraction": 0.3}, 110, 10),
+        ({"last_fraction": 0.3}, 200, 60),
+    ],
+)
+def test_poses_held_out_leave_enough_for_a_search(tmp_path, rule, count, held):
+    assert LEAST_FOR_BLOCKS == POSES_TO_SEARCH
+    folder = simulated(tmp_path / "c", "irb120", "points", poses=count, holdout_share=0.0)
+    path = folder / "campaign.yaml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(f"{text}holdout: {json.dumps(rule)}\n", encoding="utf-8")
+    without_kind(folder / "poses.csv")
+    ingested = read_campaign(folder)
+    every = ingested.observations
+    assert np.count_nonzero(every.kind == "holdout") == held
+    fewer = [note for note in ingested.notes if "poses are held out and not" in note]
+    assert bool(fewer) == (100 < count < 126 or count == 110)
+
+
+def without_kind(path):
+    table = pd.read_csv(path)
+    table.drop(columns="kind", errors="ignore").to_csv(path, index=False)
 
 
 def test_refuses_to_hold_out_all_poses(tracked):

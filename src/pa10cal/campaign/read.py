@@ -142,9 +142,11 @@ def read_campaign(
     ingested = read(description, arm, folder, options)
     every, warnings = ingested.observations, ingested.warnings
     places = places_of(every, arm.prismatic, description.repeat_tolerance_deg)
+    notes: tuple[str, ...] = ()
     if description.holdout is not None:
         where = f"{folder / DESCRIPTION_FILE}: holdout"
         every = hold_out(every, description.holdout, where, places)
+        notes = _fewer_held_out(every, description.holdout, places)
     else:
         both = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
         if both.any():
@@ -169,7 +171,7 @@ def read_campaign(
         arm_of(description, folder, every, arm),
         every,
         tuple(sorted(ingested.quarantined)),
-        (*ingested.notes, *of_time, *missing),
+        (*ingested.notes, *notes, *of_time, *missing),
         warnings,
     )
 
@@ -187,6 +189,24 @@ def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: floa
     return groups_joined(by_label, labels + by_joints, count)[by_label]
 
 
+#: Calibration poses that a search without repeats needs, and held-out poses left where these are
+#: kept for it, at least.
+POSES_TO_SEARCH, _LEAST_HELD_OUT = 100, 1
+
+
+def _fewer_held_out(every: Observations, rule: Holdout, places: Index) -> tuple[str, ...]:
+    """Return that fewer poses are held out than stated, where they are."""
+    count = len(np.unique(places[np.isin(every.kind, ("grid", "holdout"))]))
+    held = len(np.unique(places[every.kind == "holdout"]))
+    stated = count // rule.every if rule.every else round((rule.last_fraction or 0.0) * count)
+    if held >= stated:
+        return ()
+    return (
+        f"{held} poses are held out and not {stated}, so that {POSES_TO_SEARCH} are left, which a "
+        "search for effects needs",
+    )
+
+
 def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> Observations:
     """Mark grid poses as held out: the last of them in time, or every n-th.
 
@@ -201,6 +221,11 @@ def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> O
         chosen = order[rule.every - 1 :: rule.every]
     else:
         chosen = order[len(order) - round((rule.last_fraction or 0.0) * len(order)) :]
+    # A search needs its poses more than a judgement needs more than these.
+    spare = len(order) - POSES_TO_SEARCH
+    if _LEAST_HELD_OUT <= spare < len(chosen):
+        at = np.linspace(0, len(chosen) - 1, spare).round().astype(np.intp)
+        chosen = chosen[at] if rule.every is not None else chosen[len(chosen) - spare :]
     if 0 < len(order) == len(chosen):
         raise _refusal("all held out", f"{where}.last_fraction", rule.last_fraction, len(order))
     kind = every.kind.astype("U7")
