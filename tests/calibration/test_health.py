@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
-from pa10cal.calibration.health import GradeEvidence
+from pa10cal.calibration.health import RIGID, GradeEvidence
 from pa10cal.calibration.health import health as health_of
 from pa10cal.calibration.uncertainty import HeldOut, gram
 from pa10cal.files.arms import load_arm
@@ -251,6 +251,16 @@ def test_less_than_the_stated_noise_is_no_mistake(left_mm):
     assert found.grade == "good", found.line
     assert "the stated noise of 0.017 mm is larger than what remains" in found.line
     assert "more uncertain than single readings" not in found.line
+
+
+def test_poses_far_from_the_model_count_in_the_error_that_is_printed():
+    found = health(ended(), errors(suspected_outliers=2, all_rms_mm=0.031))
+    assert (
+        "remaining error 0.031 mm rms over the poses fitted (0.017 mm without 2 far" in found.line
+    )
+    assert RIGID not in found.line
+    rigid = health(ended(), errors(suspected_outliers=2, all_rms_mm=0.031, acquitted=2))
+    assert f"in 2 of them {RIGID}" in rigid.line
 
 
 def test_a_nominal_arm_that_is_exact_is_said_so():

@@ -48,17 +48,17 @@ def test_one_row_a_campaign_and_under_it_what_to_know():
     assert table([GOOD]).splitlines()[-1] == "good: at the noise"
 
 
-def test_what_is_flagged_as_wrong_stands_apart():
+def test_what_is_far_from_the_model_stands_apart():
     held_out = replace(
         GOOD,
         trusted=(2.41, 0.018),
-        with_flagged="with 1 reading flagged as wrong 1.752 mm",
+        with_flagged="with 1 reading far from the model 1.752 mm",
     )
     row = " ".join(table([held_out]).splitlines()[2].split())
-    said = "held-out poses; with 1 reading flagged as wrong 1.752 mm"
+    said = "held-out poses; with 1 reading far from the model 1.752 mm"
     assert row == f"mine good none 2.410 mm 0.018 mm {said}"
     whole, trusted = accuracy(1.7516, 10.0), accuracy(0.018, 0.04, configurations=43)
-    said = "0.018/0.040 mm; with 2 readings flagged as wrong 1.752/10.000 mm"
+    said = "1.752/10.000 mm; without 2 readings far from the model 0.018/0.040 mm"
     assert mean_and_peak(whole, trusted) == said
     assert mean_and_peak(whole, None) == "1.752/10.000 mm"
 

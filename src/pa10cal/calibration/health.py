@@ -49,6 +49,11 @@ OF_A_TURN = 0.1
 OF_A_LENGTH = 0.1
 #: An end-effector that turned by less over all poses was held in one orientation [rad].
 HARDLY_TURNED_RAD = 0.1
+#: What acquits readings that are far from the model.
+RIGID = (
+    "the targets keep their distances, so the readings are right: the model lacks something there, "
+    "or a joint was misread"
+)
 #: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
 JOINT_RAD = 1e-5
 #: Departure over tolerance that no arm was built with.
@@ -78,6 +83,9 @@ class GradeEvidence:
     noise_mm: float | None  # the part that the noise of readings explains, None where not known
     spread_mm: float  # root mean square distance of the measured positions from their mean
     suspected_outliers: int = 0  # poses far outside the scatter of the others
+    acquitted: int = 0  # of these, those whose targets keep their distances
+    # the same as `train_rms_mm` with them; None where there are none
+    all_rms_mm: float | None = None
     # whether that noise is what readings scatter by, and not what is stated
     noise_is_found: bool = False
     # error that the targets' places on an apparatus leave in all poses alike, and that no
@@ -314,6 +322,11 @@ def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
 def _errors(evidence: GradeEvidence) -> str:
     fitted = f"{evidence.train_rms_mm:.3f} mm"
     text = f"remaining error {fitted} rms over the poses fitted"
+    if (count := evidence.suspected_outliers) and evidence.all_rms_mm is not None:
+        text = (
+            f"remaining error {evidence.all_rms_mm:.3f} mm rms over the poses fitted ({fitted} "
+            f"without {count} far from the model)"
+        )
     if (away := evidence.held_out) is not None:
         there = f"{away.accuracy.rms_mm:.3f} mm"
         text += " and over held-out poses" if there == fitted else f", {there} over held-out poses"
@@ -531,9 +544,10 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
     if count := evidence.suspected_outliers:
         many = "s have" if count > 1 else " has"
         yield (
-            f"{count} suspected outlier{many} less weight in the fit and no part in the remaining "
-            "error; see tables/suspected_outliers"
+            f"{count} suspected outlier{many} less weight in the fit; see tables/suspected_outliers"
         )
+        if evidence.acquitted:
+            yield f"in {evidence.acquitted} of them {RIGID}"
 
 
 def _listed(names: Sequence[str]) -> str:

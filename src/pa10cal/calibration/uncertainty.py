@@ -66,7 +66,7 @@ def summarise_trusted(
     Args:
         before, after: over P configurations.
         load_N: (P,) their loads.
-        flagged: (P,) which of them have a reading that is flagged as wrong.
+        flagged: (P,) which of them have a reading far from the model.
     """
     found = {}
     for load in np.unique(load_N[flagged]):

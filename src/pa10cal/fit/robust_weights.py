@@ -334,3 +334,24 @@ def by_stated(readings: Observations, values: Array) -> Array:
 def components_seen(readings: Observations, at: slice) -> Mask:
     """Return which of some components of readings were seen."""
     return np.asarray(readings.measured.components_seen[:, at])
+
+
+#: Scatters of a distance between two targets beyond which it is another one.
+_SAME_DISTANCE = 5.0
+
+
+def keep_their_distances(places_m: Array) -> Mask:
+    """Return (P,) which poses have targets (P, B, 3) as far from each other as the others have.
+
+    What was read there is right, whatever a model makes of it. With fewer than two targets none.
+    """
+    count, targets = places_m.shape[:2]
+    pairs = [(a, b) for a in range(targets) for b in range(a)]
+    if not pairs or places_m.shape[2] != 3:
+        return np.zeros(count, dtype=bool)
+    apart_m = np.stack([np.linalg.norm(places_m[:, a] - places_m[:, b], axis=1) for a, b in pairs])
+    off_m = np.abs(apart_m - np.nanmedian(apart_m, axis=1, keepdims=True))
+    usual_m = 1.4826 * np.nanmedian(off_m, axis=1, keepdims=True)
+    seen = np.isfinite(off_m)
+    same = np.where(seen, off_m, 0.0) <= _SAME_DISTANCE * usual_m
+    return np.asarray(same.all(axis=0) & seen.any(axis=0))

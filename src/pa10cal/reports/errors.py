@@ -23,7 +23,7 @@ _MODELS = {
 _PARTS = {
     "inside": "angles seen in the fit",
     "extrapolated": "extrapolated",
-    "trusted": "without readings flagged as wrong",
+    "trusted": "without readings far from the model",
     "without_motion": "the motion of the base taken out",
 }
 
@@ -47,7 +47,7 @@ class Errors:
 
     @property
     def counted(self) -> Accuracy:
-        """Return the errors that a headline gives: without readings flagged as wrong."""
+        """Return the errors that a headline gives: without readings far from the model."""
         return self.trusted or self.of
 
     def with_flagged(self, key: str) -> str:

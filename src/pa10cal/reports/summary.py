@@ -23,8 +23,8 @@ class CampaignSummary:
     """What a reader is told of a campaign."""
 
     outcome: ChainRecord  # what it came to
-    # mean errors before and after without configurations that have a reading flagged as wrong [mm],
-    # and in words the error after with them; None where there is none
+    # mean errors before and after without configurations that have a reading far from the model
+    # [mm], and in words the error after with them; None where there is none
     trusted: tuple[float, float] | None = None
     with_flagged: str = ""
 

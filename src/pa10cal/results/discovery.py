@@ -435,7 +435,7 @@ class VerdictKeys(record.Part):
             parts = {
                 "inside": gap.inside,
                 "outside": gap.outside,
-                "without readings flagged as wrong": gap.trusted,
+                "without readings far from the model": gap.trusted,
             }
             for name, part in parts.items():
                 if part is not None:

@@ -30,17 +30,18 @@ class Accuracy(Distances):
 
 
 def mean_and_peak(whole: Accuracy, trusted: Accuracy | None) -> str:
-    """Return mean and largest error in words: whole, and without readings flagged as wrong."""
+    """Return mean and largest error in words: whole, and without readings far from the model."""
     text = f"{whole.mean_mm:.3f}/{whole.peak_mm:.3f} mm"
     if trusted is None:
         return text
     count = whole.configurations - trusted.configurations
-    return f"{trusted.mean_mm:.3f}/{trusted.peak_mm:.3f} mm; with {flagged(count)} {text}"
+    less = f"{trusted.mean_mm:.3f}/{trusted.peak_mm:.3f} mm"
+    return f"{text}; without {flagged(count)} {less}"
 
 
 def flagged(count: int) -> str:
-    """Return how many readings are flagged as wrong, repeats of a configuration averaged."""
-    return f"{count} reading{'s' * (count > 1)} flagged as wrong"
+    """Return how many readings are far from the model, repeats of a configuration averaged."""
+    return f"{count} reading{'s' * (count > 1)} far from the model"
 
 
 class BeforeAfter(record.Part):

@@ -21,7 +21,7 @@ from pa10cal.calibration.general.other_campaign import (
     prior_of,
     refuse_own_readings,
 )
-from pa10cal.calibration.health import STATED_OFF, GradeEvidence, health
+from pa10cal.calibration.health import RIGID, STATED_OFF, GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
@@ -31,7 +31,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
-from pa10cal.fit.robust_weights import suspect_beyond
+from pa10cal.fit.robust_weights import keep_their_distances, suspect_beyond
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
@@ -55,6 +55,7 @@ def suspected_outliers(
     limit = suspect_beyond(problem.components_seen)
     rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
+    acquitted = keep_their_distances(problem.observations.measured.places_m)
     found = []
     for row in rows[np.argsort(-fit.distance[rows])].tolist():
         why = []  # the kind of component that deviates most is said
@@ -64,6 +65,7 @@ def suspected_outliers(
             text = f"{np.degrees(off):.3f} deg" if turns else f"{1e3 * off:.3f} mm"
             times = off / np.sqrt(fit.scatter[kind] ** 2 + variances[row, columns].mean())
             why.append((times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis"))
+        rigid = f"; {RIGID}" if acquitted[row] else ""
         found.append(
             records.SuspectedOutlier(
                 row=row,
@@ -71,7 +73,7 @@ def suspected_outliers(
                 load_N=float(problem.observations.states.load_N[row]),
                 distance=float(fit.distance[row]),
                 weight=float(fit.weights[row]),
-                why=max(why)[1],
+                why=max(why)[1] + rigid,
             )
         )
     return tuple(found)
@@ -146,6 +148,8 @@ def general_case(
         noise_mm=noise_mm,
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(doubts),
+        acquitted=sum(RIGID in doubt.why for doubt in doubts),
+        all_rms_mm=left_mm,
         repeats=uncertainty.scatter_of_repeats(readings, calibrated),
         from_touches=readings.measured.from_touches,
         findings=findings,
