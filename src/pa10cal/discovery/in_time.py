@@ -16,9 +16,9 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
+from pa10cal.discovery.beside_time import by_pose_and_time
 from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.noise import same_circumstances
-from pa10cal.discovery.preparation import why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import Parting, drivers, measured_again, partings, slow_joints
@@ -391,12 +391,6 @@ def _without(
     return left, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
-#: Effects of time are expected to be so many plausible sizes large: theirs is what they explain.
-_SIZES = 3.0
-#: Waves of a joint's error a turn, and their size, that are taken out where poses are read once;
-#: more of a joint that moves little from one pose to the next.
-_WAVES = (8, 24)
-_WAVE_RAD = 3e-4
 #: Motion of the base expected from load to load [m, rad], and places of targets.
 _BY_LOAD, _TARGET_M = 1e-3, 3e-2
 #: Of more readings so many, spread evenly over time, stand for all.
@@ -428,19 +422,11 @@ def in_time_of(
     noise whitened by (P, b, b). Torques may have been logged, those of the weights be known.
     """
     once = len(np.unique(poses.pose)) == len(poses)
-    slow = slow_joints(poses.states)
     if not poses.states.tells_time or (once and like_a_scan(poses)):
         return STILL
     if len(poses) > _MOST_READINGS:
-        order = np.argsort(poses.states.time_s, kind="stable")
-        shown = order[np.linspace(0, len(order) - 1, _MOST_READINGS).round().astype(int)]
+        shown: Index = spread_over_time(poses)
         poses, whitener = poses.take(shown), whitener[shown]
-    known = [
-        effect
-        for effect in effects
-        if not (isinstance(effect, JointErrorMap) or (effect.generic and effect.goes_with_time))
-        and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
-    ]
     own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
     load_N = poses.states.load_N
     by_load = motions_along(by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
@@ -449,15 +435,7 @@ def in_time_of(
         linear.by_targets(at, poses) * _TARGET_M,
         _BY_LOAD * by_load,
     ]
-    shapes = [effect for effect in known for _ in effect.starts]
-    starts = [start for effect in known for start in effect.starts]
-    columns = [np.zeros((*whitener.shape[:2], 0)), *linear.by_effects(at, poses, shapes, starts)]
-    with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
-    with_time = np.repeat(with_time, [each.shape[2] for each in columns])
-    every = np.concatenate(columns, axis=2)
-    static, of_time = every[..., ~with_time], _SIZES * every[..., with_time]
-    if once:
-        static = np.concatenate([static, _waves(at, poses, slow)], axis=2)
+    static, of_time = by_pose_and_time(at, poses, effects, logged=logged, weights=weights)
 
     def find(rivals: tuple[Parting, ...]) -> InTime:
         own = np.concatenate([*held, _motions_by(rivals, at, poses)], axis=2)
@@ -486,6 +464,13 @@ def in_time_of(
         return shows
     said = tuple(dict.fromkeys(str(rival.driver) for rival in rivals))
     return replace(shows, rivals=said, rivals_mm=first_mm)
+
+
+def spread_over_time(poses: Observations) -> Index:
+    """Return readings in order of time; of very many some, spread evenly."""
+    order = np.argsort(poses.states.time_s, kind="stable")
+    part = np.linspace(0, len(order) - 1, min(len(order), _MOST_READINGS))
+    return np.asarray(order[part.round().astype(int)])
 
 
 _REMEDY = (
@@ -579,17 +564,3 @@ def motion_unexplained(
 def like_a_scan(poses: Observations) -> bool:
     """Return whether poses follow each other so closely that time and place go together."""
     return float(slow_joints(poses.states).mean()) > 0.5
-
-
-def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
-    """Return waves of the error of every turning joint by its angle, (P, b, w)."""
-    arm = at.model.chain.arm
-    joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
-    screws = linear.by_joints(at, poses, joints)
-    q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
-    columns = [np.zeros((*screws.shape[:2], 0))]
-    for k, joint in enumerate(joints):
-        angle = q_rad[:, k, None] * np.arange(1, _WAVES[int(slow[joint - 1])] + 1)
-        waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
-        columns.append(screws[:, :, k, None] * waves[:, None])
-    return np.asarray(_WAVE_RAD * np.concatenate(columns, axis=2))

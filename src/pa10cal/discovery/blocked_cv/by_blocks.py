@@ -25,10 +25,11 @@ from pa10cal.discovery.blocked_cv.refit import (
 )
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
+from pa10cal.discovery.changed import change_of
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.gates import WORSE
-from pa10cal.discovery.in_time import in_time_of, motion_unexplained, steps_in_time
+from pa10cal.discovery.in_time import STILL, in_time_of, motion_unexplained, steps_in_time
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses import (
@@ -268,17 +269,15 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     shaped, unknown = computable_shapes(judged)
     found = judge.found_in(judged, shaped)
     fitted, about = found.extended, found.rows.survey
-    in_time = in_time_of(
-        fitted.at,
-        about.poses,
-        fitted.weights.whiteners(),
-        sought(about.context, about.baseline.model.terms),
-        logged=about.torques_logged,
-        weights=True,
-    )
-    wander = in_time.wander
-    if wander is not None:
-        found = judge.found_in(judged.moving(wander), shaped)
+    whiteners, logged = fitted.weights.whiteners(), about.torques_logged
+    every = tuple(sought(about.context, about.baseline.model.terms))
+    change, in_time = change_of(fitted.at, about.poses, whiteners, every, logged=logged), STILL
+    if change is not None:
+        found = judge.found_in(judged.changing(change), shaped)
+    else:
+        in_time = in_time_of(fitted.at, about.poses, whiteners, every, logged=logged, weights=True)
+        if in_time.wander is not None:
+            found = judge.found_in(judged.moving(in_time.wander), shaped)
     found = judge.with_effects_added(
         found, judge.slow_drift(found.survey, found.holdout_check, found.extended.effects)
     )
@@ -311,7 +310,10 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         noise_floor_from=noise.origin,
         train=compare(judged, extended, poses, floor_mm),
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
-        faults_of_rows=steps_in_time(judged.wander, extended.at, poses),
+        faults_of_rows=(
+            *steps_in_time(judged.wander, extended.at, poses),
+            *(() if judged.change is None else (judged.change.fault(judged.baseline, poses),)),
+        ),
         survey=judged,
         nameless=found.nameless if remaining.over_floor else (),
         over_noise=remaining.over_floor,

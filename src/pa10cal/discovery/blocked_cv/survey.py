@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.discovery.changed import Change
 from pa10cal.discovery.in_time import Wander
 from pa10cal.discovery.linear import (
     by_joints,
@@ -58,6 +59,7 @@ class Survey:
     torques_logged: bool  # whether the torques are those of a log, and not of described masses
     # how the base moves in the course of time; None where the data prefer that it does not
     wander: Wander | None = None
+    change: Change | None = None  # of targets, beam or log at a row; None where there is none
     lag: AttitudeLag | None = None  # of orientations behind the motion; None where there is none
 
     @property
@@ -77,8 +79,12 @@ class Survey:
         """
         return replace(self, wander=wander, block=np.arange(len(self.poses)) % BLOCKS)
 
+    def changing(self, change: Change) -> Survey:
+        """Return the survey of what changed at a row, in blocks of every tenth pose."""
+        return replace(self, change=change, block=np.arange(len(self.poses)) % BLOCKS)
+
     def net_residual(self, at: FittedModel, poses: Observations | None = None) -> Array:
-        """Return predicted minus measured components, (P, b), without motion of the base or lag.
+        """Return predicted minus measured components, (P, b), without motion, change or lag.
 
         Of complete poses of the campaign; None for all of the survey.
         """
@@ -91,7 +97,7 @@ class Survey:
         return self._shift(self.poses)
 
     def _shift(self, poses: Observations) -> Array | float:
-        """Return what motion of the base and lag come to in the components of poses, (P, b)."""
+        """Return what motion, change and lag come to in the components of poses, (P, b)."""
         return sum(
             each.shift(self.baseline, poses) for each in self.nuisances if each.amounts is not None
         )
@@ -104,19 +110,21 @@ class Survey:
         return with_torque_noise(noise, at, self.poses, self.setup.payload)
 
     @property
-    def nuisances(self) -> tuple[Wander | AttitudeLag, ...]:
+    def nuisances(self) -> tuple[Wander | Change | AttitudeLag, ...]:
         """Return what is found beside model and effects, and belongs to neither."""
-        return tuple(each for each in (self.wander, self.lag) if each is not None)
+        return tuple(each for each in (self.wander, self.change, self.lag) if each is not None)
 
     def with_amounts(self, found: Array) -> Survey:
         """Return the survey with the amounts of these, one after the other (k,)."""
-        own, wander, lag = found, self.wander, self.lag
+        own, wander, change, lag = found, self.wander, self.change, self.lag
         if wander is not None:
-            wander, own = (
-                replace(wander, amounts=own[: len(wander.sizes)]),
-                own[len(wander.sizes) :],
-            )
-        return replace(self, wander=wander, lag=None if lag is None else replace(lag, amounts=own))
+            count = len(wander.sizes)
+            wander, own = replace(wander, amounts=own[:count]), own[count:]
+        if change is not None:
+            count = len(change.sizes)
+            change, own = replace(change, amounts=own[:count]), own[count:]
+        lag = None if lag is None else replace(lag, amounts=own)
+        return replace(self, wander=wander, change=change, lag=lag)
 
 
 def survey(

@@ -1,0 +1,270 @@
+"""What changed at a row, other than where base and instrument stand.
+
+From some row on a target sits elsewhere on the flange, all readings are longer along the beam, or
+the log follows another model of the arm. Each is a step in columns of its own, and is held by
+evidence against the others, a step of the base among them, at every row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from pa10cal.arrays import Array, Index
+from pa10cal.discovery import linear
+from pa10cal.discovery.beside_time import by_pose_and_time
+from pa10cal.discovery.finding import DiagnosedFault
+from pa10cal.discovery.in_time import by_base, like_a_scan, spread_over_time
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import partings
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import Offsets
+
+Kind = Literal["base", "beam", "target", "tool", "model"]
+
+#: Expected sizes: a length [m], a turn [rad], and for the model's parameters their own.
+_SIZE = 1e-3
+#: Times these sizes, that are tried.
+_SCALES = (0.1, 0.3, 1.0, 3.0, 10.0)
+#: The model itself is fitted to a mixture, and may be so many times its usual sizes off.
+_STATIC = 10.0
+#: Targets on the flange, as expected about where they were fitted [m].
+_TARGET_M = 3e-2
+#: Base and targets of another model are expected so far off [m, rad].
+_FRAMES_M = 3e-3
+#: Noise is no less than this part of that by which rows are whitened.
+_LEAST_NOISE = 0.02
+#: Readings that there must be on either side.
+_LEAST_SIDE = 10
+#: Probability allowed of seeing a change where there is none, and log evidence by which it must be
+#: better than a step of the base, and up to which another kind is as good.
+_FALSE_RATE = 1e-3
+_BETTER = 9.0
+_AS_GOOD = 3.0
+#: Part of the squared error that it leaves at most: what goes with the pose goes with many a row a
+#: little.
+_LEFT = 0.5
+#: Another row of it may be worse by so much log evidence.
+_ROW_AS_GOOD = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What changed from a time on."""
+
+    kind: Kind
+    target: int  # which target, from 0, where it is one's
+    time_s: float
+    before_s: float  # times of the readings between which it happened
+    after_s: float
+    scale: float  # times the usual sizes
+    rivals: tuple[str, ...] = ()  # what explains it as well, in words
+    amounts: Array | None = None  # (k,) in `sizes`; None until they are found
+
+    @property
+    def sizes(self) -> Array:
+        """Return the size expected of each amount."""
+        assert self.amounts is not None
+        return np.full(len(self.amounts), self.scale)
+
+    def columns(self, at: FittedModel, poses: Observations) -> Array:
+        """Return how measured less predicted components follow the amounts, (P, b, k)."""
+        after = poses.states.time_s > self.time_s
+        of_kind = _columns(self.kind, self.target, at, poses)
+        return np.asarray(self.scale * of_kind * after[:, None, None])
+
+    def shift(self, at: FittedModel, poses: Observations) -> Array:
+        """Return by how much it moves the components of poses, (P, b)."""
+        assert self.amounts is not None
+        return np.asarray(self.columns(at, poses) @ self.amounts)
+
+    def fault(self, at: FittedModel, poses: Observations) -> DiagnosedFault:
+        """Return it as a fault of the log."""
+        assert self.amounts is not None
+        order = np.argsort(poses.states.time_s, kind="stable")
+        time_s, pose = poses.states.time_s[order], poses.pose[order]
+        last = int(np.searchsorted(time_s, self.before_s, side="right")) - 1
+        next_ = int(np.searchsorted(time_s, self.after_s))
+        begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
+        later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
+        size_mm = linear.rms(linear.error_mm(later.measured, self.shift(at, later)))
+        amount_mm = 1e3 * _SIZE * self.scale * self.amounts
+        names = poses.measured.target_names
+        if self.kind == "target":
+            name = names[self.target] if self.target < len(names) else "the target"
+            moved_mm = float(np.linalg.norm(amount_mm))
+            what = f"target {name} moved on the flange by {moved_mm:.2g} mm from there on"
+            remedy = "give it another name from there on, or calibrate the parts as two campaigns"
+        elif self.kind == "tool":
+            what = f"the tool with all targets moved on the flange, these by {size_mm:.2g} mm"
+            remedy = "check how it is fixed; calibrate the parts as two campaigns"
+        elif self.kind == "beam":
+            along_mm = float(amount_mm[0])
+            way = "longer" if along_mm > 0.0 else "shorter"
+            what = (
+                f"all readings are {way} by {abs(along_mm):.3g} mm along the beam from there on: a "
+                "reflector of another size, or another zero of the distance"
+            )
+            remedy = "correct the size of the reflector there, and calibrate again"
+        else:
+            what = (
+                f"from there on the log follows another model of the arm, {size_mm:.2g} mm (root "
+                "mean square) away: the joints logged are not the same quantity before and after, "
+                "as where a controller's accuracy package is switched or the arm is mastered anew"
+            )
+            remedy = (
+                "log the same joint positions throughout (the axes' own, no corrected ones), or "
+                "calibrate the readings before and after as two campaigns"
+            )
+        if self.rivals:
+            what += f"; {' or '.join(self.rivals)} would explain it as well"
+        where = f"between {begin} and {end}"
+        return DiagnosedFault(kind="step_in_time", where=where, what=what, remedy=remedy)
+
+
+def change_of(
+    at: FittedModel,
+    poses: Observations,
+    whitener: Array,
+    effects: Sequence[Effect],
+    *,
+    logged: bool,
+) -> Change | None:
+    """Find what changed at a row of poses that are read once; None where that is a base, or none.
+
+    Nothing is found where no time was recorded, poses follow each other like those of a scan, or
+    where a joint or the load goes from one side to the other there.
+    """
+    if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+        return None
+    shown = spread_over_time(poses)
+    poses, whitener = poses.take(shown), whitener[shown]
+    rows = _Rows(at, poses, whitener)
+    kinds: list[tuple[Kind, int]] = [("base", 0), ("beam", 0), ("model", 0)]
+    targets = len(np.ravel(at.targets_m)) // 3
+    kinds += [("target", b) for b in range(targets)] + ([("tool", 0)] if targets > 1 else [])
+    tried = [(kind, b, *rows.best(_columns(kind, b, at, poses))) for kind, b in kinds]
+    kind, target, gain, row, scale, left = max(tried, key=lambda each: each[2])
+    needed = float(np.log(len(poses) * len(kinds) * len(_SCALES) / _FALSE_RATE))
+    of_base = tried[0][2]
+    if kind == "base" or gain < needed or gain < of_base + _BETTER or left > _LEFT:
+        return None
+    time_s = poses.states.time_s
+    middle_s = 0.5 * (time_s[row - 1] + time_s[row])
+    if any(partings(poses.states, middle_s, at.model.chain.arm.prismatic)):
+        return None
+    columns = _columns(kind, target, at, poses)
+    static, _ = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    beside = _Rows(at, poses, whitener, static)
+    if beside.best(columns, np.array([row]))[0] < needed:  # a smooth function of the pose does
+        return None
+    near = rows.as_good(columns, scale, row)
+    rivals = [_WORDS[each[0]] for each in tried if each[0] != kind and each[2] > gain - _AS_GOOD]
+    before_s, after_s = float(time_s[near[0] - 1]), float(time_s[near[-1]])
+    found = Change(kind, target, middle_s, before_s, after_s, scale, tuple(dict.fromkeys(rivals)))
+    return replace(found, amounts=rows.amounts(columns, scale, row))
+
+
+_WORDS: dict[Kind, str] = {
+    "base": "a motion of the instrument or the base",
+    "beam": "another size of the reflector",
+    "target": "a target that slipped",
+    "tool": "a tool that moved on the flange",
+    "model": "a log that follows another model of the arm",
+}
+
+
+def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
+    """Return how measured less predicted components follow a kind of change, (P, b, k)."""
+    if kind == "base":
+        return _SIZE * by_base(at, poses)
+    of_targets = linear.by_targets(at, poses)
+    if kind == "target":
+        return _SIZE * of_targets[:, :, 3 * target : 3 * target + 3]
+    if kind == "tool":
+        places_m = np.reshape(at.targets_m, (-1, 3))
+        return _SIZE * of_targets @ by_small_motion(places_m).reshape(-1, 6)
+    if kind == "beam":
+        measured = poses.measured
+        places_m = measured.places_m
+        length_m = np.linalg.norm(places_m, axis=2, keepdims=True)
+        along = (places_m / np.maximum(length_m, np.finfo(float).tiny)).reshape(len(poses), -1)
+        column = np.zeros((*measured.components_seen.shape, 1))
+        column[:, measured.position_columns, 0] = np.nan_to_num(along)
+        return _SIZE * column
+    terms = [term for term in at.model.terms if type(term) is Offsets and term.of != "base"]
+    own = linear.by_own_terms(at, poses, terms)
+    frames = [_FRAMES_M * of_targets, _FRAMES_M * by_base(at, poses)]
+    return np.concatenate([*own, *frames], axis=2)
+
+
+class _Rows:
+    """Whitened rows in order of time, and the evidence of a step in columns at each of them."""
+
+    def __init__(self, at: FittedModel, poses: Observations, whitener: Array, *more: Array) -> None:
+        own = linear.by_own_terms(at, poses, at.model.terms)
+        held = [_STATIC * columns for columns in own]
+        held += [_TARGET_M * linear.by_targets(at, poses), *more]
+        white = whitener @ np.concatenate(held, axis=2)
+        self._whitener, self._held = whitener, white
+        self._data = whitener @ -linear.residual(at, poses)[:, :, None]
+        flat = white.reshape(-1, white.shape[2])
+        self._factor = np.linalg.cholesky(np.eye(flat.shape[1]) + flat.T @ flat)
+        self._across = np.linalg.solve(self._factor, flat.T @ self._data.reshape(-1, 1))
+        self._squares = float(np.sum(self._data**2) - np.sum(self._across**2))
+        self._seen = int(poses.measured.components_seen.sum())
+        self._apart = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
+        side = (self._apart >= _LEAST_SIDE) & (self._apart <= len(poses) - _LEAST_SIDE)
+        self._apart = self._apart[side]
+
+    def best(self, columns: Array, rows: Index | None = None) -> tuple[float, int, float, float]:
+        """Return the greatest gain of log evidence, its row, scale and part of squares left."""
+        found = (-np.inf, 0, 1.0, 1.0)
+        white = self._whitener @ columns
+        for row in (self._apart if rows is None else rows).tolist():
+            gram, moments = self._products(white, row)
+            for scale in _SCALES:
+                gain, left = self._gain(gram, moments, scale)
+                if gain > found[0]:
+                    found = gain, row, scale, left
+        return found
+
+    def as_good(self, columns: Array, scale: float, row: int) -> Index:
+        """Return the rows near the best one that are as good, in order."""
+        white = self._whitener @ columns
+        gains = [
+            self._gain(*self._products(white, each), scale)[0] for each in self._apart.tolist()
+        ]
+        good = self._apart[np.array(gains) > max(gains) - _ROW_AS_GOOD]
+        return good if len(good) else np.array([row])
+
+    def amounts(self, columns: Array, scale: float, row: int) -> Array:
+        """Return the most likely amounts of a step at a row, in the usual sizes times a scale."""
+        gram, moments = self._products(self._whitener @ columns, row)
+        inner = np.eye(len(gram)) + scale**2 * gram
+        return np.asarray(np.linalg.solve(inner, scale * moments))
+
+    def _products(self, white: Array, row: int) -> tuple[Array, Array]:
+        step = white[row:].reshape(-1, white.shape[2])
+        held = self._held[row:].reshape(len(step), -1)
+        across = np.linalg.solve(self._factor, held.T @ step)
+        gram = step.T @ step - across.T @ across
+        moments = step.T @ self._data[row:].reshape(-1) - across.T @ self._across[:, 0]
+        return gram, moments
+
+    def _gain(self, gram: Array, moments: Array, scale: float) -> tuple[float, float]:
+        inner = np.eye(len(gram)) + scale**2 * gram
+        taken = scale**2 * float(moments @ np.linalg.solve(inner, moments))
+        left = max(self._squares - taken, 0.0)
+        determinant = float(np.linalg.slogdet(inner)[1])
+        gain = self._log(left) - self._log(self._squares) - 0.5 * determinant
+        return gain, left / max(self._squares, np.finfo(float).tiny)
+
+    def _log(self, squares: float) -> float:
+        variance = max(squares / self._seen, _LEAST_NOISE**2)
+        return -0.5 * float(self._seen * np.log(variance) + squares / variance)
