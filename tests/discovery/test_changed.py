@@ -1,0 +1,76 @@
+"""What changed at a row is called by what it is: a target, the beam, the log; a base is a base."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pa10cal
+from made_up_sightings import sighted
+from pa10cal.arm.chain import Chain
+from pa10cal.files.arms import load_arm
+
+POSES, FIRST, NOISE_MM = 130, 70, 0.02
+ARM = load_arm("ur10")
+
+
+def other_arm():
+    """Return an arm whose zeros and lengths are off by usual sizes."""
+    rng = np.random.default_rng(3)
+    off = {name: rng.normal(0.0, 6e-4, ARM.n) for name in ("theta_rad", "d_m", "a_m", "alpha_rad")}
+    return replace(ARM, **{name: getattr(ARM, name) + by for name, by in off.items()})
+
+
+def seen(tmp_path, targets, change):
+    """Return a campaign of an arm that errs, its readings changed from one row on."""
+    raw = sighted(tmp_path, "points", poses=POSES, targets=targets, seed=4)
+    after = np.arange(POSES) >= FIRST
+    places_m = np.tile(raw.p_ee_m, (POSES, 1, 1))
+    if change == "target":
+        places_m[after, 0] += np.array([3e-4, -4e-4, 3e-4])
+    T_real, T_nominal = (Chain.of(arm).forward(raw.q) for arm in (other_arm(), ARM))
+    T = np.where(after[:, None, None], T_nominal, T_real) if change == "model" else T_real
+    p_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], places_m) + T[:, None, :3, 3]
+    if change == "base":
+        p_m[after] += np.array([3e-4, -4e-4, 3e-4])
+    p_m = p_m @ raw.T_instr_base[:3, :3].T + raw.T_instr_base[:3, 3] + np.array([3.0, 0.5, 0.2])
+    if change == "beam":
+        p_m[after] *= 1.0 + 6.35e-3 / np.linalg.norm(p_m[after], axis=2, keepdims=True)
+    p_m += 1e-3 * np.random.default_rng(5).normal(0.0, NOISE_MM, p_m.shape)
+    first = raw.column("T1_x_mm")
+    for k, line in enumerate(raw.poses[1:]):
+        values = [f"{value:.5f}" for value in 1e3 * p_m[k].ravel()]
+        raw.poses[k + 1] = ",".join([*line.split(",")[:first], *values])
+    found = pa10cal.read_campaign(raw.write())
+    return pa10cal.discover(found, pa10cal.calibrate(found))
+
+
+@pytest.mark.parametrize(
+    ("targets", "change", "says", "size_mm"),
+    [
+        (1, "target", r"target T1 moved on the flange by (\S+) mm", 0.583),
+        (3, "target", r"target T1 moved on the flange by (\S+) mm", 0.583),
+        (1, "beam", r"readings are longer by (\S+) mm along the beam", 6.35),
+        (3, "model", r"the log follows another model of the arm, (\S+) mm", None),
+        (3, "base", r"the instrument or the base moved by (\S+) mm", 0.583),
+    ],
+)
+def test_what_changed_at_a_row_is_called_by_what_it_is(tmp_path, targets, change, says, size_mm):
+    found = seen(tmp_path, targets, change)
+    (fault,) = found.faults
+    assert found.verdict == "check_the_log"
+    assert fault.kind == "step_in_time"
+    size = re.search(says, fault.what)
+    assert size is not None, fault.what
+    if size_mm is not None:
+        assert float(size[1]) == pytest.approx(size_mm, rel=0.05)
+    last, next_ = map(int, re.findall(r"P(\d+)", fault.where))
+    assert last < FIRST <= next_
+    assert next_ - last <= 2  # one row of the two is held out
+    assert not found.unexplained
+
+
+def test_nothing_is_told_where_nothing_changed(tmp_path):
+    found = seen(tmp_path, 3, "nothing")
+    assert found.faults == ()
