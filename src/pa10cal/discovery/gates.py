@@ -27,6 +27,7 @@ from pa10cal.fit.weighed_arm import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.joint import ArrivalError, Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -161,6 +162,12 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
     if effect.positive and x.min() < 0.0:
         names = ", ".join(finding.parameters)
         yield f"its {names} would be negative, which is not physical"
+    if effect.possible is not None:
+        low, high, why = effect.possible
+        value, std = float(finding.x[0]), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
+        if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
+            name, unit = effect.reported[0].name, effect.reported[0].unit
+            yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
     size = effect.size(x)
     if size > MOST_SIZES:
         yield f"it would be {size:.0f} times as large as is plausible"

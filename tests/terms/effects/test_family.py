@@ -120,6 +120,27 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
                 assert refused == (sign < 0.0 and effect.id in ONE_SIGN), (effect.id, k, sign)
 
 
+@pytest.mark.parametrize(
+    ("alpha", "std", "refused"),
+    [
+        (1.2e-5, 1e-7, False),
+        (7.5e-5, 1e-6, True),
+        (7.5e-5, 4e-5, False),
+        (2e-6, 1e-7, True),
+        (9e-6, 1e-6, False),
+    ],
+)
+def test_arms_grow_as_what_they_are_made_of(context, alpha, std, refused):
+    (growth,) = (each for each in candidates(context) if each.id == "thermal_growth")
+    amounts = SimpleNamespace(
+        values_of=lambda _: np.array([alpha]),
+        model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
+        covariance=None,
+    )
+    finding = Finding(growth, np.array([alpha]), np.array([[std**2]]), (), None)
+    assert any("light metal" in why for why in unfit(finding, amounts)) == refused
+
+
 def _reported(effect, x):
     values = effect.report(x).values
     return values, np.eye(len(values))

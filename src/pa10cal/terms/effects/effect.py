@@ -100,6 +100,8 @@ class Effect(ABC):
     #: Whether its linear parameters cannot be negative, as of a stiffness, a Coulomb torque or lost
     #: motion. Every effect decides (a test holds all of them): a fit of the other sign is not it.
     positive: ClassVar[bool] = False
+    #: Lowest and highest value that its first parameter can have, and why; None for no such limit.
+    possible: ClassVar[tuple[float, float, str] | None] = None
     #: Whether it goes with time or temperature.
     goes_with_time: ClassVar[bool] = False
     #: Whether the log of joints errs by it, and not the robot: it plays no part in predictions.

@@ -240,6 +240,8 @@ class ThermalGrowth(Effect):
     positive = True
     goes_with_time = True
     reported = (TermParameter("alpha", "1/K", 5e-7, plausible=2e-5),)
+    # A part of the arm may stay colder than the air, and so seem to grow less than its material.
+    possible = (0.0, 2.6e-5, "arms are of iron and steel (10 to 13e-6) or light metal (to 26e-6)")
 
     @property
     def formula(self) -> str:

@@ -118,7 +118,8 @@ class SimulatedThermalGrowth(effect.SimulatedEffect):
     places = ("arm",)
     strains = True
     by_temperature = True
-    usual = effect.draws(alpha=effect.sized(1.2e-5))
+    # No metal of which arms are made grows more than light metal.
+    usual = effect.draws(alpha=lambda _site, size, _rng: min(size * 1.2e-5, 2.6e-5))
     plausible_size = 1.7
 
     alpha: effect.Finite = Field(description="expansion coefficient [1/K]")
