@@ -126,8 +126,8 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
         (1.2e-5, 1e-7, False),
         (7.5e-5, 1e-6, True),
         (7.5e-5, 4e-5, False),
-        (2e-6, 1e-7, True),
-        (9e-6, 1e-6, False),
+        (2e-6, 1e-7, False),
+        (2.9e-5, 2e-6, False),
     ],
 )
 def test_arms_grow_as_what_they_are_made_of(context, alpha, std, refused):
