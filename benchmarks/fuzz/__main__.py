@@ -19,11 +19,14 @@ import numpy as np  # noqa: E402 - after the threads are limited
 from benchmarks.fuzz.corpus import CAMPAIGNS, Original  # noqa: E402
 from benchmarks.fuzz.judge import Outcome, judged_campaign, judged_settings  # noqa: E402
 from benchmarks.fuzz.mutations import mutated  # noqa: E402
+from benchmarks.fuzz.readers import READERS, judged_file  # noqa: E402
 
 SETTINGS = "settings"
 _CONFIG = Path(__file__).parents[2] / "config.yaml"
 #: Of five mutations one is of the settings, the others of one campaign after the other.
 KINDS = (SETTINGS, *CAMPAIGNS)
+#: Files that others' libraries read, asked for by name.
+EVERY_KIND = (*KINDS, *READERS)
 
 
 def main() -> int:
@@ -32,7 +35,7 @@ def main() -> int:
     asked.add_argument("--count", type=int, default=500, help="mutations in all")
     asked.add_argument("--first", type=int, default=0, help="number of the first of each kind")
     asked.add_argument("--seed", type=int, default=2008)
-    asked.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
+    asked.add_argument("--kinds", nargs="+", choices=EVERY_KIND, default=KINDS)
     asked.add_argument("--only", help="one mutation, such as pose:17; its files go to --keep")
     asked.add_argument("--keep", type=Path, help="folder for the files of --only")
     given = asked.parse_args()
@@ -42,7 +45,7 @@ def main() -> int:
     words: Counter[tuple[str, str]] = Counter()
     longest, bad = 0.0, 0
     for kind in given.kinds:
-        original = None if kind == SETTINGS else Original.simulated(kind)
+        original = Original.simulated(kind) if kind in CAMPAIGNS else None
         for number in range(given.first, given.first + given.count // len(given.kinds)):
             done, found = _judged(kind, number, given.seed, original)
             words[kind, found.word] += 1
@@ -57,7 +60,9 @@ def main() -> int:
 
 
 def _judged(kind: str, number: int, seed: int, original: Original | None) -> tuple[str, Outcome]:
-    rng = np.random.default_rng([seed, KINDS.index(kind), number])
+    rng = np.random.default_rng([seed, EVERY_KIND.index(kind), number])
+    if kind in READERS:
+        return judged_file(kind, rng)
     if original is None:
         files, done = mutated(rng, {_CONFIG.name: _CONFIG.read_bytes()})
         return done, judged_settings(files[_CONFIG.name])
@@ -66,7 +71,7 @@ def _judged(kind: str, number: int, seed: int, original: Original | None) -> tup
 
 
 def _one(kind: str, number: int, seed: int, keep: Path | None) -> int:
-    original = None if kind == SETTINGS else Original.simulated(kind)
+    original = Original.simulated(kind) if kind in CAMPAIGNS else None
     if keep is not None and original is not None:
         rng = np.random.default_rng([seed, KINDS.index(kind), number])
         keep.mkdir(parents=True, exist_ok=True)

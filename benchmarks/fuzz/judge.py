@@ -70,7 +70,7 @@ def judged_campaign(files: Files, original: Original) -> Outcome:
             return "wrong", f"graded good, {off_mm:.4f} mm off, u {u_mm:.4f} mm"
         return model.grade, ""
 
-    return _outcome(come_to)
+    return outcome_of(come_to)
 
 
 def judged_settings(text: bytes) -> Outcome:
@@ -84,10 +84,11 @@ def judged_settings(text: bytes) -> Outcome:
         parse_settings(content, where="config.yaml")
         return "read", ""
 
-    return _outcome(come_to)
+    return outcome_of(come_to)
 
 
-def _outcome(come_to: object) -> Outcome:
+def outcome_of(come_to: object) -> Outcome:
+    """Return what something comes to: its word, a refusal, a hang or a fault."""
     began = time.process_time()
     try:
         with _limited(HANGS_S), warnings.catch_warnings():

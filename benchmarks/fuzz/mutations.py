@@ -44,6 +44,18 @@ def _one(rng: np.random.Generator, files: Files) -> str:
     return f"{name}: {change.__name__.removeprefix('_')}"
 
 
+def changed_bytes(rng: np.random.Generator, content: bytes) -> tuple[bytes, str]:
+    """Return a file of any kind with one to three changes of its bytes, and what was done."""
+    done = []
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
+        if not content:
+            break
+        change = _OF_BYTES[int(rng.integers(len(_OF_BYTES)))]
+        content = change(rng, content)
+        done.append(change.__name__.removeprefix("_"))
+    return content, ", ".join(done)
+
+
 def _lines(text: bytes) -> list[bytes]:
     return text.split(b"\n")
 
@@ -248,6 +260,17 @@ def _number_scaled(rng: np.random.Generator, text: bytes) -> bytes:
 _OF_ANY: tuple[Callable[[np.random.Generator, bytes], bytes], ...] = (
     *(_byte, _bytes_inserted, _cut, _beginning_lost, _line_deleted, _line_repeated, _digit),
     *(_lines_exchanged, _block_repeated, _end_of_lines, _encoded, _quote, _long_word),
+)
+_OF_BYTES = (
+    _byte,
+    _byte,
+    _bytes_inserted,
+    _cut,
+    _beginning_lost,
+    _line_deleted,
+    _line_repeated,
+    _digit,
+    _word,
 )
 _OF_TABLES = (
     *_OF_ANY,

@@ -3,6 +3,7 @@ import re
 import numpy as np
 import pytest
 from benchmarks.fuzz import __main__ as fuzz
+from benchmarks.fuzz import readers
 from benchmarks.fuzz.corpus import Original
 from benchmarks.fuzz.judge import judged_campaign, judged_settings
 from benchmarks.fuzz.mutations import mutated
@@ -36,8 +37,18 @@ def test_settings_are_read_or_refused():
     assert judged_settings(b"campaigns: 3\n").word == "refused"
 
 
+@pytest.mark.parametrize("kind", readers.READERS)
+def test_files_as_they_were_are_read_and_changed_ones_never_fail(kind, tmp_path):
+    for name, content in readers.originals()[kind].items():
+        (tmp_path / name).write_bytes(content)
+    readers.READERS[kind](tmp_path)
+    judged = [readers.judged_file(kind, np.random.default_rng([3, k])) for k in range(12)]
+    assert not [done for done, outcome in judged if outcome.bad]
+    assert {outcome.word for _, outcome in judged} <= {"read", "refused"}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", fuzz.KINDS)
+@pytest.mark.parametrize("kind", fuzz.EVERY_KIND)
 def test_no_mutation_ends_in_a_fault(kind, capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["fuzz", "--count", "25", "--kinds", kind, "--seed", "7"])
     assert fuzz.main() == 0
