@@ -22,7 +22,11 @@ def other_arm():
     return replace(ARM, **{name: getattr(ARM, name) + by for name, by in off.items()})
 
 
-def seen(tmp_path, targets, change):
+#: Where the arm stands, seen from the instrument [m].
+NEAR_M, FAR_M = np.array([3.0, 0.5, 0.2]), np.array([300.0, 50.0, 20.0])
+
+
+def seen(tmp_path, targets, change, place_m=NEAR_M):
     """Return a campaign of an arm that errs, its readings changed from one row on."""
     raw = sighted(tmp_path, "points", poses=POSES, targets=targets, seed=4)
     after = np.arange(POSES) >= FIRST
@@ -34,7 +38,7 @@ def seen(tmp_path, targets, change):
     p_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], places_m) + T[:, None, :3, 3]
     if change == "base":
         p_m[after] += np.array([3e-4, -4e-4, 3e-4])
-    p_m = p_m @ raw.T_instr_base[:3, :3].T + raw.T_instr_base[:3, 3] + np.array([3.0, 0.5, 0.2])
+    p_m = p_m @ raw.T_instr_base[:3, :3].T + raw.T_instr_base[:3, 3] + place_m
     if change == "beam":
         p_m[after] *= 1.0 + 6.35e-3 / np.linalg.norm(p_m[after], axis=2, keepdims=True)
     p_m += 1e-3 * np.random.default_rng(5).normal(0.0, NOISE_MM, p_m.shape)
@@ -74,3 +78,12 @@ def test_what_changed_at_a_row_is_called_by_what_it_is(tmp_path, targets, change
 def test_nothing_is_told_where_nothing_changed(tmp_path):
     found = seen(tmp_path, 3, "nothing")
     assert found.faults == ()
+
+
+def test_what_cannot_be_told_apart_stands_beside_each_other(tmp_path):
+    # A beam that has one direction only: a base that moves along it looks like a reflector.
+    found = seen(tmp_path, 1, "beam", FAR_M)
+    (fault,) = found.faults
+    assert "along the beam" in fault.what or "another size of the reflector" in fault.what
+    assert "motion of the instrument or the base" in fault.what or "base moved" in fault.what
+    assert fault.at_s is None

@@ -17,11 +17,11 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.beside_time import by_pose_and_time
 from pa10cal.discovery.finding import DiagnosedFault
-from pa10cal.discovery.in_time import by_base, like_a_scan, spread_over_time
+from pa10cal.discovery.in_time import Wander, by_base, like_a_scan, spread_over_time
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import partings
+from pa10cal.observe.order import measured_again, partings
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Offsets
 
@@ -32,13 +32,14 @@ _SIZE = 1e-3
 #: Times these sizes, that are tried.
 _SCALES = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: The model itself is fitted to a mixture, and may be so many times its usual sizes off.
-_STATIC = 10.0
+_STATIC = 100.0
 #: Targets on the flange, as expected about where they were fitted [m].
 _TARGET_M = 3e-2
 #: Base and targets of another model are expected so far off [m, rad].
 _FRAMES_M = 3e-3
-#: Noise is no less than this part of that by which rows are whitened.
-_LEAST_NOISE = 0.02
+#: Squares below this part of those without a change are not told apart: about a model that was
+#: fitted to a mixture rows are linear no better.
+_LINEAR = 1e-3
 #: Readings that there must be on either side.
 _LEAST_SIDE = 10
 #: Probability allowed of seeing a change where there is none, and log evidence by which it must be
@@ -49,6 +50,8 @@ _AS_GOOD = 3.0
 #: Part of the squared error that it leaves at most: what goes with the pose goes with many a row a
 #: little.
 _LEFT = 0.5
+#: It counts from this part of the stated noise of a reading on.
+_LEAST_PART = 0.5
 #: Another row of it may be worse by so much log evidence.
 _ROW_AS_GOOD = 3.0
 
@@ -144,10 +147,7 @@ def change_of(
         return None
     shown = spread_over_time(poses)
     poses, whitener = poses.take(shown), whitener[shown]
-    rows = _Rows(at, poses, whitener)
-    kinds: list[tuple[Kind, int]] = [("base", 0), ("beam", 0), ("model", 0)]
-    targets = len(np.ravel(at.targets_m)) // 3
-    kinds += [("target", b) for b in range(targets)] + ([("tool", 0)] if targets > 1 else [])
+    rows, kinds = _Rows(at, poses, whitener), _kinds(at)
     tried = [(kind, b, *rows.best(_columns(kind, b, at, poses))) for kind, b in kinds]
     kind, target, gain, row, scale, left = max(tried, key=lambda each: each[2])
     needed = float(np.log(len(poses) * len(kinds) * len(_SCALES) / _FALSE_RATE))
@@ -164,10 +164,55 @@ def change_of(
     if beside.best(columns, np.array([row]))[0] < needed:  # a smooth function of the pose does
         return None
     near = rows.as_good(columns, scale, row)
-    rivals = [_WORDS[each[0]] for each in tried if each[0] != kind and each[2] > gain - _AS_GOOD]
+    rivals = [
+        _WORDS[other]
+        for other, _, value, _, _, rest in tried
+        if other != kind and rows.as_well(other, gain - value, rest / left)
+    ]
     before_s, after_s = float(time_s[near[0] - 1]), float(time_s[near[-1]])
     found = Change(kind, target, middle_s, before_s, after_s, scale, tuple(dict.fromkeys(rivals)))
-    return replace(found, amounts=rows.amounts(columns, scale, row))
+    found = replace(found, amounts=rows.amounts(columns, scale, row))
+    later = poses.take(np.flatnonzero(time_s > middle_s))
+    size_mm = linear.rms(linear.error_mm(later.measured, found.shift(at, later)))
+    stated_mm = linear.mean_error_of_noise_mm(later.measured, later.measured.stated_covariance)
+    return found if size_mm > _LEAST_PART * stated_mm else None
+
+
+def rivals_of_steps(
+    wander: Wander | None, at: FittedModel, poses: Observations, whitener: Array
+) -> dict[float, tuple[str, ...]]:
+    """Return what explains the steps of the base as well as it does, in words, by their times.
+
+    Nothing does where poses are measured again on either side: there the base itself shows.
+    """
+    found: dict[float, tuple[str, ...]] = {}
+    if wander is None or poses.measured.campaigns or measured_again(poses):
+        return found
+    shown = spread_over_time(poses)
+    poses, whitener = poses.take(shown), whitener[shown]
+    time_s = poses.states.time_s
+    for jump in wander.jumps:
+        jumps = tuple(other for other in wander.jumps if other is not jump)
+        beside = replace(wander, jumps=jumps, amounts=None).columns(at, poses)
+        rows = _Rows(at, poses, whitener, beside)
+        row = np.array([np.searchsorted(time_s, jump.time_s)])
+        tried = [(kind, rows.best(_columns(kind, b, at, poses), row)) for kind, b in _kinds(at)]
+        (_, (of_base, _, _, left)), *others = tried
+        told = [
+            _WORDS[kind]
+            for kind, (gain, _, _, rest) in others
+            if rows.as_well(kind, of_base - gain, rest / left)
+        ]
+        found[jump.time_s] = tuple(dict.fromkeys(told))
+    return found
+
+
+def _kinds(at: FittedModel) -> list[tuple[Kind, int]]:
+    """Return the kinds of change, the base first, and of which target."""
+    targets = len(np.ravel(at.targets_m)) // 3
+    found: list[tuple[Kind, int]] = [("base", 0), ("beam", 0), ("model", 0)]
+    found += [("target", b) for b in range(targets)]
+    return found + ([("tool", 0)] if targets > 1 else [])
 
 
 _WORDS: dict[Kind, str] = {
@@ -234,6 +279,14 @@ class _Rows:
                     found = gain, row, scale, left
         return found
 
+    def as_well(self, kind: Kind, worse: float, times: float) -> bool:
+        """Return whether a kind does as well as the best, by log evidence and squares left.
+
+        Few numbers against fewer is no reason; another model has the numbers of all other kinds.
+        """
+        misfit = 0.5 * self._seen * float(np.log(max(times, np.finfo(float).tiny)))
+        return worse < _AS_GOOD or (kind != "model" and misfit < _AS_GOOD)
+
     def as_good(self, columns: Array, scale: float, row: int) -> Index:
         """Return the rows near the best one that are as good, in order."""
         white = self._whitener @ columns
@@ -262,9 +315,5 @@ class _Rows:
         taken = scale**2 * float(moments @ np.linalg.solve(inner, moments))
         left = max(self._squares - taken, 0.0)
         determinant = float(np.linalg.slogdet(inner)[1])
-        gain = self._log(left) - self._log(self._squares) - 0.5 * determinant
-        return gain, left / max(self._squares, np.finfo(float).tiny)
-
-    def _log(self, squares: float) -> float:
-        variance = max(squares / self._seen, _LEAST_NOISE**2)
-        return -0.5 * float(self._seen * np.log(variance) + squares / variance)
+        left = max(left / max(self._squares, np.finfo(float).tiny), _LINEAR)
+        return -0.5 * (self._seen * float(np.log(left)) + determinant), left

@@ -6,10 +6,11 @@ first waves (Karhunen and Loève), of a size chosen. Gaussian sizes are expected
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import product
+from types import MappingProxyType
 
 import numpy as np
 
@@ -480,9 +481,15 @@ _REMEDY = (
 
 
 def steps_in_time(
-    wander: Wander | None, at: FittedModel, readings: Observations
+    wander: Wander | None,
+    at: FittedModel,
+    readings: Observations,
+    rivals: Mapping[float, tuple[str, ...]] = MappingProxyType({}),
 ) -> tuple[DiagnosedFault, ...]:
-    """Return the jumps as faults of the log."""
+    """Return the jumps as faults of the log.
+
+    One that has rivals, in words by its time, is no fact, but one explanation of several.
+    """
     if wander is None:
         return ()
     order = np.argsort(readings.states.time_s, kind="stable")
@@ -496,8 +503,12 @@ def steps_in_time(
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
         begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
         what = f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad"
+        others = rivals.get(jump.time_s, ())
+        if others:
+            what = f"something changed: {what}, or {' or '.join(others)} does as well"
         told = {"where": f"between {begin} and {end}", "what": what, "remedy": _REMEDY}
-        found.append(DiagnosedFault(kind="step_in_time", **told, at_s=jump.time_s))
+        at_s = None if others else jump.time_s
+        found.append(DiagnosedFault(kind="step_in_time", **told, at_s=at_s))
     return tuple(found)
 
 

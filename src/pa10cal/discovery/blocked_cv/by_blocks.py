@@ -25,7 +25,7 @@ from pa10cal.discovery.blocked_cv.refit import (
 )
 from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
-from pa10cal.discovery.changed import change_of
+from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.gates import WORSE
@@ -271,12 +271,14 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     fitted, about = found.extended, found.rows.survey
     whiteners, logged = fitted.weights.whiteners(), about.torques_logged
     every = tuple(sought(about.context, about.baseline.model.terms))
+    rivals: Mapping[float, tuple[str, ...]] = {}
     change, in_time = change_of(fitted.at, about.poses, whiteners, every, logged=logged), STILL
     if change is not None:
         found = judge.found_in(judged.changing(change), shaped)
     else:
         in_time = in_time_of(fitted.at, about.poses, whiteners, every, logged=logged, weights=True)
         if in_time.wander is not None:
+            rivals = rivals_of_steps(in_time.wander, fitted.at, about.poses, whiteners)
             found = judge.found_in(judged.moving(in_time.wander), shaped)
     found = judge.with_effects_added(
         found, judge.slow_drift(found.survey, found.holdout_check, found.extended.effects)
@@ -311,7 +313,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         train=compare(judged, extended, poses, floor_mm),
         holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
         faults_of_rows=(
-            *steps_in_time(judged.wander, extended.at, poses),
+            *steps_in_time(judged.wander, extended.at, poses, rivals),
             *(() if judged.change is None else (judged.change.fault(judged.baseline, poses),)),
         ),
         survey=judged,
