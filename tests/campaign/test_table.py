@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_poses import measured_poses
 from pa10cal.arm.statics import PoseStates
-from pa10cal.campaign.table import read_observations, read_pose_table, write_pose_table
+from pa10cal.campaign.table import SCHEMA, read_observations, read_pose_table, write_pose_table
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import poses_of
 from spoiling import ingest
@@ -175,3 +177,18 @@ def test_refuses_another_parquet_file(tmp_path, table):
     table.to_parquet(tmp_path / "other.parquet")
     with pytest.raises(RawDataError, match="schema none"):
         read_pose_table(tmp_path / "other.parquet")
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        pa.Table.from_arrays([pa.array([1.0]), pa.array([2.0])], names=["s1", "s1"]),
+        pa.table({"s1": [1.0]}).replace_schema_metadata({b"schema": b"\xff\xfe"}),
+        pa.table({"s1": [1.0]}).replace_schema_metadata({b"schema": SCHEMA.encode()}),
+    ],
+    ids=["two columns of one name", "a schema that is no text", "no campaign"],
+)
+def test_a_damaged_table_of_poses_is_refused(tmp_path, table):
+    pq.write_table(table, tmp_path / "poses.parquet")
+    with pytest.raises(RawDataError, match=r"poses\.parquet"):
+        read_pose_table(tmp_path / "poses.parquet", "c1")

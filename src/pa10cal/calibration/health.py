@@ -329,7 +329,11 @@ def _errors(evidence: GradeEvidence) -> str:
         )
     if (away := evidence.held_out) is not None:
         there = f"{away.accuracy.rms_mm:.3f} mm"
-        text += " and over held-out poses" if there == fitted else f", {there} over held-out poses"
+        text += (
+            " and over held-out poses"
+            if text.endswith("fitted") and there == fitted
+            else f", {there} over held-out poses"
+        )
         if away.suspected:
             text += f" without {away.suspected} with a suspected reading"
     return text

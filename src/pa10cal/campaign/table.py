@@ -147,6 +147,8 @@ def _read_parquet(file: IO[bytes], path: Path) -> pa.Table:
     promised = pq.read_metadata(file)
     _refuse_larger(promised, path)
     schema = promised.schema.to_arrow_schema()
+    if twice := sorted({name for name in schema.names if schema.names.count(name) > 1}):
+        raise pa.ArrowInvalid(f"two columns are called {twice[0]}")
     texts = [name for name in schema.names if pa.types.is_string(schema.field(name).type)]
     file.seek(0)
     table = pq.read_table(file, read_dictionary=texts)
@@ -195,11 +197,11 @@ def read_pose_table(
     except (OSError, pa.ArrowException) as error:
         raise _refusal("no table", path, " ".join(reason(error).split()), SCHEMA) from None
     metadata = table.schema.metadata or {}
-    schema = metadata.get(b"schema", b"none").decode()
+    schema = metadata.get(b"schema", b"none").decode("utf-8", "replace")
     if schema != SCHEMA:
         raise _refusal("no table", path, f"schema {schema}", SCHEMA)
     frame: pd.DataFrame = table.to_pandas()
-    found = frame.attrs["campaign"] = metadata[b"campaign"].decode()
+    found = frame.attrs["campaign"] = metadata.get(b"campaign", b"").decode("utf-8", "replace")
     if campaign is not None and found != campaign:
         raise _refusal("other campaign", path, found, campaign)
     return frame
