@@ -52,6 +52,8 @@ _AS_GOOD = 3.0
 _LEFT = 0.5
 #: It counts from this part of the stated noise of a reading on.
 _LEAST_PART = 0.5
+#: Powers of time that it is held against: what grows comes on slowly.
+_COURSES = 3
 #: Another row of it may be worse by so much log evidence.
 _ROW_AS_GOOD = 3.0
 
@@ -149,25 +151,29 @@ def change_of(
     poses, whitener = poses.take(shown), whitener[shown]
     rows, kinds = _Rows(at, poses, whitener), _kinds(at)
     tried = [(kind, b, *rows.best(_columns(kind, b, at, poses))) for kind, b in kinds]
-    kind, target, gain, row, scale, left = max(tried, key=lambda each: each[2])
+    kind, target, best, row, scale, left = max(tried, key=lambda each: each[2])
     needed = float(np.log(len(poses) * len(kinds) * len(_SCALES) / _FALSE_RATE))
     of_base = tried[0][2]
-    if kind == "base" or gain < needed or gain < of_base + _BETTER or left > _LEFT:
+    if kind == "base" or best < needed or best < of_base + _BETTER or left > _LEFT:
         return None
     time_s = poses.states.time_s
     middle_s = 0.5 * (time_s[row - 1] + time_s[row])
     if any(partings(poses.states, middle_s, at.model.chain.arm.prismatic)):
         return None
     columns = _columns(kind, target, at, poses)
-    static, _ = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
-    beside = _Rows(at, poses, whitener, static)
-    if beside.best(columns, np.array([row]))[0] < needed:  # a smooth function of the pose does
+    # Not where a smooth function of the pose does, nor where it comes on in the course of time.
+    more = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
+    creeping = [columns * course**power for power in range(1, _COURSES + 1)]
+    beside = _Rows(at, poses, whitener, *more, *(_STATIC * each for each in creeping))
+    gain, _, _, rest = beside.best(columns, np.array([row]))
+    if gain < needed or rest > _LEFT:
         return None
     near = rows.as_good(columns, scale, row)
     rivals = [
         _WORDS[other]
         for other, _, value, _, _, rest in tried
-        if other != kind and rows.as_well(other, gain - value, rest / left)
+        if other != kind and rows.as_well(other, best - value, rest / left)
     ]
     before_s, after_s = float(time_s[near[0] - 1]), float(time_s[near[-1]])
     found = Change(kind, target, middle_s, before_s, after_s, scale, tuple(dict.fromkeys(rivals)))
