@@ -32,7 +32,7 @@ _SIZE = 1e-3
 #: Times these sizes, that are tried.
 _SCALES = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: The model itself is fitted to a mixture, and may be so many times its usual sizes off.
-_STATIC = 100.0
+_STATIC = 10.0
 #: Targets on the flange, as expected about where they were fitted [m].
 _TARGET_M = 3e-2
 #: Base and targets of another model are expected so far off [m, rad].
@@ -265,7 +265,10 @@ class _Rows:
         self._whitener, self._held = whitener, white
         self._data = whitener @ -linear.residual(at, poses)[:, :, None]
         flat = white.reshape(-1, white.shape[2])
-        self._factor = np.linalg.cholesky(np.eye(flat.shape[1]) + flat.T @ flat)
+        gram = flat.T @ flat
+        # Of nearly dependent columns rounding may leave less than nothing.
+        least = max(1.0, float(len(gram) * np.finfo(float).eps * np.trace(gram)))
+        self._factor = np.linalg.cholesky(least * np.eye(len(gram)) + gram)
         self._across = np.linalg.solve(self._factor, flat.T @ self._data.reshape(-1, 1))
         self._squares = float(np.sum(self._data**2) - np.sum(self._across**2))
         self._seen = int(poses.measured.components_seen.sum())
