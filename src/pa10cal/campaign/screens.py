@@ -108,6 +108,10 @@ def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:
     return far(misfit.length_m, MODEL_M, HELD_OUT_M) | turned[:, None]
 
 
+#: Part of the rows that may repeat the one before: of more the cause is another.
+_MOST_HELD = 0.5
+
+
 def held_last(p_m: Array, modelled_m: Array) -> Mask:
     """Return targets (N, B) read in every digit where the row before has them, though they moved.
 
@@ -133,7 +137,8 @@ def held_last(p_m: Array, modelled_m: Array) -> Mask:
         far = np.linalg.norm(modelled_m[row] - first, axis=1) > least_m
         held[row] = again & far
         first[~again] = modelled_m[row, ~again]
-    return held
+    # Where most rows are like the one before, no instrument stopped now and then.
+    return held if held.any(axis=1).mean() <= _MOST_HELD else np.zeros_like(held)
 
 
 def _least_move(p_m: Array) -> float:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+import struct
+import zlib
 from io import BytesIO
 from pathlib import Path
+from tokenize import TokenError
 from typing import BinaryIO
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
@@ -28,6 +31,11 @@ _UNIX = 3  # in the headers of a zip file
 #: Of a correlation matrix: how unlike its transpose, and how far below zero the eigenvalues of one
 #: may lie that was solved with directions that the poses hardly identify.
 _SYMMETRIC_WITHIN, _EIGENVALUES_ABOVE = 1e-3, -1e-3
+#: What numpy and zipfile raise of files that are none: a header is a Python expression.
+_UNREADABLE = (
+    *(OSError, EOFError, ValueError, KeyError, IndexError, TypeError, RuntimeError),
+    *(SyntaxError, TokenError, BadZipFile, struct.error, zlib.error),
+)
 _refusal = refusals_beside(__file__, ModelError)
 
 
@@ -68,7 +76,7 @@ def covariance_beside(path: Path) -> Array | None:
         return None
     except UnfitFileError as error:
         raise _refusal("unfit covariance", beside, None, reason(error)) from None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile):
+    except _UNREADABLE:
         raise _refusal("no covariance", beside) from None
     return covariance if len(covariance) else None
 
