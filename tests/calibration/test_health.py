@@ -127,7 +127,12 @@ BAD = HeldOut(accuracy(0.04, 0.1, 0.05, 60))
         ({}, {"repeats": repeats(0.3e-5)}, "suspect_input", "repeats scatter by 0.003 mm"),
         ({}, {"noise_mm": 17.0}, "suspect_input", "it looks like micrometres, divide it by 1000"),
         ({}, {"noise_mm": 1.7e-5}, "suspect_input", "check its unit and value"),
-        ({}, {"findings": (GUESS,)}, "suspect_input", "joint 6: its sign is reversed; correct"),
+        (
+            {},
+            {"findings": (GUESS,), "held_out": None},
+            "suspect_input",
+            "joint 6: its sign is reversed; correct",
+        ),
         # not_converged
         ({"steps": "50 steps"}, {}, "not_converged", "converge: 50 steps"),
     ],
@@ -207,7 +212,11 @@ def test_departures_that_held_out_poses_confirm_are_what_was_found():
     # So is a zero that a check of the input found, and nothing else that one finds.
     assert health(ended(), errors(findings=(ZERO,))).departures == (ZERO,)
     assert health(ended(), errors(findings=(ZERO,))).grade == "good"
-    assert health(ended(), errors(findings=(GUESS,))).grade == "suspect_input"
+    assert health(ended(), errors(findings=(GUESS,))).grade == "good"  # it leaves 0.02 mm
+    better = GUESS.model_copy(update={"would_leave_mm": 0.001})
+    assert health(ended(), errors(findings=(better,))).grade == "suspect_input"
+    unheld = errors(findings=(GUESS,), held_out=None)
+    assert health(ended(), unheld).grade == "suspect_input"
 
 
 @pytest.mark.parametrize(

@@ -283,7 +283,7 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         remedy = "raise calibration.max_iterations, or measure more poses"
         return "not_converged", f"the fit did not converge: {solution.reason}; {remedy}", ()
     errors = _errors(evidence)
-    doubts = (each for each in evidence.findings if each not in evidence.departures)
+    doubts = (each for each in evidence.findings if not _is_moot(each, evidence))
     if findings := (*doubts, *_suspected(evidence)):
         more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
         return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
@@ -312,6 +312,18 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         f" (rank {evidence.rank}){beside}",
         (),
     )
+
+
+def _is_moot(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
+    """Return whether a finding of a check is none: confirmed, or refuted, by held-out poses.
+
+    A sign or an order of joints that would leave more than the model does cannot be right.
+    """
+    if not evidence.confirmed:
+        return False
+    left_mm = finding.would_leave_mm
+    refuted = finding.kind in ("joint_sign", "joint_order") and left_mm is not None
+    return finding in evidence.departures or (refuted and (left_mm or 0.0) > evidence.train_rms_mm)
 
 
 def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:

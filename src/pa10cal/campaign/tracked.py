@@ -286,6 +286,9 @@ class Screen:
         modelled = nominal_places(self.T_base_ee, places_m) if places_m.shape[2] == 3 else None
         if modelled is None:
             modelled = np.repeat(self.T_base_ee[:, None, :3, 3], places_m.shape[1], axis=1)
+        elif 1e3 * np.nanmedian(np.linalg.norm(places_m - modelled, axis=2)) > WARN_MM:
+            # An arm that is described so far off says nothing of where targets went.
+            return np.zeros(places_m.shape[:2], dtype=bool)
         return screens.held_last(places_m, modelled)
 
     def _quarantine_exchanged(self) -> None:

@@ -36,8 +36,9 @@ _ALONG_A_VALLEY = 200.0
 #: Where predictions moved by so little in so many steps, in standard uncertainties, they stand
 #: still, and the search ends.
 _STANDS_STILL, _STEPS_STILL = 0.05, 8
-#: A step ahead that is so many times as long as those taken is one along a valley.
-_NOT_TAKEN = 5.0
+#: A step ahead that is so many times as long as those taken is one along a valley; at its bottom it
+#: would move predictions by less than this, which far from a minimum it does not.
+_NOT_TAKEN, _AT_THE_BOTTOM = 5.0, 0.5
 #: Growth of the weighted squares that counts as rounding, relative.
 _NO_WORSE = 1e-9
 #: Reach of an unknown in its scale, where it has no physical range that bounds it.
@@ -279,8 +280,19 @@ class _WeightedProblem:
     def stand_still(self) -> bool:
         """Return whether the last steps moved no prediction, however long the step ahead is."""
         path = sum(self._moved)
+        if len(self._moved) < _STEPS_STILL or path >= _STANDS_STILL or self._last is None:
+            return False
         along_a_valley = self._ahead > _NOT_TAKEN * path / _STEPS_STILL
-        return len(self._moved) == _STEPS_STILL and path < _STANDS_STILL and along_a_valley
+        return along_a_valley and self._moved_ahead(self._last[0]) < _AT_THE_BOTTOM
+
+    def _moved_ahead(self, x: Array) -> float:
+        """Return by how much the next step would move predictions, in standard uncertainties."""
+        here = self.equations(x)
+        free = ~self._span.bounds.held(x, here.gradient)
+        step = np.zeros(len(x))
+        step[free] = solve_normal(here.normal[free][:, free], here.gradient[free])
+        squares = float(step @ (here.normal - self._span.precision) @ step)
+        return float(np.sqrt(max(squares, 0.0) / max(1, len(step))))
 
 
 def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:
