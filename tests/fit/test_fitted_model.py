@@ -301,6 +301,12 @@ def test_a_covariance_of_parameters_that_are_held_is_one(tmp_path):
         lambda plain: plain["tool"].__setitem__("R_ee_target", [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
         lambda plain: plain["arm"]["T_base_row1"][0].__setitem__(0, -1.0),
         lambda plain: plain["targets_m"].update(A=[0.0, 0.0, None]),
+        lambda plain: plain["arm"]["rows"][1].update(alpha_rad=float("inf")),
+        lambda plain: plain["arm"]["rows"][1].update(d_m=None),
+        lambda plain: plain["arm"]["rows"][1].update(limits_rad=1.0),
+        lambda plain: plain["payload"].update(load_point_m=float("nan")),
+        lambda plain: plain["payload"].update(com_m=[0.0, 0.0]),
+        lambda plain: plain["payload"].update(mass_kg=float("inf")),
     ],
 )
 def test_frames_that_are_none_are_refused(change, tmp_path):

@@ -171,7 +171,6 @@ def _refuse_larger(promised: pq.FileMetaData, path: Path) -> None:
         of_groups = [promised.row_group(k) for k in range(groups)]
         values = max(
             rows * columns,
-            *(of.column(k).num_values for of in of_groups for k in range(columns)),
             sum(of.num_rows for of in of_groups) * columns,
             sum(of.total_byte_size for of in of_groups) // _BYTES_A_VALUE,
         )
@@ -194,7 +193,7 @@ def read_pose_table(
     try:
         with open_file(path, within) as file:
             table = _read_parquet(file, path)
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise _refusal("no table", path, " ".join(reason(error).split()), SCHEMA) from None
     metadata = table.schema.metadata or {}
     schema = metadata.get(b"schema", b"none").decode("utf-8", "replace")

@@ -503,6 +503,13 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         for name in ROW_FIELDS
         if weighed or name not in ("mass_kg", "com_m")
     }
+    for name, values in columns.items():
+        wide = {"limits_rad": (len(rows), 2), "com_m": (len(rows), 3)}.get(name, (len(rows),))
+        if values.shape != wide:
+            raise ValueError(f"{name} of the rows has not {wide} numbers")
+        # Ratios, limits of torque and limits may not be known.
+        if name not in ("gear_ratio", "torque_limit_Nm", "limits_rad"):
+            _finite(values, name)
     known = None
     if (weights := content.get("weights")) is not None:
         mass, com_m = (np.array(weights[key], dtype=float) for key in ("mass_u", "com_u_m"))
@@ -550,10 +557,10 @@ def _payload_to_plain(payload: Payload) -> dict[str, Any]:
 
 def _payload_from_plain(plain: Mapping[str, Any]) -> Payload:
     return Payload(
-        mass_kg=float(plain["mass_kg"]),
-        com_m=np.array(plain["com_m"], dtype=float),
-        load_point_m=np.array(plain["load_point_m"], dtype=float),
-        gravity_m_s2=np.array(plain["gravity_m_s2"], dtype=float),
+        mass_kg=float(_finite(plain["mass_kg"], "mass_kg")),
+        com_m=_finite(plain["com_m"], "com_m").reshape(3),
+        load_point_m=_finite(plain["load_point_m"], "load_point_m").reshape(3),
+        gravity_m_s2=_finite(plain["gravity_m_s2"], "gravity_m_s2").reshape(3),
         known=bool(plain.get("known", True)),
         of_campaigns=tuple(_payload_from_plain(each) for each in plain.get("of_campaigns", ())),
     )
