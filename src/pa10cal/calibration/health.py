@@ -115,7 +115,7 @@ class GradeEvidence:
         Where nobody says what is wanted, it is one that adds hardly anything to the error.
         """
         wanted_mm = self.wanted_mm
-        single_mm = self.train_rms_mm if self.single_mm == self.error_mm else self.single_mm
+        single_mm = self.single_mm if self.below_noise else self.train_rms_mm
         small_mm = SMALL_SHARE * single_mm if wanted_mm is None else wanted_mm
         return poses_needed(self.ended, small_mm, wanted_mm)
 

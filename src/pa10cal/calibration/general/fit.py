@@ -149,7 +149,8 @@ def fit(
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(free, free)] = root @ root.T
-    length = _step_ahead(found.equations, free)
+    ahead = _step_ahead(found.equations, free)
+    length = _length_of(ahead, found.equations.normal, int(np.count_nonzero(free)))
     return GeneralSolution(
         x=x,
         at_bound=held,
@@ -171,11 +172,16 @@ def fit(
     )
 
 
-def _step_ahead(here: Equations, free: Mask) -> float:
-    """Return the length of the next step of those that are free, in standard uncertainties."""
-    gradient = here.gradient[free]
-    step = solve_normal(here.normal[free][:, free], gradient)
-    return float(np.sqrt(max(0.0, float(gradient @ step)) / max(1, len(gradient))))
+def _step_ahead(here: Equations, free: Mask) -> Array:
+    """Return the next step (k,) of those that are free."""
+    step = np.zeros(len(here.gradient))
+    step[free] = solve_normal(here.normal[free][:, free], here.gradient[free])
+    return step
+
+
+def _length_of(step: Array, normal: Array, count: int) -> float:
+    """Return the length of a step in standard uncertainties that normal equations tell."""
+    return float(np.sqrt(max(0.0, float(step @ normal @ step)) / max(1, count)))
 
 
 def reach_of(problem: Problem) -> Array:
@@ -204,7 +210,7 @@ class _WeightedProblem:
         first = first_scatter(problem, rows)
         self.scatter = first if scatter is None else replace(first, size=scatter)
         self._before = self.scatter
-        self._length = self._ahead = np.inf
+        self._length = self._ahead = self._moved_ahead = np.inf
         self._settled = self._turns = False
         # by how much the last steps moved predictions
         self._moved: deque[float] = deque(maxlen=_STEPS_STILL)
@@ -246,11 +252,14 @@ class _WeightedProblem:
         self._renew(x)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
-        by_readings = taken.before.normal - self._span.precision
-        squares = float(taken.step @ by_readings @ taken.step)
-        self._moved.append(float(np.sqrt(max(squares, 0.0) / max(1, len(taken.step)))))
+        # Without what is expected of the unknowns a step's length is that of its predictions.
+        precision, count = self._span.precision, len(x)
+        self._moved.append(_length_of(taken.step, taken.before.normal - precision, count))
         here = self.equations(x)
-        self._ahead = _step_ahead(here, ~self._span.bounds.held(x, here.gradient))
+        free = ~self._span.bounds.held(x, here.gradient)
+        step = _step_ahead(here, free)
+        self._ahead = _length_of(step, here.normal, int(np.count_nonzero(free)))
+        self._moved_ahead = _length_of(step, here.normal - precision, count)
         return here
 
     def _renew(self, x: Array) -> None:
@@ -280,19 +289,10 @@ class _WeightedProblem:
     def stand_still(self) -> bool:
         """Return whether the last steps moved no prediction, however long the step ahead is."""
         path = sum(self._moved)
-        if len(self._moved) < _STEPS_STILL or path >= _STANDS_STILL or self._last is None:
+        if len(self._moved) < _STEPS_STILL or path >= _STANDS_STILL:
             return False
         along_a_valley = self._ahead > _NOT_TAKEN * path / _STEPS_STILL
-        return along_a_valley and self._moved_ahead(self._last[0]) < _AT_THE_BOTTOM
-
-    def _moved_ahead(self, x: Array) -> float:
-        """Return by how much the next step would move predictions, in standard uncertainties."""
-        here = self.equations(x)
-        free = ~self._span.bounds.held(x, here.gradient)
-        step = np.zeros(len(x))
-        step[free] = solve_normal(here.normal[free][:, free], here.gradient[free])
-        squares = float(step @ (here.normal - self._span.precision) @ step)
-        return float(np.sqrt(max(squares, 0.0) / max(1, len(step))))
+        return along_a_valley and self._moved_ahead < _AT_THE_BOTTOM
 
 
 def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:
