@@ -15,9 +15,9 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
-from pa10cal.discovery.beside_time import by_pose_and_time
 from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.in_time import Wander, by_base, like_a_scan, spread_over_time
+from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.observe.observations import Observations

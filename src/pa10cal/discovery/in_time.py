@@ -17,9 +17,9 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
-from pa10cal.discovery.beside_time import by_pose_and_time
 from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import Parting, drivers, measured_again, partings, slow_joints

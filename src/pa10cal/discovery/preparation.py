@@ -12,6 +12,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
+from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault, Untestable, faults_of_input
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
 from pa10cal.errors import CalibrationError
@@ -19,9 +20,10 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.weighed_arm import with_uncertain_weights
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
-from pa10cal.observe.order import reversed_joints, with_arrivals
+from pa10cal.observe.order import reversed_joints, slow_joints, with_arrivals
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque
@@ -97,6 +99,54 @@ def why_hidden(share: float, signal: float) -> str | None:
     if signal * _LARGEST < LEAST_SIGNAL:
         return "ten times its plausible size would not rise above the noise"
     return None
+
+
+# How readings follow what goes with the pose, beside which something is sought in time.
+
+#: Effects of time are expected to be so many plausible sizes large: theirs is what they explain.
+_SIZES = 3.0
+#: Waves of a joint's error a turn, and their size, that are taken out where poses are read once;
+#: more of a joint that moves little from one pose to the next.
+_WAVES = (8, 24)
+_WAVE_RAD = 3e-4
+
+
+def by_pose_and_time(
+    at: FittedModel, poses: Observations, effects: Iterable[Effect], *, logged: bool, weights: bool
+) -> tuple[Array, Array]:
+    """Return how components follow what goes with the pose, (P, b, k), and effects of time."""
+    known = [
+        effect
+        for effect in effects
+        if not (isinstance(effect, JointErrorMap) or (effect.generic and effect.goes_with_time))
+        and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
+    ]
+    shapes = [effect for effect in known for _ in effect.starts]
+    starts = [start for effect in known for start in effect.starts]
+    none = np.zeros((*poses.measured.components_seen.shape, 0))
+    columns = [none, *linear.by_effects(at, poses, shapes, starts)]
+    with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
+    with_time = np.repeat(with_time, [each.shape[2] for each in columns])
+    every = np.concatenate(columns, axis=2)
+    static, of_time = every[..., ~with_time], _SIZES * every[..., with_time]
+    if len(np.unique(poses.pose)) == len(poses):
+        waves = _waves(at, poses, slow_joints(poses.states))
+        static = np.concatenate([static, waves], axis=2)
+    return static, of_time
+
+
+def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
+    """Return waves of the error of every turning joint by its angle, (P, b, w)."""
+    arm = at.model.chain.arm
+    joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
+    screws = linear.by_joints(at, poses, joints)
+    q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
+    columns = [np.zeros((*screws.shape[:2], 0))]
+    for k, joint in enumerate(joints):
+        angle = q_rad[:, k, None] * np.arange(1, _WAVES[int(slow[joint - 1])] + 1)
+        waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
+        columns.append(screws[:, :, k, None] * waves[:, None])
+    return np.asarray(_WAVE_RAD * np.concatenate(columns, axis=2))
 
 
 # What the search needs to know of a campaign, from its description and the settings.
