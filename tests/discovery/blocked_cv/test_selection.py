@@ -16,17 +16,22 @@ from pa10cal.terms.effects.unnamed import WindupMap
 BLOCKS, ROWS = 5, 40
 
 
+def products_of(columns, data):
+    """Return the products of columns (B, R, k) and data (B, R) of blocks."""
+    return Products(
+        np.einsum("bri,brj->bij", columns, columns),
+        np.einsum("bri,br->bi", columns, data),
+        np.sum(data**2, axis=1),
+    )
+
+
 @pytest.fixture(scope="module")
 def rows():
     """Columns and data of some blocks, and their products."""
     rng = np.random.default_rng(11)
     columns = rng.standard_normal((BLOCKS, ROWS, 14)) * np.geomspace(1e-3, 1e3, 14)
     data = rng.standard_normal((BLOCKS, ROWS)) + columns[:, :, 4] / 5.0
-    products = Products(
-        np.einsum("bri,brj->bij", columns, columns),
-        np.einsum("bri,br->bi", columns, data),
-        np.sum(data**2, axis=1),
-    )
+    products = products_of(columns, data)
     return (
         columns,
         data,
@@ -111,11 +116,7 @@ def test_orientations_that_come_out_worse_contradict():
     def of(of_rows, sign):  # the second column, turned or not
         own = columns[:, of_rows] * [1.0, sign]
         data = columns[:, of_rows, 1] + 0.01 * rng.standard_normal((BLOCKS, len(of_rows)))
-        return Products(
-            np.einsum("bri,brj->bij", own, own),
-            np.einsum("bri,br->bi", own, data),
-            np.sum(data**2, axis=1),
-        )
+        return products_of(own, data)
 
     own, effect = (Columns(np.array([at]), np.ones(1)) for at in (0, 1))
     for sign, agree in ((1.0, True), (-1.0, False)):
@@ -192,11 +193,7 @@ def test_what_imitates_a_rival_is_no_alternative_to_a_name():
     columns[..., imitator] += columns[..., member] / 3.0 + columns[..., rival]
     data = columns[..., member] + 3.0 * columns[..., rival]
     data += 0.1 * rng.standard_normal(data.shape)
-    products = Products(
-        np.einsum("bri,brj->bij", columns, columns),
-        np.einsum("bri,br->bi", columns, data),
-        np.sum(data**2, axis=1),
-    )
+    products = products_of(columns, data)
     backlash, nameless, spring = (
         Candidate(np.array([at]), np.ones(1), ShapedEffect(effect))
         for at, effect in (
