@@ -102,8 +102,8 @@ SENSOR_OR_GEAR = ("sensor_error", "gear_error")
             ((("third_harmonic",), "joint 2", 0.2, ("cmm_scale", "instrument")),),
             "explained: third harmonic of joint 2 or cmm scale of the instrument",
             (
-                "There is third harmonic of joint 2, or the instrument's scale is off: 0.50 mm "
-                "becomes",
+                "There is third harmonic of joint 2, or the scales of the instrument's axes are "
+                "off: 0.50 mm becomes",
             ),
         ),
         (

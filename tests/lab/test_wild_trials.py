@@ -16,7 +16,7 @@ CAMPAIGNS = [
     ("stressed", "gross_errors", "irb120-pose", 6),
     ("effect", "backlash", "irb120-pose", 4),
     ("effect", "encoder_eccentricity", "irb120-pose", 16),  # without repeats
-    ("effect", "cmm_scale", "irb120-points", 3),  # targets that are not all seen give no pose
+    ("effect", "cmm_scale", "irb120-points", 3),  # one scale; targets not all seen: no pose
     ("fault", "labels_exchanged", "irb120-points", 5),
     ("fault", "one_reading_off", "irb120-points", 4),
     ("fault", "places_exchanged", "irb120-points", 5),

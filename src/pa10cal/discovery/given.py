@@ -206,6 +206,8 @@ def _effects(
     wanted: Sequence[EffectOfPlace | Effect], context: CandidateContext
 ) -> tuple[Effect, ...]:
     """Return the effects that are wanted, in the form that the campaign gives them."""
+    # Whoever names scales of three axes may know that a machine with three axes measured.
+    context = replace(context, three_axes=None)
     known = {
         (effect.id, effect.of): effect for effect in everywhere_but(every_effect(), context, ())
     }

@@ -312,6 +312,8 @@ def context_of(
     """Return what decides where effects may sit; the poses are complete."""
     states, terms = cells.states, baseline.model.terms
     assert states.seen is not None
+    campaigns = cells.measured.campaigns
+    parts = [part for _, part in campaigns] or [cells.measured]
     source: TorqueSource = "none"
     if any(isinstance(term, Weights) for term in terms):
         source = "masses"
@@ -332,5 +334,6 @@ def context_of(
         tool_kg=0.0 if setup.payload is None else setup.payload.mass_kg,
         torques=source,
         commanded=setup.commanded,
-        campaigns=tuple(name for name, _ in cells.measured.campaigns),
+        campaigns=tuple(name for name, _ in campaigns),
+        three_axes=all(each.three_axes for each in parts),
     )

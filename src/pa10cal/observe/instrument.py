@@ -48,6 +48,8 @@ class Instrument(ABC):
     measures_pose: ClassVar[bool] = False
     # whether its raw data are touches and a resolver log, as in the paper
     from_touches: ClassVar[bool] = False
+    # whether it moves along three axes of its own, each with a scale of its own
+    three_axes: ClassVar[bool] = False
     # whether what it measures has directions in its frame; else neither the orientation of the base
     # nor the direction of an error shows
     directional: ClassVar[bool] = True

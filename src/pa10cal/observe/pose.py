@@ -304,6 +304,7 @@ class Touched(Pose):
         "Arrows: of the end-effector.",
     )
     from_touches: ClassVar[bool] = True
+    three_axes: ClassVar[bool] = True
     sees_base: ClassVar[bool] = False
 
     @classmethod

@@ -13,6 +13,7 @@ from pa10cal.discovery.evidence.problem import fit, prepare
 from pa10cal.discovery.evidence.search import indistinguishable, linearise
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
 from pa10cal.discovery.preparation import LEAST_SHARE
+from pa10cal.observe.kinds import instruments
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.joint import TransmissionError
 from pa10cal.terms.term import TermParameter
@@ -194,6 +195,12 @@ class TestTestable:
         assert "moments of the weights" in why["link_bending"]
         assert why["friction_torque"] == "the torques of the weights are not known"
         assert not any(entry.by_these_poses for entry in refused)
+
+
+def test_a_tracker_has_one_scale_and_a_machine_that_touches_three(null):
+    assert {each.id for each in null.every} & {"cmm_scale", "scale"} == {"scale"}
+    kinds = instruments().items()
+    assert {word for word, kind in kinds if kind.three_axes} == {"touch_trigger_cmm"}
 
 
 class TestAlike:

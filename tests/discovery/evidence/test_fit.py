@@ -27,7 +27,7 @@ EFFECTS = [
     ("torque_map", "joint 2"),
     ("soft_windup", "joint 5"),
     ("joint_compliance", "joint 4"),
-    ("cmm_scale", "instrument"),
+    ("scale", "instrument"),
 ]
 
 
@@ -130,7 +130,7 @@ def test_an_effect_that_shapes_itself_is_fitted_from_its_best_start(tau0_Nm):
 
 
 def test_expected_sizes_hold_back_what_the_data_do_not_tell(null):
-    effect = null.effect("cmm_scale", "instrument")
+    effect = null.effect("scale", "instrument")
     tight, wide = (fit(null.problem, (effect,), (size,), (0.0, 0.0)) for size in (0, 2))
     std = [
         np.sqrt(np.diag(covariance_of(null.problem, found)))[found.columns_of(effect)]

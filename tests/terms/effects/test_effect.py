@@ -15,7 +15,7 @@ from pa10cal.terms.term import shows_torque, yields
 
 #: Effects known to need the moments of the weights, or where the targets were.
 BENT = {"link_bending", "link_torsion", "base_compliance", "tool_sag"}
-READ = {"cmm_scale", "cmm_squareness", "place_map"}
+READ = {"cmm_scale", "cmm_squareness", "place_map", "scale"}
 
 
 def amount(effect):

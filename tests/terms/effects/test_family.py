@@ -70,6 +70,7 @@ EITHER_SIGN = {
     "gear_ratio_error",
     "joint_error_map",
     "periodic_error",
+    "scale",
     "sensor_error",
     "torque_gain",
     "transmission_error",
@@ -94,6 +95,12 @@ def test_every_effect_sits_where_it_may_and_reports_what_readers_know(context):
         if not effect.generic:
             names = [p.name for p in effect.report(effect.starts[0]).parameters]
             assert names == VOCABULARY.get(effect.id, (None, names))[1]
+
+
+@pytest.mark.parametrize(("three_axes", "named"), [(True, {"cmm_scale"}), (False, {"scale"})])
+def test_a_scale_is_one_number_but_of_a_machine_with_three_axes(context, three_axes, named):
+    known = {each.id for each in candidates(replace(context, three_axes=three_axes))}
+    assert known & {"cmm_scale", "scale"} == named
 
 
 @pytest.mark.slow

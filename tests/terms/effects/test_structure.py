@@ -110,6 +110,7 @@ def motion_in_ee(T_from, T_to):
     ("name", "x", "matrix"),
     [
         ("cmm_scale", [1e-4, -2e-4, 3e-4], np.diag([1e-4, -2e-4, 3e-4])),
+        ("scale", [2e-4], np.diag([2e-4, 2e-4, 2e-4])),
         ("cmm_squareness", [2e-4], 2e-4 * np.outer([1, 0, 0], [0, 1, 0])),
     ],
 )

@@ -265,6 +265,8 @@ class Scenario:
             size: factor of its usual size.
             site: where; None draws a place where it does something at the bench.
         """
+        if effect.without_axes is not None and not self.bench.touched:
+            effect = effect.without_axes
         if site is None:
             of = str(self.rng.choice(self.bench.places(effect)))
             site = self.bench.site(of, self.robot)

@@ -45,6 +45,8 @@ class CandidateContext:
     torques: Literal["logged", "masses", "none"] = "none"
     commanded: bool = False  # whether joint positions are those commanded, and not read back
     campaigns: tuple[str, ...] = ()  # names of the campaigns of a group; none of a single one
+    # whether the instrument moves along axes of its own, each with its scale; None where not known
+    three_axes: bool | None = None
 
     @property
     def rated_Nm(self) -> Array:

@@ -301,14 +301,40 @@ class FalseReading(Effect):
 
 @dataclass(frozen=True)
 class CmmScale(FalseReading):
-    """Axis k of the instrument reads (1 + s_k) times the length, s without unit."""
+    """Axis k of the instrument reads (1 + s_k) times the length, s without unit.
+
+    Only a machine that moves along three axes has a scale to each; see `Scale`.
+    """
 
     id = "cmm_scale"
     words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
     reported = tuple(TermParameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
 
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return None if context.three_axes is False else ()
+
     def field(self, p_instr_m: Array) -> Array:
         return p_instr_m[..., None] * np.eye(3)
+
+
+@dataclass(frozen=True)
+class Scale(FalseReading):
+    """The instrument reads (1 + s) times every length, whatever its direction, s without unit.
+
+    Trackers and cameras have one: that of a wavelength, of a base line or of a tag.
+    """
+
+    id = "scale"
+    words = "reading of x, y, z = (1 + s) x, (1 + s) y, (1 + s) z"
+    reported = (TermParameter("s", "1", 3e-6, plausible=1e-4),)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return None if context.three_axes else ()
+
+    def field(self, p_instr_m: Array) -> Array:
+        return p_instr_m[..., None]
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,8 @@ class SimulatedEffect(Section):
     drawn: ClassVar[bool] = True
     #: Where trials put it so that it does something; none: at any of `places`.
     trial_places: ClassVar[tuple[str, ...]] = ()
+    #: What trials hide in its place where the instrument has no three axes; None for itself.
+    without_axes: ClassVar[type[SimulatedEffect] | None] = None
     #: Whether it does nothing without weights.
     by_weights: ClassVar[bool] = False
     #: Whether it moves poses by way of springs alone.

@@ -151,11 +151,27 @@ class SimulatedToolSag(effect.SimulatedEffect):
         return shift
 
 
+class SimulatedScale(effect.SimulatedEffect):
+    """The instrument's one scale is off: a wavelength, a base line, the size of a tag."""
+
+    id = "scale"
+    places = ("instrument",)
+    drawn = False  # trials hide it under its own instruments, where they go through `cmm_scale`
+    usual = effect.draws(s=effect.signed(5e-5))
+    plausible_size = 2.0
+
+    s: effect.Finite = Field(description="relative excess of every length")
+
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
+        return self.s * p_instr_m
+
+
 class SimulatedCmmScale(effect.SimulatedEffect):
-    """Scales of the instrument's axes are off, by 5e-5 rms per axis."""
+    """Scales of a machine's three axes are off, by 5e-5 rms per axis."""
 
     id = "cmm_scale"
     places = ("instrument",)
+    without_axes = SimulatedScale
     usual = effect.draws(s=effect.directed(5e-5 * float(np.sqrt(3.0))))
     plausible_size = 2.0
 
