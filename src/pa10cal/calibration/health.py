@@ -17,6 +17,7 @@ from pa10cal.arm.statics import reported_name
 from pa10cal.calibration.fit_summary import FitSummary, correlated, poses_needed
 from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.results import calibration as records
+from pa10cal.results.evaluation import BETWEEN
 from pa10cal.terms.term import TermParameter
 
 #: Remaining error over the noise above which a model lacks something.
@@ -341,11 +342,14 @@ def _errors(evidence: GradeEvidence) -> str:
         )
     if (away := evidence.held_out) is not None:
         there = f"{away.accuracy.rms_mm:.3f} mm"
+        where = f" {away.where}" if away.where else ""
         text += (
-            " and over held-out poses"
+            f" and over held-out poses{where}"
             if text.endswith("fitted") and there == fitted
-            else f", {there} over held-out poses"
+            else f", {there} over held-out poses{where}"
         )
+        if away.between is not None:
+            text += f", {away.between.rms_mm:.3f} mm {BETWEEN}"
         if away.suspected:
             text += f" without {away.suspected} with a suspected reading"
     return text

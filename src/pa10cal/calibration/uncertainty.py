@@ -13,14 +13,14 @@ tooling balls on their apparatus at the end effector is the same in all poses an
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.levels import TwoLevelRows, fit_base_frame
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.robust_weights import far_from_prediction
@@ -31,10 +31,11 @@ from pa10cal.observe.observations import (
     reading_groups,
     with_repeat_scatter,
 )
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import CalibratedParameter, RepeatScatter
-from pa10cal.results.evaluation import Accuracy, BeforeAfter
+from pa10cal.results.evaluation import BETWEEN, UNSEEN, Accuracy, BeforeAfter
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report
 
@@ -129,10 +130,35 @@ def align_nominal(nominal: Model, observations: Observations[Pose]) -> Array:
 class HeldOut:
     """Remaining errors of held-out poses."""
 
-    accuracy: Accuracy  # the errors
+    accuracy: Accuracy  # the errors; of poses along a path, those at unseen stretches
     u_mm: float | None = None  # standard uncertainty of the predictions there; None where not known
     repeats: float = 1.0  # readings behind a held-out pose over those behind a fitted one
     suspected: int = 0  # further held-out poses, with a suspected reading, that do not count
+    where: str = ""  # where the poses lie, in words; empty where they are well apart
+    between: Accuracy | None = None  # errors between measured places; None where `accuracy` has all
+
+    @classmethod
+    def of(
+        cls, found: Deviations, places: HeldOutPlaces, trusted: Mask, fitted: Index, away: Index
+    ) -> HeldOut:
+        """Return the errors of P held-out poses, those with a suspected reading left out.
+
+        Args:
+            trusted: (P,) which of them have none.
+            fitted, away: readings behind each pose fitted, and behind each held out (P,).
+        """
+        rows, beside = places.counted(trusted), places.between
+        where = UNSEEN if places.unseen is not None else BETWEEN if beside is not None else ""
+        between = None
+        if where == UNSEEN and beside is not None and (beside & trusted).any():
+            between = summarise(found, beside & trusted)
+        return cls(
+            accuracy=summarise(found, rows),
+            repeats=float(np.mean(1.0 / fitted) / np.mean(1.0 / away[rows])),
+            suspected=int((~trusted).sum()),
+            where=where,
+            between=between,
+        )
 
 
 def held_out_errors(
@@ -157,14 +183,11 @@ def held_out_errors(
     far, _ = far_from_prediction(model.as_modelled(single), model, model.as_modelled(used))
     suspected = np.bincount(reading_groups(single), far) > 0.0
     rest = ~suspected | suspected.all()
-    position = position[rest]
+    places = HeldOutPlaces.of(held_out, fitted)
+    off = HeldOut.of(model.deviations(held_out), places, rest, fitted.readings, held_out.readings)
+    position = position[places.counted(rest)]
     variance = np.einsum("pck,kl,pcl->p", position, cov, position, optimize=True)
-    return HeldOut(
-        accuracy=summarise(model.deviations(held_out), rest),
-        u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))),
-        repeats=float(np.mean(1.0 / fitted.readings) / np.mean(1.0 / held_out.readings[rest])),
-        suspected=int((~rest).sum()),
-    )
+    return replace(off, u_mm=float(1e3 * np.sqrt(np.mean(np.maximum(variance, 0.0)))))
 
 
 def with_own_scatter(

@@ -110,6 +110,10 @@ class Holdout(Section):
     last_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
     every: Annotated[int, Field(ge=2)] | None = None
 
+    def count_of(self, poses: int) -> int:
+        """Return how many of so many poses it holds out."""
+        return poses // self.every if self.every else round((self.last_fraction or 0.0) * poses)
+
 
 class Exclusion(Section):
     """Rows that are not to be used, and why."""

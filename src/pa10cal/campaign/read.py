@@ -33,6 +33,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_time_validity
+from pa10cal.observe.paths import along_a_path, stretches_held_out
 from pa10cal.options import IngestOptions
 from pa10cal.results.calibration import InputFinding
 
@@ -145,8 +146,7 @@ def read_campaign(
     notes: tuple[str, ...] = ()
     if description.holdout is not None:
         where = f"{folder / DESCRIPTION_FILE}: holdout"
-        every = hold_out(every, description.holdout, where, places)
-        notes = _fewer_held_out(every, description.holdout, places)
+        every, notes = hold_out(every, description.holdout, where, places)
     else:
         both = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
         if both.any():
@@ -194,43 +194,45 @@ def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: floa
 POSES_TO_SEARCH, _LEAST_HELD_OUT = 100, 1
 
 
-def _fewer_held_out(every: Observations, rule: Holdout, places: Index) -> tuple[str, ...]:
-    """Return that fewer poses are held out than stated, where they are."""
-    count = len(np.unique(places[np.isin(every.kind, ("grid", "holdout"))]))
-    held = len(np.unique(places[every.kind == "holdout"]))
-    stated = count // rule.every if rule.every else round((rule.last_fraction or 0.0) * count)
-    if held >= stated:
-        return ()
-    return (
-        f"{held} poses are held out and not {stated}, so that {POSES_TO_SEARCH} are left, which a "
-        "search for effects needs",
-    )
-
-
-def hold_out(every: Observations, rule: Holdout, where: str, places: Index) -> Observations:
-    """Mark grid poses as held out: the last of them in time, or every n-th.
+def hold_out(
+    every: Observations, rule: Holdout, where: str, places: Index
+) -> tuple[Observations, tuple[str, ...]]:
+    """Mark grid poses as held out: the last of them in time, every n-th, or stretches of a path.
 
     All readings of a place (N,), see `places_of`, go together, whatever their labels, loads and
-    repeats. They are in order of time.
+    repeats. They are in order of time. Return what a reader should know of it, too.
     """
     if "holdout" in every.kind:
         raise _refusal("holdout twice", where)
     grid = every.kind == "grid"
-    order = pd.unique(pd.Series(places[grid]))
-    if rule.every is not None:
-        chosen = order[rule.every - 1 :: rule.every]
-    else:
-        chosen = order[len(order) - round((rule.last_fraction or 0.0) * len(order)) :]
+    order, first = np.unique(places[grid], return_index=True)
+    order, first = order[np.argsort(first)], np.sort(first)
+    stated, notes = rule.count_of(len(order)), []
     # A search needs its poses more than a judgement needs more than these.
     spare = len(order) - POSES_TO_SEARCH
-    if _LEAST_HELD_OUT <= spare < len(chosen):
-        at = np.linspace(0, len(chosen) - 1, spare).round().astype(np.intp)
-        chosen = chosen[at] if rule.every is not None else chosen[len(chosen) - spare :]
+    held = spare if _LEAST_HELD_OUT <= spare < stated else stated
+    if held < stated:
+        notes.append(
+            f"{held} poses are held out and not {stated}, so that {POSES_TO_SEARCH} are left, "
+            "which a search for effects needs"
+        )
+    if rule.every is None:
+        chosen = order[len(order) - held :]
+    elif along_a_path(every.states.q_rad[grid][first]):
+        chosen = order[stretches_held_out(len(order), held)]
+        notes.append(
+            f"rows lie along a path, where a pose is known by its neighbours: {held} poses are "
+            f"held out in stretches, and not one row in {rule.every}"
+        )
+    else:
+        chosen = order[rule.every - 1 :: rule.every]
+        if held < stated:
+            chosen = chosen[np.linspace(0, stated - 1, held).round().astype(np.intp)]
     if 0 < len(order) == len(chosen):
         raise _refusal("all held out", f"{where}.last_fraction", rule.last_fraction, len(order))
     kind = every.kind.astype("U7")
     kind[grid & np.isin(places, np.asarray(chosen, dtype=np.intp))] = "holdout"
-    return replace(every, kind=kind)
+    return replace(every, kind=kind), tuple(notes)
 
 
 def repeatability_mm(single: Observations) -> dict[float, float]:

@@ -34,6 +34,7 @@ from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.quantities import Deviations
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import (
@@ -120,13 +121,15 @@ def calibrate_with(
     held_out = None
     if campaign.held_out is not None:
         away, wrong = ready(campaign.held_out), campaign.suspected
+        trusted = np.ones(len(away), dtype=bool)
         if wrong is not None and not wrong.all():
-            away = away.take(~wrong)
-        repeats = float(np.mean(1.0 / poses.readings) / np.mean(1.0 / away.readings))
-        held_out = uncertainty.HeldOut(
-            uncertainty.summarise(calibrated.deviations(away)),
-            repeats=repeats,
-            suspected=len(campaign.held_out) - len(away),
+            trusted = ~wrong
+        held_out = uncertainty.HeldOut.of(
+            calibrated.deviations(away),
+            HeldOutPlaces.of(away, poses),
+            trusted,
+            poses.readings,
+            away.readings,
         )
     noise = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
     jacobian = residual_and_jacobian(fitted.at, used)[1]

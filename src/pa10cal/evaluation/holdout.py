@@ -43,6 +43,7 @@ from pa10cal.observe.observations import (
     reading_groups,
 )
 from pa10cal.observe.order import with_arrivals
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results import evaluation as results
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.joint_spring import nominal
@@ -91,6 +92,11 @@ class Evaluation:
         if kind == "holdout" and not elsewhere and (every.kind == "grid").any():
             suspected = preparation.prepared(every, last_model, setup).suspected
 
+        places = None
+        if kind == "holdout" and not elsewhere:
+            of_kinds = (average_repeats(every.of_kind(each)) for each in ("holdout", "grid"))
+            places = HeldOutPlaces.of(*of_kinds)
+
         def judged(
             model: FittedModel, every: Observations, seen: AngleCoverage | None
         ) -> tuple[results.HeldOutModel, float]:
@@ -101,7 +107,7 @@ class Evaluation:
                 model, left_mm = there.model, there.rms_mm
             poses = poses_for_model(every, kind, model, setup, cuts_s)
             beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-            return held_out_errors(model, poses, beyond, suspected), left_mm
+            return held_out_errors(model, poses, beyond, suspected, places), left_mm
 
         learnt = None if extended is None else extended.seen
         # In another campaign what is new is told by the same angles for all models.
@@ -240,12 +246,20 @@ def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
         return "no held-out rows to evaluate"
     rigid = {"linear": "calibrated", "cubic": ""}
     names = {name: name if springs else rigid.get(name, name) for name in record.models}
-    errors = ", ".join(
-        f"{names[name]} {results.mean_and_peak(model, model.trusted)}"
-        for name, model in record.models.items()
-        if names[name]
-    )
-    return f"held out ({record.configurations}): mean/peak {errors}"
+    by_place: dict[str, dict[str, results.PartAccuracy]] = {}
+    for name, model in record.models.items():
+        for words, part in model.by_place.items():
+            by_place.setdefault(words, {})[name] = part
+    told = []
+    for words, models in by_place.items():
+        errors = ", ".join(
+            f"{names[name]} {results.mean_and_peak(part, part.trusted)}"
+            for name, part in models.items()
+            if names[name]
+        )
+        count = max(part.configurations for part in models.values())
+        told.append(f"{words}{' ' * bool(words)}({count}): mean/peak {errors}")
+    return f"held out {'; '.join(told)}"
 
 
 #: More points than this are listed pose by pose only.
@@ -273,8 +287,9 @@ def held_out_errors(
     held_out: Observations,
     extrapolated: Mask | None = None,
     suspected: Mask | None = None,
+    places: HeldOutPlaces | None = None,
 ) -> results.HeldOutModel:
-    """Return errors of one model over P `poses_for_model`, by load, point and pose.
+    """Return errors of one model over P `poses_for_model`, by load, point, pose and place.
 
     Some leave the joint angles that the model has learnt from, (P,); None where it has learnt
     nothing that stops there. Some have a suspected reading, (P,); None for none.
@@ -288,6 +303,14 @@ def held_out_errors(
     def errors(rows: Mask | None) -> results.Accuracy | None:
         return summarise(found, rows) if rows is not None and rows.any() else None
 
+    def part(rows: Mask | None) -> results.PartAccuracy | None:
+        if rows is None:
+            return None
+        trusted = None
+        if suspected is not None and (suspected & rows).any():
+            trusted = errors(rows & ~suspected)
+        return results.PartAccuracy(**dict(summarise(found, rows)), trusted=trusted)
+
     return results.HeldOutModel(
         **dict(summarise(found)),
         per_load=summarise_by_load(found, held_out.states.load_N),
@@ -299,6 +322,8 @@ def held_out_errors(
         inside=errors(None if extrapolated is None else ~extrapolated),
         outside=errors(extrapolated),
         trusted=errors(None if suspected is None else ~suspected),
+        unseen=part(None if places is None else places.unseen),
+        between=part(None if places is None else places.between),
         rows=results.HeldOutRows(
             pose=held_out.pose,
             load_N=held_out.states.load_N,

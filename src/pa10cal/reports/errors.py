@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.results.evaluation import Accuracy, flagged
+from pa10cal.results.evaluation import BETWEEN, UNSEEN, Accuracy, PartAccuracy, flagged
 
 FITTED, HELD_OUT, ALL = "fitted", "held out", "all"
 #: Models in words; one alone of those with springs is called `calibrated`.
@@ -24,8 +24,12 @@ _PARTS = {
     "inside": "angles seen in the fit",
     "extrapolated": "extrapolated",
     "trusted": "without readings far from the model",
+    "unseen": UNSEEN,
+    "between": BETWEEN,
     "without_motion": "the motion of the base taken out",
 }
+
+_PLACES = ("unseen", "between")
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,25 @@ class Errors:
     model: str  # as readers see it, with the part
     of: Accuracy  # the errors
     part: str = ALL  # or a part of the configurations, of `_PARTS`
-    trusted: Accuracy | None = None  # of `all` parts, those of `trusted`; None where all are
+    # those without readings far from the model, of all or of a place; None where none is far
+    trusted: Accuracy | None = None
+    beside: Accuracy | None = None  # of `unseen`, those of `between`; None where none is
 
     @property
     def kind(self) -> str:
         """Return which poses they are of, as it stands before a noun."""
         return self.poses.replace(" ", "-")
+
+    @property
+    def where(self) -> str:
+        """Return in words where the poses lie; empty where they are well apart."""
+        return _PARTS[self.part] if self.part in _PLACES else ""
+
+    @property
+    def over(self) -> str:
+        """Return in words over which poses they are, and what is stated beside them."""
+        beside = self.beside and f"; {self.beside.mean_mm:.3f} mm {BETWEEN}"
+        return f"{self.kind} poses{' ' * bool(self.where)}{self.where}{beside or ''}"
 
     @property
     def counted(self) -> Accuracy:
@@ -65,14 +82,24 @@ def errors_of(results: ResultsBundle) -> list[Errors]:
 
 
 def headline(results: ResultsBundle) -> tuple[Errors, Errors] | None:
-    """Return the errors before and after that count: held out where there are such poses."""
-    whole = [
+    """Return the errors before and after that count: held out where there are such poses.
+
+    Of poses along a path those at unseen stretches.
+    """
+    every = [
         errors
         for errors in errors_of(results)
-        if errors.load == errors.part == ALL and errors.name != "with_rivals"
+        if errors.load == ALL and errors.name != "with_rivals"
     ]
-    counted = [errors for errors in whole if errors.poses == HELD_OUT] or whole
-    return (counted[0], counted[-1]) if counted else None
+    for poses, part in (
+        (HELD_OUT, "unseen"),
+        (HELD_OUT, "between"),
+        (HELD_OUT, ALL),
+        (FITTED, ALL),
+    ):
+        if counted := [each for each in every if (each.poses, each.part) == (poses, part)]:
+            return counted[0], counted[-1]
+    return None
 
 
 def model_titles(results: ResultsBundle, names: Iterable[str]) -> dict[str, str]:
@@ -114,6 +141,7 @@ def _held_out(results: ResultsBundle) -> Iterator[Errors]:
     for name, title in model_titles(results, models).items():
         model = models[name]
         parts = {"inside": model.inside, "extrapolated": model.outside, "trusted": model.trusted}
+        parts |= {"unseen": model.unseen, "between": model.between}
         if name == "extended" and gap is not None and gap.without_motion is not None:
             parts["without_motion"] = gap.without_motion.after
         yield from _model(HELD_OUT, name, title, model, model.per_load, parts)
@@ -138,7 +166,11 @@ def _model(
     yield Errors(poses, ALL, name, title, of, trusted=parts.get("trusted"))
     for part, within in parts.items():
         if within is not None:
-            yield Errors(poses, ALL, name, f"{title}, {_PARTS[part]}", within, part)
+            trusted = within.trusted if isinstance(within, PartAccuracy) else None
+            beside = parts.get("between") if part == "unseen" else None
+            yield Errors(
+                poses, ALL, name, f"{title}, {_PARTS[part]}", within, part, trusted, beside
+            )
     for load, at_load in per_load.items():
         yield Errors(poses, load, name, title, at_load)
 

@@ -43,6 +43,7 @@ from pa10cal.reports.theme import BLUE, VERMILLION, new_space, packed_figure, pa
 from pa10cal.reports.trust import missing, next_poses, trust
 from pa10cal.results.analysis import GapRows
 from pa10cal.results.codec import read
+from pa10cal.results.evaluation import BETWEEN
 from pa10cal.results.fleet import FleetCampaign, FleetRecord, PicturesRecord
 
 # The residual field: from every measured position, how far the prediction is off and where to.
@@ -295,12 +296,14 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
     if (ends := headline(results)) is not None:
         before, after = ends
         first, last = before.counted, after.counted
-        flagged = after.with_flagged("rms_mm")
+        flagged, beside = after.with_flagged("rms_mm"), after.beside
         yield Glance(
             "Position error",
             f"{mm(first.rms_mm)} → {mm(last.rms_mm)} mm",
-            f"rms over {count(first.configurations, f'{before.kind} configuration')}; peak "
-            f"{mm(first.peak_mm)} to {mm(last.peak_mm)} mm{'; ' * bool(flagged)}{flagged}.",
+            f"rms over {count(first.configurations, f'{before.kind} configuration')}"
+            f"{' ' * bool(after.where)}{after.where}; peak "
+            f"{mm(first.peak_mm)} to {mm(last.peak_mm)} mm{'; ' * bool(flagged)}{flagged}"
+            f"{(beside and f'; {mm(beside.rms_mm)} mm {BETWEEN}') or ''}.",
         )
 
 

@@ -62,7 +62,7 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         notes=(*(() if prior is None else (prior.line,)), *notes(verdict)),
         before_mm=before.of.mean_mm,
         after_mm=after.of.mean_mm,
-        over=f"{before.kind} poses",
+        over=after.over,
     )
     if before.trusted is None:
         return CampaignSummary(outcome)

@@ -29,6 +29,17 @@ class Accuracy(Distances):
     configurations: int  # number of configurations
 
 
+#: Where held-out poses of a path lie, in words.
+UNSEEN, BETWEEN = "at unseen stretches", "between measured places"
+
+
+class PartAccuracy(Accuracy):
+    """Errors over a part of the configurations."""
+
+    # errors without configurations that have a suspected reading; not given where none has
+    trusted: Accuracy | None = record.optional()
+
+
 def mean_and_peak(whole: Accuracy, trusted: Accuracy | None) -> str:
     """Return mean and largest error in words: whole, and without readings far from the model."""
     text = f"{whole.mean_mm:.3f}/{whole.peak_mm:.3f} mm"
@@ -117,7 +128,7 @@ class HeldOutRows(record.Table):
     extrapolated: record.FlagColumn | None
 
 
-class HeldOutModel(Accuracy):
+class HeldOutModel(PartAccuracy):
     """One model on held-out configurations."""
 
     per_load: Mapping[record.LoadKey, Accuracy]  # errors at each load
@@ -129,9 +140,20 @@ class HeldOutModel(Accuracy):
     # that, or no configuration is
     inside: Accuracy | None
     outside: Accuracy | None  # errors outside them; null likewise
-    # errors without configurations that have a suspected reading; not given where none has
-    trusted: Accuracy | None = record.optional()
+    # errors at stretches of a path where no pose was fitted; not given where poses are well apart
+    unseen: PartAccuracy | None = record.optional()
+    # errors beside poses of the fit, nearer than 3 % of the spread; not given where none is
+    between: PartAccuracy | None = record.optional()
     rows: HeldOutRows  # every held-out configuration
+
+    @property
+    def by_place(self) -> dict[str, PartAccuracy]:
+        """Return errors by where the poses lie, in words, the first for a headline.
+
+        Of poses well apart all errors, without a word.
+        """
+        parts = {UNSEEN: self.unseen, BETWEEN: self.between}
+        return {words: part for words, part in parts.items() if part is not None} or {"": self}
 
 
 _Models = Mapping[Annotated[str, record.Key("model")], HeldOutModel]

@@ -31,7 +31,8 @@ class ChainRecord(CampaignRecord):
     notes: tuple[str, ...] | None = optional()
     before_mm: float | None = optional()  # mean position error of the uncalibrated arm [mm]
     after_mm: float | None = optional()  # mean position error of the final model [mm]
-    over: str | None = optional()  # poses that both are of: `held-out poses` or `fitted poses`
+    # poses that both are of: `held-out poses` or `fitted poses`; of a path, where they lie as well
+    over: str | None = optional()
 
 
 class FleetCampaign(Part):
