@@ -2,7 +2,6 @@
 
 import csv
 
-import numpy as np
 import pytest
 import yaml
 
@@ -73,11 +72,12 @@ def test_it_says_what_was_assumed_and_what_cannot_be_told(verdict):
 def test_the_gap_is_parted_into_angles_seen_and_beyond(verdict):
     for kind, poses in (("train", 600), ("holdout", 200)):
         gap = verdict["gap"][kind]
-        counts = [gap[part]["after"]["configurations"] for part in ("inside", "outside")]
-        assert sum(counts) == gap["after"]["configurations"] == poses
+        parts = [gap[part]["after"] for part in ("inside", "outside") if gap[part] is not None]
+        assert sum(part["configurations"] for part in parts) == poses
+        assert gap["after"]["configurations"] == poses
         assert gap["after"]["rms_mm"] < 0.7 * gap["before"]["rms_mm"]
-        scatter = 1.0 + 3.0 / np.sqrt(6.0 * counts[1])  # of three coordinates of so many poses
-        assert gap["inside"]["after"]["rms_mm"] <= gap["outside"]["after"]["rms_mm"] * scatter
+        # One joint has a map, and it went everywhere: nearly all poses keep to what it has seen.
+        assert gap["inside"]["after"]["configurations"] >= 0.95 * poses
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_the_extended_model_evaluates_as_the_verdict_says(work, verdict):
         assert found[key] == pytest.approx(gap["after"][key], rel=1e-6)
         assert found["inside"][key] == pytest.approx(gap["inside"]["after"][key], rel=1e-6)
     marked = [row["extrapolated"] for row in found["rows"]]
-    assert sum(marked) == gap["outside"]["after"]["configurations"]
+    assert len(marked) - sum(marked) == gap["inside"]["after"]["configurations"]
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
+from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
@@ -257,7 +257,7 @@ def test_what_is_predicted_is_what_was_measured(ratio):
 
 def test_suggested_poses_take_joints_to_angles_not_seen(nothing_hidden):
     survey = nothing_hidden.survey
-    seen = angles_seen(survey.poses.states.q_rad, np.ones(6, dtype=bool))
+    seen = angles_seen(survey.poses.states.q_rad, np.full(6, FINE_ORDER))
     found = poses_at_unseen_angles(survey, seen, 5)
     assert len(found) == 5
     for pose in found:

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.fit.angles_seen import LEAST_POSES, WITHIN_RAD, angles_seen
+from pa10cal.fit.angles_seen import FINE_ORDER, LEAST_POSES, WITHIN_RAD, angles_seen
 
 TURN = 2.0 * np.pi
 
@@ -23,7 +23,7 @@ def counted(angle, around):
 def test_an_angle_is_seen_where_enough_poses_lie_close_by(poses, asked):
     # Gathered, so that some angles are seen at all.
     around = np.concatenate([np.array(poses) / 10.0, np.array(poses)])
-    seen = angles_seen(around[:, None], np.array([True]))
+    seen = angles_seen(around[:, None], np.array([FINE_ORDER]))
     for angle in asked:
         wanted = counted(angle, around) >= LEAST_POSES
         edge = any(
@@ -37,14 +37,14 @@ def test_an_angle_is_seen_where_enough_poses_lie_close_by(poses, asked):
 @given(st.integers(-3, 3), st.floats(-3.0, 3.0))
 def test_whole_turns_make_no_difference(turns, angle):
     around = np.linspace(-0.1, 0.4, 200)
-    seen = angles_seen(around[:, None], np.array([True]))
+    seen = angles_seen(around[:, None], np.array([FINE_ORDER]))
     here, there = (seen.inside(np.array([[a]]))[0] for a in (angle, angle + turns * TURN))
     assert here == there or counted(angle, around) == LEAST_POSES
 
 
 def test_all_joints_must_keep_to_what_was_seen():
     q_rad = np.column_stack([np.linspace(0.0, 1.0, 300), np.linspace(-0.1, 0.1, 300)])
-    seen = angles_seen(q_rad, np.array([True, True]))
+    seen = angles_seen(q_rad, np.full(2, FINE_ORDER))
     asked = np.array([[0.5, 0.0], [0.5, 0.5], [1.5, 0.0], [0.5 + TURN, -TURN]])
     assert seen.inside(asked).tolist() == [True, False, False, True]
     assert seen.each(asked)[1].tolist() == [True, False]
@@ -52,7 +52,7 @@ def test_all_joints_must_keep_to_what_was_seen():
 
 def test_a_sliding_joint_has_seen_its_span():
     q = np.array([[0.2], [0.5]])
-    seen = angles_seen(q, np.array([False]))
+    seen = angles_seen(q, np.zeros(1))
     assert seen.inside(np.array([[0.1], [0.2], [0.4], [0.6]])).tolist() == [
         False,
         True,
@@ -62,5 +62,16 @@ def test_a_sliding_joint_has_seen_its_span():
 
 
 def test_too_few_poses_have_seen_nothing():
-    seen = angles_seen(np.zeros((LEAST_POSES - 1, 1)), np.array([True]))
+    seen = angles_seen(np.zeros((LEAST_POSES - 1, 1)), np.array([FINE_ORDER]))
     assert not seen.inside(np.zeros((1, 1)))[0]
+
+
+def test_coarser_maps_have_learnt_from_poses_farther_apart_and_no_map_from_the_span():
+    q_rad = np.tile(np.radians(np.arange(0.0, 60.0, 2.0))[:, None], (1, 3))
+    seen = angles_seen(q_rad, np.array([FINE_ORDER, 5.0, 0.0]))
+    between = np.radians([[30.5, 30.5, 30.5], [30.5, 62.0, 30.5], [30.5, 30.5, 62.0]])
+    assert seen.each(between).tolist() == [
+        [False, True, True],
+        [False, False, True],
+        [False, True, False],
+    ]

@@ -16,7 +16,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.covariance_file import write_covariance
+from pa10cal.fit.covariance_file import covariance_beside, write_covariance
 from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model
 from pa10cal.fit.forward import MapMotion, position_covariance
 from pa10cal.options import Tolerances
@@ -329,6 +329,13 @@ def test_a_covariance_has_the_same_bytes_under_every_python(tmp_path):
     assert sha256(written).hexdigest() == digest
     with np.load(tmp_path / "model.covariance.npz") as stored:
         np.testing.assert_array_equal(stored["covariance"], known.covariance)
+
+
+def test_a_covariance_with_fine_maps_of_all_joints_is_read_again(tmp_path):
+    size = 6 * 360 + 70  # a measured arm has so many
+    wide = replace(fitted("ur10", 15, links_only), covariance=np.eye(size))
+    write_covariance(wide, tmp_path / "model.covariance.npz")
+    assert covariance_beside(tmp_path / "model.yaml").shape == (size, size)
 
 
 @pytest.mark.parametrize("knots", [(), (12,), (36, 24)])

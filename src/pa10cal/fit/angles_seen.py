@@ -17,9 +17,10 @@ from scipy.spatial import cKDTree
 from pa10cal.arrays import Array
 from pa10cal.results import maps
 
-#: Poses that must lie within so much of an angle [rad]: the finest waves expected of a map, of 25
-#: a turn, are ten times as long.
+#: Poses that must lie within so much of an angle [rad], where a map holds waves of 25 a turn:
+#: these are ten times as long. Of coarser maps proportionally more.
 WITHIN_RAD = float(np.radians(1.25))
+FINE_ORDER = 25.0
 LEAST_POSES = 5
 #: Gaps between neighbours, in their mean, that still count as visited: one in 150 is longer.
 USUAL_GAPS = 5.0
@@ -90,32 +91,35 @@ def nothing_seen(joints: int) -> AngleCoverage:
     return AngleCoverage((np.zeros((0, 2)),) * joints, (False,) * joints)
 
 
-def angles_seen(q_rad: Array, turns: NDArray[np.bool_] | None = None) -> AngleCoverage:
+def angles_seen(q_rad: Array, order: Array | None = None) -> AngleCoverage:
     """Return the angles that poses (P, n) of a fit have seen.
 
     Args:
-        turns: (n,) whether a map depends on the joint's angle; of the others the span of positions
-            counts, between which what a model without maps has learnt holds. None where none does.
+        order: (n,) cycles a turn of the finest waves of each joint's map, 0 of a joint without
+            one: of those the span of positions counts, between which what a model without maps
+            has learnt holds. None where no joint has a map.
     """
-    turns = np.zeros(q_rad.shape[1], dtype=bool) if turns is None else turns
+    order = np.zeros(q_rad.shape[1]) if order is None else order
     return AngleCoverage(
         tuple(
-            _stretches(q) if turning else np.array([[q.min(), q.max()]])
-            for q, turning in zip(q_rad.T, turns, strict=True)
+            _stretches(q, WITHIN_RAD * FINE_ORDER / finest)
+            if finest
+            else np.array([[q.min(), q.max()]])
+            for q, finest in zip(q_rad.T, order, strict=True)
         ),
-        tuple(bool(turning) for turning in turns),
+        tuple(bool(finest) for finest in order),
     )
 
 
-def _stretches(angle_rad: Array) -> Array:
+def _stretches(angle_rad: Array, within_rad: float) -> Array:
     """Return the stretches (m, 2) of a turn in which enough angles lie close by."""
     once = np.sort(np.mod(angle_rad, _TURN))
     around = np.concatenate([once - _TURN, once, once + _TURN])
     more = LEAST_POSES - 1
     first, last = around[:-more], around[more:]
     # From `last` on back, and from `first` on ahead, all of these poses are within reach.
-    close = last - first <= 2.0 * WITHIN_RAD
-    low, high = last[close] - WITHIN_RAD, first[close] + WITHIN_RAD
+    close = last - first <= 2.0 * within_rad
+    low, high = last[close] - within_rad, first[close] + within_rad
     if not len(low):
         return np.zeros((0, 2))
     begins = np.concatenate([[True], low[1:] > np.maximum.accumulate(high)[:-1]])

@@ -20,8 +20,9 @@ from pa10cal.errors import ModelError, refusals_beside
 from pa10cal.fit.fitted import Fitted
 from pa10cal.input_files import UnfitFileError, open_file, reason
 
-#: No covariance has more than this: that of fourteen hundred parameters.
-MOST_BYTES = 16_000_000
+#: No covariance has more than this: that of eight thousand parameters. Maps of twelve joints, with
+#: the finest waves that were ever found, have half of them.
+MOST_BYTES = 512_000_000
 #: What reads the header of an array, by the version of its format.
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,

@@ -379,6 +379,10 @@ class Fitted:
         return self.x[self.model.columns_of(term)]
 
     def inside(self, q: Array) -> NDArray[np.bool_]:
-        """Return whether positions (N, n) are near poses of the fit and their angles seen, (N,)."""
-        inside = np.ones(len(q), dtype=bool) if self.seen is None else self.seen.inside(q)
-        return inside if self.discrepancy is None else inside & self.discrepancy.near(q)
+        """Return whether positions (N, n) are near poses of the fit, (N,).
+
+        Of a model that does not know its discrepancy: whether its maps have seen all angles.
+        """
+        if self.discrepancy is not None:
+            return self.discrepancy.near(q)
+        return np.ones(len(q), dtype=bool) if self.seen is None else self.seen.inside(q)

@@ -241,7 +241,9 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
             if told.poses:
                 return told
             separations = told.separations
-        unseen = poses_at_unseen_angles(self.survey, self.survey.angles_seen, count, random_seed)
+        unseen = poses_at_unseen_angles(
+            self.survey, self.seen or self.survey.angles_seen, count, random_seed
+        )
         return Plan(unseen, separations)
 
     @override

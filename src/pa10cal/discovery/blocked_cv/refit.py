@@ -25,7 +25,7 @@ from pa10cal.discovery.blocked_cv.survey import (
 from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
-from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
@@ -292,8 +292,11 @@ def compare(
 
 def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage | None:
     """Return the joint positions from which maps have learnt an error; None without a map."""
-    maps = any(isinstance(effect, JointErrorMap) for effect in effects)
-    return campaign.angles_seen if maps else None
+    order = np.zeros(campaign.context.arm.n)
+    for effect in effects:
+        if isinstance(effect, JointErrorMap):
+            order[effect.joint - 1] = max(order[effect.joint - 1], effect.finest_order)
+    return angles_seen(campaign.poses.states.q_rad, order) if order.any() else None
 
 
 class PartialFits:

@@ -26,7 +26,7 @@ from pa10cal.discovery.linear import (
 from pa10cal.discovery.noise import Noise, PoseWeights, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
+from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds
@@ -69,8 +69,9 @@ class Survey:
 
     @property
     def angles_seen(self) -> AngleCoverage:
-        """Return the joint positions that the poses visit."""
-        return angles_seen(self.poses.states.q_rad, ~self.context.arm.prismatic)
+        """Return the joint positions that the poses visit, fine enough for any map."""
+        order = np.where(self.context.arm.prismatic, 0.0, FINE_ORDER)
+        return angles_seen(self.poses.states.q_rad, order)
 
     def moving(self, wander: Wander) -> Survey:
         """Return the survey of a base that moves, in blocks of every tenth pose.

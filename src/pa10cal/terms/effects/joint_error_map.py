@@ -79,6 +79,8 @@ _JITTER = 1e-6
 #: Size of a map's mean over the turn, in that of its first harmonic: a constant is no error that
 #: depends on the angle, and belongs to the joint's offset.
 _CONSTANT = 1e-3
+#: Part of the variance expected of a map that the orders up to its finest hold.
+_MOST = 0.9
 _DEGREE = 3
 
 
@@ -108,6 +110,15 @@ class JointErrorMap(JointEffect):
             plausible = float(np.linalg.norm(self.prior_factor[0]))
         parameter = TermParameter("", "rad", 1e-5, plausible=plausible)
         return tuple(replace(parameter, name=f"knot_{k:0{width}d}") for k in range(self.knots))
+
+    @property
+    def finest_order(self) -> float:
+        """Return the order [cycles a turn] up to which most of what is expected of it lies."""
+        if self.spectrum is None:
+            return 0.5 * self.knots
+        orders = harmonic_orders(self.knots)[1:]
+        below = np.cumsum(self.spectrum.sizes_rad(orders) ** 2)
+        return float(orders[np.searchsorted(below, _MOST * below[-1])])
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         q_rad = states.q_rad[:, self.joint - 1]

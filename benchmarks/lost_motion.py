@@ -1,0 +1,157 @@
+"""Lost motion of 0.1 to 0.5 mrad: is it named where the link lags, and not where it leads?
+
+`python -m benchmarks.lost_motion [--count 40] [--seed 1]` draws arms of six joints and 0.6 to 2.5 m
+whose motors are logged and whose links stay behind, as a gear's flank leaves them; one arm of five
+has a link that leads, which no gear does and which must never be called backlash. A tracker reads
+three reflectors. The forward kinematics are those of `benchmarks.low_cost`, not the program's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections import Counter
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from benchmarks.low_cost import Hobby, urdf
+from pa10cal.commands.command_line import limit_threads
+from pa10cal.commands.data import import_arm
+
+_AXES = ("z", "y", "y", "x", "y", "x")
+#: Of an arm that reaches 1 m: links after each joint [m].
+_LINKS_M = np.array(
+    [[0.08, 0, 0.25], [0, 0, 0.42], [0.03, 0, 0], [0.38, 0, 0], [0.08, 0, 0], [0.05, 0, 0]]
+)
+#: Every so many-th arm leads.
+_LEADS = 5
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An arm with lost motion, and what is known of it."""
+
+    joint: int  # counted from 1
+    b_rad: float  # below 0 where the link leads
+    rms_mm: float  # what it moves the reflectors by
+    noise_mm: float
+    poses: int
+
+
+def written(folder: Path, rng: np.random.Generator, leads: bool) -> Drawn:
+    """Write a campaign of an arm with lost motion in one joint; return what is in it."""
+    size = rng.uniform(0.6, 2.5)
+    designed = Hobby(_AXES, size * _LINKS_M, np.zeros(6))
+    built = Hobby(
+        _AXES,
+        designed.links_m + rng.normal(0.0, 3e-4, (6, 3)),
+        np.radians(rng.normal(0.0, 0.1, 6)),
+    )
+    poses, noise_mm = int(rng.integers(120, 241)), float(rng.uniform(0.01, 0.05))
+    q_rad = rng.uniform(-1.5, 1.5, (poses, 6))
+    # The arm is where it was before, then moves: the sides on which it arrives are those of moves.
+    side = np.sign(np.diff(q_rad, axis=0, prepend=rng.uniform(-1.5, 1.5, (1, 6))))
+    joint, size_rad = int(rng.integers(6)), float(rng.uniform(1e-4, 5e-4))
+    lag_rad = np.zeros((poses, 6))
+    lag_rad[:, joint] = (-1.0 if leads else 1.0) * size_rad * side[:, joint]
+    T = built.gripper(q_rad - lag_rad)
+    targets = rng.uniform(-0.15, 0.15, (3, 3)) + np.array([0.05, 0.0, 0.0])
+    seen = T[:, None, :3, 3] + np.einsum("pij,tj->pti", T[:, :3, :3], targets)
+    exact = built.gripper(q_rad)
+    moved = seen - exact[:, None, :3, 3] - np.einsum("pij,tj->pti", exact[:, :3, :3], targets)
+    stands = Rotation.from_euler("zyx", rng.uniform([-3, -0.02, -0.02], [3, 0.02, 0.02]))
+    p_mm = 1e3 * (stands.apply(seen.reshape(-1, 3)) + rng.uniform(-2, 2, 3))
+    p_mm = p_mm.reshape(seen.shape) + rng.normal(0.0, noise_mm, seen.shape)
+    table = np.hstack([np.degrees(q_rad), side, p_mm.reshape(poses, 9)])
+    lines = [",".join(["time_s", "pose", "load_N", "repeat", *_columns()])]
+    for k, row in enumerate(table):
+        lines.append(f"{20 * k},P{k:03d},0,1," + ",".join(f"{each:.7g}" for each in row))
+    folder.mkdir()
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "arm.urdf").write_text(urdf(designed), encoding="utf-8")
+    with redirect_stdout(None):
+        import_arm(folder / "arm.urdf", out=folder / "hobby.yaml")
+    places = {f"T{t + 1}": [round(1e3 * float(x), 1) for x in targets[t]] for t in range(3)}
+    campaign = {
+        "schema": "pa10cal-campaign/1",
+        "name": folder.name,
+        "provenance": "SYNTHETIC: lost motion in one joint",
+        "robot": "hobby",
+        "instrument": {"kind": "points", "uncertainty_mm": round(noise_mm, 4)},
+        "tool": {
+            "mass_kg": 0.0,
+            "com_mm": [0, 0, 0],
+            "load_point_mm": [0, 0, 0],
+            "balls_mm": places,
+        },
+        "gravity_m_s2": [0, 0, -9.81],
+        "reference_temperature_C": 20,
+        "holdout": {"every": 5},
+        "files": {"poses": "poses.csv"},
+    }
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign), encoding="utf-8")
+    return Drawn(
+        joint=joint + 1,
+        b_rad=-size_rad if leads else size_rad,
+        rms_mm=1e3 * float(np.sqrt(np.mean(np.sum(moved**2, axis=2)))),
+        noise_mm=noise_mm,
+        poses=poses,
+    )
+
+
+def _columns() -> list[str]:
+    joints = [f"q{j}_deg" for j in range(1, 7)]
+    sides = [f"arrival{j}" for j in range(1, 7)]
+    return [*joints, *sides, *(f"T{t}_{axis}_mm" for t in (1, 2, 3) for axis in "xyz")]
+
+
+def judged(folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Return the word of a campaign's verdict and the effects that it names, `id of place`."""
+    from pa10cal.interface import calibrate, discover, read_campaign
+
+    campaign = read_campaign(folder)
+    verdict = discover(campaign, calibrate(campaign))
+    return verdict.verdict, tuple(
+        f"{found.effect.id} of {found.effect.of}" for found in verdict.effects
+    )
+
+
+def main() -> None:
+    """Draw, judge, and print a line each and the rates."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    limit_threads()
+    became: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as place:
+        for k in range(asked.count):
+            leads = k % _LEADS == _LEADS - 1
+            folder = Path(place) / f"arm{k}"
+            drawn = written(folder, np.random.default_rng([asked.seed, k]), leads)
+            word, named = judged(folder)
+            right = f"backlash of joint {drawn.joint}" in named
+            others = [name for name in named if name != f"backlash of joint {drawn.joint}"]
+            became["leads" if leads else "lags"] += 1
+            became["leads, called backlash"] += leads and any("backlash" in each for each in named)
+            became["lags, named"] += right and not leads
+            became["other names"] += bool(others) and not leads
+            print(
+                f"{k}: joint {drawn.joint}, {1e3 * drawn.b_rad:.2f} mrad, {drawn.rms_mm:.3f} mm of "
+                f"{drawn.noise_mm:.3f} mm noise, {drawn.poses} poses: {word}, "
+                f"{', '.join(named) or 'no effect'}"
+            )
+    print(
+        f"{became['lags, named']} of {became['lags']} lagging links named, "
+        f"{became['other names']} with another name; {became['leads, called backlash']} of "
+        f"{became['leads']} leading links called backlash"
+    )
+
+
+if __name__ == "__main__":
+    main()
