@@ -332,6 +332,16 @@ class TestCalibrationWithEffects:
         named, listed = read(out)["parameters"], read(calibrated)["parameters"]
         assert set(named) == set(listed)
 
+    def test_what_may_as_well_be_zero_is_not_in_the_model(self, work, calibrated, tmp_path):
+        """Three scales of an instrument that reads rightly: lengths of the arm would follow."""
+        effects = (*KNOWN, {"id": "cmm_scale", "of": "instrument"})
+        assert calibrate_with(work, tmp_path / "more.json", effects) == 0
+        more, without = read(tmp_path / "more.json"), read(calibrated)
+        assert more["parameters"] == without["parameters"]
+        (note,) = (text for text in more["warnings"] if text not in without["warnings"])
+        assert note.startswith("cmm_scale of instrument is not in the model: ")
+        assert "s_z = " in note
+
     @pytest.mark.slow
     def test_what_a_model_has_is_not_sought_in_it(self, work, calibrated, tmp_path):
         assert run_discover(work, tmp_path, calibration=calibrated) == 0

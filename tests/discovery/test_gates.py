@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from made_up_arm import Missing, at_joint, measure
 from made_up_model import fitted_to
+from made_up_poses import context_of
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.gates import (
     MOST_ALTERNATIVES,
     MOST_SIZES,
     gated,
+    holds_zero,
     reasons_against_none,
     unfit,
     with_pulls,
 )
 from pa10cal.discovery.lack_of_fit import pure_error_test
+from pa10cal.files.arms import load_arm
+from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import GearRatioError
 
 
@@ -100,9 +105,50 @@ def test_an_amount_within_its_uncertainty_is_no_name(wave):
     at = model.model.columns_of(finding.effect)
     x, covariance = model.x[at], model.covariance[at, at]
     sigmas = np.sqrt(x @ np.linalg.solve(covariance, x))
-    assert [*unfit(*made(wave.discovery, uncertainty=sigmas / 2.01))] == []
-    (reason,) = unfit(*made(wave.discovery, uncertainty=sigmas / 1.99))
-    assert reason == "it is 2.0 standard uncertainties from zero"
+    # Both of its parameters are within 2.45 standard uncertainties with a probability of 95 %.
+    assert [*unfit(*made(wave.discovery, uncertainty=sigmas / 2.46))] == []
+    (reason,) = unfit(*made(wave.discovery, uncertainty=sigmas / 2.44))
+    assert reason == "it is 2.4 standard uncertainties from zero"
+
+
+def test_what_is_off_zero_in_a_combination_alone_is_no_name():
+    """Scales of three axes alone are known by their differences."""
+    context = context_of(load_arm("pa10_6ce"), three_axes=True)
+    drift, scale = (
+        next(each for each in candidates(context) if each.id == name)
+        for name in ("base_drift", "cmm_scale")
+    )
+    amounts = SimpleNamespace(
+        values_of=lambda _: 1e-5 * np.array([-2.0, -3.0, 5.0]),
+        model=SimpleNamespace(columns_of=lambda _: slice(0, 3)),
+        covariance=1e-5**2 * np.eye(3) + 1e-4**2 * np.ones((3, 3)),
+    )
+    assert [*holds_zero(drift, amounts)] == ["the intervals of its rate_x, rate_y, rate_z hold zero"]
+    assert [*holds_zero(scale, amounts)] == []
+    amounts.covariance = 1e-5**2 * np.eye(3)
+    assert [*holds_zero(drift, amounts)] == []
+    amounts.covariance = 3e-5**2 * np.eye(3)
+    assert [*holds_zero(scale, amounts)] == ["it is 2.1 standard uncertainties from zero"]
+
+
+@pytest.mark.slow
+def test_between_robot_and_instrument_it_is_the_robot():
+    """Both are there: what stands for the other is the robot's, and the other is listed."""
+
+    def skew(p_instr_m):
+        return 2e-4 * p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
+
+    def turn(states):
+        return at_joint(2, 2e-4 * np.sin(100.0 * states.q_rad[:, 1]))
+
+    made = measure(Missing(turn=turn, read=skew))
+    found, wave = made.discovery, made.effect("transmission_error", "joint 2")
+    (skewed,) = (each for each in found.findings if each.id == "cmm_squareness")
+    either = replace(skewed, alternatives=(wave,))
+    one = replace(found, findings=(either,)).with_findings([either])
+    assert names(one) == [("cmm_squareness", "instrument")]
+    assert [each.effect for each in gated(one).effects] == [wave]
+    assert [each.id for each in gated(one).effects[0].alternatives] == ["cmm_squareness"]
 
 
 def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):

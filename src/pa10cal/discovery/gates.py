@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from scipy.stats import chi2
 
 from pa10cal.arrays import Mask
 from pa10cal.calibration.health import JOINT_RAD, most_stated
@@ -28,18 +29,18 @@ from pa10cal.observe.order import drivers, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import JointEffect
+from pa10cal.terms.effects.effect import Effect, JointEffect
 from pa10cal.terms.effects.joint import ArrivalError, Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.structure import BaseDrift
+from pa10cal.terms.effects.structure import BaseDrift, CmmScale, FalseReading
 from pa10cal.terms.weights import Weights
 
 V = TypeVar("V", bound=SearchVerdict[object])
 
 #: Parameters of a named effect are within so many plausible sizes.
 MOST_SIZES = 10.0
-#: They are so many standard uncertainties from zero, in some combination.
-LEAST_SIGMAS = 2.0
+#: Zero is outside of the region that holds them with this probability, see `holds_zero`.
+CONFIDENCE = 0.95
 #: With more alternatives than this a name says nothing.
 MOST_ALTERNATIVES = 6
 #: Error left, held-out error, repeatability and stated uncertainty agree within this factor.
@@ -76,6 +77,7 @@ def _with_names_that_pass(found: V) -> V:
             continue
         reasons = (*unfit(finding, found.model), *of_order(finding, found.prepared))
         if not reasons:
+            found = _of_the_robot(found, finding)
             continue
         # Where joints are commanded and not read back, a controller stops short of its command, or
         # beyond: by either sign, which lost motion has not.
@@ -154,11 +156,50 @@ def _alternative(found: V, finding: Finding[object]) -> V | None:
     return None
 
 
+def _of_the_robot(found: V, finding: Finding[object]) -> V:
+    """Return the verdict with an effect of the robot in the place of one of the instrument.
+
+    Between both it is never the instrument's: no prediction has that, and the geometry fitted
+    beside it would move the robot by what it took away.
+    """
+    if not isinstance(finding.effect, FalseReading):
+        return found
+    robots = [one for one in finding.alternatives if not isinstance(one, FalseReading)]
+    others = [one for one in finding.alternatives if one not in robots]
+    first = replace(finding, alternatives=(*robots, *others, finding.effect))
+    return _alternative(found, first) or found
+
+
+def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
+    """Return why the amount of an effect of a model may as well be zero.
+
+    Zero is in the region that holds its linear parameters with a probability of 95 %, or in the
+    interval of each of them: what is off zero in a combination alone has amounts that the poses do
+    not determine, and the rest of the model follows these all the same. Scales of three axes are
+    known by their differences: what they have in common the arm's lengths take up.
+    """
+    linear = slice(0, effect.linear)
+    if model.covariance is None:
+        return
+    columns = model.model.columns_of(effect)
+    x, covariance = model.values_of(effect)[linear], model.covariance[columns, columns]
+    covariance = covariance[linear, linear]
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    white = x / scale
+    square = white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white
+    each_counts = type(effect).report is Effect.report and not isinstance(effect, CmmScale)
+    if square < chi2.ppf(CONFIDENCE, effect.linear):
+        yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
+    elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
+        names = ", ".join(each.name for each in effect.reported[linear])
+        yield f"the intervals of its {names} hold zero"
+
+
 def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
     """Return why an effect cannot be named, by the calibrated model with the effects found."""
     effect = finding.effect
     linear = slice(0, effect.linear)
-    x, columns = model.values_of(effect)[linear], model.model.columns_of(effect)
+    x = model.values_of(effect)[linear]
     if effect.positive and x.min() < 0.0:
         names = ", ".join(finding.parameters)
         yield f"its {names} would be negative, which is not physical"
@@ -171,14 +212,7 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
     size = effect.size(x)
     if size > MOST_SIZES:
         yield f"it would be {size:.0f} times as large as is plausible"
-    if model.covariance is not None:
-        covariance = model.covariance[columns, columns][linear, linear]
-        scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-        sigmas = np.sqrt(
-            x / scale @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ (x / scale)
-        )
-        if sigmas < LEAST_SIGMAS:
-            yield f"it is {sigmas:.1f} standard uncertainties from zero"
+    yield from holds_zero(effect, model)
     if len(finding.alternatives) > MOST_ALTERNATIVES:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
 

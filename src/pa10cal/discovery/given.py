@@ -6,13 +6,13 @@ scorer that would judge the campaign, and nothing is searched.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arrays import Mask
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration import uncertainty
 from pa10cal.calibration.fit_summary import FitSummary, names_of
 from pa10cal.calibration.health import GradeEvidence, health
@@ -24,9 +24,12 @@ from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.problem import covariance_of, prepare, targets_off_m
+from pa10cal.discovery.finding import effect_parameters
+from pa10cal.discovery.gates import holds_zero
 from pa10cal.discovery.linear import ModelWithEffects, of_weights, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
+from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, refusals_beside, remedy_for
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FittedTo
@@ -44,6 +47,7 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     Health,
 )
+from pa10cal.results.discovery import sized
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
@@ -61,6 +65,8 @@ class CalibratedWith:
     flagged: Mask  # (P,) poses with a gross error, or suspected
     ended: FitSummary  # how the fit ended
     health: Health  # whether it is good
+    # effects that were given and are not in the model, each with the reason
+    without: tuple[str, ...] = ()
 
 
 def calibrate_with(
@@ -73,6 +79,7 @@ def calibrate_with(
 ) -> CalibratedWith:
     """Fit a calibrated model with effects, all parameters anew.
 
+    Effects that may as well be zero are not in it: it would follow amounts that nothing determines.
     Readings with a gross error are out of the fit, as they are out of a search.
 
     Args:
@@ -109,6 +116,11 @@ def calibrate_with(
         covariance, off_m = covariance_of(problem, fit), targets_off_m(problem, fit)
         whitener = whitener_of(problem.cell_cov)
     calibrated = replace(fitted.fitted(covariance), targets_off_m=off_m)
+    if zero := tuple(_may_be_zero(fitted, covariance)):
+        gone = {(effect.id, effect.of) for effect, _ in zero}
+        rest = [each for each in effects if (each.id, each.of) not in gone]
+        found = calibrate_with(every, model, setup, rest, suspected, wanted_mm)
+        return replace(found, without=(*(why for _, why in zero), *found.without))
 
     def ready(poses: Observations) -> Observations:
         return complete_about(poses, campaign.baseline, calibrated, setup)
@@ -167,6 +179,14 @@ def calibrate_with(
     return CalibratedWith(calibrated, poses, deviations, flagged, ended, health(evidence))
 
 
+def _may_be_zero(found: ModelWithEffects, covariance: Array) -> Iterator[tuple[Effect, str]]:
+    """Yield the names whose amounts may as well be zero, and how it is said."""
+    for effect in filter(is_named, found.effects):
+        for why in holds_zero(effect, found.fitted(covariance)):
+            values = sized(effect_parameters(effect, *found.reported(effect, covariance)))
+            yield effect, f"{label_of(effect, None)} is not in the model: {why} ({values})"
+
+
 def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
     """Return the effects that the options list.
 
@@ -202,6 +222,8 @@ def calibrated_with(
     suspected = {(each.pose, each.load_N) for each in outliers}
     used = every.take(np.flatnonzero(fitted))
     found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
+    if not any(isinstance(term, Effect) for term in found.model.model.terms):
+        return record.model_copy(update={"warnings": (*record.warnings, *found.without)})
     return with_effects(record, found, case.campaign)
 
 
@@ -277,7 +299,10 @@ def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -
                 rotation_deg=found.found.rotation_deg,
             ),
             "health": found.health,
-            "warnings": () if found.health.grade == "good" else (found.health.line,),
+            "warnings": (
+                *(() if found.health.grade == "good" else (found.health.line,)),
+                *found.without,
+            ),
         }
     )
 
