@@ -123,7 +123,9 @@ def test_what_is_off_zero_in_a_combination_alone_is_no_name():
         model=SimpleNamespace(columns_of=lambda _: slice(0, 3)),
         covariance=1e-5**2 * np.eye(3) + 1e-4**2 * np.ones((3, 3)),
     )
-    assert [*holds_zero(drift, amounts)] == ["the intervals of its rate_x, rate_y, rate_z hold zero"]
+    assert [*holds_zero(drift, amounts)] == [
+        "the intervals of its rate_x, rate_y, rate_z hold zero"
+    ]
     assert [*holds_zero(scale, amounts)] == []
     amounts.covariance = 1e-5**2 * np.eye(3)
     assert [*holds_zero(drift, amounts)] == []

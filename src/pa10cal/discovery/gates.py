@@ -186,7 +186,7 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
     covariance = covariance[linear, linear]
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     white = x / scale
-    square = white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white
+    square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
     each_counts = type(effect).report is Effect.report and not isinstance(effect, CmmScale)
     if square < chi2.ppf(CONFIDENCE, effect.linear):
         yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"

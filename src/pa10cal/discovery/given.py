@@ -119,8 +119,8 @@ def calibrate_with(
     if zero := tuple(_may_be_zero(fitted, covariance)):
         gone = {(effect.id, effect.of) for effect, _ in zero}
         rest = [each for each in effects if (each.id, each.of) not in gone]
-        found = calibrate_with(every, model, setup, rest, suspected, wanted_mm)
-        return replace(found, without=(*(why for _, why in zero), *found.without))
+        others = calibrate_with(every, model, setup, rest, suspected, wanted_mm)
+        return replace(others, without=(*(why for _, why in zero), *others.without))
 
     def ready(poses: Observations) -> Observations:
         return complete_about(poses, campaign.baseline, calibrated, setup)
