@@ -73,7 +73,7 @@ def test_as_many_are_held_out_in_stretches_the_last_one_at_the_end(count, held):
     runs = np.split(away, np.flatnonzero(np.diff(away) > 1) + 1)
     long = [run for run in runs if len(run) > 2]
     assert sum(map(len, long)) >= 0.85 * held or held < 10
-    assert len(long) == 3 or held < 10
+    assert len(long) == 5 or held < 10
 
 
 def test_every_fifth_row_of_a_path_becomes_stretches_and_it_is_said(folder, tmp_path):
@@ -85,7 +85,7 @@ def test_every_fifth_row_of_a_path_becomes_stretches_and_it_is_said(folder, tmp_
     unseen = found.held_out.states.q_rad[places.unseen]
     away = np.linalg.norm(unseen[:, None] - q, axis=2).min(axis=1)
     assert away.min() > NEIGHBOURS * spread_of(q)
-    assert places.unseen.sum() > 0.6 * len(found.held_out)
+    assert places.unseen.sum() > 0.5 * len(found.held_out)
     assert places.between.sum() >= 8
     assert not (places.unseen & places.between).any()
 

@@ -25,7 +25,9 @@ from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.weighed_arm import open_unknowns
+from pa10cal.observe.observations import average_repeats
 from pa10cal.observe.order import drivers, measured_again, slow_joints
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.results.record import HALF_WIDTH_95
@@ -281,20 +283,30 @@ CONTRADICTED = 1.5
 
 
 def harmless(found: V) -> V:
-    """Return a verdict whose extended model predicts held-out poses no worse than before."""
+    """Return a verdict whose extended model predicts held-out poses no worse than before.
+
+    Of a path those at unseen stretches neither.
+    """
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_contradicted(found, visited)
     held_out = found.trusted_holdout
     if held_out is None:
         return found
     outside = ~visited.inside(held_out.poses.states.q_rad)
-    every = np.ones_like(outside)
-    there, all_over = _harm(held_out, outside), _harm(held_out, every)
+    fitted = average_repeats(found.prepared.readings)
+    judged = [np.ones_like(outside)]
+    if (unseen := HeldOutPlaces.of(held_out.poses, fitted).unseen) is not None:
+        judged.append(unseen)
+
+    def anywhere(gap: PairedErrors) -> BeforeAfter | None:
+        return next((harm for rows in judged if (harm := _harm(gap, rows)) is not None), None)
+
+    there, all_over = _harm(held_out, outside), anywhere(held_out)
     harm, within = all_over or there, nothing_seen(len(visited.turns))
     if harm is None:
         return found
     where, then = "", "everywhere"
-    if outside.any() and _harm(fallen_back(held_out, outside), every) is None:
+    if outside.any() and anywhere(fallen_back(held_out, outside)) is None:
         harm, within = there or harm, visited
         where, then = " beyond the joint positions of the fit", "there"
     what = "with the effects" if found.findings else "by the model fitted anew"

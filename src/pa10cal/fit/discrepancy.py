@@ -20,6 +20,7 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial import cKDTree
 
 from pa10cal.arm.chain import BASE, end_pose_with_screws
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.fit.angles_seen import Discrepancy, embedded
 from pa10cal.fit.fitted import Fitted
@@ -66,7 +67,7 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
     groups = min(_GROUPS, count // _LEAST_IN_GROUP)
     if groups < 2:
         return None
-    rows, lever_m = _HeldOut.of(model, poses), _levers_m(model, poses)
+    rows, lever_m = _HeldOut.of(model, poses), levers_m(model.model, model.x, poses.states)
     turns = ~model.arm.prismatic
     points = embedded(poses.states.q_rad, lever_m, turns)
     rows = rows.with_noise_of_pairs(points, label, _PAIR_RAD * float(lever_m.max()))
@@ -94,13 +95,13 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
     )
 
 
-def _levers_m(model: Fitted, poses: Observations) -> Array:
+def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
     """Return how far a unit of each joint moves the end, (n,): root mean square over the poses.
 
     A joint near the end moves it by little, and turns it all the same.
     """
-    chain, columns = model.model.chain, model.model.chain.joint_columns.tolist()
-    at = model.model.chain_coordinates(poses.states, model.x)
+    chain, columns = model.chain, model.chain.joint_columns.tolist()
+    at = model.chain_coordinates(states, x)
     moved_m = end_pose_with_screws(chain, at, columns).screws[:, :3, columns]
     lever_m = np.sqrt(np.mean(np.sum(moved_m**2, axis=1), axis=0))
     return np.asarray(np.maximum(lever_m, _LEAST_LEVER * lever_m.max()))
@@ -115,13 +116,22 @@ def _folds(
     """
     first = np.unique(label, return_index=True)[1]
     yield (rng.permutation(len(first)) % groups)[label]
+    yield clusters_of(points[first], groups, rng)[label]
+    yield stretches_of(time_s[first], groups)[label]
+
+
+def clusters_of(points: Array, groups: int, rng: np.random.Generator) -> Index:
+    """Return the cluster of neighbours that each point (P, d) is in, (P,): k-means."""
     with catch_warnings():
         simplefilter("ignore", UserWarning)  # of a cluster that came out empty
-        cluster = kmeans2(points[first], groups, minit="++", rng=rng)[1]
-    yield cluster.astype(np.intp)[label]
-    rank = np.empty(len(first), dtype=np.intp)
-    rank[np.argsort(time_s[first], kind="stable")] = np.arange(len(first))
-    yield (rank * groups // len(first))[label]
+        return np.asarray(kmeans2(points, groups, minit="++", rng=rng)[1], dtype=np.intp)
+
+
+def stretches_of(time_s: Array, groups: int) -> Index:
+    """Return the stretch of time of even size that each pose (P,) is in, (P,)."""
+    rank = np.empty(len(time_s), dtype=np.intp)
+    rank[np.argsort(time_s, kind="stable")] = np.arange(len(time_s))
+    return rank * groups // len(time_s)
 
 
 def _well_spread(points: Array, count: int) -> Index:

@@ -18,7 +18,7 @@ from pa10cal.observe.observations import Observations
 #: Poses nearer to each other than this part of the spread of all of them are neighbours.
 NEIGHBOURS = 0.03
 #: Stretches of a path that are held out, and the part of what is held out that goes singly.
-_STRETCHES, _SINGLY = 3, 0.1
+_STRETCHES, _SINGLY = 5, 0.1
 #: Of held-out poses whose neighbours were mostly fitted, fewer than this part count as these.
 _FEW = 0.1
 #: A joint that turned less [rad, or m of one that slides] has not moved on.

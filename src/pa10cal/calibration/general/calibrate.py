@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,6 +14,7 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.fit import GeneralSolution, fit, reach_of
+from pa10cal.calibration.general.held_out_clusters import predicts_unseen
 from pa10cal.calibration.general.problem import (
     GeneralProblem,
     check_enough,
@@ -56,6 +57,8 @@ class GeneralCalibration(GeneralProblem):
     settled: dict[str, CalibratedParameter]
     fit: GeneralSolution  # where it ended
     prior: PriorPart | None = None  # what it started from, and what moved since; None for nothing
+    # joints, from 1, whose springs the poses fitted show, and held-out clusters of them do not
+    unproven: tuple[int, ...] = ()
 
 
 def calibrate_general(
@@ -100,6 +103,14 @@ def calibrate_general(
         problem, kept = _rigid_at(problem, rigid)
         x_start = found.x[kept]
         found, searched = fitted(problem, x_start), assumed
+    unproven: tuple[int, ...] = ()
+    if assumed and springs and options.general.springs == "auto":
+        names = (each.name for each in posed.problem.parameters)
+        begin = dict(zip(names, posed.x_start.tolist(), strict=True))
+        if fewer_springs := _with_proven_springs(problem, found, springs, begin, fitted):
+            judged = springs
+            problem, found, springs, x_start = fewer_springs
+            unproven = tuple(joint for joint in judged if joint not in springs)
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
     if settled:
@@ -124,7 +135,8 @@ def calibrate_general(
         problem, found = at_rest(problem, found, states_as_logged, payload, fitted)
         found = replace(found, covariance=covariance) if settled else found
     return GeneralCalibration(
-        problem, x_start, start, posed.redundant, source, payload, settled, found
+        *(problem, x_start, start, posed.redundant, source, payload, settled, found),
+        unproven=unproven,
     )
 
 
@@ -160,6 +172,37 @@ def _with_torques_at(
     weighed = replace(problem, observations=problem.observations.with_states(states))
     moved = weighed.predict(x)[:, :3, 3] - problem.predict(x)[:, :3, 3]
     return weighed if np.abs(moved).max() > _MOVES_NOTHING_M else problem
+
+
+def _with_proven_springs(
+    problem: Problem,
+    found: GeneralSolution,
+    springs: tuple[int, ...],
+    begin: Mapping[str, float],
+    fitted: Callable[..., GeneralSolution],
+) -> tuple[Problem, GeneralSolution, tuple[int, ...], Array] | None:
+    """Leave out springs, those that readings show least first, until they predict unseen poses.
+
+    Args:
+        problem, found, springs: what was solved, where that ended, and its springs.
+        begin: where it began, by the name of the unknown; with rigid joints a fit begins there.
+
+    Returns:
+        The same of what stays, and where its fit began; None where all stay.
+    """
+    rigid, _ = _rigid_at(problem, set(springs))
+    x_rigid = np.array([begin[each.name] for each in rigid.parameters])
+    without, x_start = fitted(rigid, x_rigid), None
+    while not predicts_unseen((problem, found), (rigid, without)):
+        gains = {joint: _gain_of_spring(problem, found, joint) for joint in springs}
+        least = min(springs, key=lambda joint: gains[joint])
+        springs = tuple(joint for joint in springs if joint != least)
+        if not springs:
+            return rigid, without, springs, x_rigid
+        problem, kept = _rigid_at(problem, {least})
+        x_start = found.x[kept]
+        found = fitted(problem, x_start)
+    return None if x_start is None else (problem, found, springs, x_start)
 
 
 def _not_shown(
