@@ -11,12 +11,14 @@ import pytest
 import pa10cal
 from calibrated import calibrated
 from pa10cal.calibration.campaign import calibrated_record
+from pa10cal.calibration.general import case
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.given import calibrated_with
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import Evaluation
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.lab.cell.write import write_campaign
@@ -103,6 +105,19 @@ def test_right_data_of_any_arm_are_not_suspected(campaign, robot, instrument, re
     found = campaign(robot, instrument, departs="rows", repeat_every=repeat_every)
     grade, line = graded(found)
     assert grade in ("good", "few_poses"), line
+
+
+def test_a_spring_that_poses_do_not_identify_decides_no_grade(campaign, monkeypatch):
+    """Under weights that nobody stated a spring is there where poses show it, or not at all."""
+    found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)
+    bare = replace(found.arm, mass_kg=None, com_m=None)
+    arm = weighed_arm(bare, found.observations, found.description.payload)
+    known = case.not_identifiable
+    monkeypatch.setattr(case, "not_identifiable", lambda *of: known(*of) | {"windup_2"})
+    monkeypatch.setattr(case, "_SHOWN", 0.0)
+    model = pa10cal.calibrate(replace(found, arm=arm))
+    assert any(name == "windup_2" for name in (p.name for p in model.model.parameters))
+    assert model.grade == "good", model.fitted_to.health
 
 
 @pytest.mark.slow

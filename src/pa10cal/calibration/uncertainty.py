@@ -258,14 +258,17 @@ def propagate(
 # Parameters as readers know them.
 
 
-def reported_keys(report: Report, covariance: Array) -> dict[str, dict[str, Any]]:
+def reported_keys(
+    report: Report, covariance: Array, u_scale: float = 0.0
+) -> dict[str, dict[str, Any]]:
     """Return value, standard uncertainty, unit and tolerance of reported parameters, by name.
 
     Args:
         report: k parameters, and their derivative by the m solved ones.
         covariance: (m, m) of those solved.
+        u_scale: see `Model.u_scale`.
     """
-    std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
+    std = np.sqrt(np.diag(report.covariance(covariance, u_scale)))
     return {
         parameter.name: {
             "value": float(value),
@@ -282,6 +285,7 @@ def calibrated_parameters(
     covariance: Array,
     held: Collection[str] = (),
     at_bound: Collection[str] = (),
+    u_scale: float = 0.0,
 ) -> dict[str, CalibratedParameter]:
     """Return reported parameters by name.
 
@@ -291,6 +295,7 @@ def calibrated_parameters(
     Args:
         report: k parameters, and their derivative by the m solved ones.
         covariance: (m, m) of those solved.
+        u_scale: see `Model.u_scale`.
     """
     return {
         name: CalibratedParameter(
@@ -298,7 +303,7 @@ def calibrated_parameters(
             identifiable=name not in held,
             at_bound=name in at_bound,
         )
-        for name, keys in reported_keys(report, covariance).items()
+        for name, keys in reported_keys(report, covariance, u_scale).items()
     }
 
 

@@ -322,7 +322,8 @@ class _LinearProblem:
         """Return stiffness [N m/rad], its uncertainty, the largest sag [rad], its uncertainty.
 
         Poses show how far a joint sags. Its stiffness is the standard deviation over the poses of
-        the torque of the assumed weights, over that of the sag.
+        the torque of the assumed weights, over that of the sag: as uncertain as how heavy the arm
+        is, where nothing sets the scale.
         """
         model, x = self.at.model, self.at.x
         joint, states = spring.joint - 1, self.poses.states
@@ -344,7 +345,7 @@ class _LinearProblem:
             float(np.sqrt(max(by @ cov[: len(x), : len(x)] @ by for cov in self._covariances)))
             for by in (slope, of_sag)
         )
-        return stiffness, std, sag, sag_std
+        return stiffness, float(np.hypot(std, stiffness * model.u_scale)), sag, sag_std
 
 
 def _moments(at: FittedModel, fitted: Observations) -> list[Observations]:

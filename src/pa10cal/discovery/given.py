@@ -321,7 +321,9 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
         is_open = np.array([parameter.name in openly for parameter in term.parameters], dtype=bool)
         held = names_of(report.parameters, (report.jacobian[:, is_open] != 0.0).any(axis=1))
         covariance = model.covariance[columns, columns]
-        of_term = uncertainty.calibrated_parameters(report, covariance, held)
+        of_term = uncertainty.calibrated_parameters(
+            report, covariance, held, u_scale=model.model.u_scale
+        )
         place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
         parameters |= {f"{place}{name}": each for name, each in of_term.items()}
     R = model.T_instr_base[:3, :3]

@@ -296,7 +296,8 @@ class ModelWithEffects:
         """Return the reported parameters of an effect, and their part of the covariance (k, k)."""
         columns = self.columns_of(effect)
         report = effect.report(self.at.x[columns])
-        return report.values, report.jacobian @ covariance[columns, columns] @ report.jacobian.T
+        own = covariance[columns, columns]
+        return report.values, report.covariance(own, self.at.model.u_scale)
 
     def fitted(self, covariance: Array | None = None) -> FittedModel:
         """Return the model with its base where it is found to stand, the base's own term gone.

@@ -409,7 +409,7 @@ class Verdict(ABC, Generic[P_co]):
         along = np.eye(6)
         along[:3, :3] = baseline.T_instr_base[:3, :3]
         of_base = along @ covariance[base, base] @ along.T
-        of_own = reported_keys(report, covariance[own, own])
+        of_own = reported_keys(report, covariance[own, own], baseline.model.u_scale)
         of_frame = reported_keys(report_base(self.model.T_instr_base), of_base)
         told = [*(known[row].all() for row in report.jacobian != 0.0), *[True] * len(of_frame)]
         return {

@@ -257,7 +257,7 @@ class Fitted:
         report = term.report(self.x[columns])
         if self.covariance is None:
             return report, np.full(len(report.values), np.nan)
-        own = report.jacobian @ self.covariance[columns, columns] @ report.jacobian.T
+        own = report.covariance(self.covariance[columns, columns], self.model.u_scale)
         return report, np.sqrt(np.maximum(np.diag(own), 0.0))
 
     def every_reported(self) -> Iterator[tuple[Term, TermParameter, float, float]]:

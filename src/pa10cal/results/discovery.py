@@ -78,15 +78,20 @@ class EvidenceOfSag(record.Part):
     all_rigid_mm: float
 
     @property
+    def sag(self) -> str:
+        """Return how far the joint sags: what poses show, however heavy the arm is."""
+        u_mrad = record.HALF_WIDTH_95 * self.sag_u_mrad
+        return f"sags by up to {self.sag_mrad:.2f} ± {u_mrad:.2g} mrad"
+
+    @property
     def words(self) -> str:
         """Return it in words: how far the joint sags, and what is left with it rigid."""
         rigid_mm, now_mm, which = self.rigid_mm, self.gives_way_mm, "poses fitted"
         if self.held_out_rigid_mm is not None and self.held_out_gives_way_mm is not None:
             rigid_mm, now_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
             which = "held-out poses"
-        sag = f"{self.sag_mrad:.2f} ± {record.HALF_WIDTH_95 * self.sag_u_mrad:.2g} mrad"
         return (
-            f"sags by up to {sag} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
+            f"{self.sag} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
             f"rms of {which}, as it is {now_mm:.3f} mm; log evidence "
             f"{self.lost_without_it_nats:.3g} nats, {self.needed_nats:.3g} needed"
         )
@@ -411,6 +416,8 @@ class VerdictKeys(record.Part):
         for effect in self.effects_by_share:
             values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
             line = f"  {effect.id} of {effect.of}: {values}"
+            if isinstance(effect.evidence, EvidenceOfSag):
+                line += f"; {effect.evidence.sag}"
             if effect.alternatives:
                 line += f"; indistinguishable from {' or '.join(effect.rivals)}"
             if effect.witness is not None and (ripple := effect.witness.ripple) is not None:

@@ -119,7 +119,7 @@ class JointSpring:
                 [-3.0 * share / windup**4, 1.0 / windup**3],
             ]
         )
-        return Report(names, values, jacobian[:, : len(x)])
+        return Report(names, values, jacobian[:, : len(x)], by_weights=values)
 
     def solved(self, k_lin: float, k_cub: float) -> Array:
         """Return the solved parameters of a spring of known stiffness."""

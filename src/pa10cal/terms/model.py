@@ -172,7 +172,22 @@ class Model:
             tuple(parameter for report in reports for parameter in report.parameters),
             np.concatenate([report.values for report in reports]),
             jacobian,
+            np.concatenate(
+                [
+                    np.zeros(len(report.values)) if report.by_weights is None else report.by_weights
+                    for report in reports
+                ]
+            ),
         )
+
+    @property
+    def u_scale(self) -> float:
+        """Return the relative standard uncertainty of the weights as a whole.
+
+        Of weights that nobody stated poses show the shape, and stiffness over weight; what is said
+        of a stiffness alone is as uncertain as how heavy the arm is. 0 where weights are stated.
+        """
+        return max((getattr(term, "u_scale", 0.0) for term in self.terms), default=0.0)
 
     def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
         """Return the chain coordinates (P, m) that the terms lead to."""

@@ -43,6 +43,21 @@ class Report:
     parameters: tuple[TermParameter, ...]  # k' reported parameters
     values: Array  # (k',) their values
     jacobian: Array  # (k', k) derivative by the solved parameters, for uncertainties
+    # (k',) change of the values for all weights heavier by their own size; None where they do not
+    # go with the weights
+    by_weights: Array | None = None
+
+    def covariance(self, of_solved: Array, u_scale: float = 0.0) -> Array:
+        """Return the covariance (k', k') of the reported parameters.
+
+        Args:
+            of_solved: (k, k) that of the solved ones.
+            u_scale: relative standard uncertainty of the weights as a whole, see `Model.u_scale`.
+        """
+        found: Array = self.jacobian @ of_solved @ self.jacobian.T
+        if self.by_weights is not None:
+            found = found + u_scale**2 * np.outer(self.by_weights, self.by_weights)
+        return found
 
 
 class Term(Protocol):

@@ -64,6 +64,8 @@ class Weights(TorqueOnly):
     held: int | None = field(default=None, metadata={OPTIONAL: True})
     # change of the held column for a unit of each of `columns`
     by_held: tuple[float, ...] = field(default=(), metadata={OPTIONAL: True})
+    # relative standard uncertainty of the weights as a whole, where a column is held
+    u_scale: float = field(default=0.0, metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
     acts_on_joint: ClassVar[bool] = False  # calculated torques do not have it
@@ -109,6 +111,7 @@ class Weights(TorqueOnly):
             columns=tuple(self.columns[k] for k in kept),
             sizes=tuple(self.sizes[k] for k in kept),
             held=self.columns[held],
+            u_scale=float(np.linalg.norm(size) / np.sum(torque_Nm**2)),
             by_held=tuple(by_held.tolist()),
         )
 

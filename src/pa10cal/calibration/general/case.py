@@ -37,6 +37,7 @@ from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
 from pa10cal.terms.term import Report
@@ -253,7 +254,7 @@ def _parameters(
         for of_solved in (is_open, found.at_bound)
     )
     of_model = uncertainty.calibrated_parameters(
-        report, found.covariance[:count, :count], held, at_bound
+        report, found.covariance[:count, :count], held, at_bound, model.model.u_scale
     )
     first = len(found.x) - len(problem.places)
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
@@ -325,7 +326,8 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
         shown = names_of(parameters, np.less(std, _SHOWN * fit.x))
         openly -= {name for name in shown if name.startswith("windup")}
-        weights = (term for term in problem.model.terms if isinstance(term, Weights))
+        # A spring that poses do not show is none of theirs: the next campaign may do without it.
+        weights = [t for t in problem.model.terms if isinstance(t, Weights | JointSpring)]
         hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
     root, jacobian = np.sqrt(fit.weights)[:, None, None], problem.rows(fit.x).jacobian
     measured = problem.observations.measured

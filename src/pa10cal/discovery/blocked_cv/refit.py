@@ -385,6 +385,7 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign,
         if np.any(campaign == number)
     }
     alone = {name: one_step(survey, found, own) for name, own in rows.items()}
+    u_scale = found.at.model.u_scale
     each = []
     for effect in shared:
         at = found.columns_of(effect)
@@ -403,7 +404,7 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign,
                 parameters=None
                 if curves
                 else {
-                    name: _parameters(effect.report(x[at]), covariance[at, at])
+                    name: _parameters(effect.report(x[at]), covariance[at, at], u_scale)
                     for name, (x, covariance) in alone.items()
                 },
                 errors=curves or None,
@@ -416,8 +417,10 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign,
     return tuple(each)
 
 
-def _parameters(report: Report, covariance: Array) -> dict[str, records.ParameterAlone]:
-    std = np.sqrt(np.diag(report.jacobian @ covariance @ report.jacobian.T))
+def _parameters(
+    report: Report, covariance: Array, u_scale: float
+) -> dict[str, records.ParameterAlone]:
+    std = np.sqrt(np.diag(report.covariance(covariance, u_scale)))
     return {
         parameter.name: records.ParameterAlone(value=float(value), std=float(sigma))
         for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)

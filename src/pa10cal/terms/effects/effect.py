@@ -104,6 +104,8 @@ class Effect(ABC):
     positive: ClassVar[bool] = False
     #: Lowest and highest value that its first parameter can have, and why; None for no such limit.
     possible: ClassVar[tuple[float, float, str] | None] = None
+    #: Power of the weights with which its reported parameters go: -1 of a compliance.
+    weights_power: ClassVar[float] = 0.0
     #: Whether it goes with time or temperature.
     goes_with_time: ClassVar[bool] = False
     #: Whether the log of joints errs by it, and not the robot: it plays no part in predictions.
@@ -145,7 +147,8 @@ class Effect(ABC):
 
     def report(self, x: Array) -> Report:
         """Return the parameters in the form of the vocabulary."""
-        return report_as_solved(self.reported, x)
+        report = report_as_solved(self.reported, x)
+        return replace(report, by_weights=self.weights_power * x) if self.weights_power else report
 
     @property
     def formula(self) -> str:

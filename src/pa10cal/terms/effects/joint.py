@@ -329,7 +329,8 @@ class JointCompliance(effect.JointEffect):
     def report(self, x: Array) -> Report:
         stiffness = 1.0 / max(float(x[0]), _RIGID)
         known = TermParameter("K", "N m/rad", 100.0 * self.rated_Nm)
-        return Report((known,), np.array([stiffness]), np.array([[-(stiffness**2)]]))
+        values = np.array([stiffness])
+        return Report((known,), values, np.array([[-(stiffness**2)]]), by_weights=values)
 
 
 @dataclass(frozen=True)

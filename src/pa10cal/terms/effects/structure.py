@@ -49,6 +49,7 @@ class LinkEffect(Effect):
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Names of the links at which it may sit.
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
+    weights_power = -1.0
     #: Scale and plausible size of its compliance [rad/(N m)].
     scale_and_size: ClassVar[tuple[float, float]]
 
@@ -138,6 +139,7 @@ class BaseCompliance(Effect):
     words = "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
     coordinates = ("base.rx", "base.ry")
     positive = True
+    weights_power = -1.0
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
