@@ -103,6 +103,20 @@ def test_noise_is_what_pairs_differ_by_and_not_what_they_share(with_neighbours):
     )
 
 
+def test_along_a_path_noise_is_what_differences_go_to_at_the_same_pose():
+    poses = observe(poses=400, held_out=0).readings
+    along = 6e-3 * np.arange(400)[:, None] * np.array([1.0, 0.7, -0.8, 0.6, 0.9, -0.5])
+    path = replace(poses, states=replace(poses.states, q_rad=along))
+    rng = np.random.default_rng(7)
+    sizes = np.array([3e-5] * 3 + [2e-4] * 3)
+    # what the model lacks wanders along the path, by as much as the noise in 6 mrad
+    lacking = np.cumsum(rng.standard_normal((400, 6)), axis=0) * sizes
+    found = noise_of_near_poses(path, lacking + sizes * rng.standard_normal((400, 6)))
+    assert found.differences >= 100
+    assert "10 mrad" in found.origin
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found.cov[0])), sizes, rtol=0.3)
+
+
 def test_without_pairs_noise_is_what_the_instrument_states():
     poses = observe(poses=200, held_out=0).readings
     found = noise_of_near_poses(poses, np.zeros((200, 6)))

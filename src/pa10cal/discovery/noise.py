@@ -41,6 +41,12 @@ LEAST_REPEATED = 0.25
 _FAR_MORE = 2.0
 #: Poses closer than this in every joint count as the same [rad; m of a prismatic joint].
 NEARLY_SAME = 2e-3
+#: Where there are too few of these, what poses up to so far apart differ by is carried on to those
+#: at the same place (the nugget of a variogram: Cressie, Statistics for Spatial Data, 1993), over
+#: so many steps of distance.
+_NEAR, _STEPS = 1e-2, 5
+#: Neighbours that a pose is compared with there, at most.
+_MOST_NEIGHBOURS = 8
 #: Scatter of a torque, as part of the largest torque, that rounding alone makes.
 _QUIET = 1e-6
 _REWEIGHTED = 2
@@ -64,15 +70,18 @@ class Noise:
     # (n,) standard deviation of a reading's torques (nan where none is logged; zero where none
     # scatters, as in a log that was calculated)
     torque_Nm: Array = field(default_factory=lambda: np.zeros(0))
+    # how far apart the poses of pairs that are no repeats may be [rad; m of a prismatic joint]
+    within: float = NEARLY_SAME
 
     @property
     def origin(self) -> str:
         """Return what noise that was not found from repeats was found from."""
         if not self.differences:
             return "the instrument's stated uncertainty: repeats do not show the noise"
+        carried_on = "" if self.within == NEARLY_SAME else ", carried on to the same pose"
         return (
-            f"{self.differences} pairs of poses closer than {1e3 * NEARLY_SAME:g} mrad in every "
-            "joint"
+            f"{self.differences} pairs of poses closer than {1e3 * self.within:g} mrad in every "
+            f"joint{carried_on}"
         )
 
 
@@ -137,26 +146,58 @@ def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
 
     What two nearly equal poses differ by, less what a model's residual (P, b) differs by, is noise;
     a wrong model says nearly the same of both. Each pose is in one pair at most; the median
-    decides.
+    decides. Where there are too few, as along a path, pairs farther apart show it: what the model
+    lacks makes them differ the more the farther apart they are.
     """
     first, second = nearly_same(poses)
-    measured = poses.measured
-    seen = measured.components_seen
+    measured, within, apart = poses.measured, NEARLY_SAME, None
+    seen, stated = measured.components_seen, measured.stated_covariance
     both = seen[first] & seen[second]
     if both.any(axis=1).sum() < LEAST_DIFFERENCES:
-        return Noise(measured.stated_covariance, 0)
+        first, second, apart = _near(poses)
+        both, within = seen[first] & seen[second], _NEAR
+        if both.any(axis=1).sum() < _STEPS * LEAST_DIFFERENCES:
+            return Noise(stated, 0)
     difference = np.abs(residual[first] - residual[second]) / np.sqrt(2.0)
-    variance, stated = np.zeros(residual.shape[1]), measured.stated_covariance
+    variance = np.zeros(residual.shape[1])
     for _, at in measured.component_kinds:
         here = both[:, at]
         if not here.any():  # a campaign of a group without poses that are nearly the same
             own = np.diagonal(stated[:, at, at], axis1=1, axis2=2)[measured.components_seen[:, at]]
             variance[at] = np.median(own)
             continue
-        variance[at] = np.square(MEDIAN_TO_SIGMA * np.median(difference[:, at][here]))
+        variance[at] = _variance(difference[:, at], here, apart)
     if not variance.all():  # readings that were copied
         return Noise(stated, 0)
-    return Noise(np.tile(np.diag(variance), (len(poses), 1, 1)), len(first))
+    cov = np.tile(np.diag(variance), (len(poses), 1, 1))
+    return Noise(cov, len(first), within=within)
+
+
+def _variance(difference: Array, seen: Mask, apart: Array | None) -> float:
+    """Return the variance of readings by the differences (D, c) of pairs, of those seen (D, c).
+
+    Args:
+        apart: (D,) how far apart the poses are; None where they count as the same. The variance is
+            a straight line over the distance, through medians, that never falls.
+    """
+    if apart is None:
+        return float(np.square(MEDIAN_TO_SIGMA * np.median(difference[seen])))
+    steps = np.array_split(np.argsort(apart, kind="stable"), _STEPS)
+    steps = [step for step in steps if seen[step].any()]
+    square = [_variance(difference[step], seen[step], None) for step in steps]
+    line = np.column_stack([np.ones(len(steps)), [apart[step].mean() / _NEAR for step in steps]])
+    return float(nnls(line, np.array(square))[0][0])
+
+
+def _near(poses: Observations) -> tuple[Index, Index, Array]:
+    """Return the poses of pairs of near neighbours, and how far they are apart."""
+    keys = np.column_stack([poses.states.q_rad, poses.states.load_N])
+    apart, other = map(np.asarray, cKDTree(keys).query(keys, _MOST_NEIGHBOURS + 1, p=np.inf))
+    first, k = np.nonzero(apart <= _NEAR)
+    pairs = np.sort(np.column_stack([first, other[first, k]]), axis=1)
+    pairs, at = np.unique(pairs, axis=0, return_index=True)
+    apart, differ = apart[first, k][at], pairs[:, 0] != pairs[:, 1]
+    return pairs[differ, 0], pairs[differ, 1], apart[differ]
 
 
 def nearly_same(poses: Observations) -> tuple[Index, Index]:
