@@ -17,22 +17,26 @@ from pa10cal.commands.command_line import limit_threads
 _TWICE = 1.96
 
 
-def promised(results: Path) -> tuple[int, float, float, float, float]:
+def promised(results: Path) -> dict[str, tuple[int, float, float, float, float]]:
     """Return configurations, rms error and rms `u_mm` [mm], parts of poses within 1.96, `inside`.
+
+    Of all held-out poses, and where these are of a path, by where they lie.
 
     Raises:
         Pa10calError: when results lack a file, or no pose is held out.
     """
     from pa10cal.campaign.table import read_pose_table
     from pa10cal.fit.fitted_model import load_model
+    from pa10cal.observe.paths import HeldOutPlaces
     from pa10cal.results.codec import read
-    from pa10cal.results.evaluation import HoldoutRecord
+    from pa10cal.results.evaluation import BETWEEN, UNSEEN, HoldoutRecord
 
     record = read(HoldoutRecord, results / "evaluation" / "holdout.json")
     *_, judged = record.models.values()
-    table = read_pose_table(results / "ingest" / "poses.parquet")
-    table = table[table["kind"] == "holdout"].drop_duplicates(["pose", "load_N"])
-    table = table.set_index(["pose", "load_N"])
+    every = read_pose_table(results / "ingest" / "poses.parquet")
+    every = every.drop_duplicates(["kind", "pose", "load_N"])
+    fitted = every[every["kind"] == "grid"]
+    table = every[every["kind"] == "holdout"].set_index(["pose", "load_N"])
     rows = table.loc[list(zip(judged.rows.pose, judged.rows.load_N, strict=True))]
     model = load_model(results)
     n = model.arm.n
@@ -52,13 +56,20 @@ def promised(results: Path) -> tuple[int, float, float, float, float]:
     ]
     u_mm = np.sqrt(np.mean([each.u_mm**2 for each in found], axis=0))
     error_mm = judged.rows.error_mm
-    return (
-        len(error_mm),
-        float(np.sqrt(np.mean(error_mm**2))),
-        float(np.sqrt(np.mean(u_mm**2))),
-        float(np.mean(error_mm <= _TWICE * u_mm)),
-        float(np.mean(found[0].inside)),
-    )
+    both = ((each[list(q)].to_numpy(), each["time_s"].to_numpy(float)) for each in (rows, fitted))
+    places = HeldOutPlaces.of_positions(*both)
+    parts = {"": np.ones(len(error_mm), dtype=bool), UNSEEN: places.unseen, BETWEEN: places.between}
+    return {
+        name: (
+            int(at.sum()),
+            float(np.sqrt(np.mean(error_mm[at] ** 2))),
+            float(np.sqrt(np.mean(u_mm[at] ** 2))),
+            float(np.mean(error_mm[at] <= _TWICE * u_mm[at])),
+            float(np.mean(found[0].inside[at])),
+        )
+        for name, at in parts.items()
+        if at is not None
+    }
 
 
 def main(folders: list[str]) -> None:
@@ -70,15 +81,16 @@ def main(folders: list[str]) -> None:
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for folder in map(Path, folders):
         try:
-            poses, error, u, within, inside = promised(folder)
+            parts = promised(folder)
         except Pa10calError as refused:
             print(f"| {folder.name} | {str(refused).splitlines()[0]} |||||||")
             continue
-        ratio = f"{error / u:.2f}" if u else "no u"
-        print(
-            f"| {folder.name} | {poses} | {error:.3f} | {u:.3f} | {ratio} "
-            f"| {100 * within:.0f} % | {100 * inside:.0f} % |"
-        )
+        for where, (poses, error, u, within, inside) in parts.items():
+            ratio = f"{error / u:.2f}" if u else "no u"
+            print(
+                f"| {folder.name}{', ' * bool(where)}{where} | {poses} | {error:.3f} | {u:.3f} "
+                f"| {ratio} | {100 * within:.0f} % | {100 * inside:.0f} % |"
+            )
 
 
 if __name__ == "__main__":

@@ -62,14 +62,20 @@ class HeldOutPlaces:
     @classmethod
     def of(cls, held_out: Observations, fitted: Observations) -> HeldOutPlaces:
         """Return where held-out poses lie, both averaged; neither where poses are well apart."""
-        if not len(fitted) or not len(held_out):
+        away, near = held_out.states, fitted.states
+        return cls.of_positions((away.q_rad, away.time_s), (near.q_rad, near.time_s))
+
+    @classmethod
+    def of_positions(
+        cls, held_out: tuple[Array, Array], fitted: tuple[Array, Array]
+    ) -> HeldOutPlaces:
+        """Return the same of joint positions (P, n), each with the times of its poses (P,) [s]."""
+        q, away = fitted[0], held_out[0]
+        if not len(q) or not len(away):
             return cls()
-        q, near = fitted.states.q_rad, NEIGHBOURS * spread_of(fitted.states.q_rad)
-        away = cKDTree(q).query(held_out.states.q_rad)[0]
-        beside = np.asarray(away < near)
-        together = np.concatenate([q, held_out.states.q_rad])
-        time_s = np.concatenate([fitted.states.time_s, held_out.states.time_s])
-        path = along_a_path(together[np.argsort(time_s, kind="stable")])
+        beside = np.asarray(cKDTree(q).query(away)[0] < NEIGHBOURS * spread_of(q))
+        time_s = np.concatenate([fitted[1], held_out[1]])
+        path = along_a_path(np.concatenate([q, away])[np.argsort(time_s, kind="stable")])
         if not path and np.mean(beside) < 0.5:
             return cls()
         if np.mean(beside) >= 1.0 - _FEW:

@@ -176,10 +176,10 @@ def general_case(
     if full.torques_from == "masses" and full.springs:
         warnings.append("torques were not logged: those of the described masses are used")
     if full.unproven:
-        of = ", ".join(map(str, full.unproven))
+        of = f"joint{'s' * (len(full.unproven) > 1)} {', '.join(map(str, full.unproven))}"
         warnings.append(
-            f"springs of joints {of} are left out: the poses fitted show them, but they do not "
-            "help to predict clusters and stretches of poses that are held out"
+            f"no spring in {of}: the poses fitted show one, but it does not help to predict "
+            "clusters and stretches of poses that are held out"
         )
     record = records.GeneralCalibrationRecord(
         **case_keys(case, evidence.ended, judged, replace(calibrated, fitted_to=about), grid),
