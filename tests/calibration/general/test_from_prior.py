@@ -22,6 +22,8 @@ from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
+from pa10cal.fit import moved
+from pa10cal.fit.moved import Misfit
 from pa10cal.fit.problem import Disagreement, GaussianPrior
 from pa10cal.lab.cell.options import TrackerOptions
 from pa10cal.lab.simulated import (
@@ -89,6 +91,53 @@ def test_the_joint_whose_zero_moved_is_found(arms, joint):
     assert abs(what.by - 1.5e-3) < 4 * what.std
     assert f"the zero of joint {joint} moved by" in found.prior.line
     assert error_mm(found, exact) < 0.08
+
+
+def of_one_target(seen, poses):
+    """Return the first poses in which one target was seen, and nothing but that target."""
+    some = seen.take(np.flatnonzero(np.isfinite(seen.measured.p_instr_m[:, 0, 0]))[:poses])
+    first = some.measured
+    return replace(
+        some,
+        measured=replace(
+            first,
+            names=first.names[:1],
+            p_instr_m=first.p_instr_m[:, :1],
+            cov_m2=first.cov_m2[:, :1],
+            p_ee_stated_m=None,
+        ),
+    )
+
+
+@pytest.mark.parametrize("poses", [6, 10])
+@pytest.mark.parametrize("joint", [2, 3, 5])
+def test_six_poses_of_one_target_find_the_one_zero_that_was_lost(arms, joint, poses):
+    moved = Change(place=True, zero_rad=((joint, 3e-3),))
+    model, seen, payload, _ = arms("points", moved)
+    few = of_one_target(seen, poses)
+    found = from_prior(model, few, payload)
+    (what,) = found.prior.moved
+    assert (what.kind, what.of) == ("joint_zero", f"joint {joint}")
+    assert abs(what.by - 3e-3) < 4 * what.std
+    # Where the target is in poses that were never read; base and tool alone leave 1.2 mm and more.
+    rest = of_one_target(seen, 120)
+    off_mm = fitted(found).deviations(fitted(found).as_modelled(rest)).distance_mm
+    assert np.sqrt(np.mean(off_mm**2)) < 0.25
+
+
+def test_more_than_few_poses_bear_is_told_and_the_arm_stays_as_it_was(arms):
+    model, seen, payload, _ = arms("points", heavy_crash(0))
+    found = from_prior(model, of_one_target(seen, 6), payload)
+    assert "all joints, links and springs are anew" not in found.prior.line
+    assert "which no few changes explain: measure" in found.prior.line
+    assert len(found.prior.moved) <= 3
+
+
+def test_few_poses_after_nothing_but_base_and_tool_name_nothing(arms):
+    model, seen, payload, _ = arms("points", Change(place=True))
+    found = from_prior(model, of_one_target(seen, 6), payload)
+    assert found.prior.moved == ()
+    assert found.prior.line.endswith("these poses show nothing in it that moved")
 
 
 def test_a_softer_drive_is_found(arms):
@@ -202,6 +251,39 @@ def test_the_gain_of_a_widening_is_that_of_the_likelihood():
     again, _ = disagreement.widened(2.0 * directions).gain(more, (1.0,))
     both = expected.widened(2.0 * directions)
     assert again == pytest.approx(evidence(both.widened(more)) - evidence(both), rel=1e-5)
+
+
+def test_the_evidence_of_few_readings_is_that_of_the_likelihood_over_sizes_and_noise():
+    rng = np.random.default_rng(2)
+    rows, known = rng.normal(size=(7, 3)), rng.uniform(0.0, 2.0, 7)
+    misfit = Misfit(rng.normal(size=7), rows, known)
+    directions = np.array([size * np.eye(3)[:, :2] for size in (1.0, 10.0)])
+    levels = moved._LOUDER
+    likely = levels**-moved._LOUDER_POWER / np.sum(levels**-moved._LOUDER_POWER)
+
+    def density(along):
+        moves = rows @ along @ along.T @ rows.T
+        each = [
+            multivariate_normal(np.zeros(7), np.diag(level**2 + known) + moves).pdf(misfit.data)
+            for level in levels
+        ]
+        return float(likely @ each)
+
+    wanted = np.log(np.mean([density(along) for along in directions]))
+    none = np.log(density(np.zeros((3, 1))))
+    gained = misfit.evidence(directions) - misfit.evidence(np.zeros((1, 0, 0)))
+    assert gained == pytest.approx(wanted - none, rel=1e-9)
+
+
+def test_a_windup_that_a_fit_held_at_its_end_is_known_as_well_as_those_of_other_joints(arms):
+    model, _, payload, _ = arms("pose", Change())
+    names = [each.name for each in model.model.parameters]
+    at, *others = [k for k, name in enumerate(names) if name.startswith("windup")]
+    covariance = model.covariance.copy()
+    covariance[at] = covariance[:, at] = 0.0
+    prior = prior_of(replace(model, covariance=covariance), ARM, payload)
+    usual = np.median(np.diag(covariance)[others])
+    assert prior.expected.covariance[at, at] == pytest.approx(usual)
 
 
 # Crashes.

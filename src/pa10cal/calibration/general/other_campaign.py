@@ -17,7 +17,7 @@ import numpy as np
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import check_enough, choose_unknowns, with_unknown_frames
@@ -34,9 +34,11 @@ from pa10cal.fit.moved import (
     MODEL_ERROR,
     STIFFNESS,
     Hypothesis,
+    Misfit,
     MovedPart,
     everything,
     hypotheses,
+    smallest_set,
     sought,
 )
 from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
@@ -48,6 +50,7 @@ from pa10cal.results.calibration import Moved, PriorPart
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import ArrivalError
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign, OfPart, about_moved_base, motion_of_base
 from pa10cal.terms.term import Offsets, Term, fixed
@@ -154,7 +157,23 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     known[fresh] = known[:, fresh] = 0.0
     open_ = np.diag(known) <= 0.0
     known[open_, open_] = np.square(sizes)[open_]
+    known[open_, open_] = _at_bound(terms, open_ & ~fresh, np.diag(known))[open_]
     return Prior(model, tuple(terms), GaussianPrior(mean, known))
+
+
+def _at_bound(terms: Sequence[Term], held: Mask, variances: Array) -> Array:
+    """Return variances (k,), those of windups that a fit held at the end of their range anew.
+
+    The poses that showed no windup there would have shown one as well as those of the other joints.
+    """
+    springs = np.array(
+        [isinstance(term, JointSpring) for term in terms for _ in term.parameters], dtype=bool
+    )
+    others = springs & ~held
+    if others.any():
+        usual = float(np.median(variances[others]))
+        variances = np.where(springs & held, np.minimum(usual, variances), variances)
+    return variances
 
 
 def _refuse_another_arm(model: FittedModel, arm: Arm) -> None:
@@ -225,6 +244,11 @@ _MOST_ROUNDS = 4
 #: Readings that scatter by so many times what the instrument states contradict what was found, and
 #: the arm is taken as new where that leaves so small a part.
 _CONTRADICTED, _EXPLAINED = 1.5, 0.75
+#: Few readings that scatter by so many times what was expected are explained by no few changes.
+_UNEXPLAINED = 3.0
+#: Readings for each unknown of an arm taken as new, below which they are few: what moved is then
+#: sought among small sets.
+_FEW = 4.0
 #: Of an arm taken as new, what moved by so many standard uncertainties is named, the clearest.
 _CLEAR, _MOST_NAMED = 5.0, 6
 
@@ -251,34 +275,51 @@ def calibrate_from(
     )
     check_enough(problem, known=len(expected.mean))
     possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
-    released: list[MovedPart] = []
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     found = fitted(problem, x_start, expected=expected)
+    released: tuple[MovedPart, ...] = ()
+    anew, frames = everything(possible), len(problem.parameters) - len(expected.mean)
+    few = problem.readings < _FEW * (len(anew.columns) + frames)
     for _ in range(_MOST_ROUNDS):
-        k = len(expected.mean)
-        covariance = found.covariance[:k, :k] / found.widening**2
-        disagreement = Disagreement.of_fit(expected, found.x[:k], covariance)
-        more = sought(disagreement, possible, released)
-        if not more:
+        if few:
+            at = problem, found.x, np.sqrt(found.weights), prior.expected
+            parts = smallest_set(Misfit.of_poses(*at, prior.model.discrepancy), possible)
+        else:
+            parts = (*released, *_more(found, expected, possible, released))
+        if [each.name for each in parts] == [each.name for each in released]:
             break
-        released += more
-        for each in more:
+        released, expected = parts, prior.expected
+        for each in released:
             expected = expected.widened(each.directions)
         found = fitted(problem, found.x, expected=expected)
     left, stated = _left(found, observations)
-    if left > _CONTRADICTED * stated:
-        anew = MovedPart(everything(possible), 1.0, 0.0)
+    if left > _CONTRADICTED * stated and not few:
         freed = prior.expected.widened(anew.directions)
         other = fitted(problem, x_start, expected=freed)
         if _left(other, observations)[0] < _EXPLAINED * left:
-            released, expected, found = [anew], freed, other
+            released, expected, found = (MovedPart(anew, 1.0, 0.0),), freed, other
     if source == "masses":
         about = partial(fitted, expected=expected)
         problem, found = calibrate.at_rest(problem, found, observations.states, payload, about)
-    changed, omitted = _changed(prior, problem, found, released, possible), unknowns.redundant
+    unknown = len(anew.columns) + frames if few else None
+    changed = _changed(prior, problem, found, released, possible, unknown)
+    omitted = unknowns.redundant
     return calibrate.GeneralCalibration(
         problem, x_start, start, omitted, source, payload, {}, found, changed
     )
+
+
+def _more(
+    found: GeneralSolution,
+    expected: GaussianPrior,
+    possible: Sequence[Hypothesis],
+    released: Sequence[MovedPart],
+) -> tuple[MovedPart, ...]:
+    """Return what else moved, where many readings show it."""
+    k = len(expected.mean)
+    covariance = found.covariance[:k, :k] / found.widening**2
+    disagreement = Disagreement.of_fit(expected, found.x[:k], covariance)
+    return sought(disagreement, possible, released)
 
 
 def _left(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
@@ -295,8 +336,13 @@ def _changed(
     found: GeneralSolution,
     released: Sequence[MovedPart],
     possible: Sequence[Hypothesis],
+    unknown: int | None,
 ) -> PriorPart:
-    """Return what was found anew, and by how much it differs from the prior."""
+    """Return what was found anew, and by how much it differs from the prior.
+
+    Args:
+        unknown: of how many unknowns the readings are too few; None where they are enough.
+    """
     mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
     after, off = np.diag(found.covariance), found.x[: len(mean)] - mean
     moved, factor = [], 1.0
@@ -325,9 +371,30 @@ def _changed(
         )
     if anew:
         told.insert(0, "more moved than can be separated: all joints, links and springs are anew")
+    few = "" if unknown is None or anew else _beyond_few(prior, problem, found, unknown)
+    if few:
+        told.append(few)
+    elif not told and unknown is not None:
+        told.append("these poses show nothing in it that moved")
     said = "; ".join(told) or "nothing in it moved, within its uncertainty"
     line = f"started from the model of {campaign or 'an unnamed campaign'}: {said}"
     return PriorPart(campaign=campaign, moved=tuple(moved), factor=factor, line=line)
+
+
+def _beyond_few(prior: Prior, problem: Problem, found: GeneralSolution, unknown: int) -> str:
+    """Return in words that few readings contradict what was found; empty where they do not."""
+    observations, lacks = problem.observations, prior.model.discrepancy
+    left_m, usual_m = _left(found, observations)
+    if lacks is not None:
+        error_mm = lacks.error_at_mm(observations.states.q_rad)
+        usual_m = float(np.hypot(usual_m, 1e-3 * np.sqrt(np.mean(error_mm**2))))
+    if left_m < _UNEXPLAINED * usual_m:
+        return ""
+    poses = int(np.ceil(unknown * len(observations) / problem.readings)) + 1
+    return (
+        f"the poses are off by {1e3 * left_m:.2g} mm on each axis, which no few changes explain: "
+        f"measure {poses} poses or more, to find all joints and links anew"
+    )
 
 
 def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> list[MovedPart]:
