@@ -212,6 +212,7 @@ def test_errors_by_model_take_what_is_there(models, springs, expected):
     class Made:
         def __init__(self, mm):
             self.mean_mm = self.rms_mm = float(mm)
+            self.by_place = {"at unseen stretches": self, "between measured places": None}
 
     held_out = {name: Made(k) for k, name in enumerate(models)}
     found = errors_by_model(held_out, springs=springs)

@@ -187,19 +187,23 @@ def _without_folders(message: str, *folders: Path) -> str:
 def errors_by_model(
     models: Mapping[str, HeldOutModel], *, springs: bool
 ) -> dict[fleet.MeasuredModel, fleet.HeldOutError]:
-    """Return errors by the models of the table; without springs `linear` is the geometry alone."""
+    """Return errors by the models of the table; without springs `linear` is the geometry alone.
+
+    Of rows along a path those at unseen stretches.
+    """
     named = {
         "nominal": "uncalibrated",
         "geometry": "geometry" if springs or "geometry" in models else "linear",
         "springs": "linear" if springs else "",
         "effects": "extended",
     }
+    first = {name: next(iter(model.by_place.values())) for name, model in models.items()}
     return {
         model: fleet.HeldOutError(
-            mean_mm=models[named[model]].mean_mm, rms_mm=models[named[model]].rms_mm
+            mean_mm=first[named[model]].mean_mm, rms_mm=first[named[model]].rms_mm
         )
         for model in MODELS
-        if named[model] in models
+        if named[model] in first
     }
 
 
