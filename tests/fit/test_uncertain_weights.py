@@ -10,7 +10,7 @@ from made_up_model import on_springs
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.fitted_model import load_model, save_model
+from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
 from pa10cal.fit.loads import with_torques
 from pa10cal.fit.weighed_arm import open_unknowns, unknown_tool, with_uncertain_weights
 from pa10cal.observe.observations import Observations
@@ -80,15 +80,36 @@ def test_opening_the_weights_changes_no_prediction_and_counts_as_no_unknown(tmp_
     assert loaded.payload.known
 
 
-def test_a_tool_of_unknown_mass_is_estimated_and_stiffness_is_as_uncertain():
-    truth = with_springs()
-    some = states(150)
-    T = predicted(truth, some, TOOL)
-    rng = np.random.default_rng(5)
-    T[:, :3, 3] += 2e-5 * rng.standard_normal((len(T), 3))
+def measured(some, tool=TOOL):
+    """Return readings of an arm on springs that carries a tool."""
+    T = predicted(with_springs(tool), some, tool)
+    T[:, :3, 3] += 2e-5 * np.random.default_rng(5).standard_normal((len(T), 3))
     covariance = np.tile(np.diag([2e-5] * 3 + [1e-4] * 3) ** 2, (len(T), 1, 1))
-    labels = np.arange(len(T)).astype(str)
-    observations = Observations.single(labels, some, Pose.of(T, covariance))
+    return Observations.single(np.arange(len(T)).astype(str), some, Pose.of(T, covariance))
+
+
+def test_a_centre_of_mass_that_nobody_stated_is_found_and_bends_no_stiffness():
+    """What is proposed is 0, 0, 0: springs of the wrist made up for what the centre was off."""
+    far = replace(TOOL, mass_kg=4.0, com_m=np.array([0.05, 0.02, 0.12]))
+    some = measured(states(150), far)
+    nowhere = replace(far, com_m=np.zeros(3))
+    off = {}
+    for name, tool in (("taken", nowhere), ("unknown", replace(nowhere, com_u_m=0.15))):
+        found = general(ARM, some, tool)
+        model, x = found.problem.model, found.fit.x
+        (at,) = (model.columns_of(t).start for t in model.terms if t.of == "joint 4")
+        (spring,) = (t for t in model.terms if isinstance(t, JointSpring) and t.joint == 4)
+        off[name] = abs(spring.tau_ref_Nm / x[at] / STIFFNESS[4] - 1.0)
+    assert off["taken"] > 0.1
+    assert off["unknown"] < 0.03
+    (weights,) = (term for term in model.terms if isinstance(term, Weights))
+    np.testing.assert_allclose(x[model.columns_of(weights)], 4.0 * far.com_m, atol=0.05)
+    plain = model_to_plain(with_springs(replace(nowhere, com_u_m=0.15)))
+    assert model_from_plain(plain, where="test").payload.com_u_m == 0.15
+
+
+def test_a_tool_of_unknown_mass_is_estimated_and_stiffness_is_as_uncertain():
+    observations = measured(states(150))
     found = {each.known: general(ARM, observations, each) for each in (TOOL, NOT_KNOWN)}
 
     def stiffness(known):
@@ -105,7 +126,7 @@ def test_a_tool_of_unknown_mass_is_estimated_and_stiffness_is_as_uncertain():
     assert unknown > known
     terms = found[False].problem.model
     (weights,) = (term for term in terms.terms if isinstance(term, Weights))
-    assert weights == unknown_tool(ARM, NOT_KNOWN)
+    assert (weights,) == unknown_tool(ARM, NOT_KNOWN)
     mass_kg = found[False].fit.x[terms.columns_of(weights)][-1]
     std_kg = np.sqrt(np.diag(found[False].fit.covariance))[terms.columns_of(weights)][-1]
     assert abs(mass_kg - TOOL_KG) < 4.0 * std_kg < 4.0 * weights.sizes[-1]

@@ -109,6 +109,8 @@ class Payload:
     load_point_m: Array  # (3,) where the external load hangs, in the end-effector frame
     gravity_m_s2: Array  # (3,) gravity along the axes of the robot base
     known: bool = True  # whether the mass is that of the apparatus, and not merely left at zero
+    # standard uncertainty of its centre of mass, per axis, where nobody stated that; else None
+    com_u_m: float | None = None
     # what the arm carried in each campaign of a group, in their order; empty where that was the
     # same
     of_campaigns: tuple[Payload, ...] = ()

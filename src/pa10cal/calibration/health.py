@@ -101,6 +101,8 @@ class GradeEvidence:
     # where weights come from that nobody stated: `assumed` from the lengths of the links, or from
     # the mass of the whole arm (`total`); else nothing
     weights: str = ""
+    # standard uncertainty of the tool's centre of mass, where springs go by it and nobody stated it
+    com_u_m: float | None = None
     # standard uncertainty of predicted positions that is wanted; None where nobody says so
     wanted_mm: float | None = None
     # the same as `train_rms_mm` of the nominal arm, base and targets fitted; None where not known
@@ -547,6 +549,11 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
                 else "from the mass of the whole arm"
             )
             + ": stiffness is relative to them"
+        )
+    if evidence.com_u_m is not None:
+        yield (
+            "the tool's centre of mass is not stated (tool.com_mm is 0, 0, 0): it counts as "
+            f"unknown by {1e3 * evidence.com_u_m:.0f} mm"
         )
     if off := evidence.departures:
         more = f" ({len(off) - 1} more in health.departures)" if off[1:] else ""

@@ -38,6 +38,8 @@ PlaceMm = Annotated[FiniteFloat, Field(ge=-1e4, le=1e4)]
 Place = tuple[PlaceMm, PlaceMm, PlaceMm]
 Text = Annotated[str, StringConstraints(min_length=1, max_length=20_000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+#: Length of a tool on which no place is stated.
+UNSTATED_TOOL_M = 0.1
 BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
 
 
@@ -80,6 +82,18 @@ class Tool(Section):
         default_factory=dict,
         description="centres of the tooling balls, or of other targets, by name",
     )
+
+    @property
+    def com_u_m(self) -> float | None:
+        """Return how far off its centre of mass may be where nobody stated it; None where stated.
+
+        A proposed description has 0, 0, 0, where no tool has its centre: it is somewhere along the
+        tool, which is as long as the places stated on it are away.
+        """
+        if self.mass_kg == 0.0 or any(self.com_mm):
+            return None
+        places_mm = np.array([self.load_point_mm, *self.balls_mm.values()])
+        return 1e-3 * float(np.linalg.norm(places_mm, axis=1).max()) or UNSTATED_TOOL_M
 
 
 class Files(Section):
@@ -219,6 +233,7 @@ class CampaignDescription(Section):
             load_point_m=1e-3 * np.array(self.tool.load_point_mm),
             gravity_m_s2=np.array(self.gravity_m_s2),
             known=self.tool.mass_kg > 0.0 or self.tool.massless,
+            com_u_m=self.tool.com_u_m,
         )
 
 

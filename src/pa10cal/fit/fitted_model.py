@@ -562,6 +562,7 @@ def _payload_from_plain(plain: Mapping[str, Any]) -> Payload:
         load_point_m=_finite(plain["load_point_m"], "load_point_m").reshape(3),
         gravity_m_s2=_finite(plain["gravity_m_s2"], "gravity_m_s2").reshape(3),
         known=bool(plain.get("known", True)),
+        com_u_m=None if plain.get("com_u_m") is None else float(plain["com_u_m"]),
         of_campaigns=tuple(_payload_from_plain(each) for each in plain.get("of_campaigns", ())),
     )
 

@@ -352,7 +352,7 @@ LEVEL_ASSUMED_RAD = 5e-3
 def weight_sizes(arm: Arm, payload: Payload) -> WeightSizes:
     """Return how far the weights of an arm and its tool may be from those described."""
     if payload.known:
-        tool_kg, com_m = payload.mass_kg, TOOL_COM_M
+        tool_kg, com_m = payload.mass_kg, payload.com_u_m or TOOL_COM_M
         size_kg = TOOL_MASS * tool_kg
     else:
         total_kg = 0.0 if arm.mass_kg is None else float(arm.mass_kg.sum())
@@ -368,18 +368,22 @@ def weight_sizes(arm: Arm, payload: Payload) -> WeightSizes:
     )
 
 
-def unknown_tool(arm: Arm, payload: Payload) -> Weights:
-    """Return mass and first moment of a tool of which nothing is known."""
+def unknown_tool(arm: Arm, payload: Payload) -> tuple[Weights, ...]:
+    """Return mass and first moment of a tool, as far as nobody stated them."""
+    if payload.known and payload.com_u_m is None:
+        return ()
     none = np.zeros(arm.n)
     sizes = replace(weight_sizes(arm, payload), link_mass=none, link_com_m=none, level_rad=0.0)
-    return replace(Weights.about(arm, sizes), unknown_tool=True)
+    if payload.known:
+        sizes = replace(sizes, payload_kg=0.0)
+    return (replace(Weights.about(arm, sizes), unknown_tool=not payload.known),)
 
 
 def unknown_weights(arm: Arm, payload: Payload, states: PoseStates) -> tuple[Weights, ...]:
     """Return the weights that a calibration fits with the springs: those nobody stated."""
     known = weights_known(arm)
     if known.origin == "stated":
-        return () if payload.known else (unknown_tool(arm, payload),)
+        return unknown_tool(arm, payload)
     weights = Weights.about(arm, weight_sizes(arm, payload))
     loads = states.static_loads
     if known.assumed and not scale_is_known(payload, states) and loads is not None:

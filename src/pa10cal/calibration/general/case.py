@@ -158,6 +158,7 @@ def general_case(
         if geometry is full
         else uncertainty.summarise(rigid_left.take(trusted)).rms_mm,
         weights=known.origin if known.assumed and full.springs else "",
+        com_u_m=payload.com_u_m if payload is not None and full.springs else None,
         wanted_mm=options.wanted_uncertainty_mm,
         nominal_mm=uncertainty.summarise(of_nominal.take(trusted)).rms_mm,
         arm=arm,
@@ -320,13 +321,15 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
     parameters = problem.parameters
     openly = not_identifiable(fit.identifiability, parameters)
     hidden: frozenset[str] = frozenset()
-    if weights_known(general.arm).assumed:
+    payload, assumed = general.payload, weights_known(general.arm).assumed
+    if assumed:
         # What poses leave open of weights that nobody stated is no lack of poses. It goes with the
         # springs by a little, and these with it: not those whose sag poses show all the same.
         std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
         shown = names_of(parameters, np.less(std, _SHOWN * fit.x))
         openly -= {name for name in shown if name.startswith("windup")}
-        # A spring that poses do not show is none of theirs: the next campaign may do without it.
+    if assumed or (payload is not None and payload.com_u_m is not None):
+        # Neither is a spring that goes with them: the next campaign may do without it.
         weights = [t for t in problem.model.terms if isinstance(t, Weights | JointSpring)]
         hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
     root, jacobian = np.sqrt(fit.weights)[:, None, None], problem.rows(fit.x).jacobian

@@ -228,7 +228,7 @@ def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None
             sizes = tuple(size.get(column, 0.0) for column in term.columns)
             weights = replace(term, sizes=sizes)
         return replace(weights, unknown_tool=not payload.known)
-    return None if payload.known else unknown_tool(arm, payload)
+    return next(iter(unknown_tool(arm, payload)), None)
 
 
 # Calibration that starts from a fitted model of the arm: after a crash, a new tool, a new cell.

@@ -255,8 +255,11 @@ def general_problem(
     if source == "masses" and payload is not None:
         unknown = unknown_weights(arm, payload, states)
     torques_Nm = states.tau_Nm
-    for weights in unknown:  # a tool of unknown mass as heavy as it may well be
-        of_tool = (np.array(weights.columns) == 4 * arm.n) & weights.unknown_tool
+    for weights in unknown:  # a tool as heavy, and as far out, as it may well be
+        beyond = np.array(weights.columns) - 4 * arm.n
+        of_tool = (beyond == 0) & weights.unknown_tool
+        if payload is not None and payload.com_u_m is not None:
+            of_tool |= (beyond > -4) & (beyond < 0)
         torques_Nm = torques_Nm - weights.torque_Nm(states, np.where(of_tool, weights.sizes, 0.0))
     springs = _springs(arm, torques_Nm, source, options.general.springs)
     unknowns = choose_unknowns(arm, options.tolerances, observations.measured, start)

@@ -344,8 +344,7 @@ def _common_torques(
         for each in shifted_payloads
     ]
     of_tool = np.zeros((*weights.torque_Nm.shape, 0))
-    if not payload.known:
-        tool = unknown_tool(arm, payload)
+    for tool in unknown_tool(arm, payload):
         of_tool = weights.static_loads.by_weights[:, :, list(tool.columns)] * tool.sizes
     rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
     zero = np.tile(np.diag(options.torque_zero_uncertainty * rated_Nm), (len(cells), 1, 1))
