@@ -94,6 +94,54 @@ def test_a_name_is_contradicted_by_errors_beyond_its_uncertainty(eccentric, fact
     assert any("held-out poses contradict it" in why for why in reasons) == contradicted
 
 
+def as_group(monkeypatch, found, of_second, factor):
+    """Return a verdict as of a group of two, the second predicted worse by a factor.
+
+    Args:
+        of_second: tells which poses are of the second campaign, by their joint positions (P, n).
+    """
+
+    def campaigns(gap):
+        second = of_second(gap.poses.states.q_rad)
+        return {"first": ~second, "second": second}
+
+    monkeypatch.setattr(PairedErrors, "campaigns", property(campaigns))
+
+    def worse(gap):
+        after = replace(gap.found_before, distance_mm=factor * gap.found_before.distance_mm)
+        second = of_second(gap.poses.states.q_rad)
+        return replace(gap, found_after=gap.found_after.with_others(second, after))
+
+    return found.with_gaps(worse)
+
+
+def test_a_campaign_of_a_group_that_effects_harm_keeps_its_calibrated_model(monkeypatch, mapped):
+    middle = np.median(mapped.discovery.train.poses.states.q_rad[:, 1])
+    found = as_group(monkeypatch, mapped.discovery, lambda q: q[:, 1] > middle + 0.3, 1.1)
+    after = harmless(found)
+    assert [each.effect for each in after.effects] == [each.effect for each in found.effects]
+    assert "of campaign second are predicted worse" in after.falls_back.why
+    assert "beyond the joint positions of the other campaigns" in after.falls_back.why
+    record = after.holdout.record()
+    first, second = record.per_campaign["first"], record.per_campaign["second"]
+    assert second.after.rms_mm == pytest.approx(second.before.rms_mm, rel=0.02)
+    assert first.after.rms_mm == pytest.approx(
+        found.holdout.record().per_campaign["first"].after.rms_mm, rel=0.1
+    )
+
+
+def test_an_effect_that_harms_a_campaign_in_the_same_positions_goes(monkeypatch, mapped):
+    found = as_group(monkeypatch, mapped.discovery, lambda q: np.round(1e4 * q[:, 1]) % 2 > 0, 1.1)
+    after = harmless(found)
+    assert after.effects == ()
+    assert any("held-out poses of campaign second" in place.why for place in after.unexplained)
+
+
+def test_a_campaign_that_is_worse_by_chance_is_not_harmed(monkeypatch, mapped):
+    found = as_group(monkeypatch, mapped.discovery, lambda q: np.round(1e4 * q[:, 1]) % 2 > 0, 1.01)
+    assert harmless(found).effects == found.effects
+
+
 def test_positions_visited_bridge_usual_gaps_only():
     rng = np.random.default_rng(1)
     q_rad = np.column_stack(

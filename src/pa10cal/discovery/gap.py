@@ -63,6 +63,13 @@ class PairedErrors:
         """Return the mean reduction of the error, paired over poses."""
         return self.reduction_of(slice(None))
 
+    @cached_property
+    def campaigns(self) -> dict[str, Mask]:
+        """Return which configurations (P,) are of each campaign of a group; none of one alone."""
+        number = np.asarray(self.poses.states.campaign)
+        names = [name for name, _ in self.poses.measured.campaigns]
+        return {name: number == k for k, name in enumerate(names) if np.any(number == k)}
+
     def reduction_of(self, rows: Mask | slice) -> Reduction:
         """Return the mean reduction over some configurations, paired over their poses.
 
@@ -93,19 +100,24 @@ class PairedErrors:
         """
         load_N, still = self.poses.states.load_N, self.without_motion
         loads = {f"{load:g}N": load_N == load for load in np.unique(load_N)}
+
+        def each(parts: Mapping[str, Mask]) -> dict[str, LoadGap]:
+            return {
+                name: LoadGap(
+                    before=summarise(self.found_before, rows),
+                    after=summarise(self.found_after, rows),
+                    reduction=self.reduction_of(rows),
+                )
+                for name, rows in parts.items()
+            }
+
         return SetGap(
             before=self.before,
             after=self.after,
             noise_floor_mm=self.noise_floor_mm,
             reduction=self.reduction,
-            per_load={
-                load: LoadGap(
-                    before=summarise(self.found_before, rows),
-                    after=summarise(self.found_after, rows),
-                    reduction=self.reduction_of(rows),
-                )
-                for load, rows in loads.items()
-            },
+            per_load=each(loads),
+            per_campaign=each(self.campaigns) or None,
             inside=self.accuracies(self.inside),
             outside=None if self.inside is None else self.accuracies(~self.inside),
             trusted=None

@@ -271,6 +271,8 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
 # be it for the weights of a fit without effects, the extended model is the calibrated one: beyond
 # the joint positions that the fit has visited, or, where that does not do, everywhere. A name that
 # predicts them worse by far more than its own uncertainty allows is contradicted, and is no name.
+# Of a group that holds in every campaign: what helps most of them and harms one is no effect of the
+# arm that they share.
 
 #: Errors larger than before by this factor are worse, whatever chance may do.
 WORSE = 1.02
@@ -288,7 +290,7 @@ def harmless(found: V) -> V:
     Of a path those at unseen stretches neither.
     """
     visited = span_visited(found.prepared.readings.states.q_rad)
-    found = _without_contradicted(found, visited)
+    found = _harmless_to_every_campaign(_without_contradicted(found, visited))
     held_out = found.trusted_holdout
     if held_out is None:
         return found
@@ -297,6 +299,8 @@ def harmless(found: V) -> V:
     judged = [np.ones_like(outside)]
     if (unseen := HeldOutPlaces.of(held_out.poses, fitted).unseen) is not None:
         judged.append(unseen)
+    if (harmed := _harmed_campaign(found)) is not None:
+        judged.append(held_out.campaigns[harmed])
 
     def anywhere(gap: PairedErrors) -> BeforeAfter | None:
         return next((harm for rows in judged if (harm := _harm(gap, rows)) is not None), None)
@@ -306,7 +310,8 @@ def harmless(found: V) -> V:
     if harm is None:
         return found
     where, then = "", "everywhere"
-    if outside.any() and anywhere(fallen_back(held_out, outside)) is None:
+    beyond = found.falls_back is None and outside.any()
+    if beyond and anywhere(fallen_back(held_out, outside)) is None:
         harm, within = there or harm, visited
         where, then = " beyond the joint positions of the fit", "there"
     what = "with the effects" if found.findings else "by the model fitted anew"
@@ -315,10 +320,7 @@ def harmless(found: V) -> V:
         f"before, {harm.after.rms_mm:.4f} mm after; the extended model is the calibrated one {then}"
     )
 
-    def within_alone(gap: PairedErrors) -> PairedErrors:
-        return fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
-
-    return replace(found.with_gaps(within_alone), falls_back=FallBack(within, found.baseline, why))
+    return replace(_only_within(found, within), falls_back=FallBack(within, found.baseline, why))
 
 
 def _without_contradicted(found: V, visited: AngleCoverage) -> V:
@@ -354,6 +356,82 @@ def _without_contradicted(found: V, visited: AngleCoverage) -> V:
         )
         found = found.without_names(dict.fromkeys(of_joints or names, why))
     return found
+
+
+def _harmless_to_every_campaign(found: V) -> V:
+    """Return the verdict of a group by which none of its campaigns is predicted worse.
+
+    The extended model is the calibrated one beyond the joint positions of the other campaigns, or,
+    where that does not do, effects go: those without which that campaign is not predicted worse
+    and the others best, or else that campaign best.
+    """
+    while found.effects and (campaign := _harmed_campaign(found)) is not None:
+        gap = found.trusted_holdout
+        assert gap is not None
+        harm = gap.accuracies(gap.campaigns[campaign])
+        assert harm is not None
+        worse = (
+            f"held-out poses of campaign {campaign} are predicted worse, "
+            f"{harm.before.rms_mm:.4f} mm rms before and {harm.after.rms_mm:.4f} mm after"
+        )
+        others = ~found.train.campaigns[campaign]
+        within = span_visited(found.train.poses.states.q_rad[others])
+        apart = _only_within(found, within)
+        if _harmed_campaign(apart) is None:
+            why = (
+                f"with the effects {worse}; the extended model is the calibrated one beyond the "
+                "joint positions of the other campaigns"
+            )
+            return replace(apart, falls_back=FallBack(within, found.baseline, why))
+        tried = [found.without_names({one: f"with it {worse}"}) for one in found.effects]
+        left = [(_is_harmed(one, campaign), _left_mm(one, campaign)) for one in tried]
+        found = tried[left.index(min(left))]
+    return found
+
+
+def _only_within(found: V, within: AngleCoverage) -> V:
+    """Return the verdict with the calibrated model's errors beyond some joint positions."""
+    return found.with_gaps(
+        lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad)),
+    )
+
+
+def _left_mm(found: SearchVerdict[object], campaign: str) -> float:
+    """Return what is left of held-out poses, of those of a campaign where they are harmed."""
+    gap = found.trusted_holdout
+    assert gap is not None
+    rows = gap.campaigns[campaign] if _is_harmed(found, campaign) else slice(None)
+    return summarise(gap.found_after, rows).rms_mm
+
+
+def _harmed_campaign(found: SearchVerdict[object]) -> str | None:
+    """Return the campaign of a group that is predicted worse by most; None where none is."""
+    gap = found.trusted_holdout
+    worse = {}
+    for name, rows in {} if gap is None else gap.campaigns.items():
+        harm = None if gap is None else gap.accuracies(rows)
+        if harm is not None and _is_harmed(found, name):
+            worse[name] = harm.after.rms_mm / harm.before.rms_mm
+    return max(worse, key=worse.__getitem__, default=None)
+
+
+def _is_harmed(found: SearchVerdict[object], campaign: str) -> bool:
+    """Return whether held-out poses of a campaign are predicted worse by more than chance.
+
+    Where they are too few to be sure, the poses of that campaign that were fitted tell whether it
+    is chance: an effect for which the arm comes nearer to other campaigns leaves more of these.
+    """
+
+    def worse(gap: PairedErrors | None) -> tuple[bool, bool]:
+        if gap is None or campaign not in gap.campaigns:
+            return False, False
+        rows = gap.campaigns[campaign]
+        harm, paired = gap.accuracies(rows), gap.reduction_of(rows)
+        over = harm is not None and _is_over(WORSE, harm)
+        return over, over and paired.poses > 1 and paired.interval95_mm[1] < 0.0
+
+    over, surely = worse(found.trusted_holdout)
+    return surely or (over and worse(found.train)[1])
 
 
 def _harm(gap: PairedErrors, rows: Mask) -> BeforeAfter | None:

@@ -190,6 +190,10 @@ class SetGap(LoadGap):
 
     noise_floor_mm: float  # mean position error that repeatability alone leaves [mm]
     per_load: Mapping[record.LoadKey, LoadGap]  # the gap at each load
+    # of a group, the gap in each campaign; not given of a single one
+    per_campaign: Mapping[Annotated[str, record.Key("campaign")], LoadGap] | None = (
+        record.optional()
+    )
     # inside the joint angles that maps have learnt from; null where effects were judged by repeats,
     # no map was found, or no configuration is
     inside: BeforeAfter | None
