@@ -12,10 +12,12 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
     goes_with,
+    measured_again,
     partings,
     reversed_joints,
     slow_joints,
     with_arrivals,
+    with_places,
     with_time_validity,
 )
 from pa10cal.observe.points import Distance
@@ -110,6 +112,19 @@ def test_poses_that_are_measured_again_give_time_in_any_order(random_order):
     at_once = half.take(np.repeat(np.arange(ROWS // 2), 2))
     same = replace(at_once.states, time_s=10.0 * np.arange(ROWS))
     assert goes_with(at_once.with_states(same)) != ()
+
+
+def test_places_that_are_visited_again_give_time_whatever_their_labels(random_order):
+    q_rad = random_order.states.q_rad.copy()
+    q_rad[ROWS // 2 :] = q_rad[: ROWS // 2] + 1e-4
+    states = replace(random_order.states, q_rad=q_rad)
+    every = random_order.with_states(replace(states, load_N=np.zeros(ROWS)))
+    assert len(np.unique(with_places(every).pose)) == ROWS // 2
+    assert measured_again(every)
+    assert not measured_again(random_order)
+    # Rows that creep along are no places visited again, however near neighbours are.
+    creeping = np.linspace(0.0, 0.05, ROWS)[:, None] * np.ones(JOINTS)
+    assert not measured_again(every.with_states(replace(every.states, q_rad=creeping)))
 
 
 def test_a_joint_that_goes_to_the_other_side_parts_the_rows(random_order):

@@ -22,7 +22,14 @@ from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import Parting, drivers, measured_again, partings, slow_joints
+from pa10cal.observe.order import (
+    Parting,
+    drivers,
+    measured_again,
+    partings,
+    slow_joints,
+    with_places,
+)
 from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -415,16 +422,18 @@ def in_time_of(
     """Find how the base moves in time, beside what candidate effects and loads can explain.
 
     Nothing is found where times were not recorded, and where poses are read once and follow each
-    other like those of a scan: what goes with time and with place are then the same. What is found
+    other like those of a scan that comes back to no place: what goes with time and with place are
+    then the same. What is found
     where a joint or the load goes from one side to the other, or a joint moves slowly, is held
     against errors that go with it: only what these do not take is told of time.
 
     The model has a term of its own for the base; the P single readings are complete, and their
     noise whitened by (P, b, b). Torques may have been logged, those of the weights be known.
     """
-    once = len(np.unique(poses.pose)) == len(poses)
-    if not poses.states.tells_time or (once and like_a_scan(poses)):
+    once, again = len(np.unique(poses.pose)) == len(poses), measured_again(poses)
+    if not poses.states.tells_time or (once and not again and like_a_scan(poses)):
         return STILL
+    poses = with_places(poses) if again else poses
     if len(poses) > _MOST_READINGS:
         shown: Index = spread_over_time(poses)
         poses, whitener = poses.take(shown), whitener[shown]
@@ -444,7 +453,7 @@ def in_time_of(
         return _found(_Rows(at, poses, whitener, own, static, of_time), walks=walks)
 
     shows = find(())
-    if measured_again(poses):
+    if again:
         return shows
     rivals: tuple[Parting, ...] = ()
     first_mm = 0.0 if shows.wander is None else shows.wander.rms_mm[0]

@@ -52,6 +52,8 @@ from pa10cal.terms.of_campaign import OfPart, motion_of_base
 #: Kinds of poses that are repeated.
 _KINDS = ("grid", "holdout")
 UNCALIBRATED, EXTENDED = "uncalibrated", "extended"
+#: A carried model with errors larger than those of the nominal arm by this factor is worse.
+_WORSE = 1.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +190,11 @@ def transfer_record(
         one_base = _errors_of(found)
         found, parts = there.judge_in_parts(cuts_s)
     return results.TransferRecord(
-        from_=from_, parts=parts, one_base=one_base, **_shared_keys(campaign, found)
+        from_=from_,
+        parts=parts,
+        one_base=one_base,
+        worse=said_of_worse(found, from_) or None,
+        **_shared_keys(campaign, found),
     )
 
 
@@ -226,6 +232,23 @@ def judged_where_repeated(
         known = held_out if kind == "holdout" else None
         found[kind] = known or own.judge(kind=kind)
     return found
+
+
+def said_of_worse(models: Mapping[str, results.HeldOutModel], from_: str) -> str:
+    """Return in one sentence which carried models are worse than the nominal arm; empty if none."""
+    nominal_mm = models[UNCALIBRATED].rms_mm if models else 0.0
+    worse = [
+        f"{name} {model.rms_mm:.3f} mm rms"
+        for name, model in models.items()
+        if model.rms_mm > _WORSE * nominal_mm
+    ]
+    if not worse:
+        return ""
+    return (
+        f"worse here than the nominal arm, which has {nominal_mm:.3f} mm rms with base and tool "
+        f"fitted alike: {', '.join(worse)}; what {from_} determined does not hold here, do not use "
+        "it: calibrate this campaign, and compare the two models"
+    )
 
 
 def said_of_parts(parts: Sequence[results.PartOfCampaign]) -> str:

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
@@ -73,7 +74,7 @@ def goes_with(
 ) -> tuple[tuple[Driver, float], ...]:
     """Return the joints and loads that the order of rows goes with, and their rank correlations.
 
-    Empty where poses are measured again at other times, under the same load: those show time.
+    Empty where places are measured again at other times, under the same load: those show time.
     Readings are single ones of one campaign.
     """
     states = every.states
@@ -109,10 +110,30 @@ def with_time_validity(
     return every.with_states(states), (f"{why}: no step, drift or wander is sought",)
 
 
+#: Joint positions no farther apart than this are one place [rad, m]: robots come back to a command
+#: within a tenth of it, and nothing that an arm errs by differs over it.
+_ONE_PLACE = 1e-3
+#: With more pairs a reading than this the robot stood still, and did not come back.
+_MOST_PAIRS = 30
+
+
+def with_places(every: Observations) -> Observations:
+    """Return readings, those that were taken at one place under one label, whatever theirs were."""
+    _, first, pose = np.unique(every.pose, return_index=True, return_inverse=True)
+    places = cKDTree(every.states.q_rad[first])
+    near = places.count_neighbors(places, _ONE_PLACE, p=np.inf)
+    if near <= len(first) or near > _MOST_PAIRS * len(first):
+        return every
+    pairs = places.query_pairs(_ONE_PLACE, p=np.inf, output_type="ndarray")
+    place = np.arange(len(first))
+    np.minimum.at(place, pairs.max(axis=1), pairs.min(axis=1))
+    return replace(every, pose=every.pose[first][place][pose.ravel()])
+
+
 def measured_again(every: Observations) -> bool:
-    """Return whether readings of the same pose and load are spread over time: they tell it."""
+    """Return whether readings of the same place and load are spread over time: they tell it."""
     load = np.unique(every.states.load_N, return_inverse=True)[1].ravel()
-    pose = np.unique(every.pose, return_inverse=True)[1].ravel()
+    pose = np.unique(with_places(every).pose, return_inverse=True)[1].ravel()
     group = np.unique(pose * (load.max() + 1) + load, return_inverse=True)[1].ravel()
     time = _ranks(every.states.time_s)
     middle = np.bincount(group, time) / np.bincount(group)

@@ -202,6 +202,8 @@ class TransferRecord(record.MeasuredRecord):
     parts: tuple[PartOfCampaign, ...] | None = record.optional()
     # errors by model with one base for all parts
     one_base: Mapping[Annotated[str, record.Key("model")], Accuracy] | None = record.optional()
+    # which models are worse here than the nominal arm, one sentence; not given where none is
+    worse: str | None = record.optional()
 
 
 # `evaluation/iso9283.json`: pose accuracy and repeatability after ISO 9283.

@@ -128,3 +128,5 @@ def transfer(
     if carried.parts and carried.one_base:
         whole = ", ".join(f"{name} {each.rms_mm:.3f} mm" for name, each in carried.one_base.items())
         print(f"{said_of_parts(carried.parts)} (with one base: rms {whole})")
+    if carried.worse:
+        print(f"warning: {carried.worse}")
