@@ -23,6 +23,8 @@ from pa10cal.terms.weights import WEIGHT
 _CLUSTERS, _LEAST_IN_CLUSTER = 10, 2
 #: Of a path, an error larger by this factor is worse.
 _WORSE = 1.05
+#: Errors below this are rounding [m].
+_FINEST_M = 1e-12
 
 
 def predicts_unseen(
@@ -71,12 +73,13 @@ def _errors_m(problem: Problem, found: GeneralSolution, group: Index) -> Array:
         columns = rows.jacobian[out][:, :, free] * reach[free]
         white = (root @ columns).reshape(-1, len(free))
         data = (root @ rows.residual[out][:, :, None]).ravel()
-        here = columns[:, places], rows.residual[out][:, places]
-        parts.append((white.T @ white, white.T @ data, *here))
-    normal = np.sum([part[0] for part in parts], axis=0) + np.eye(len(free))
-    gradient = np.sum([part[1] for part in parts], axis=0) + off
+        parts.append((out, white.T @ white, white.T @ data))
+    normal = np.sum([part[1] for part in parts], axis=0) + np.eye(len(free))
+    gradient = np.sum([part[2] for part in parts], axis=0) + off
     errors = []
-    for own, own_gradient, columns, left in parts:
-        step = -np.linalg.solve(normal - own, gradient - own_gradient)
-        errors.append(np.sqrt(np.mean(np.sum((left + columns @ step) ** 2, axis=1))))
+    for out, own, own_gradient in parts:
+        step = np.zeros(len(reach))
+        step[free] = -reach[free] * np.linalg.solve(normal - own, gradient - own_gradient)
+        left = (rows.residual[out] + rows.jacobian[out] @ step)[:, places]
+        errors.append(np.sqrt(np.mean(np.sum(left**2, axis=1)) + _FINEST_M**2))
     return np.array(errors)
