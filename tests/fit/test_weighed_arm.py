@@ -12,10 +12,12 @@ from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.campaign.description import CampaignDescription, Masses
 from pa10cal.files.arms import load_arm
+from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.weighed_arm import weighed_arm, weights_finding
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 
 ARM = load_arm("ur10")
@@ -107,7 +109,45 @@ def test_logged_torques_weigh_an_arm_that_states_nothing():
 
 @pytest.mark.parametrize("gain", [1.0, 0.9])
 def test_torques_that_fit_leave_stated_masses_alone(gain):
-    assert weighed(described(), ARM, readings(gain=gain)) is ARM
+    arm = weighed(described(), ARM, readings(gain=gain))
+    known = weights_known(arm)
+    assert known.origin == "stated"
+    assert known.by_log.said == ""
+    np.testing.assert_array_equal(arm.mass_kg, ARM.mass_kg)
+
+
+def model_on_springs(arm, tool_kg, u=1e-12):
+    """Return a model with springs of known stiffness, fitted to logged torques."""
+    springs = tuple(JointSpring(joint, 100.0, cubic=False) for joint in (2, 3))
+    payload = replace(described().payload(arm), mass_kg=tool_kg)
+    x = np.concatenate([spring.solved(3e4, 0.0) for spring in springs])
+    covariance = u * np.eye(len(x) + 6)
+    model = Model(Chain.of(arm), springs)
+    return FittedModel(model, x, np.eye(4), payload=payload, covariance=covariance)
+
+
+@pytest.mark.parametrize(("stated_kg", "says"), [(1.0, False), (3.0, True)])
+def test_predictions_go_by_the_masses_that_the_log_has(stated_kg, says, tmp_path):
+    """The arm carries 1 kg, and each link weighs 5 % more than stated."""
+    logged = readings(replace(ARM, mass_kg=1.05 * ARM.mass_kg))
+    tool = {"mass_kg": stated_kg, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]}
+    arm = weighed(described(tool=tool), ARM, logged)
+    said = weights_known(arm).by_log.said
+    assert said.startswith("the tool is stated with 3 kg, and logged torques have it at") == says
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 6))
+    true = model_on_springs(replace(ARM, mass_kg=1.05 * ARM.mass_kg), 1.0).predict(q)
+    stated = model_on_springs(ARM, stated_kg).predict(q)
+    model = model_on_springs(arm, stated_kg)
+    save_model(model, tmp_path / "model.yaml")
+    for found in (model.predict(q), load_model(tmp_path / "model.yaml").predict(q)):
+        off_mm, before_mm = (
+            1e3 * np.linalg.norm(each.T[:, :3, 3] - true.T[:, :3, 3], axis=1)
+            for each in (found, stated)
+        )
+        assert np.sqrt(np.mean(off_mm**2)) < 0.1 * np.sqrt(np.mean(before_mm**2))
+        # What the log leaves open is in the uncertainty, and was in none.
+        assert 0.3 < np.sqrt(np.mean(off_mm**2) / np.mean(found.u_parameters_mm**2)) < 2.0
+        assert np.all(found.u_parameters_mm > stated.u_parameters_mm)
 
 
 def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():

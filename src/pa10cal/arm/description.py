@@ -27,6 +27,19 @@ _refusal = refusals_beside(__file__, ArmError)
 
 
 @dataclass(frozen=True)
+class WeighedByLog:
+    """What logged torques say of weights that are stated: what these differ by.
+
+    By the columns of `StaticLoads.by_weights`: mass and first moments of every link, mass of the
+    tool, two tilts of gravity, (4 n + 3,).
+    """
+
+    x: Array  # (4 n + 3,) differences from what is stated
+    covariance: Array  # (4 n + 3, 4 n + 3) theirs
+    said: str = ""  # which mass the log contradicts, with both numbers; empty for none
+
+
+@dataclass(frozen=True)
 class WeightsKnown:
     """How well the weights of the links are known."""
 
@@ -36,6 +49,7 @@ class WeightsKnown:
     mass: Array  # (n,) standard uncertainty of each mass, relative
     com_m: Array  # (n,) standard uncertainty of each centre of mass, per axis
     why: str = ""  # why they are not taken as stated, one clause; empty where they are
+    by_log: WeighedByLog | None = None  # of stated ones, where torques were logged
 
     @property
     def assumed(self) -> bool:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import reported_name
 from pa10cal.calibration.fit_summary import FitSummary, correlated, poses_needed
 from pa10cal.calibration.uncertainty import HeldOut
@@ -550,6 +550,9 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
             )
             + ": stiffness is relative to them"
         )
+    log = None if evidence.arm is None else weights_known(evidence.arm).by_log
+    if log is not None and log.said:
+        yield log.said
     if evidence.com_u_m is not None:
         yield (
             "the tool's centre of mass is not stated (tool.com_mm is 0, 0, 0): it counts as "

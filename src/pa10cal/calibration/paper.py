@@ -238,6 +238,7 @@ def _evidence(
         from_touches=stated.measured.from_touches,
         findings=findings,
         wanted_mm=case.options.wanted_uncertainty_mm,
+        arm=case.arm,
     )
 
 

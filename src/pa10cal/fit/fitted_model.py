@@ -13,7 +13,7 @@ import yaml
 from numpy.typing import ArrayLike
 
 from pa10cal.arm.chain import BASE, TOOL, Chain
-from pa10cal.arm.description import ROW_FIELDS, Arm, WeightsKnown
+from pa10cal.arm.description import ROW_FIELDS, Arm, WeighedByLog, WeightsKnown
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError, refusals_beside
@@ -488,6 +488,7 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
             "why": known.why,
             "mass_u": known.mass.tolist(),
             "com_u_m": known.com_m.tolist(),
+            "by_log": None if known.by_log is None else _plain(vars(known.by_log)),
         }
     return plain
 
@@ -514,6 +515,9 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
     if (weights := content.get("weights")) is not None:
         mass, com_m = (np.array(weights[key], dtype=float) for key in ("mass_u", "com_u_m"))
         known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
+        if (log := weights.get("by_log")) is not None:
+            log = {**log, "x": _finite(log["x"], "x"), "covariance": _finite(log["covariance"], "")}
+            known = replace(known, by_log=WeighedByLog(**log))
     return Arm(
         name=str(content["name"]),
         title=str(content["title"]),

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError, refusals_beside
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
-from pa10cal.fit.weighed_arm import with_uncertain_weights
+from pa10cal.fit.weighed_arm import with_weights_by_log
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines, b_splines_by_knots
 from pa10cal.terms.model import Model
@@ -110,11 +110,9 @@ class Forward:
         payload = payload_of.get(frame.partition(OF)[2], model.payload)
         model = replace(model, payload=payload)
         known, soft = model.arm.weights_known, any(yields(term) for term in model.model.terms)
-        logged = known is not None and known.origin == "logged"
-        if logged and soft and payload is not None and model.covariance is not None:
-            # Predictions take the torques of the weights, and a fit to the log knows nothing of
-            # how uncertain these are.
-            model = with_uncertain_weights(model, payload)
+        logged = known is not None and (known.origin == "logged" or known.by_log is not None)
+        if logged and soft and payload is not None:
+            model = with_weights_by_log(model, payload)
         # Of a group `tool` is that of the first campaign that measured poses.
         tools = model.tools
         own = tools.get(frame) or next(iter(tools.values()), None)

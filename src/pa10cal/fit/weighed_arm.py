@@ -15,13 +15,14 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.description import Arm, WeightsKnown, weights_known
+from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import CENTRE, DRIVES, Payload, PoseStates, with_assumed_weights
 from pa10cal.arrays import Array
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.loads import statics_of
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights, WeightSizes
 
@@ -36,6 +37,8 @@ _GAIN, _FRICTION, _ZERO = 0.05, 0.03, 0.01
 _OFF = 5.0
 #: ... and explains them better than chance or another cause allows, by so much log evidence.
 _NATS = 12.0
+#: A mass is contradicted by so many standard uncertainties of what is stated and logged together.
+_DIFFERS = 4.0
 _REWEIGHTED = 4
 #: Scatter about weights of any kind, of the torques logged, above which those are not of weights.
 _SCATTER = 0.3
@@ -86,7 +89,11 @@ def weighed_arm(
     if arm.weights_known is not None:
         return rows.weighed() if rows.follow else arm
     if rows.follow:
-        return rows.without_contradiction()
+        found = rows.without_contradiction()
+        if found.weights_known is None:
+            by_log = rows.by_log()
+            found = replace(found, weights_known=replace(weights_known(found), by_log=by_log))
+        return found
     # One link may be so far off; more than one are as well the signs of torques, or gravity.
     found = rows.without_contradiction(most=1)
     return found if _Torques.of(found, payload, poses).follow else arm
@@ -251,6 +258,35 @@ class _Torques:
         ]
         assert found.weights_known is not None
         return replace(found, weights_known=replace(found.weights_known, why="; ".join(clauses)))
+
+    def by_log(self) -> WeighedByLog:
+        """Return what the torques say of stated weights, of which each is known to its part.
+
+        A mass that they contradict, be it of a link or the tool, is as they have it.
+        """
+        arm, tool_kg = self.arm, self.payload.mass_kg if self.payload.known else 0.0
+        assert arm.mass_kg is not None
+        stated_kg = np.append(arm.mass_kg, tool_kg)
+        sizes = weight_sizes(arm, self.payload).columns(arm)
+        opened, said, furthest = sizes, "", _DIFFERS
+        for k in np.flatnonzero(stated_kg > 0.0):
+            tried = sizes.copy()
+            tried[4 * k] = max(float(stated_kg.max()), sizes[4 * k])
+            x, covariance, _ = self._solve(tried)
+            std_kg = float(np.sqrt(covariance[4 * k, 4 * k]))
+            off = abs(float(x[4 * k])) / float(np.hypot(std_kg, sizes[4 * k]))
+            if off > furthest:
+                what = "the tool" if k == arm.n else f"link {k + 1}"
+                said = (
+                    f"{what} is stated with {stated_kg[k]:.3g} kg, and logged torques have it at "
+                    f"{stated_kg[k] + x[4 * k]:.3g} ± {HALF_WIDTH_95 * std_kg:.1g} kg: predictions "
+                    "go by the log"
+                )
+                opened, furthest = tried, off
+        # Springs are fitted to torques of the log's scale, and predictions need them of that scale.
+        scaled = replace(self, nuisance=self.nuisance[:, :, arm.n :])
+        x, covariance, _ = scaled._solve(opened)
+        return WeighedByLog(x, covariance, said)
 
     def _solve(self, sizes: Array) -> tuple[Array, Array, float]:
         """Return weights (4 n + 3,) beside those described, their covariance, and the squares left.
@@ -424,6 +460,28 @@ def with_uncertain_weights(model: F, payload: Payload) -> F:
         x=np.concatenate([own.x, values]),
         covariance=covariance,
     )
+
+
+def with_weights_by_log(model: F, payload: Payload) -> F:
+    """Return a model, fitted to logged torques, with its weights as uncertain as the log leaves.
+
+    Predictions take the torques of the weights, of which the fit knows nothing: with stated ones a
+    tool of 1.4 kg for 2.4 moved them by 0.3 mm.
+    """
+    known, terms = weights_known(model.arm), model.model.terms
+    if any(isinstance(term, Weights) for term in terms):
+        return model
+    found = with_uncertain_weights(model, payload)
+    if known.by_log is None or payload.of_campaigns:
+        return found
+    (weights,) = (term for term in found.model.terms if isinstance(term, Weights))
+    at = np.arange(len(found.x))[found.model.columns_of(weights)]
+    columns, x, covariance = list(weights.columns), found.x.copy(), found.covariance
+    x[at] = known.by_log.x[columns]
+    if covariance is not None:
+        covariance = covariance.copy()
+        covariance[np.ix_(at, at)] = known.by_log.covariance[np.ix_(columns, columns)]
+    return replace(found, x=x, covariance=covariance)
 
 
 def open_unknowns(model: Model) -> int:
