@@ -11,11 +11,12 @@ from made_up_poses import shifted
 from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.gap import beside_motion
-from pa10cal.discovery.in_time import in_time_of, motion_unexplained
+from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
 from pa10cal.discovery.noise import same_circumstances, unweighted
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.row_faults import moved_between_repeats
+from pa10cal.discovery.wander import motion_unexplained
 from pa10cal.terms.effects.effect import candidates
 
 # Where poses are repeated.
@@ -146,6 +147,26 @@ def test_a_steady_drift_is_neither_a_jump_nor_a_wander(small):
     found = shown(small, replace(small, readings=in_order(small.readings, drift_m)).survey.poses)
     assert found.wander is None
     assert found.drifts
+
+
+@pytest.mark.slow
+def test_a_step_over_a_night_is_neither_a_drift_nor_growth(small):
+    readings = in_order(small.readings, jump(60, 6.0))
+    late = np.arange(POSES) >= 60
+    states = readings.states
+    states = replace(
+        states,
+        time_s=states.time_s + 43_200.0 * late,
+        temperature_C=states.temperature_C + 1.0 * late,
+    )
+    given = Prepared(
+        readings.with_states(states), None, small.baseline, small.setup, "masses", False
+    )
+    found = discover_by_blocks(given)
+    (fault,) = found.faults
+    assert found.effects == ()
+    assert found.survey.wander.jumps[0].pause
+    assert "in a pause of 12 h, at once or in the course of it" in fault.what
 
 
 @pytest.mark.parametrize("why", ["time goes with place", "time was not recorded"])

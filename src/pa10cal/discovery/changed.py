@@ -16,12 +16,13 @@ import numpy as np
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault
-from pa10cal.discovery.in_time import Wander, by_base, like_a_scan, spread_over_time
+from pa10cal.discovery.in_time import MOST_READINGS
 from pa10cal.discovery.preparation import by_pose_and_time
+from pa10cal.discovery.wander import Wander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import measured_again, partings
+from pa10cal.observe.order import like_a_scan, measured_again, partings, spread_over_time
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Offsets
 
@@ -147,7 +148,7 @@ def change_of(
     """
     if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
         return None
-    shown = spread_over_time(poses)
+    shown = spread_over_time(poses, MOST_READINGS)
     poses, whitener = poses.take(shown), whitener[shown]
     rows, kinds = _Rows(at, poses, whitener), _kinds(at)
     tried = [(kind, b, *rows.best(_columns(kind, b, at, poses))) for kind, b in kinds]
@@ -194,7 +195,7 @@ def rivals_of_steps(
     found: dict[float, tuple[str, ...]] = {}
     if wander is None or poses.measured.campaigns or measured_again(poses):
         return found
-    shown = spread_over_time(poses)
+    shown = spread_over_time(poses, MOST_READINGS)
     poses, whitener = poses.take(shown), whitener[shown]
     time_s = poses.states.time_s
     for jump in wander.jumps:
@@ -233,7 +234,7 @@ _WORDS: dict[Kind, str] = {
 def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
     """Return how measured less predicted components follow a kind of change, (P, b, k)."""
     if kind == "base":
-        return _SIZE * by_base(at, poses)
+        return _SIZE * linear.by_base(at, poses)
     of_targets = linear.by_targets(at, poses)
     if kind == "target":
         return _SIZE * of_targets[:, :, 3 * target : 3 * target + 3]
@@ -250,7 +251,7 @@ def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> A
         return _SIZE * column
     terms = [term for term in at.model.terms if type(term) is Offsets and term.of != "base"]
     own = linear.by_own_terms(at, poses, terms)
-    frames = [_FRAMES_M * of_targets, _FRAMES_M * by_base(at, poses)]
+    frames = [_FRAMES_M * of_targets, _FRAMES_M * linear.by_base(at, poses)]
     return np.concatenate([*own, *frames], axis=2)
 
 

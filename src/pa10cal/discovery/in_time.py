@@ -1,151 +1,41 @@
-"""Motion of the instrument or the base in the course of time: jumps, and a slow wander.
+"""Motion of the instrument or the base in the course of time, found by evidence.
 
-A jump is six motions of the base times a unit step. A wander is a random walk of the base in its
-first waves (Karhunen and Loève), of a size chosen. Gaussian sizes are expected of both.
+Readings of one pose at different times differ by noise and by what moved in between, whatever the
+model of the arm lacks. All single readings are compared: Gaussian parameters are integrated out,
+among them the model's own, every effect of the vocabulary, and an error that the readings of a
+pose share. The time of a jump is scanned. Where the data prefer neither jump nor walk, nothing of
+the search changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
-from types import MappingProxyType
 
 import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
-from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import by_pose_and_time
+from pa10cal.discovery.wander import STILL, WAVES, InTime, Jump, Wander, motions_along, sizes_of_six
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Parting,
     drivers,
+    like_a_scan,
     measured_again,
     partings,
     slow_joints,
+    spread_over_time,
     with_places,
 )
-from pa10cal.results.discovery import Unexplained
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.term import base_frame
-
-#: Waves of a random walk over the campaign: beyond them 4 % of its variance is left.
-WAVES = 16
-
-
-@dataclass(frozen=True)
-class Jump:
-    """A sudden motion of the base against the instrument."""
-
-    time_s: float  # its most likely time
-    # before_s and after_s: times of the readings between which it happened
-    before_s: float
-    after_s: float
-    size_m: float = 0.0  # standard deviation expected of its shift
-    turn: float = 0.0  # expected turn a shift [rad/m]
-
-
-@dataclass(frozen=True, eq=False)
-class Wander:
-    """Motion of the base in the course of time, its mean over the readings zero."""
-
-    times_s: Array  # (P,) times of the readings, in order; the walk goes with their number
-    jumps: tuple[Jump, ...]  # sudden motions, the most certain first
-    walk_m: float = 0.0  # root mean square expected of the walk's shift; 0 without a walk
-    walk_turn: float = 0.0  # its expected turn a shift [rad/m]
-    # (6 c,) most likely motions for each course, in their expected sizes
-    amounts: Array | None = None
-    # root mean square of the motion at the readings, and of the walk alone
-    rms_mm: tuple[float, float] = (0.0, 0.0)
-
-    def courses(self, time_s: Array) -> Array:
-        """Return the courses at times (P,), (P, c): unit steps, then waves of the walk.
-
-        Their mean over the readings is zero.
-        """
-
-        def bare(at_s: Array) -> Array:
-            steps = [(at_s > jump.time_s).astype(float) for jump in self.jumps]
-            part = np.interp(at_s, self.times_s, np.linspace(0.0, 1.0, len(self.times_s)))
-            number = np.arange(1, WAVES + 1 if self.walk_m else 1)
-            waves = np.sqrt(2.0) * np.cos(np.pi * np.outer(part, number))
-            return np.column_stack([*steps, waves])
-
-        return np.asarray(bare(time_s) - bare(self.times_s).mean(axis=0))
-
-    @property
-    def sizes(self) -> Array:
-        """Return the standard deviation expected of each motion of each course, (6 c,)."""
-        parts = [sizes_of_six(jump.size_m, jump.turn) for jump in self.jumps]
-        if self.walk_m:
-            waves = self.walk_m * np.sqrt(6.0) / (np.pi * np.arange(1, WAVES + 1))
-            parts += [sizes_of_six(size, self.walk_turn) for size in waves]
-        return np.concatenate([np.zeros(0), *parts])
-
-    def columns(self, at: FittedModel, poses: Observations) -> Array:
-        """Return how measured less predicted components follow it, a unit each, (P, b, 6 c)."""
-        return motions_along(by_base(at, poses), self.courses(poses.states.time_s)) * self.sizes
-
-    def shift(self, at: FittedModel, poses: Observations) -> Array:
-        """Return by how much it moves the components of poses, (P, b)."""
-        motions = self.motions(poses.states.time_s)
-        return np.asarray((by_base(at, poses) @ motions[:, :, None])[:, :, 0])
-
-    def motions(self, time_s: Array) -> Array:
-        """Return the most likely motions of the base at times (P,), (P, 6) [m, rad]."""
-        return self.courses(time_s) @ self.unit_motions
-
-    @property
-    def unit_motions(self) -> Array:
-        """Return the most likely six motions for each course, of jumps first, (c, 6) [m, rad]."""
-        assert self.amounts is not None
-        return (self.amounts * self.sizes).reshape(-1, 6)
-
-
-@dataclass(frozen=True, eq=False)
-class InTime:
-    """What readings show of time."""
-
-    wander: Wander | None  # jumps and walk; None where the data prefer neither
-    drifts: bool  # whether an effect of time shows beside them
-    # joints, rails and loads, in words, that the order goes with where more was seen: errors that
-    # go with them explain that as well
-    rivals: tuple[str, ...] = ()
-    rivals_mm: float = 0.0  # root mean square of all that was seen before they were held against it
-
-
-STILL = InTime(None, drifts=False)
-
-
-def by_base(at: FittedModel, poses: Observations) -> Array:
-    """Return how measured less predicted components follow six motions of the base, (P, b, 6)."""
-    return linear.by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
-
-
-def motions_along(by_motions: Array, courses: Array) -> Array:
-    """Return columns (P, b, 6 c) of six motions (P, b, 6) in each course (P, c)."""
-    both = courses[:, None, :, None] * by_motions[:, :, None, :]
-    return np.asarray(both.reshape(*by_motions.shape[:2], -1))
-
-
-def sizes_of_six(size_m: float, turn: float) -> Array:
-    """Return the sizes of six motions: three shifts, three turns."""
-    return np.array([size_m] * 3 + [size_m * turn] * 3)
-
-
-# How the base moves is found by evidence.
-#
-# Readings of one pose at different times differ by noise and by what moved in between, whatever the
-# model of the arm lacks. All single readings are compared: Gaussian parameters are integrated out,
-# among them the model's own, every effect of the vocabulary, and an error that the readings of a
-# pose share. The time of a jump is scanned. Where the data prefer neither jump nor walk, nothing of
-# the search changes.
 
 #: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
 _WALKS_M = np.geomspace(3e-6, 3e-3, 9)
@@ -169,17 +59,20 @@ _LEAST_PART = 0.5
 _LEAST_NOISE = 0.3
 #: Log evidence by which another time of a jump may be worse.
 _AS_GOOD = 3.0
+#: A pause is so many times as long as readings are usually apart, and no less than this [s].
+_PAUSE, _PAUSE_S = 30.0, 600.0
 #: Log evidence from which a drift shows between the readings of a pose.
 _DRIFTS = 5.0
 
 
 def _found(rows: _Rows, *, walks: bool) -> InTime:
     """Find how the base moves in the course of time; jumps alone, where no walk is sought."""
-    poses, found = rows.poses, Wander(rows.times_s, ())
-    best = rows.about(found)[0]
+    poses = rows.poses
     needed_jump = float(np.log(len(poses) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
     needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
-    while len(found.jumps) < _MOST_JUMPS:
+    found = rows.in_pauses(needed_jump)
+    best, paused = rows.about(found)[0], found.jumps
+    while not paused and len(found.jumps) < _MOST_JUMPS:
         value, more = rows.best_jump(found)
         beyond = value - best - needed_jump
         if walks and not found.walk_m:
@@ -189,7 +82,7 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
         if beyond <= 0.0:
             break
         best, found = value, more
-    for jump in found.jumps if walks else ():  # a first jump may have stood for a walk
+    for jump in found.jumps[len(paused) :] if walks else ():  # it may have stood for a walk
         less = replace(found, jumps=tuple(other for other in found.jumps if other != jump))
         value, less = rows.best_walk(less)
         if best - value < needed_jump - needed_walk:
@@ -230,7 +123,7 @@ class _Rows:
         self.at, self.poses, self.whitener = at, poses, whitener
         self.time_s = poses.states.time_s
         self.times_s = np.sort(self.time_s)
-        self._white = whitener @ by_base(at, poses)
+        self._white = whitener @ linear.by_base(at, poses)
         seen = poses.measured.components_seen
         self._seen = int(seen.sum())
         self._group = same_circumstances(poses)
@@ -273,16 +166,44 @@ class _Rows:
             tried = [jump for jump in tried if jump.time_s not in taken]
             if not tried:
                 break
-            values, sizes = self._scan(tried, wander)
-            k = int(np.argmax(values))
-            close = [tried[other] for other in np.flatnonzero(values >= values[k] - _AS_GOOD)]
-            between_s = close[0].before_s, close[-1].after_s
-            more = Jump(tried[k].time_s, *between_s, *sizes[k])
-            best = float(values[k]), replace(wander, jumps=(*wander.jumps, more))
-            middle = int(np.searchsorted(times_s[apart], tried[k].before_s))
+            best = self.best_of(tried, wander)
+            middle = int(np.searchsorted(times_s[apart], best[1].jumps[-1].time_s)) - 1
             wide = -(-len(apart) // _COARSE)
             places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
         return best
+
+    def in_pauses(self, needed: float) -> Wander:
+        """Return jumps in long pauses where these do as well as all that goes with time.
+
+        What goes steadily with time, or with a temperature, follows a step in a pause: readings
+        then show no more than the step. Each must gain so much of log evidence.
+        """
+        gaps_s = np.diff(self.times_s)
+        long = gaps_s > max(_PAUSE * float(np.median(gaps_s)), _PAUSE_S)
+        long[: _LEAST_SIDE - 1], long[len(gaps_s) + 1 - _LEAST_SIDE :] = False, False
+        ends = zip(self.times_s[:-1][long].tolist(), self.times_s[1:][long].tolist(), strict=True)
+        pauses = {Jump(0.5 * sum(each), *each, pause=True) for each in ends}
+        static, still = self.without_time(), Wander(self.times_s, ())
+        if not pauses:
+            return still
+        found, best = still, static.about(still)[0]
+        while pauses and len(found.jumps) < _MOST_JUMPS:
+            value, more = static.best_of(sorted(pauses, key=lambda each: each.time_s), found)
+            if value < best + needed:
+                break
+            pauses = {each for each in pauses if each.time_s != more.jumps[-1].time_s}
+            best, found = value, more
+        return found if best > self.about(still)[0] - _AS_GOOD else still
+
+    def best_of(self, tried: list[Jump], wander: Wander) -> tuple[float, Wander]:
+        """Return the greatest log evidence with one of some jumps more, and jumps and walk."""
+        values, sizes = self._scan(tried, wander)
+        k = int(np.argmax(values))
+        close = [tried[other] for other in np.flatnonzero(values >= values[k] - _AS_GOOD)]
+        first, last = (tried[k], tried[k]) if tried[k].pause else (close[0], close[-1])
+        between_s = first.before_s, last.after_s
+        more = Jump(tried[k].time_s, *between_s, *sizes[k], pause=tried[k].pause)
+        return float(values[k]), replace(wander, jumps=(*wander.jumps, more))
 
     def without_time(self) -> _Rows:
         """Return the same without the effects of time."""
@@ -402,7 +323,7 @@ def _without(
 #: Motion of the base expected from load to load [m, rad], and places of targets.
 _BY_LOAD, _TARGET_M = 1e-3, 3e-2
 #: Of more readings so many, spread evenly over time, stand for all.
-_MOST_READINGS = 1200
+MOST_READINGS = 1200
 #: Waves of the base's motion over the positions of a joint that goes with the order, that motion,
 #: and how often what is found of time is held against errors that go with more joints.
 _RIVAL_WAVES = 8
@@ -434,12 +355,12 @@ def in_time_of(
     if not poses.states.tells_time or (once and not again and like_a_scan(poses)):
         return STILL
     poses = with_places(poses) if again else poses
-    if len(poses) > _MOST_READINGS:
-        shown: Index = spread_over_time(poses)
+    if len(poses) > MOST_READINGS:
+        shown: Index = spread_over_time(poses, MOST_READINGS)
         poses, whitener = poses.take(shown), whitener[shown]
     own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
     load_N = poses.states.load_N
-    by_load = motions_along(by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
+    by_load = motions_along(linear.by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
     held = [
         *linear.by_own_terms(at, poses, own),
         linear.by_targets(at, poses) * _TARGET_M,
@@ -476,51 +397,6 @@ def in_time_of(
     return replace(shows, rivals=said, rivals_mm=first_mm)
 
 
-def spread_over_time(poses: Observations) -> Index:
-    """Return readings in order of time; of very many some, spread evenly."""
-    order = np.argsort(poses.states.time_s, kind="stable")
-    part = np.linspace(0, len(order) - 1, min(len(order), _MOST_READINGS))
-    return np.asarray(order[part.round().astype(int)])
-
-
-_REMEDY = (
-    "measure reference targets before and after, or calibrate the readings before and after as two "
-    "campaigns"
-)
-
-
-def steps_in_time(
-    wander: Wander | None,
-    at: FittedModel,
-    readings: Observations,
-    rivals: Mapping[float, tuple[str, ...]] = MappingProxyType({}),
-) -> tuple[DiagnosedFault, ...]:
-    """Return the jumps as faults of the log.
-
-    One that has rivals, in words by its time, is no fact, but one explanation of several.
-    """
-    if wander is None:
-        return ()
-    order = np.argsort(readings.states.time_s, kind="stable")
-    time_s, pose = readings.states.time_s[order], readings.pose[order]
-    found = []
-    for k, jump in enumerate(wander.jumps):
-        last = int(np.searchsorted(time_s, jump.before_s, side="right")) - 1
-        next_ = int(np.searchsorted(time_s, jump.after_s))
-        motion = wander.unit_motions[k]
-        size_mm = linear.rms(linear.error_mm(readings.measured, by_base(at, readings) @ motion))
-        turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
-        begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
-        what = f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad"
-        others = rivals.get(jump.time_s, ())
-        if others:
-            what = f"something changed: {what}, or {' or '.join(others)} does as well"
-        told = {"where": f"between {begin} and {end}", "what": what, "remedy": _REMEDY}
-        at_s = None if others else jump.time_s
-        found.append(DiagnosedFault(kind="step_in_time", **told, at_s=at_s))
-    return tuple(found)
-
-
 def _rivals_of(found: InTime, states: PoseStates, prismatic: Mask) -> tuple[Parting, ...]:
     """Return the errors by joints and the load that explain as well what was found of time.
 
@@ -553,34 +429,4 @@ def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observation
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     together = np.column_stack(courses)
     six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])
-    return motions_along(by_base(at, poses), together - np.mean(together, axis=0)) * six
-
-
-def motion_unexplained(
-    in_time: InTime, wander: Wander | None, floor_mm: float
-) -> tuple[Unexplained, ...]:
-    """Return the walk, and what goes with joints as well: what exceeds the repeatability."""
-    found: list[tuple[str | None, float, str]] = []
-    if wander is not None and wander.walk_m and wander.rms_mm[1] > floor_mm:
-        hours = float(np.ptp(wander.times_s)) / 3600.0
-        why = (
-            f"the instrument or the base wandered by {wander.rms_mm[1]:.3g} mm (root mean square) "
-            f"in {hours:.2g} h, neither steadily nor at once"
-        )
-        found.append(("base", wander.rms_mm[1], why))
-    if in_time.rivals and in_time.rivals_mm > floor_mm:
-        why = (
-            f"{in_time.rivals_mm:.3g} mm (root mean square) go with the order of the poses, and "
-            f"with {' and '.join(in_time.rivals)} alike: the arm errs by that, or the instrument "
-            "or the base moved; measure the poses in random order"
-        )
-        found.append((None, in_time.rivals_mm, why))
-    return tuple(
-        Unexplained(of=of, form=None, shared_error_mm=moved_mm, why=why)
-        for of, moved_mm, why in found
-    )
-
-
-def like_a_scan(poses: Observations) -> bool:
-    """Return whether poses follow each other so closely that time and place go together."""
-    return float(slow_joints(poses.states).mean()) > 0.5
+    return motions_along(linear.by_base(at, poses), together - np.mean(together, axis=0)) * six

@@ -126,6 +126,11 @@ def by_every_joint(at: FittedModel, poses: Observations) -> Array:
     return np.asarray(by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns])
 
 
+def by_base(at: FittedModel, poses: Observations) -> Array:
+    """Return how measured less predicted components follow six motions of the base, (P, b, 6)."""
+    return by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
+
+
 def by_targets(at: FittedModel, poses: Observations) -> Array:
     """Return how `residual` follows the coordinates of the instrument's targets, (P, b, t)."""
     return at.compared(poses).by_targets

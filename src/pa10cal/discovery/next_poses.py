@@ -26,11 +26,11 @@ from pa10cal.discovery.evidence.problem import (
 )
 from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, Untestable
-from pa10cal.discovery.in_time import InTime
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.verdict import Plan, label_of
+from pa10cal.discovery.wander import InTime
 from pa10cal.errors import DiscoveryError, refusals_beside
 from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel

@@ -20,7 +20,7 @@ from pa10cal.calibration.uncertainty import align_nominal, summarise, summarise_
 from pa10cal.discovery import preparation
 from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.given import Extended
-from pa10cal.discovery.in_time import in_time_of, steps_in_time
+from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
 from pa10cal.discovery.noise import pose_weights, same_circumstances
 from pa10cal.discovery.preparation import (
@@ -30,6 +30,7 @@ from pa10cal.discovery.preparation import (
     context_of,
     sought,
 )
+from pa10cal.discovery.wander import steps_in_time
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques

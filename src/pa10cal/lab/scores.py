@@ -81,6 +81,7 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         "confidently_wrong": t.is_confidently_wrong(),
         "right_place": t.kind == blind_trial.OUTSIDE and t.has_right_place(),
         "all_listed": t.matched(t.hidden) == len(t.hidden),
+        "all_testable": all(map(t.is_testable, t.hidden)),
         "has_above": bool(above),
         "above_listed": t.matched(above) == len(above),
         "outside": t.is_outside(),

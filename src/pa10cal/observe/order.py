@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 
@@ -291,3 +291,15 @@ def move_shares(moved: Array) -> Array:
     known = np.nan_to_num(moved)
     furthest = np.abs(known).max(axis=1, initial=0.0)
     return np.asarray(known / np.where(furthest > _STAYED, furthest, np.inf)[:, None])
+
+
+def like_a_scan(poses: Observations) -> bool:
+    """Return whether poses follow each other so closely that time and place go together."""
+    return float(slow_joints(poses.states).mean()) > 0.5
+
+
+def spread_over_time(poses: Observations, most: int) -> Index:
+    """Return readings in order of time; of more than `most` some, spread evenly."""
+    order = np.argsort(poses.states.time_s, kind="stable")
+    part = np.linspace(0, len(order) - 1, min(len(order), most))
+    return np.asarray(order[part.round().astype(int)])

@@ -29,7 +29,7 @@ from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.gates import WORSE
-from pa10cal.discovery.in_time import STILL, in_time_of, motion_unexplained, steps_in_time
+from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses import (
@@ -43,6 +43,7 @@ from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of,
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
+from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
@@ -278,9 +279,14 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     if change is not None:
         found = judge.found_in(judged.changing(change), shaped)
     else:
-        in_time = in_time_of(fitted.at, about.poses, whiteners, every, logged=logged, weights=True)
+        # What is named of time already is one explanation among those of a base that moved.
+        terms = fitted.at.model.terms
+        in_time_too = [each for each in terms if isinstance(each, Effect) and each.goes_with_time]
+        known = replace(fitted.at, covariance=None)
+        still = known.only(*(each for each in terms if each not in in_time_too))
+        in_time = in_time_of(still, about.poses, whiteners, every, logged=logged, weights=True)
         if in_time.wander is not None:
-            rivals = rivals_of_steps(in_time.wander, fitted.at, about.poses, whiteners)
+            rivals = rivals_of_steps(in_time.wander, still, about.poses, whiteners)
             found = judge.found_in(judged.moving(in_time.wander), shaped)
     found = judge.with_effects_added(
         found, judge.slow_drift(found.survey, found.holdout_check, found.extended.effects)

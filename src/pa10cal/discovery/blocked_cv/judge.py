@@ -40,7 +40,6 @@ from pa10cal.discovery.blocked_cv.search import (
 )
 from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
 from pa10cal.discovery.finding import MayHaveCarrier, Untestable, carrier_of
-from pa10cal.discovery.in_time import like_a_scan
 from pa10cal.discovery.linear import (
     by_effects,
     by_own_terms,
@@ -52,6 +51,7 @@ from pa10cal.discovery.linear import (
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.verdict import smooth_unknown
+from pa10cal.observe.order import like_a_scan
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.effect import Effect

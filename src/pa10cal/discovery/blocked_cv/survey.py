@@ -12,7 +12,6 @@ from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.changed import Change
-from pa10cal.discovery.in_time import Wander
 from pa10cal.discovery.linear import (
     by_joints,
     by_targets,
@@ -25,6 +24,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import Noise, PoseWeights, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
+from pa10cal.discovery.wander import Wander
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel

@@ -43,7 +43,7 @@ from pa10cal.discovery.evidence.search import (
     threshold,
 )
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.in_time import STILL, in_time_of, motion_unexplained, steps_in_time
+from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
@@ -51,6 +51,7 @@ from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
+from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes

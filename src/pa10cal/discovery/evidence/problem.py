@@ -11,7 +11,6 @@ from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
-from pa10cal.discovery.in_time import STILL, InTime
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
@@ -30,6 +29,7 @@ from pa10cal.discovery.noise import (
     whitener_of,
 )
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
+from pa10cal.discovery.wander import STILL, InTime
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
