@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import pa10cal
+from pa10cal.discovery import compliance
 from pa10cal.files.arms import load_arm
 from pa10cal.lab.cell.campaign import simulate_campaign
 from pa10cal.lab.cell.trials import draw_trials
@@ -91,6 +94,17 @@ def test_every_stiffness_that_is_said_is_as_uncertain_as_the_weights(soft):
     relative = {name: p.std / p.value for name, p in verdict.parameters.items() if "K_lin" in name}
     assert relative
     assert min(relative.values()) > 0.5
+
+
+@pytest.mark.slow
+def test_a_joint_that_would_sag_farther_than_joints_do_is_no_name(soft, monkeypatch):
+    *_, verdict = soft
+    monkeypatch.setattr(compliance, "WINDS_UP", (1e-6, "no joint does"))
+    found = compliance.with_compliance(replace(verdict, gives_way=()))
+    assert found.gives_way == ()
+    assert found.verdict == "unexplained"
+    assert {place.of for place in found.unexplained} == {each.of for each in verdict.gives_way}
+    assert all("mrad: no joint does" in place.why for place in found.unexplained)
 
 
 @pytest.mark.slow

@@ -201,7 +201,7 @@ def test_an_alternative_that_passes_stands_in(monkeypatch, soft_wrist):
     assert names(after) == [("joint_compliance", "joint 4")]
     assert after.effects[0].parameters["K"].value == pytest.approx(3000.0, rel=0.02)
     assert finding.effect not in after.model.model.terms
-    monkeypatch.setattr(gates, "unfit", lambda _each, _model: iter(["it is made up"]))
+    monkeypatch.setattr(gates, "unfit", lambda _each, _model, _states=None: iter(["it is made up"]))
     neither = gated(found)
     assert neither.verdict == "unexplained"
     assert why(neither) == "link_torsion of forearm fits best, but is not named: it is made up"

@@ -37,8 +37,10 @@ from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.weighed_arm import weight_sizes
 from pa10cal.observe.observations import Observations
+from pa10cal.results.discovery import Unexplained
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.joint import JointCompliance
+from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance
 from pa10cal.terms.effects.structure import BaseCompliance, LinkEffect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -87,7 +89,7 @@ def with_compliance(found: V) -> V:
     instead = _best_first(rows.instead_of(all_rigid, len(shown), needed))
     held_out, judging = rows.held_out, rows.held_out or rows.poses
     all_rigid_mm, now_mm = all_rigid.errors_mm(judging), rms(rows.errors_mm(rows.poses))
-    findings = []
+    findings, unexplained = [], list(found.unexplained)
     for spring in shown:
         rigid = rows.rigid(spring)
         rivals = _best_first(rows.rivals(rigid, rows.alike(spring), needed))
@@ -95,6 +97,17 @@ def with_compliance(found: V) -> V:
         if len(others) > _MOST_ALTERNATIVES:
             continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
+        if sag_rad - HALF_WIDTH_95 * sag_std > WINDS_UP[0]:
+            why = (
+                f"joint_compliance of {spring.of} fits best, but is not named: it would sag by "
+                f"{1e3 * sag_rad:.0f} mrad: {WINDS_UP[1]}"
+            )
+            left_mm = found.train.after.mean_mm
+            no_spring = Unexplained(
+                of=spring.of, form=JointCompliance.id, shared_error_mm=left_mm, why=why
+            )
+            unexplained.append(no_spring)
+            continue
         proof = GivesWay(
             lost_without_it_nats=nats[spring],
             needed_nats=needed,
@@ -111,7 +124,7 @@ def with_compliance(found: V) -> V:
         )
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         findings.append(Finding(effect, np.array([stiffness]), np.array([[std**2]]), others, proof))
-    return replace(found, gives_way=tuple(findings))
+    return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 
 
 def _best_first(found: Iterable[tuple[Effect, float]]) -> list[Effect]:

@@ -13,7 +13,8 @@ from typing import TypeVar
 import numpy as np
 from scipy.stats import chi2
 
-from pa10cal.arrays import Mask
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import JOINT_RAD, most_stated
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding
@@ -77,7 +78,7 @@ def _with_names_that_pass(found: V) -> V:
     for finding in found.effects:
         if not is_named(finding.effect):
             continue
-        reasons = (*unfit(finding, found.model), *of_order(finding, found.prepared))
+        reasons = (*unfit(finding, found.model, found.states), *of_order(finding, found.prepared))
         if not reasons:
             found = _of_the_robot(found, finding)
             continue
@@ -153,7 +154,7 @@ def _alternative(found: V, finding: Finding[object]) -> V | None:
         instead = replace(finding, effect=other, alternatives=rest)
         tried = found.with_findings(found.instead(instead, finding.effect))
         now = next(one for one in tried.findings if one.effect == other)
-        if not any(unfit(now, tried.model)):
+        if not any(unfit(now, tried.model, tried.states)):
             return tried
     return None
 
@@ -197,8 +198,14 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
         yield f"the intervals of its {names} hold zero"
 
 
-def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
-    """Return why an effect cannot be named, by the calibrated model with the effects found."""
+def unfit(
+    finding: Finding[object], model: FittedModel, states: PoseStates | None = None
+) -> Iterator[str]:
+    """Return why an effect cannot be named, by the calibrated model with the effects found.
+
+    Args:
+        states: poses in which it must not do what it cannot do; None for any.
+    """
     effect = finding.effect
     linear = slice(0, effect.linear)
     x = model.values_of(effect)[linear]
@@ -212,11 +219,26 @@ def unfit(finding: Finding[object], model: FittedModel) -> Iterator[str]:
             name, unit = effect.reported[0].name, effect.reported[0].unit
             yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
     size = effect.size(x)
-    if size > MOST_SIZES:
+    if size > MOST_SIZES and effect.possible is None:
         yield f"it would be {size:.0f} times as large as is plausible"
+    if effect.most_rad is not None and states is not None:
+        yield from _turns_too_far(finding, model.values_of(effect), states)
     yield from holds_zero(effect, model)
     if len(finding.alternatives) > MOST_ALTERNATIVES:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
+
+
+def _turns_too_far(finding: Finding[object], x: Array, states: PoseStates) -> Iterator[str]:
+    """Return why an effect is none that turns joints or links farther than they can."""
+    effect = finding.effect
+    assert effect.most_rad is not None
+    most_rad, why = effect.most_rad
+    value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
+    turn_rad = effect.turn_rad(states, x)
+    # The turn is proportional to the first parameter, or to its inverse, a stiffness.
+    least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, 1e-300))
+    if least_rad > most_rad:
+        yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
 
 def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:

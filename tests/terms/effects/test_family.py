@@ -148,6 +148,51 @@ def test_arms_grow_as_what_they_are_made_of(context, alpha, std, refused):
     assert any("light metal" in why for why in unfit(finding, amounts)) == refused
 
 
+def _amounts(x):
+    return SimpleNamespace(
+        values_of=lambda _: x,
+        model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
+        covariance=None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("b", "std", "refused"),
+    [(3e-4, 1e-5, False), (6e-3, 1e-4, False), (1.2e-2, 1e-4, True), (1.2e-2, 2e-3, False)],
+)
+def test_play_is_that_of_gears_and_not_some_times_what_is_usual(context, b, std, refused):
+    lost = next(each for each in candidates(context) if each.id == "backlash")
+    finding = Finding(lost, np.array([b]), np.array([[std**2]]), (), None)
+    reasons = list(unfit(finding, _amounts(np.array([b]))))
+    assert bool(reasons) == refused
+    assert all("1 deg of play" in why for why in reasons)
+
+
+@pytest.mark.parametrize(
+    ("name", "of", "most_rad"),
+    [
+        ("joint_compliance", "joint 4", 0.05),
+        ("soft_windup", "joint 2", 0.05),
+        ("link_torsion", "forearm", 0.01),
+        ("link_bending", "upper_arm", 0.01),
+    ],
+)
+@pytest.mark.parametrize(("part", "std", "refused"), [(0.9, 0.0, 0), (1.1, 0.0, 1), (1.1, 0.2, 0)])
+def test_nothing_gives_way_farther_than_arms_do(
+    context, states, name, of, most_rad, part, std, refused
+):
+    (effect,) = (e for e in candidates(context) if (e.id, e.of) == (name, of))
+    x = effect.starts[-1].copy()
+    x[0] = 1e-9
+    x[0] *= part * most_rad / effect.turn_rad(states, x)
+    values = effect.report(x).values
+    covariance = np.diag((std * values) ** 2)
+    finding = Finding(effect, values, covariance, (), None)
+    reasons = [why for why in unfit(finding, _amounts(x), states) if "mrad" in why]
+    assert len(reasons) == refused
+    assert all(f"more than {1e3 * most_rad:.0f} mrad" in why for why in reasons)
+
+
 def _reported(effect, x):
     values = effect.report(x).values
     return values, np.eye(len(values))

@@ -103,7 +103,10 @@ class Effect(ABC):
     #: motion. Every effect decides (a test holds all of them): a fit of the other sign is not it.
     positive: ClassVar[bool] = False
     #: Lowest and highest value that its first parameter can have, and why; None for no such limit.
+    #: Where there is one it decides, and not what is plausible.
     possible: ClassVar[tuple[float, float, str] | None] = None
+    #: Most that it can turn anything by [rad], and why; None for no such limit.
+    most_rad: ClassVar[tuple[float, str] | None] = None
     #: Power of the weights with which its reported parameters go: -1 of a compliance.
     weights_power: ClassVar[float] = 0.0
     #: Whether it goes with time or temperature.
@@ -180,6 +183,11 @@ class Effect(ABC):
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `shift` by x, (P, m, k)."""
         return self.per_unit(states).reshape(len(states), len(self.coordinates), len(x))
+
+    def turn_rad(self, states: PoseStates, x: Array) -> float:
+        """Return the largest turn that it makes of one of its coordinates in some poses."""
+        turns = [not name.endswith((".x", ".y", ".z")) for name in self.coordinates]
+        return float(np.abs(self.shift(states, x)[:, turns]).max(initial=0.0))
 
     @property
     def starts(self) -> tuple[Array, ...]:

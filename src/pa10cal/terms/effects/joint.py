@@ -14,6 +14,11 @@ from pa10cal.terms.effects import effect
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter
 
+#: Most that a joint winds up by under what it carries, and why. Harmonic drives give way by 1 to 4
+#: mrad at their rated torque (makers' data sheets), light arms with torque sensors in their joints
+#: by 10 to 25 (Albu-Schaeffer, Ott and Hirzinger 2007; 23 measured of a humanoid's arm).
+WINDS_UP = (0.05, "no joint of an arm winds up by more than 50 mrad")
+
 
 @dataclass(frozen=True)
 class GearRatioError(effect.JointEffect):
@@ -37,6 +42,9 @@ class Backlash(effect.JointEffect):
 
     id = "backlash"
     positive = True
+    # Half of the reversal error: 1 deg of the cheapest planetary gearheads, by their makers' data
+    # sheets; harmonic and RV gears have 0.3 to 1 mrad.
+    possible = (0.0, 8.7e-3, "gears of arms have at most 1 deg of play")
     words = "theta_{0.joint} -= b s_{0.joint}"
     reported = (TermParameter("b", "rad", 1e-5, plausible=3e-4),)
 
@@ -306,6 +314,7 @@ class JointCompliance(effect.JointEffect):
 
     rated_Nm: float  # rated torque of the joint
     id = "joint_compliance"
+    most_rad = WINDS_UP
     words = "theta_{0.joint} -= tau_{0.joint} / K"
     positive = True
 
@@ -343,6 +352,7 @@ class SoftWindup(effect.JointEffect):
     rated_Nm: float  # rated torque of the joint
     span_Nm: float  # largest torque that the joint carried
     id = "soft_windup"
+    most_rad = WINDS_UP
     words = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
     positive = True
     linear = 1  # proportional to A; tau0 shapes it
