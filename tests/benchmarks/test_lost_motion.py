@@ -1,0 +1,19 @@
+"""Lost motion in simulated arms whose motors are logged: named where links lag, and only there."""
+
+import numpy as np
+import pytest
+
+from benchmarks.lost_motion import judged, written
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("leads", [False, True])
+def test_a_link_that_lags_has_backlash_and_one_that_leads_has_none(tmp_path, leads):
+    drawn = written(tmp_path / "arm", np.random.default_rng([1, 3]), leads)
+    word, named = judged(tmp_path / "arm")
+    assert (drawn.b_rad < 0.0) == leads
+    if leads:
+        assert not any("backlash" in name for name in named)
+    else:
+        assert word == "named"
+        assert named == (f"backlash of joint {drawn.joint}",)
