@@ -14,9 +14,8 @@ from pa10cal.terms.effects import effect
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter
 
-#: Most that a joint winds up by under what it carries, and why. Harmonic drives give way by 1 to 4
-#: mrad at their rated torque (makers' data sheets), light arms with torque sensors in their joints
-#: by 10 to 25 (Albu-Schaeffer, Ott and Hirzinger 2007; 23 measured of a humanoid's arm).
+#: Most that a joint winds up by under what it carries, and why. An assumption: twice the 23 mrad of
+#: the softest arm that was measured, a humanoid's with torque sensors in its joints.
 WINDS_UP = (0.05, "no joint of an arm winds up by more than 50 mrad")
 
 
@@ -42,8 +41,8 @@ class Backlash(effect.JointEffect):
 
     id = "backlash"
     positive = True
-    # Half of the reversal error: 1 deg of the cheapest planetary gearheads, by their makers' data
-    # sheets; harmonic and RV gears have 0.3 to 1 mrad.
+    # Half of the reversal error. An assumption: makers state up to 15 arcmin for standard planetary
+    # gears; worn and hobbyists' gears get four times that.
     possible = (0.0, 8.7e-3, "gears of arms have at most 1 deg of play")
     words = "theta_{0.joint} -= b s_{0.joint}"
     reported = (TermParameter("b", "rad", 1e-5, plausible=3e-4),)
