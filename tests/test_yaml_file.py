@@ -19,7 +19,9 @@ REFERENCES_OF_REFERENCES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
 )
 
 BROKEN = {
-    "deep nesting": ("[" * 100_000, "line 1: nested deeper than 40 levels"),
+    "deep nesting": ("[" * 900, "line 1: nested deeper than 40 levels"),
+    # Beyond a thousand, newer releases of the parser say it in their own words.
+    "very deep nesting": ("[" * 100_000, "nest"),
     "deep mappings": ("{a: " * 100 + "1" + "}" * 100, "nested deeper"),
     "references of references": (REFERENCES_OF_REFERENCES, "values once references are read"),
     "a list in itself": ("a: &x [1, *x]", "line 1: *x refers to what it stands in"),

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from benchmarks.lost_motion import judged, written
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import sighted
 from mended import QUATERNION, describe, findings, mend, simulated
 from pa10cal.arm.chain import Chain
-from pa10cal.calibration.input_checks import explained
+from pa10cal.calibration.input_checks import _signs_and_order, explained
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.results.calibration import InputFinding
@@ -215,3 +216,12 @@ def test_a_refusal_says_what_was_found():
         "here: it does not fit; allowed: that; check the input: q2: the sign is reversed; "
         "multiply by -1"
     )
+
+
+def test_no_change_of_signs_or_order_is_told_where_nothing_fits():
+    arm = load_arm("ur10")
+    states = SimpleNamespace(q_rad=np.zeros((3, arm.n)))
+    checked = SimpleNamespace(
+        arm=arm, grid=SimpleNamespace(states=states), nominal_misfit_m=lambda q: np.inf
+    )
+    assert _signs_and_order(checked) is None

@@ -418,7 +418,9 @@ def _signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
             break
         q, left_m = best.of(q), least_m
         made.append(best)
-    if left_m > NOMINAL_LEFT * first_m or left_m > max(NOT_DEPARTURES_M, 0.1 * first_m):
+    # Where nothing at all fits, infinity is left, and no change of it is less.
+    most_m = min(NOMINAL_LEFT * first_m, max(NOT_DEPARTURES_M, 0.1 * first_m))
+    if not left_m <= most_m or not np.isfinite(left_m):
         return None
     right = checked.may_be_offered(q, left_m)
     return _changed(made, checked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right)
