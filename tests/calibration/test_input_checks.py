@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import sighted
 from mended import QUATERNION, describe, findings, mend, simulated
 from pa10cal.arm.chain import Chain
-from pa10cal.calibration.input_checks import _signs_and_order, explained
+from pa10cal.calibration.input_checks import explained, signs_and_order
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.results.calibration import InputFinding
@@ -224,4 +224,4 @@ def test_no_change_of_signs_or_order_is_told_where_nothing_fits():
     checked = SimpleNamespace(
         arm=arm, grid=SimpleNamespace(states=states), nominal_misfit_m=lambda q: np.inf
     )
-    assert _signs_and_order(checked) is None
+    assert signs_and_order(checked) is None

@@ -76,7 +76,7 @@ def check_input(
     hypotheses = (
         _attitudes,
         _scale,
-        _signs_and_order,
+        signs_and_order,
         _joint_zeros,
         _gravity_by_torques,
         _small_signs,
@@ -404,7 +404,7 @@ def _changes(arm: Arm) -> Iterator[_Change]:
             yield _Change("joint_order", (joint, joint + 1))
 
 
-def _signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
+def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
     """Change signs and order of joints one after the other, as long as much less is left."""
     q = checked.grid.states.q_rad
     first_m = left_m = checked.nominal_misfit_m(q)
