@@ -11,17 +11,14 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections import Counter
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
-from benchmarks.low_cost import Hobby, urdf
+from benchmarks.low_cost import Hobby, write_campaign
 from pa10cal.commands.command_line import limit_threads
-from pa10cal.commands.data import import_arm
 
 _AXES = ("z", "y", "y", "x", "y", "x")
 #: Of an arm that reaches 1 m: links after each joint [m].
@@ -67,34 +64,16 @@ def written(folder: Path, rng: np.random.Generator, leads: bool) -> Drawn:
     stands = Rotation.from_euler("zyx", rng.uniform([-3, -0.02, -0.02], [3, 0.02, 0.02]))
     p_mm = 1e3 * (stands.apply(seen.reshape(-1, 3)) + rng.uniform(-2, 2, 3))
     p_mm = p_mm.reshape(seen.shape) + rng.normal(0.0, noise_mm, seen.shape)
-    table = np.hstack([np.degrees(q_rad), side, p_mm.reshape(poses, 9)])
-    lines = [",".join(["time_s", "pose", "load_N", "repeat", *_columns()])]
-    for k, row in enumerate(table):
-        lines.append(f"{20 * k},P{k:03d},0,1," + ",".join(f"{each:.7g}" for each in row))
-    folder.mkdir()
-    (folder / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "arm.urdf").write_text(urdf(designed), encoding="utf-8")
-    with redirect_stdout(None):
-        import_arm(folder / "arm.urdf", out=folder / "hobby.yaml")
-    places = {f"T{t + 1}": [round(1e3 * float(x), 1) for x in targets[t]] for t in range(3)}
-    campaign = {
-        "schema": "pa10cal-campaign/1",
-        "name": folder.name,
-        "provenance": "SYNTHETIC: lost motion in one joint",
-        "robot": "hobby",
-        "instrument": {"kind": "points", "uncertainty_mm": round(noise_mm, 4)},
-        "tool": {
-            "mass_kg": 0.0,
-            "com_mm": [0, 0, 0],
-            "load_point_mm": [0, 0, 0],
-            "balls_mm": places,
-        },
-        "gravity_m_s2": [0, 0, -9.81],
-        "reference_temperature_C": 20,
-        "holdout": {"every": 5},
-        "files": {"poses": "poses.csv"},
-    }
-    (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign), encoding="utf-8")
+    known = np.column_stack([20.0 * np.arange(poses), np.zeros(poses), np.ones(poses)])
+    write_campaign(
+        folder,
+        designed,
+        ["time_s", "load_N", "repeat", *_columns()],
+        np.hstack([known, np.degrees(q_rad), side, p_mm.reshape(poses, 9)]),
+        provenance="SYNTHETIC: lost motion in one joint",
+        instrument={"kind": "points", "uncertainty_mm": round(noise_mm, 4)},
+        targets_mm={f"T{t + 1}": [round(1e3 * float(x), 1) for x in targets[t]] for t in range(3)},
+    )
     return Drawn(
         joint=joint + 1,
         b_rad=-size_rad if leads else size_rad,

@@ -78,30 +78,53 @@ def written(folder: Path, rng: np.random.Generator) -> tuple[Hobby, float, int]:
     p_mm = 1e3 * seen[:, :3, 3] + rng.normal(0.0, noise_mm, (poses, 3))
     turned = Rotation.from_rotvec(rng.normal(0.0, 0.01 * noise_mm, (poses, 3)))
     quat = (turned * Rotation.from_matrix(seen[:, :3, :3])).as_quat(scalar_first=True)
-    joints = ",".join(f"q{j + 1}_deg" for j in range(n))
-    lines = [f"pose,load_N,repeat,{joints},x_mm,y_mm,z_mm,qw,qx,qy,qz"]
-    for k in range(poses):
-        numbers = [*np.degrees(q_rad[k]), *p_mm[k], *quat[k]]
-        lines.append(",".join([f"P{k:03d}", "0", "1", *(f"{each:.6f}" for each in numbers)]))
+    joints = [f"q{j + 1}_deg" for j in range(n)]
+    columns = ["load_N", "repeat", *joints, "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
+    table = np.column_stack([np.zeros(poses), np.ones(poses), np.degrees(q_rad), p_mm, quat])
+    write_campaign(
+        folder,
+        designed,
+        columns,
+        table,
+        provenance="SYNTHETIC: low-cost arm under a camera",
+        instrument={"kind": "pose", "uncertainty_mm": round(noise_mm, 3)},
+    )
+    return built, noise_mm, poses
+
+
+def write_campaign(
+    folder: Path,
+    arm: Hobby,
+    columns: list[str],
+    table: np.ndarray,
+    *,
+    provenance: str,
+    instrument: dict[str, object],
+    targets_mm: dict[str, list[float]] | None = None,
+) -> None:
+    """Write a campaign of an arm as designed: a row (of `columns`) for each pose of a table."""
+    lines = [",".join(["pose", *columns])]
+    for k, row in enumerate(table):
+        lines.append(",".join([f"P{k:03d}", *(f"{each:.7g}" for each in row)]))
     folder.mkdir()
     (folder / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "hobby.urdf").write_text(urdf(designed), encoding="utf-8")
+    (folder / "hobby.urdf").write_text(urdf(arm), encoding="utf-8")
     with redirect_stdout(None):
         import_arm(folder / "hobby.urdf", out=folder / "hobby.yaml")
+    tool = {"mass_kg": 0.0, "com_mm": [0, 0, 0], "load_point_mm": [0, 0, 0]}
     campaign = {
         "schema": "pa10cal-campaign/1",
         "name": folder.name,
-        "provenance": "SYNTHETIC: low-cost arm under a camera",
+        "provenance": provenance,
         "robot": "hobby",
-        "instrument": {"kind": "pose", "uncertainty_mm": round(noise_mm, 3)},
-        "tool": {"mass_kg": 0.0, "com_mm": [0, 0, 0], "load_point_mm": [0, 0, 0]},
+        "instrument": instrument,
+        "tool": tool | ({"balls_mm": targets_mm} if targets_mm else {}),
         "gravity_m_s2": [0, 0, -9.81],
         "reference_temperature_C": 20,
         "holdout": {"every": 5},
         "files": {"poses": "poses.csv"},
     }
     (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign), encoding="utf-8")
-    return built, noise_mm, poses
 
 
 def urdf(arm: Hobby) -> str:

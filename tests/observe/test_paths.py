@@ -11,7 +11,7 @@ import pytest
 from by_commands import calibrated, evaluate
 from mended import describe, simulated
 from pa10cal.campaign.read import read_campaign
-from pa10cal.observe.paths import (
+from pa10cal.observe.order import (
     NEIGHBOURS,
     HeldOutPlaces,
     along_a_path,

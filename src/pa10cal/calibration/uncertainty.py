@@ -31,7 +31,7 @@ from pa10cal.observe.observations import (
     reading_groups,
     with_repeat_scatter,
 )
-from pa10cal.observe.paths import HeldOutPlaces
+from pa10cal.observe.order import HeldOutPlaces
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.calibration import CalibratedParameter, RepeatScatter

@@ -32,8 +32,7 @@ from pa10cal.errors import RawDataError, refusals_beside
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.order import with_time_validity
-from pa10cal.observe.paths import along_a_path, stretches_held_out
+from pa10cal.observe.order import along_a_path, stretches_held_out, with_time_validity
 from pa10cal.options import IngestOptions
 from pa10cal.results.calibration import InputFinding
 

@@ -27,8 +27,7 @@ from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.weighed_arm import open_unknowns
 from pa10cal.observe.observations import average_repeats
-from pa10cal.observe.order import drivers, measured_again, slow_joints
-from pa10cal.observe.paths import HeldOutPlaces
+from pa10cal.observe.order import HeldOutPlaces, drivers, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.results.record import HALF_WIDTH_95

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.fit import GeneralSolution, fit, reach_of
-from pa10cal.calibration.general.held_out_clusters import predicts_unseen
+from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import (
     GeneralProblem,
     check_enough,
     general_problem,
     loaded_joints,
 )
+from pa10cal.calibration.general.springs import rigid_at, springs_not_shown, with_proven_springs
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_loads_read_by, with_torques
@@ -29,10 +28,8 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import BaseFrameRecord, CalibratedParameter, PriorPart
-from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Offsets, Term
-from pa10cal.terms.weights import WEIGHT, Weights
+from pa10cal.terms.term import Offsets
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
 #: or not the readings show it.
@@ -41,8 +38,6 @@ _FULL_TORQUE_SHARE = 0.02
 _MOVES_NOTHING_M = 1e-7
 #: ... and one fit more brings them to rest: what sag moves weights by is a thousandth of the sag.
 _MOST_REFITS = 3
-#: A joint counts as rigid at this windup [rad].
-_RIGID_RAD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -98,16 +93,18 @@ def calibrate_general(
     assumed = source == "masses" and weights_known(arm).assumed
     sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
     searched = options.general.springs == "auto"
-    while searched and (rigid := _not_shown(problem, found, springs, sure, stepwise=assumed)):
+    while searched and (
+        rigid := springs_not_shown(problem, found, springs, sure, stepwise=assumed)
+    ):
         springs = tuple(joint for joint in springs if joint not in rigid)
-        problem, kept = _rigid_at(problem, rigid)
+        problem, kept = rigid_at(problem, rigid)
         x_start = found.x[kept]
         found, searched = fitted(problem, x_start), assumed
     unproven: tuple[int, ...] = ()
     if assumed and springs and options.general.springs == "auto":
         names = (each.name for each in posed.problem.parameters)
         begin = dict(zip(names, posed.x_start.tolist(), strict=True))
-        if fewer_springs := _with_proven_springs(problem, found, springs, begin, fitted):
+        if fewer_springs := with_proven_springs(problem, found, springs, begin, fitted):
             judged = springs
             problem, found, springs, x_start = fewer_springs
             unproven = tuple(joint for joint in judged if joint not in springs)
@@ -172,108 +169,6 @@ def _with_torques_at(
     weighed = replace(problem, observations=problem.observations.with_states(states))
     moved = weighed.predict(x)[:, :3, 3] - problem.predict(x)[:, :3, 3]
     return weighed if np.abs(moved).max() > _MOVES_NOTHING_M else problem
-
-
-def _with_proven_springs(
-    problem: Problem,
-    found: GeneralSolution,
-    springs: tuple[int, ...],
-    begin: Mapping[str, float],
-    fitted: Callable[..., GeneralSolution],
-) -> tuple[Problem, GeneralSolution, tuple[int, ...], Array] | None:
-    """Leave out springs, those that readings show least first, until they predict unseen poses.
-
-    Args:
-        problem, found, springs: what was solved, where that ended, and its springs.
-        begin: where it began, by the name of the unknown; with rigid joints a fit begins there.
-
-    Returns:
-        The same of what stays, and where its fit began; None where all stay.
-    """
-    rigid, _ = _rigid_at(problem, set(springs))
-    x_rigid = np.array([begin[each.name] for each in rigid.parameters])
-    without, x_start = fitted(rigid, x_rigid), None
-    while not predicts_unseen((problem, found), (rigid, without)):
-        gains = {joint: _gain_of_spring(problem, found, joint) for joint in springs}
-        least = min(springs, key=lambda joint: gains[joint])
-        springs = tuple(joint for joint in springs if joint != least)
-        if not springs:
-            return rigid, without, springs, x_rigid
-        problem, kept = _rigid_at(problem, {least})
-        x_start = found.x[kept]
-        found = fitted(problem, x_start)
-    return None if x_start is None else (problem, found, springs, x_start)
-
-
-def _not_shown(
-    problem: Problem,
-    found: GeneralSolution,
-    springs: tuple[int, ...],
-    sure: tuple[int, ...],
-    *,
-    stepwise: bool,
-) -> set[int]:
-    """Return the joints whose springs readings do not show: all, or the one that they show least.
-
-    Args:
-        problem, found: what was solved, and where that ended.
-        sure: those of which it is there, whatever readings show.
-        stepwise: whether weights are unknown too, so that springs stand in for each other.
-    """
-    enough = np.log(problem.readings)  # by Schwarz's criterion
-    if stepwise:
-        gains = {joint: _gain_of_spring(problem, found, joint) for joint in springs}
-        least = min(springs, key=lambda joint: gains[joint], default=0)
-        return {least} if springs and gains[least] < enough else set()
-    names, variance = [each.name for each in problem.parameters], np.diag(found.covariance)
-    return {
-        joint
-        for joint in set(springs) - set(sure)
-        for k in [names.index(f"windup_{joint}")]
-        if not (variance[k] > 0.0 and found.x[k] ** 2 > enough * variance[k])
-    }
-
-
-def _gain_of_spring(problem: Problem, found: GeneralSolution, joint: int) -> float:
-    """Return by how much the weighted squares grow with a joint rigid, all else fitted anew.
-
-    To first order, about the fit: masses act through the joint no more, and their own columns say
-    what they can make up for elsewhere. Masses are expected about zero (as described), all other
-    unknowns about the fit.
-    """
-    at = [parameter.name for parameter in problem.parameters].index(f"windup_{joint}")
-    root = np.sqrt(found.weights)[:, None, None] * found.whitener
-    reach = reach_of(problem)
-    of_masses = np.array([each.name.startswith(WEIGHT) for each in problem.parameters])
-
-    def squares(x: Array, free: NDArray[np.bool_]) -> float:
-        rows = problem.rows(x)
-        white = (root @ rows.jacobian).reshape(-1, len(x))[:, free] * reach[free]
-        data = (root @ rows.residual[:, :, None]).ravel()
-        off = np.where(of_masses, x / reach, 0.0)[free]
-        gradient = white.T @ data + off
-        normal = white.T @ white + np.eye(white.shape[1])
-        step = np.linalg.solve(normal, gradient)
-        return float(data @ data + off @ off - gradient @ step)
-
-    free = ~found.at_bound
-    with_it = squares(found.x, free)
-    free[at] = False
-    rigid = found.x.copy()
-    rigid[at] = _RIGID_RAD
-    return squares(rigid, free) - with_it
-
-
-def _rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, NDArray[np.bool_]]:
-    """Return the problem without the springs of some joints, and which unknowns are left."""
-    every = [term for term in problem.model.terms if isinstance(term, JointSpring)]
-    off: list[Term] = [term for term in every if term.joint in joints]
-    if len(off) == len(every):  # weights act by way of the springs alone
-        off += [term for term in problem.model.terms if isinstance(term, Weights)]
-    terms = tuple(term for term in problem.model.terms if term not in off)
-    gone = {parameter.name for term in off for parameter in term.parameters}
-    kept = np.array([parameter.name not in gone for parameter in problem.parameters])
-    return replace(problem, model=Model(problem.model.chain, terms)), kept
 
 
 # Whether the readings show that parallel axes are tilted.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pa10cal.calibration.general import calibrate
+from pa10cal.calibration.general import springs
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
@@ -18,7 +18,7 @@ from pa10cal.lab.cell.measured_trials import joint_bounds
 from pa10cal.lab.cell.trials import draw_trials
 from pa10cal.lab.cell.write import write_campaign
 from pa10cal.observe.observations import average_repeats
-from pa10cal.observe.paths import along_a_path
+from pa10cal.observe.order import along_a_path
 
 POSES = 600
 
@@ -75,6 +75,6 @@ def test_springs_that_stand_for_something_else_go_and_are_told(tmp_path, monkeyp
     assert follows is path
     assert not found.springs
     assert found.unproven
-    monkeypatch.setattr(calibrate, "predicts_unseen", lambda *_: True)
+    monkeypatch.setattr(springs, "predicts_unseen", lambda *_: True)
     _, unjudged = calibrated(trial, tmp_path / "unjudged")
     assert unjudged.springs == found.unproven
