@@ -326,6 +326,15 @@ class TestCalibrationWithEffects:
         health = read(calibrated)["health"]
         assert (model["grade"], model["fitted_to"]["health"]) == (health["grade"], health["line"])
 
+    def test_promises_what_this_model_lacks_and_not_what_the_one_without_effects_does(
+        self, work, found, calibrated
+    ):
+        lacks = read(calibrated)["fitted_model"]["discrepancy"]["error_mm"]
+        of_verdict = read(found / "extended.json")["fitted_model"]["discrepancy"]["error_mm"]
+        without = read(work / "combined.json")["fitted_model"]["discrepancy"]["error_mm"]
+        np.testing.assert_allclose(lacks, of_verdict, atol=0.1 * max(without))
+        assert max(lacks) < 0.7 * max(without)
+
     def test_named_are_those_of_a_search(self, work, found, calibrated, tmp_path):
         out = tmp_path / "named.json"
         assert calibrate_with(work, out, "named", named=found / "extended.json") == 0

@@ -20,7 +20,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import controller_pose
 from pa10cal.campaign.table import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.fit import fitted_model
+from pa10cal.fit import compensation, fitted_model, loads
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.contradictions import of_joints
 from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
@@ -101,6 +101,27 @@ def test_many_poses_are_predicted_in_blocks_with_the_same_bytes(tmp_path, capsys
 
     monkeypatch.setattr(fitted_model, "predicted", predicted)
     assert run("predict", tmp_path, None, "--force", out="blocks.csv") == 0
+    assert rows == [7, 7, 7, 7, 2]
+    assert (tmp_path / "blocks.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
+    assert capsys.readouterr().out == said.replace("out.csv", "blocks.csv")
+
+
+def test_many_targets_are_compensated_in_blocks_with_the_same_bytes(tmp_path, capsys, monkeypatch):
+    model = saved(tmp_path, grade="unreliable")
+    poses = model.predict(postures(model.arm, 5, 30), extrapolate=True)
+    q_xyzw = Rotation.from_matrix(poses.T[:, :3, :3]).as_quat()
+    values = np.hstack([1e3 * poses.T[:, :3, 3], q_xyzw[:, [3, 0, 1, 2]]]).tolist()
+    lines = [f"id,{POSE}", *(f"P{k},{','.join(map(repr, row))}" for k, row in enumerate(values))]
+    assert run("compensate", tmp_path, lines, "--force") == 0
+    said, rows, judged = capsys.readouterr().out, [], compensation.predicted
+
+    def predicted(model, given, frame):
+        rows.append(len(given.q_rad))
+        return judged(model, given, frame)
+
+    monkeypatch.setattr(loads, "BLOCK", 7)
+    monkeypatch.setattr(compensation, "predicted", predicted)
+    assert run("compensate", tmp_path, None, "--force", out="blocks.csv") == 0
     assert rows == [7, 7, 7, 7, 2]
     assert (tmp_path / "blocks.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
     assert capsys.readouterr().out == said.replace("out.csv", "blocks.csv")

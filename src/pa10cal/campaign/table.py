@@ -409,11 +409,16 @@ def commands_text(
     q: Array,
     prismatic: NDArray[np.bool_],
     columns: Mapping[str, NDArray[Any]],
+    *,
+    header: bool = True,
 ) -> str:
-    """Return joint positions (N, n) as `id,q1_deg,…` and further columns (N,)."""
+    """Return joint positions (N, n) as `id,q1_deg,…` and further columns (N,).
+
+    Rows that follow others have no header.
+    """
     positions, names = np.where(prismatic, q / _MM, np.degrees(q)), position_columns(prismatic)
     numbers = [(name, values, ".10f") for name, values in zip(names, positions.T, strict=True)]
-    return _answers(ids, numbers, columns)
+    return _answers(ids, numbers, columns, header=header)
 
 
 def _answers(

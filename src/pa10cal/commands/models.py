@@ -179,8 +179,9 @@ def compensate(
 
     from pa10cal.arm.exports import controller_columns, controller_pose
     from pa10cal.campaign.table import commands_text, read_targets
-    from pa10cal.files.output import write_text
+    from pa10cal.files.output import whole_file
     from pa10cal.fit import contradictions
+    from pa10cal.fit.loads import blocks
 
     form: Angles = angles or "quaternion"
     if write == "joints" and (angles or tcp):
@@ -211,7 +212,12 @@ def compensate(
         columns |= found.cartesian(form)
     if doubtful(fitted):
         columns["forced"] = np.full(len(found), fitted.grade)
-    write_text(out, commands_text(asked.ids, found.q, arm.prismatic, columns))
+    with whole_file(out) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+        for rows in blocks(len(found)):
+            of_rows = {name: values[rows] for name, values in columns.items()}
+            first = not len(rows) or rows[0] == 0
+            answers = asked.ids[rows], found.q[rows], arm.prismatic, of_rows
+            file.write(commands_text(*answers, header=first))
     said = [*contradictions.of_targets(fitted, asked.T, asked.q, frame)]
     said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, loads_N)]
     rest = remarks("compensate", targets, said, asked.unused)

@@ -32,6 +32,7 @@ from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prep
 from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, refusals_beside, remedy_for
 from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
@@ -130,6 +131,9 @@ def calibrate_with(
     labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)
     flagged = np.array([label in suspected for label in labels])
     flagged |= np.bincount(reading_groups(campaign.readings), campaign.gross) > 0.0
+    calibrated = replace(
+        calibrated, discrepancy=discrepancy_of(calibrated, poses.take(np.flatnonzero(~flagged)))
+    )
     held_out = None
     if campaign.held_out is not None:
         away, wrong = ready(campaign.held_out), campaign.suspected

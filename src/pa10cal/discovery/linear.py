@@ -307,7 +307,8 @@ class ModelWithEffects:
     def fitted(self, covariance: Array | None = None) -> FittedModel:
         """Return the model with its base where it is found to stand, the base's own term gone.
 
-        Its covariance is of all unknowns (k, k); None where it is not wanted.
+        Its covariance is of all unknowns (k, k); None where it is not wanted. What it lacks is not
+        known.
         """
         k, terms = len(self.at.x) - 6, self.model.terms[:-1]
         return replace(
@@ -316,6 +317,7 @@ class ModelWithEffects:
             x=about_moved_base(terms, self.at.x[:k], self.at.x[k:]),
             T_instr_base=moved_base(self.at.T_instr_base, self.at.x[k:]),
             covariance=None if covariance is None else covariance[: k + 6, : k + 6],
+            discrepancy=None,  # that of the model without effects
         )
 
 

@@ -27,6 +27,7 @@ from pa10cal.fit.forward import (
     predicted,
     states_at,
 )
+from pa10cal.fit.loads import blocks
 
 #: A pose counts as reached within this [m, rad]; what a search leaves is far less.
 REACHED = 1e-6
@@ -88,13 +89,29 @@ def compensate(
     else:
         tcp = np.asarray(T_flange_tcp, dtype=float)
         _refuse_no_pose(tcp[None], "T_flange_tcp")
-    if not len(T):
-        none = np.zeros(0)
-        empty = np.zeros((0, model.arm.n))
-        inside = none.astype(bool)
-        words = none.astype(str)
-        return Compensation(empty, words, words, none, none, none, none, inside, T, tcp)
-    q, other = _searched(model, T, frame, given, seed)
+    q, other = np.zeros((0, model.arm.n)), np.zeros(0, dtype=bool)
+    if len(T):
+        q, other = _searched(model, T, frame, given, seed)
+    branch = np.where(other, "other", "nearest")
+    # A prediction takes some kilobytes a pose; these take what a block does, however many poses.
+    return Compensation.joined(
+        [
+            _judged(model, T[rows], frame, given.take(rows), q[rows], branch[rows], tcp)
+            for rows in blocks(len(T))
+        ]
+    )
+
+
+def _judged(
+    model: Fitted,
+    T: Array,
+    frame: str,
+    given: PoseStates,
+    q: Array,
+    branch: NDArray[np.str_],
+    tcp: Array,
+) -> Compensation:
+    """Return joint positions that were found, how near they come to T (N, 4, 4), their status."""
     forward = Forward.of(model, frame)
     given = replace(given, q_rad=q)
     found = predicted(model, given, frame)
@@ -118,7 +135,6 @@ def compensate(
     # The controller works out the flange from the pose and its TCP, and the joints from the flange
     # of the arm as designed: with both taken the same way back it comes to q.
     T_send = Chain.of(arm).forward(q) @ tcp
-    branch = np.where(other, "other", "nearest")
     promised = found.u_mm, found.u_parameters_mm, found.inside
     return Compensation(q, status, branch, off_mm, off_deg, *promised, T_send, tcp)
 
@@ -232,11 +248,8 @@ class _InverseSearch:
             for forward in (self._forward, Forward.of(whole))
         )
         T_base_flange = self._T @ np.linalg.inv(T_base_frame) @ T_base_end
-        found = self.branches(T_base_flange)
-        ends = Chain.of(self._arm).forward(found.reshape(-1, self._arm.n))[:, :3, 3]
-        wanted = np.repeat(T_base_flange[:, :3, 3], found.shape[1], axis=0)
-        off_m = np.linalg.norm(ends - wanted, axis=1).reshape(found.shape[:2])
-        beside = np.asarray(off_m >= _NEARLY)
+        of_blocks = [self._branches_of(T_base_flange[rows]) for rows in blocks(len(seeds))]
+        found, beside = (np.concatenate(part) for part in zip(*of_blocks, strict=True))
         starts, order, other = self._nearest(found, beside, seeds)
         other[:1] &= asked[:1]
         rows = np.arange(len(starts))
@@ -259,6 +272,15 @@ class _InverseSearch:
                 q[kept], done[kept], good[kept] = again[better], True, inside[better]
                 other[kept] = True
         return q, other
+
+    def _branches_of(self, T_base_flange: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return all branches (N, B, n) of the arm as designed, and which are out of reach."""
+        assert self.branches is not None
+        found = self.branches(T_base_flange)
+        ends = Chain.of(self._arm).forward(found.reshape(-1, self._arm.n))[:, :3, 3]
+        wanted = np.repeat(T_base_flange[:, :3, 3], found.shape[1], axis=0)
+        off_m = np.linalg.norm(ends - wanted, axis=1).reshape(found.shape[:2])
+        return found, np.asarray(off_m >= _NEARLY)
 
     def along(self, seeds: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Search from the seed, or from the row before, in blocks that grow on a smooth path.
@@ -295,6 +317,13 @@ class _InverseSearch:
         Returns:
             Joint positions (R, n), the best on the way, and whether they reach the pose.
         """
+        found, done = starts.copy(), np.zeros(len(rows), dtype=bool)
+        for part in blocks(len(rows)):
+            found[part], done[part] = self._newton(rows[part], starts[part])
+        return found, done
+
+    def _newton(self, rows: NDArray[np.intp], starts: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Go down as `newton` does, all rows at once."""
         found, best, done = self._descend(rows, starts, exact=False)
         # Near a singularity what the geometry leaves out of the derivative is too much.
         hard = np.flatnonzero((best > _SETTLED) & (best < _CLOSE))

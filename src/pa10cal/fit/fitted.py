@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
@@ -150,6 +150,13 @@ class Compensation:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Compensation]) -> Compensation:
+        """Return the rows of some, one at least, as one; all have one TCP."""
+        names = [each.name for each in fields(cls) if each.name != "T_flange_tcp"]
+        rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return replace(parts[0], **rows)
 
     def cartesian(self, angles: Angles = "quaternion") -> dict[str, Array]:
         """Return the poses to send in the form of a controller.

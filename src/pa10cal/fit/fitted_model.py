@@ -28,14 +28,12 @@ from pa10cal.fit.covariance_file import (
 )
 from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
+from pa10cal.fit.loads import BLOCK
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
 from pa10cal.yaml_file import read_yaml
-
-#: Poses that are predicted at a time where there are many.
-BLOCK = 10_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)

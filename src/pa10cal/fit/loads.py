@@ -18,8 +18,8 @@ from pa10cal.terms.weights import Weights
 
 S = TypeVar("S", Statics, StaticLoads)
 
-#: Poses whose statics are worked out at once: it takes several times their size for a moment.
-_BLOCK = 10_000
+#: Poses that are worked out at once: statics and predictions take kilobytes a pose for a moment.
+BLOCK = 10_000
 
 #: Where the torques of poses come from: a log, the masses described, or they are not known.
 TorqueSource = Literal["logged", "masses", "none"]
@@ -53,6 +53,13 @@ def with_torques(
     return states, "masses"
 
 
+def blocks(count: int) -> Iterator[Index]:
+    """Yield the numbers up to a count, `BLOCK` of them at a time; none once where it is 0."""
+    yield from (
+        np.arange(first, min(first + BLOCK, count)) for first in range(0, count or 1, BLOCK)
+    )
+
+
 def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
     """Return states without the static loads where no term reads these: they are large."""
     if any(isinstance(term, Effect | Weights) for term in terms):
@@ -61,7 +68,9 @@ def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
 
 
 def _under_weights(model: Model, x: Array, states: PoseStates, payload: Payload) -> PoseStates:
-    found = _in_order((at, each.static_loads) for at, each in _blocks(model, x, states, payload))
+    found = _in_order(
+        (at, each.static_loads) for at, each in _statics_of(model, x, states, payload)
+    )
     return replace(states, tau_Nm=found.joint_Nm, static_loads=found)
 
 
@@ -71,13 +80,13 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
     Gravity is along the base's own axes; and what the instrument reads too much, which moves the
     tool in the model, moves no weight: motions of base and tool count for nothing here.
     """
-    return _in_order(_blocks(model, x, states, payload))
+    return _in_order(_statics_of(model, x, states, payload))
 
 
-def _blocks(
+def _statics_of(
     model: Model, x: Array, states: PoseStates, payload: Payload
 ) -> Iterator[tuple[Index, Statics]]:
-    """Yield rows and their static loads, of one campaign and no more than `_BLOCK` at once."""
+    """Yield rows and their static loads, of one campaign and no more than `BLOCK` at once."""
     coordinates = model.chain_coordinates(states, x)
     coordinates[:, model.chain.columns(BASE + TOOL)] = 0.0
     of = [(np.arange(len(states)), payload)]
@@ -85,8 +94,7 @@ def _blocks(
         every = enumerate(payload.of_campaigns)
         of = [(np.flatnonzero(states.campaign == k), own) for k, own in every]
     for rows, own in of:
-        for first in range(0, max(len(rows), 1), _BLOCK):
-            at = rows[first : first + _BLOCK]
+        for at in (rows[block] for block in blocks(len(rows))):
             yield at, statics(model.chain, coordinates[at], states.load_N[at], own)
 
 
