@@ -47,7 +47,7 @@ def problem(poses: int) -> TwoLevel:
         [
             rng.normal(scale=2.0, size=24) * model.scale[:24],
             *(
-                term.solved(k, 2e7)
+                term.solved(k, 2e7)  # type: ignore[attr-defined]
                 for term, k in zip(model.terms[1:], (2e4, 1.3e4, 2.6e3), strict=True)
             ),
         ]

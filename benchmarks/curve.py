@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
+from pa10cal.arrays import Array
 from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
-from pa10cal.curve.curve import Array, Curve, spline_through
+from pa10cal.curve.curve import Curve, spline_through
 from pa10cal.curve.points import CurvePoints, first_crossing, lay_points
 from pa10cal.curve.roll import RollMap, smallest_move
 

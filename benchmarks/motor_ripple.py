@@ -55,7 +55,7 @@ def called(kind: str, rng: np.random.Generator) -> str:
             drawn["ripple"] = [0.0] * len(drawn["cogs"])
         else:
             ratio = drawn["ratio"]
-        true += all_effects()[name](**drawn).at("joint 1").at_joint(motion)
+        true += all_effects()[name](**drawn).at("joint 1").at_joint(motion)  # type: ignore[attr-defined]
     noise_rad = float(np.exp(rng.uniform(*np.log(NOISE_RAD))))
     read = true + rng.normal(0.0, noise_rad, poses)
     fitted = _map(q, read, noise_rad)

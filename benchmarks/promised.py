@@ -40,7 +40,9 @@ def promised(results: Path) -> dict[str, tuple[int, float, float, float, float]]
     rows = table.loc[list(zip(judged.rows.pose, judged.rows.load_N, strict=True))]
     model = load_model(results)
     n = model.arm.n
-    q = rows[[name for name in rows if name[:1] == "q" and name.split("_")[0][1:].isdigit()]]
+    q = rows[
+        [name for name in map(str, rows) if name[:1] == "q" and name.split("_")[0][1:].isdigit()]
+    ]
     q = q[[name for name in q if "_u_" not in name]]
     arrival = rows[[f"s{joint}" for joint in range(1, n + 1)]].to_numpy(float)
     targets = [name for name in model.frames if name.startswith("target_")] or ["tool"]
