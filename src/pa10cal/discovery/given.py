@@ -30,7 +30,7 @@ from pa10cal.discovery.linear import ModelWithEffects, of_weights, residual_and_
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.discovery.verdict import is_named, label_of
-from pa10cal.errors import CalibrationError, refusals_beside, remedy_for
+from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FittedTo
@@ -52,8 +52,6 @@ from pa10cal.results.discovery import sized
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
-
-_refusal = refusals_beside(__file__, CalibrationError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +196,13 @@ def listed(options: CalibrationOptions) -> tuple[EffectOfPlace, ...]:
         CalibrationError: where they are to be those of a verdict, which is not known here.
     """
     if options.effects == "named":
-        raise _refusal("named", "calibration.effects", "named")
+        raise CalibrationError(
+            "the effects that were named are not known",
+            where="calibration.effects",
+            value="named",
+            allowed="the extended model of a search, with --named",
+            remedy="give discovery/extended.json with --named, or list the effects",
+        )
     return options.effects
 
 
@@ -247,14 +251,12 @@ def _effects(
             continue
         if (each.id, each.of) not in known:
             places = [of for kind, of in known if kind == each.id]
-            raise _refusal(
-                "no place",
-                "calibration.effects",
-                {"id": each.id, "of": each.of},
-                each.id,
-                each.of,
-                ", ".join(places) or "an effect that this arm can have",
-                remedy_for(each.of, places, "correct the place"),
+            raise CalibrationError(
+                f"there is no {each.id} of {each.of}",
+                where="calibration.effects",
+                value={"id": each.id, "of": each.of},
+                allowed=", ".join(places) or "an effect that this arm can have",
+                remedy=remedy_for(each.of, places, "correct the place"),
             )
         found.append(known[each.id, each.of])
     return tuple(found)

@@ -31,7 +31,7 @@ from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.discovery.wander import InTime
-from pa10cal.errors import DiscoveryError, refusals_beside
+from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
@@ -69,7 +69,6 @@ _LEAST_MARGIN_M = 0.3
 #: End and targets stay so far above the base's origin, and so far off its axis, unless poses were
 #: measured nearer; targets so far off the line from joint to joint [m].
 _FLOOR_M, _COLUMN_M, _CLEARANCE_M = 0.15, 0.25, 0.15
-_refusal = refusals_beside(__file__, DiscoveryError)
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -97,7 +96,13 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     ranges = low + margin, high - margin
     found = room.draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
-        raise _refusal("no room", "configurations to measure next", f"none of {found.drawn}")
+        raise DiscoveryError(
+            "no configuration keeps clear of floor, column and limits near the measured positions",
+            where="configurations to measure next",
+            value=f"none of {found.drawn}",
+            allowed="at least one",
+            remedy="allow more room",
+        )
     return found.q
 
 
@@ -312,7 +317,12 @@ def _by_parameters(
         ]
     for effect, part in zip(effects, rows[1:], strict=True):
         if not np.all(np.isfinite(part)):
-            raise _refusal("unknown", f"{effect.id} of {effect.of}")
+            raise DiscoveryError(
+                "the effect depends on a quantity that is unknown for future poses",
+                where=f"{effect.id} of {effect.of}",
+                allowed="effects of logged quantities",
+                remedy="omit the effect",
+            )
     return [block.factor for block in lin.blocks], rows
 
 
@@ -326,7 +336,12 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
     """
     baseline, setup, readings = problem.baseline, problem.setup, problem.readings
     if setup.payload is None and np.all(np.isfinite(readings.states.tau_Nm)):
-        raise _refusal("no torques", baseline.model.chain.arm.name)
+        raise DiscoveryError(
+            "torques cannot be predicted in configurations that were not measured",
+            where=baseline.model.chain.arm.name,
+            allowed="an arm and a tool whose masses are known",
+            remedy="complete the descriptions of arm and tool",
+        )
     repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
     states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
     label = np.array([f"next {k}" for k in range(len(states))])

@@ -22,7 +22,7 @@ from scipy.special import chdtri, ndtri
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint, by_joints, position_m
-from pa10cal.errors import DiscoveryError, refusals_beside
+from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted import TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward
@@ -51,7 +51,6 @@ _MOST_NEIGHBOURS = 8
 _QUIET = 1e-6
 _REWEIGHTED = 2
 MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
-_refusal = refusals_beside(__file__, DiscoveryError)
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,13 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     first, second = _pairs(readings)
     if len(first) < LEAST_DIFFERENCES:
         pairs = f"{len(first)} pairs of successive readings of one pose, load and direction"
-        raise _refusal("too few", "grid poses", pairs, LEAST_DIFFERENCES)
+        raise DiscoveryError(
+            "too few repeats to determine the repeatability of the measurement",
+            where="grid poses",
+            value=pairs,
+            allowed=f"at least {LEAST_DIFFERENCES}",
+            remedy="measure poses repeatedly",
+        )
     measured, states = readings.measured, readings.states
     seen, stated = measured.components_seen, measured.stated_covariance
     difference = (deviation[second] - deviation[first]) / np.sqrt(2.0)
@@ -127,7 +132,13 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         variances = _variance_components(np.where(both, difference, 0.0), of_pairs, both)
     except np.linalg.LinAlgError:
         largest = f"largest difference of two readings {np.abs(difference).max():.3g} m or rad"
-        raise _refusal("no noise", "grid poses", largest) from None
+        raise DiscoveryError(
+            "the scatter of repeats shows no noise in some component of the readings",
+            where="grid poses",
+            value=largest,
+            allowed="repeats that differ by the noise of joints and instrument",
+            remedy="look for readings with a gross error, and for readings that were copied",
+        ) from None
     # A joint whose log does not scatter, such as one that always reads zero, counts as scattering
     # by as much as the joint that scatters most: nothing else is known of it.
     n, torque_Nm = screws.shape[2], np.sqrt(np.mean(torque_difference**2, axis=0))
