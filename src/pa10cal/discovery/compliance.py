@@ -35,7 +35,8 @@ from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.fit.weighed_arm import weight_sizes
+from pa10cal.fit.weighed_arm import EDGE, errors_of_logs, scatter_about, weight_sizes
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
@@ -207,36 +208,26 @@ class _LinearProblem:
         return white * self.sizes, (self.whitener @ left[:, :, None]).ravel()
 
     @cached_property
-    def inverse(self) -> Array:
-        """Return the covariance (k, k) in sizes."""
-        columns, _ = self.rows
-        return np.asarray(np.linalg.inv(columns.T @ columns + np.eye(columns.shape[1])))
-
-    @cached_property
-    def gradient(self) -> Array:
-        """Return half the gradient of the squares (k,)."""
+    def steps(self) -> Gaussian:
+        """Return what the rows say of steps (k,) from what is expected, in sizes."""
         columns, data = self.rows
-        return np.asarray(columns.T @ data + self.off)
+        return Gaussian.of(columns, -data).about(-self.off)
 
     @cached_property
     def step(self) -> Array:
         """Return the step (k,) in sizes that leaves least."""
-        return -self.inverse @ self.gradient
+        return self.steps.mean - self.off
 
     @cached_property
     def squares(self) -> float:
         """Return the squares that it leaves."""
-        _, data = self.rows
-        return float(data @ data + self.off @ self.off + self.gradient @ self.step)
+        return self.steps.left
 
     def squares_with(self, further: Array) -> float:
         """Return the squares left with further columns (N, l) among the unknowns."""
         columns, data = self.rows
-        across = columns.T @ further
-        taken = self.inverse @ across
-        schur = further.T @ further + np.eye(further.shape[1]) - across.T @ taken
-        gradient = further.T @ data - taken.T @ self.gradient
-        return float(self.squares - gradient @ np.linalg.solve(schur, gradient))
+        left = columns @ self.off - data
+        return self.steps.beside(columns.T @ further, further.T @ further, further.T @ left).left
 
     def errors_mm(self, poses: Observations) -> Array:
         """Return position errors (P,) that are left of poses, to first order.
@@ -329,7 +320,8 @@ class _LinearProblem:
         stretch = np.repeat(order * stretches // count, self.whitener.shape[1])
         scores = columns * (data + columns @ self.step)[:, None]
         scale = np.outer(self.sizes, self.sizes)
-        return self.inverse * scale, cluster_covariance(self.inverse, scores, stretch) * scale
+        independent = self.steps.covariance
+        return independent * scale, cluster_covariance(independent, scores, stretch) * scale
 
     def stiffness(self, spring: JointSpring) -> tuple[float, float, float, float]:
         """Return stiffness [N m/rad], its uncertainty, the largest sag [rad], its uncertainty.
@@ -401,11 +393,7 @@ _LEAST_NATS = 6.9
 _OF_A_HALF = 4.0
 #: Part of its plausible size that it must have.
 _LEAST_SIZE = 0.3
-#: Scale of a joint's torque, and what friction holds of its rated torque, that may be.
-_GAIN, _FRICTION, _ZERO = 0.05, 0.03, 0.01
-_REWEIGHTED = 5
-_MEDIAN_TO_SIGMA = 1.4826
-_EDGE = 4.0
+_REWEIGHTED, _LEAST_NM = 5, 1e-9
 
 
 def stated_wrongly(
@@ -437,11 +425,9 @@ _BOTH = 2
 
 @dataclass(frozen=True)
 class _TorqueProducts:
-    """Products of weighed rows of the torques: of two halves of the readings, and of both."""
+    """What weighed rows of the torques say: of two halves of the readings, and of both."""
 
-    normal: Array  # (3, k, k) of the columns
-    with_data: Array  # (3, k) of the columns with the data
-    squares: Array  # (3,) of the data
+    parts: tuple[Gaussian, Gaussian, Gaussian]
     known: int  # how many columns any log may need; those of the faults follow
     of_faults: tuple[Index, ...]  # columns of each fault
 
@@ -458,20 +444,18 @@ class _TorqueProducts:
 
     def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
         """Return amounts of one of the chosen, in its sizes, their covariance, and its gain."""
-        at, covariance, x = self._solved(chosen, _BOTH)
+        at, found = self._of(chosen, _BOTH)
         own = np.flatnonzero(np.isin(at, self.of_faults[fault]))
         without = self._left([other for other in chosen if other != fault], _BOTH)
         gain = (without - self._left(chosen, _BOTH)) / without
-        return x[own], covariance[np.ix_(own, own)], gain
+        return found.mean[own], found.covariance[np.ix_(own, own)], gain
 
-    def _solved(self, chosen: Sequence[int], part: int) -> tuple[Index, Array, Array]:
+    def _of(self, chosen: Sequence[int], part: int) -> tuple[Index, Gaussian]:
         at = np.concatenate([np.arange(self.known), *(self.of_faults[k] for k in chosen)])
-        covariance = np.linalg.inv(self.normal[part][np.ix_(at, at)] + np.eye(len(at)))
-        return at, covariance, covariance @ self.with_data[part][at]
+        return at, self.parts[part].along(at)
 
     def _left(self, chosen: Sequence[int], part: int) -> float:
-        at, _, x = self._solved(chosen, part)
-        return float(self.squares[part] - self.with_data[part][at] @ x)
+        return self._of(chosen, part)[1].left
 
 
 def _rows(
@@ -485,41 +469,20 @@ def _rows(
     states, arm = poses.states, baseline.arm
     weights = statics_of(baseline.model, baseline.x, states, setup.payload)
     left_Nm = states.tau_Nm - weights.torque_Nm
-    rated_Nm, each = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0)), np.eye(arm.n)
-    known = np.concatenate(
-        [
-            weights.static_loads.by_weights * weight_sizes(arm, setup.payload).columns(arm),
-            _GAIN * weights.torque_Nm[:, :, None] * each,
-            _FRICTION * (rated_Nm * states.arrival)[:, :, None] * each,
-            np.broadcast_to(_ZERO * rated_Nm[:, None] * each, (len(poses), arm.n, arm.n)),
-        ],
-        axis=2,
-    )
+    rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
+    by_weights = weights.static_loads.by_weights * weight_sizes(arm, setup.payload).columns(arm)
+    usual = errors_of_logs(weights.torque_Nm, rated_Nm, states.arrival)
+    known = np.concatenate([by_weights, usual], axis=2)
     of_faults = [fault.per_unit(states) @ fault.prior_factor for fault in faults]
     columns = np.concatenate([known, *of_faults], axis=2)
-    count = columns.shape[2]
-    noise_Nm = _spread(left_Nm - np.median(left_Nm, axis=0))
-    for _ in range(_REWEIGHTED):
-        white = (columns / noise_Nm[:, None]).reshape(-1, count)
-        normal = white.T @ white + np.eye(count)
-        x = np.linalg.solve(normal, white.T @ (left_Nm / noise_Nm).ravel())
-        noise_Nm = _spread(left_Nm - columns @ x)
-    # A reading with a gross error weighs no more than one at the edge of the noise.
-    data = np.clip(left_Nm - columns @ x, -_EDGE * noise_Nm, _EDGE * noise_Nm) + columns @ x
-    white, data = columns / noise_Nm[:, None], data / noise_Nm
+    noise_Nm, x = scatter_about(columns, left_Nm, _REWEIGHTED, _LEAST_NM)
+    off_Nm = np.clip(left_Nm - columns @ x, -EDGE * noise_Nm, EDGE * noise_Nm)
+    white, data = columns / noise_Nm[:, None], (columns @ x + off_Nm) / noise_Nm
     # Loads and poses come in turn: a half by lot has its part of each.
     drawn = np.random.default_rng(0).permutation(len(poses))
     halves = [drawn[::2], drawn[1::2]]
-    rows = [(white[half].reshape(-1, count), data[half].ravel()) for half in halves]
-    products = ([own.T @ own, own.T @ off, off @ off] for own, off in rows)
-    normal, with_data, squares = (np.stack([a, b, a + b]) for a, b in zip(*products, strict=True))
+    one, other = (Gaussian.of(white[half], data[half]) for half in halves)
     first = known.shape[2]
     stops = first + np.cumsum([0, *(own.shape[2] for own in of_faults)])
     columns_of = tuple(np.arange(*ends) for ends in pairwise(stops.tolist()))
-    return _TorqueProducts(normal, with_data, squares, first, columns_of)
-
-
-def _spread(left_Nm: Array) -> Array:
-    """Return the scatter (n,) of each joint, from its median."""
-    spread = _MEDIAN_TO_SIGMA * np.median(np.abs(left_Nm), axis=0)
-    return np.asarray(np.maximum(spread, 1e-3 * spread.max() + 1e-9))
+    return _TorqueProducts((one, other, one + other), first, columns_of)

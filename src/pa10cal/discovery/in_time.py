@@ -23,6 +23,7 @@ from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.discovery.wander import STILL, WAVES, InTime, Jump, Wander, motions_along, sizes_of_six
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Parting,
@@ -107,10 +108,6 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
     return InTime(replace(found, rms_mm=(all_mm, walk_mm)), drifts)
 
 
-#: Place of the data among products.
-_DATA = slice(-1, None)
-
-
 class _Rows:
     """Whitened rows of single readings, and the evidence of motions in time."""
 
@@ -135,7 +132,7 @@ class _Rows:
         self._data = whitener @ -linear.residual(at, poses)[:, :, None]
         walk = Wander(self.times_s, (), walk_m=1.0)
         self._walk = motions_along(self._white, walk.courses(self.time_s))
-        self._products: dict[tuple[float, ...], list[tuple[Array, float]]] = {}
+        self._products: dict[tuple[float, ...], list[Gaussian]] = {}
         # The size of effects, in their plausible one, is chosen by the evidence.
         self._scale, self._with_time = 1.0, True
         found, still = [], Wander(self.times_s, ())
@@ -213,77 +210,67 @@ class _Rows:
 
     def amounts(self, wander: Wander) -> Array:
         """Return the most likely amounts of all courses, in their sizes."""
-        _, products, _ = self.about(wander)
-        sizes, at = wander.sizes, self._places(wander)
-        gram = products[np.ix_(at, at)] * np.outer(sizes, sizes)
-        return np.asarray(np.linalg.solve(np.eye(len(at)) + gram, products[at, -1] * sizes))
+        return self.about(wander)[1].mean
 
     def _scan(self, tried: list[Jump], wander: Wander) -> tuple[Array, list[tuple[float, float]]]:
         """Return the greatest log evidence of each as one more jump, with its size and turn."""
         reduced = self._reduced((*wander.jumps, *tried), keep=False)
         at = self._places(wander, more=len(tried))
-        first, values = 6 * len(wander.jumps), np.full(len(tried), -np.inf)
+        values = np.full(len(tried), -np.inf)
         chosen = [(0.0, 0.0)] * len(tried)
-        for products, constant in reduced:
-            taken, determinant = _without(products, at, wander.sizes)
-            for k, size, turn in product(range(len(tried)), _JUMPS_M, _TURNS):
-                own = np.arange(first + 6 * k, first + 6 * k + 6)
-                left, more = _without(taken, own, sizes_of_six(size, turn), _DATA)
-                value = self._log(left[0, 0], determinant + more + constant)
-                if value > values[k]:
-                    values[k], chosen[k] = value, (size, turn)
+        for every in reduced:
+            sizes = np.ones(every.unknowns)
+            sizes[at] = wander.sizes
+            steps = every.in_sizes(sizes).without(at)  # of those tried, six of each
+            for k in range(len(tried)):
+                one = steps.along(np.arange(6 * k, 6 * k + 6))
+                for size, turn in product(_JUMPS_M, _TURNS):
+                    value, _ = self._log(one.in_sizes(sizes_of_six(size, turn)))
+                    if value > values[k]:
+                        values[k], chosen[k] = value, (size, turn)
         return values, chosen
 
     def about(
-        self, wander: Wander, reduced: list[tuple[Array, float]] | None = None
-    ) -> tuple[float, Array, float]:
-        """Return the log evidence at the best shared error, its products and scale of noise.
+        self, wander: Wander, reduced: list[Gaussian] | None = None
+    ) -> tuple[float, Gaussian, float]:
+        """Return the log evidence at the best shared error, its courses and scale of noise.
 
         That scale is in the noise by which rows are whitened.
         """
         at = self._places(wander)
-        best: tuple[float, Array, float] = (-np.inf, np.zeros((0, 0)), 1.0)
-        for products, constant in reduced or self._reduced(wander.jumps):
-            left, determinant = _without(products, at, wander.sizes, _DATA)
-            value = self._log(left[0, 0], determinant + constant)
+        best = (-np.inf, Gaussian.none(0), 1.0)
+        for every in reduced or self._reduced(wander.jumps):
+            courses = every.along(at).in_sizes(wander.sizes)
+            value, variance = self._log(courses)
             if value > best[0]:
-                noise = float(np.sqrt(left[0, 0] / self._seen))
-                best = value, products, max(noise, _LEAST_NOISE)
+                best = value, courses, float(np.sqrt(variance))
         return best
 
-    def _log(self, squares: float, determinant: float) -> float:
-        variance = max(squares / self._seen, _LEAST_NOISE**2)
-        logarithm = self._seen * np.log(variance) + squares / variance
-        return float(-0.5 * logarithm - 0.5 * determinant)
+    def _log(self, courses: Gaussian) -> tuple[float, float]:
+        """Return the log evidence at the likeliest variance of the noise, and that."""
+        alone = courses.without(np.arange(courses.unknowns))
+        variance = max(alone.squares / self._seen, _LEAST_NOISE**2)
+        logarithm = self._seen * float(np.log(variance)) + alone.squares / variance
+        return -0.5 * (logarithm + alone.log_det), variance
 
     def _places(self, wander: Wander, more: int = 0) -> Index:
-        """Return the places of jumps and walk among the products, with so many jumps between."""
+        """Return the places of jumps and walk among the unknowns, with so many jumps between."""
         of_jumps, first = np.arange(6 * len(wander.jumps)), 6 * (len(wander.jumps) + more)
         of_walk = np.arange(first, first + 6 * WAVES) if wander.walk_m else of_jumps[:0]
         return np.concatenate([of_jumps, of_walk])
 
-    def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[tuple[Array, float]]:
-        """Return products of jumps, walk and data, all held integrated out, at each shared error.
-
-        With each, the logarithm of the determinant of what was and of the noise.
-        """
+    def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[Gaussian]:
+        """Return what is said of jumps and walk, all held integrated out, at each shared error."""
         key = tuple(jump.time_s for jump in jumps)
         every = self._products.get(key) or self._multiplied(jumps)
         if keep:
             self._products[key] = every
-        size = np.repeat([1.0, self._scale, float(self._with_time)], self._widths)
-        held, rest = np.arange(len(size)), slice(len(size), None)
-        found = []
-        for products, determinant in every:
-            reduced, more = _without(products, held, size, rest)
-            found.append((reduced, determinant + more))
-        return found
+        sizes, held = np.ones(every[0].unknowns), np.arange(sum(self._widths))
+        sizes[held] = np.repeat([1.0, self._scale, float(self._with_time)], self._widths)
+        return [each.in_sizes(sizes).without(held) for each in every]
 
-    def _multiplied(self, jumps: tuple[Jump, ...]) -> list[tuple[Array, float]]:
-        """Return products of all columns and the data at each shared error.
-
-        With each, the logarithm of the determinant of the noise.
-        """
+    def _multiplied(self, jumps: tuple[Jump, ...]) -> list[Gaussian]:
+        """Return what is said of held columns, jumps and walk at each shared error."""
         steps = motions_along(self._white, Wander(self.times_s, jumps).courses(self.time_s))
         rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
         flat = rows.reshape(-1, rows.shape[2])
@@ -303,21 +290,8 @@ class _Rows:
                 products = products - (1.0 - 1.0 / (1.0 + m * variance)) * shared
                 many = int(np.sum(self._count == m))
                 determinant += self._components * many * float(np.log1p(m * variance))
-            found.append((products, determinant))
+            found.append(Gaussian(products, determinant))
         return found
-
-
-def _without(
-    products: Array, at: Index, sizes: Array, kept: slice = slice(None)
-) -> tuple[Array, float]:
-    """Return the products of what is kept with some columns of given sizes integrated out.
-
-    With the logarithm of the determinant of what was.
-    """
-    factor = np.linalg.cholesky(np.eye(len(at)) + products[np.ix_(at, at)] * np.outer(sizes, sizes))
-    across = np.linalg.solve(factor, products[at, kept] * sizes[:, None])
-    left: Array = products[kept, kept] - across.T @ across
-    return left, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
 #: Motion of the base expected from load to load [m, rad], and places of targets.

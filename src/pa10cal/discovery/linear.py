@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
@@ -169,15 +169,12 @@ def left_out(data: Array, columns: Array, fold: Index) -> Array:
 
     By columns (R, k), each in the size expected of it.
     """
-    every = np.concatenate([columns, data[:, None]], axis=1)
     found = np.empty(len(data))
     parts = [np.flatnonzero(fold == number) for number in np.unique(fold)]
-    products = [every[rows].T @ every[rows] for rows in parts]
-    total = sum(products) + np.eye(every.shape[1])
-    for rows, part in zip(parts, products, strict=True):
-        others = total - part
-        x = cho_solve(cho_factor(others[:-1, :-1]), others[:-1, -1])
-        found[rows] = data[rows] - columns[rows] @ x
+    each = [Gaussian.of(columns[rows], data[rows]) for rows in parts]
+    every = sum(each, Gaussian.none(columns.shape[1]))
+    for rows, part in zip(parts, each, strict=True):
+        found[rows] = data[rows] - columns[rows] @ (every - part).mean
     return found
 
 

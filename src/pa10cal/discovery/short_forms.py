@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.finding import effect_parameters, name_of
 from pa10cal.discovery.linear import standard_error
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.catalogue import further
@@ -47,17 +47,11 @@ class FormComparison:
         return [np.flatnonzero(self.block == b) for b in range(int(self.block.max()) + 1)]
 
     @cached_property
-    def _elsewhere(self) -> list[tuple[tuple[Array, bool], Array]]:
-        """Return, with each block left out, own products factored and what own columns leave it."""
-        found = []
-        grams = np.stack([self.own[at].T @ self.own[at] for at in self.blocks])
-        projections = np.stack([self.own[at].T @ self.data[at] for at in self.blocks])
-        for own_gram, own_projection in zip(grams, projections, strict=True):
-            gram = grams.sum(axis=0) - own_gram + np.eye(self.own.shape[1])
-            projection = projections.sum(axis=0) - own_projection
-            factor = cho_factor(gram)
-            found.append((factor, cho_solve(factor, projection)))
-        return found
+    def _elsewhere(self) -> list[Gaussian]:
+        """Return what the rows say of own columns with each block left out."""
+        each = [Gaussian.of(self.own[at], self.data[at]) for at in self.blocks]
+        every = sum(each, Gaussian.none(self.own.shape[1]))
+        return [every - part for part in each]
 
     def squares(self, candidates: Sequence[Array]) -> Array:
         """Return the squared error of every block, predicted from the others, (m, B).
@@ -87,9 +81,9 @@ class FormComparison:
         every_across = np.sum(across, axis=0)
         every_gram, every_with = np.sum(grams, axis=0), np.sum(with_data, axis=0)
         found = np.empty((m, len(self.blocks)))
-        for b, (at, (factor, bare)) in enumerate(zip(self.blocks, self._elsewhere, strict=True)):
-            beside = every_across - across[b]
-            followed = cho_solve(factor, beside.reshape(n, m * k)).reshape(n, m, k)
+        for b, (at, others) in enumerate(zip(self.blocks, self._elsewhere, strict=True)):
+            bare, beside = others.mean, every_across - across[b]
+            followed = others.taken_of(beside.reshape(n, m * k)).reshape(n, m, k)
             open_ = every_with - with_data[b] - np.tensordot(bare, beside, axes=1)
             gram = every_gram - grams[b] - _each_with(beside, followed) + np.eye(k)
             amounts = np.linalg.solve(gram, open_[:, :, None])[:, :, 0]
@@ -101,12 +95,9 @@ class FormComparison:
 
     def fitted(self, columns: Array) -> tuple[Array, Array]:
         """Return amounts (k,) of columns (R, k) by all blocks, and their covariance (k, k)."""
-        both = np.concatenate([self.own, columns], axis=1)
-        normal = both.T @ both + np.eye(both.shape[1])
-        inverse = np.linalg.inv(normal)
-        amounts = inverse @ (both.T @ self.data)
-        k = columns.shape[1]
-        return amounts[-k:] if k else amounts[:0], inverse[-k:, -k:] if k else inverse[:0, :0]
+        both = Gaussian.of(np.concatenate([self.own, columns], axis=1), self.data)
+        n = self.own.shape[1]
+        return both.mean[n:], both.covariance[n:, n:]
 
 
 def _each_with(columns: Array, others: Array) -> Array:

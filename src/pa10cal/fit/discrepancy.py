@@ -15,7 +15,6 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from scipy.cluster.vq import kmeans2
-from scipy.linalg import cho_factor, solve_triangular
 from scipy.optimize import isotonic_regression
 from scipy.spatial import cKDTree
 
@@ -25,6 +24,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.fit.angles_seen import Discrepancy, embedded
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import Problem, possible_sizes
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
@@ -161,7 +161,7 @@ class _HeldOut:
 
     data: Array  # (P, b) what is left, weighed
     columns: Array  # (P, b, k) how it follows the unknowns, weighed, each in its possible size
-    normal: Array  # (k + 1, k + 1) products of columns and data of all rows, and of the sizes
+    every: Gaussian  # what all rows say
     to_mm: Array  # (P, b) from a weighed component to its part of the position error [mm]
     noise_mm2: Array  # (P,) square of the position error that noise makes
     # variance of a prediction by the model's covariance, over what these rows make of it
@@ -195,7 +195,6 @@ class _HeldOut:
         weight *= np.minimum(1.0, _FAR * np.median(size) / np.maximum(size, 1e-300))[:, None]
         sizes = possible_sizes(at, measured if count else None)
         data, columns = weight * rows.residual, weight[:, :, None] * rows.jacobian * sizes
-        every = np.concatenate([columns, data[:, :, None]], axis=2).reshape(-1, len(sizes) + 1)
         places = measured.position_columns
         axes = seen[:, places].sum(axis=1)
         times = np.maximum(axes / 3.0, 1.0)
@@ -204,10 +203,10 @@ class _HeldOut:
             np.where(seen[:, places], 1e3 / np.maximum(weight[:, places], 1e-300), 0.0)
             / np.sqrt(times)[:, None]
         )
-        normal = every.T @ every + np.eye(every.shape[1])
+        every = Gaussian.of(columns, data)
         noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
         single = _COMPONENTS if len(places) == 1 else 1.0
-        found = cls(data, columns, normal, to_mm, noise, 1.0, single)
+        found = cls(data, columns, every, to_mm, noise, 1.0, single)
         if model.covariance is None:
             return found
         known = np.append(free, len(model.x) + np.arange(len(BASE)))
@@ -215,9 +214,7 @@ class _HeldOut:
         own = np.einsum(
             "pbk,kl,pbl->", moved, model.covariance[np.ix_(known, known)], moved, optimize=True
         )
-        lower, _ = cho_factor(normal[:-1, :-1], lower=True)
-        half = solve_triangular(lower, columns.reshape(-1, len(sizes)).T, lower=True)
-        every_mm2 = float((to_mm.ravel() ** 2) @ np.sum(half**2, axis=0))
+        every_mm2 = float(np.sum(to_mm**2 * every.variances(columns)))
         return replace(found, of_parameters=min(float(own) / max(every_mm2, 1e-300), 1.0))
 
     def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> _HeldOut:
@@ -238,16 +235,9 @@ class _HeldOut:
 
     def beyond_parameters_mm2(self, out: Index) -> Array:
         """Return squares of the errors of poses held out, less noise and parameters, (N,)."""
-        columns = self.columns[out].reshape(-1, self.columns.shape[2])
-        data = self.data[out].reshape(-1)
-        every = np.concatenate([columns, data[:, None]], axis=1)
-        others = self.normal - every.T @ every
-        lower, _ = cho_factor(others[:-1, :-1], lower=True)
-        half = solve_triangular(lower, np.column_stack([others[:-1, -1:], columns.T]), lower=True)
-        error = data - half[:, 1:].T @ half[:, 0]
-        spread = np.sum(half[:, 1:] ** 2, axis=0)
-        to_mm2 = self.to_mm[out].reshape(-1) ** 2
-        beyond = (
-            (to_mm2 * (error**2 - self.of_parameters * spread)).reshape(len(out), -1).sum(axis=1)
-        )
+        columns, data = self.columns[out], self.data[out]
+        others = self.every - Gaussian.of(columns, data)
+        error = data - columns @ others.mean
+        beyond = error**2 - self.of_parameters * others.variances(columns)
+        beyond = np.sum(self.to_mm[out] ** 2 * beyond, axis=1)
         return np.asarray(self.axes * (beyond - self.noise_mm2[out]))

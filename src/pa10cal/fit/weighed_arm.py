@@ -20,6 +20,7 @@ from pa10cal.arm.statics import CENTRE, DRIVES, Payload, PoseStates, with_assume
 from pa10cal.arrays import Array
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.loads import statics_of
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import HALF_WIDTH_95
@@ -31,7 +32,9 @@ _PLACEHOLDERS = (0.0, 1.0)
 #: A total that differs by more from the sum of the parts contradicts them.
 _TOTAL_OFF = 0.25
 #: Scale of a joint's logged torque, friction and zero, of its rated torque, that may be.
-_GAIN, _FRICTION, _ZERO = 0.05, 0.03, 0.01
+GAIN, _FRICTION, _ZERO = 0.05, 0.03, 0.01
+#: How far weights of any kind may be from their usual size, in that.
+_ANY = 1e3
 #: A link is stated wrongly where logged torques want it other than stated by so many standard
 #: uncertainties ...
 _OFF = 5.0
@@ -47,7 +50,8 @@ _FOLLOWS = 0.8
 #: Torques are resolved to no better than this part of the largest.
 _RESOLVED = 1e-4
 _MEDIAN_TO_SIGMA = 1.4826
-_EDGE = 4.0
+#: A reading with a gross error weighs no more than one so many times the scatter off.
+EDGE = 4.0
 #: A link weighs at least this part of what is described or assumed.
 _LEAST_PART = 1e-3
 #: Poses that are looked at, spread over all.
@@ -142,6 +146,29 @@ def _not_meant(arm: Arm, total_kg: float | None) -> str:
     return ""
 
 
+def errors_of_logs(torque_Nm: Array, rated_Nm: Array, arrival: Array, gain: float = GAIN) -> Array:
+    """Return what logged torques are usually off by, each at its size, (P, n, 3 n).
+
+    Scales of joints, their friction and their zeros, by the torques of the weights and the
+    directions of arrival (P, n), and rated torques (n,).
+    """
+    each = np.eye(len(rated_Nm))
+    zeros = np.broadcast_to(_ZERO * rated_Nm[:, None] * each, (*torque_Nm.shape, len(rated_Nm)))
+    friction_Nm = _FRICTION * (rated_Nm * arrival)[:, :, None] * each
+    return np.concatenate([gain * torque_Nm[:, :, None] * each, friction_Nm, zeros], axis=2)
+
+
+def scatter_about(
+    columns: Array, left_Nm: Array, rounds: int, least_Nm: float = 0.0
+) -> tuple[Array, Array]:
+    """Return the scatter (n,) of torques (P, n) about columns (P, n, k), and their amounts (k,)."""
+    noise_Nm = np.maximum(_spread(left_Nm - np.median(left_Nm, axis=0)), least_Nm)
+    for _ in range(rounds):
+        x = Gaussian.of(columns / noise_Nm[:, None], left_Nm / noise_Nm).mean
+        noise_Nm = np.maximum(_spread(left_Nm - columns @ x), least_Nm)
+    return noise_Nm, x
+
+
 @dataclass(frozen=True)
 class _Torques:
     """Logged torques beside those of the weights."""
@@ -155,19 +182,14 @@ class _Torques:
 
     @classmethod
     def of(cls, arm: Arm, payload: Payload, poses: Observations) -> _Torques:
-        states, each = poses.states, np.eye(arm.n)
+        states = poses.states
         found = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload)
         rated_Nm = arm.rated_Nm(np.abs(found.torque_Nm).max(axis=0))
         # A load hung elsewhere or of another size, and the tool, are faults of their own.
         load = found.static_loads.by_load * states.load_N[:, None]
         # A scale of the torques is one of weights that nobody stated.
-        gain = _GAIN if arm.weights_known is None else 0.0
-        nuisance = [
-            gain * found.torque_Nm[:, :, None] * each,
-            _FRICTION * (rated_Nm * states.arrival)[:, :, None] * each,
-            np.broadcast_to(_ZERO * rated_Nm[:, None] * each, (len(poses), arm.n, arm.n)),
-            load[:, :, None],
-        ]
+        gain = GAIN if arm.weights_known is None else 0.0
+        usual = errors_of_logs(found.torque_Nm, rated_Nm, states.arrival, gain)
         left_Nm = states.tau_Nm - found.torque_Nm
         return cls(
             arm,
@@ -175,7 +197,7 @@ class _Torques:
             states.tau_Nm,
             left_Nm,
             found.static_loads.by_weights,
-            np.concatenate(nuisance, axis=2),
+            np.concatenate([usual, load[:, :, None]], axis=2),
         )
 
     @property
@@ -297,20 +319,20 @@ class _Torques:
         columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
         count, own, noise_Nm = columns.shape[2], len(sizes), self._noise_Nm
         white = (columns / noise_Nm[:, None]).reshape(-1, count)
-        normal = white.T @ white + np.eye(count)
         data = (self.left_Nm / noise_Nm).ravel()
-        x, least = np.linalg.solve(normal, white.T @ data), self._least(sizes, count)
+        every = Gaussian.of(white, data)
+        x, least = every.mean, self._least(sizes, count)
         for _ in range(_REWEIGHTED):
-            clipped = white @ x + np.clip(data - white @ x, -_EDGE, _EDGE)
-            x = np.linalg.solve(normal, white.T @ clipped)
+            clipped = white @ x + np.clip(data - white @ x, -EDGE, EDGE)
+            x = every.taken_of(white.T @ clipped)
             if (x < least).any():
                 from scipy.optimize import lsq_linear  # late: it takes long to load
 
-                root = np.linalg.cholesky(normal).T
+                root = every.lower.T
                 wanted = np.linalg.solve(root.T, white.T @ clipped)
                 x = lsq_linear(root, wanted, (least, np.inf), method="bvls").x
-        off = np.clip(data - white @ x, -_EDGE, _EDGE)
-        covariance = np.linalg.inv(normal)[:own, :own] * np.outer(sizes, sizes)
+        off = np.clip(data - white @ x, -EDGE, EDGE)
+        covariance = every.covariance[:own, :own] * np.outer(sizes, sizes)
         return x[:own] * sizes, covariance, float(off @ off + x @ x)
 
     def _least(self, sizes: Array, count: int) -> Array:
@@ -328,15 +350,8 @@ class _Torques:
         sizes = weight_sizes(with_assumed_weights(bare), self.payload).columns(self.arm)
         sizes = np.maximum(sizes, 1e-3 * sizes.max())
         columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
-        count = columns.shape[2]
         least_Nm = _RESOLVED * max(float(np.abs(self.logged_Nm).max()), 1.0)
-        noise_Nm = np.maximum(_spread(self.left_Nm - np.median(self.left_Nm, axis=0)), least_Nm)
-        for _ in range(_REWEIGHTED):
-            white = (columns / noise_Nm[:, None]).reshape(-1, count)
-            normal = white.T @ white + 1e-6 * np.eye(count)
-            x = np.linalg.solve(normal, white.T @ (self.left_Nm / noise_Nm).ravel())
-            noise_Nm = np.maximum(_spread(self.left_Nm - columns @ x), least_Nm)
-        return noise_Nm
+        return scatter_about(_ANY * columns, self.left_Nm, _REWEIGHTED, least_Nm)[0]
 
     def _with(self, x: Array, covariance: Array, why: str) -> Arm:
         """Return the arm with other weights, and their uncertainty."""

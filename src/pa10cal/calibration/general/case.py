@@ -32,6 +32,7 @@ from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.robust_weights import keep_their_distances, suspect_beyond
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
@@ -409,20 +410,18 @@ def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOf
     rows_of = [
         np.flatnonzero(campaign == k) for k in range(len(problem.observations.measured.campaigns))
     ]
-    normals, gradients = [], []  # of each campaign, free unknowns in reaches
+    of_each = []  # what each campaign says of steps of the free unknowns, in reaches
     for at in rows_of:
         white = (root[at] @ jacobian[at] * reach).reshape(-1, len(free))
         left = np.einsum("pij,pj->pi", root[at], fit.residual[at]).ravel()
-        normals.append(white.T @ white)
-        gradients.append(white.T @ left)
+        of_each.append(Gaussian.of(white, -left))
     positions = problem.observations.measured.position_columns
 
     def of_parts(parts: Sequence[int]) -> tuple[Array, Array, Array]:
         """Return the step of these campaigns, and its covariance with the reach and by noise."""
-        normal = np.sum([normals[k] for k in parts], axis=0)
-        inverse = np.linalg.inv(normal + np.eye(len(normal)))
-        gradient = np.sum([gradients[k] for k in parts], axis=0)
-        return -inverse @ gradient, inverse, inverse @ normal @ inverse
+        said = sum((of_each[k] for k in parts), Gaussian.none(len(free)))
+        inverse = said.covariance
+        return said.mean, inverse, inverse @ said.gram @ inverse
 
     campaigns, std_alone = {}, {}
     for number, (name, _) in enumerate(problem.observations.measured.campaigns):

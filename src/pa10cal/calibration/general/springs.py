@@ -20,6 +20,7 @@ from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.fit.angles_seen import embedded
 from pa10cal.fit.discrepancy import clusters_of, levers_m, stretches_of
 from pa10cal.fit.problem import Problem
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.order import along_a_path
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -107,10 +108,7 @@ def _gain_of_spring(problem: Problem, found: GeneralSolution, joint: int) -> flo
 
     def squares(x: Array, free: Mask) -> float:
         columns, data, off = _whitened(problem, found, x, free)
-        white, rest = columns.reshape(-1, columns.shape[2]), data.ravel()
-        gradient = white.T @ rest + off
-        normal = white.T @ white + np.eye(white.shape[1])
-        return float(rest @ rest + off @ off - gradient @ np.linalg.solve(normal, gradient))
+        return Gaussian.of(columns, -data).about(-off).left
 
     free = ~found.at_bound
     with_it = squares(found.x, free)
@@ -189,14 +187,12 @@ def _errors_m(problem: Problem, found: GeneralSolution, group: Index) -> Array:
     parts = []
     for k in np.unique(group):
         out = np.flatnonzero(group == k)
-        white, own = columns[out].reshape(-1, len(off)), data[out].ravel()
-        parts.append((out, white.T @ white, white.T @ own))
-    normal = np.sum([part[1] for part in parts], axis=0) + np.eye(len(off))
-    gradient = np.sum([part[2] for part in parts], axis=0) + off
+        parts.append((out, Gaussian.of(columns[out], -data[out])))
+    every = sum((own for _, own in parts), Gaussian.none(len(off)))
     errors = []
-    for out, own_normal, own_gradient in parts:
+    for out, own in parts:
         step = np.zeros(len(reach))
-        step[free] = -reach[free] * np.linalg.solve(normal - own_normal, gradient - own_gradient)
+        step[free] = reach[free] * ((every - own).about(-off).mean - off)
         left = (rows.residual[out] + rows.jacobian[out] @ step)[:, places]
         errors.append(np.sqrt(np.mean(np.sum(left**2, axis=1)) + _FINEST_M**2))
     return np.array(errors)

@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from typing_extensions import override
 
 from pa10cal.arm.statics import PoseStates
@@ -55,6 +54,7 @@ from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
@@ -370,10 +370,11 @@ def channel_tests(
     # Columns by the possible size of each parameter, so that those that the rows do not determine
     # take no degree of freedom.
     by_x = [rows[:, 1:] * possible_sizes(found.model, problem.cells.measured) for rows in weighed]
-    factor = cho_factor(sum(rows.T @ rows for rows in by_x) + np.eye(len(found.x)))
+    nothing = Gaussian.none(len(found.x))
+    both = sum((Gaussian.of(rows, np.zeros(len(rows))) for rows in by_x), nothing)
     tests = []
     for (channel, values), rows, columns in zip(channels, weighed, by_x, strict=True):
-        taken = np.einsum("rk,kr->r", columns, cho_solve(factor, columns.T))
+        taken = both.variances(columns)
         pure, dof, shares = (
             problem.noise.differences * values.shape[1],
             1.0 - taken,

@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.likelihood import CandidateRows, Score
@@ -38,6 +37,7 @@ from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, of_weights, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats, Unexplained
 from pa10cal.terms.effects.effect import Effect
@@ -152,10 +152,10 @@ def weighed_rows(
 def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
     """Return the share of sign flips in which some candidate gains as much as member k."""
     others = np.delete(rows.own, rows.members[k], axis=1)
-    factor = cho_factor(others.T @ others + np.eye(others.shape[1]))
+    other = Gaussian.of(others, rows.data)
 
     def left(columns: Array) -> Array:
-        taken: Array = columns - others @ cho_solve(factor, others.T @ columns)
+        taken: Array = columns - others @ other.taken_of(others.T @ columns)
         return taken
 
     data, of_row = left(rows.data[:, None]), pose[rows.cell]
@@ -183,26 +183,17 @@ def _carrier(
     rows: WeighedRows, k: int, pose: Index, labels: NDArray[np.str_], needed: float
 ) -> str | None:
     """Return the pose without which nearly nothing speaks for member k; None for none."""
-    columns = np.concatenate([rows.own, rows.data[:, None]], axis=1)
-    own = np.arange(rows.own.shape[1])
-    without = np.delete(own, rows.members[k])
-    total = columns.T @ columns
+    without = np.delete(np.arange(rows.own.shape[1]), rows.members[k])
+    total = Gaussian.of(rows.own, rows.data)
 
-    def log_evidence(products: Array, at: Index) -> float:
-        """Return the log evidence of columns of unit size, up to a constant of the data."""
-        lower, _ = factor = cho_factor(products[np.ix_(at, at)] + np.eye(len(at)))
-        projection = products[at, -1]
-        gained = float(projection @ cho_solve(factor, projection))
-        return 0.5 * gained - float(np.log(np.diag(lower)).sum())
-
-    def loss(products: Array) -> float:
-        return log_evidence(products, own) - log_evidence(products, without)
+    def loss(of: Gaussian) -> float:
+        return of.log_evidence - of.along(without).log_evidence
 
     of_row, whole = pose[rows.cell], loss(total)
     left = np.empty(len(labels))
     for number in range(len(labels)):
-        part = columns[of_row == number]
-        left[number] = loss(total - part.T @ part)
+        at = of_row == number
+        left[number] = loss(total - Gaussian.of(rows.own[at], rows.data[at]))
     return carrier_of(labels, left, whole, needed)
 
 

@@ -20,6 +20,7 @@ from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.problem import SIZES, NoiseModel
+from pa10cal.numerics.gaussian import Gaussian
 
 #: Variances looked at between the neighbours of the best one tried, where a spline is laid.
 _BETWEEN = 129
@@ -333,16 +334,8 @@ def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Red
         total = 1.0 + variance * size
         weighed = rows / np.sqrt(total)[:, None]
         products = always + weighed.T @ weighed
-        products, determinant = _integrated_out(products, c + k)
-        grams.append(products[:-1, :-1])
-        projections.append(products[:-1, -1])
-        constants.append(products[-1, -1] + np.log(total).sum() + determinant)
+        left = Gaussian(products, float(np.log(total).sum())).without(np.arange(c + k))
+        grams.append(left.gram)
+        projections.append(left.projection)
+        constants.append(left.squares + left.log_det)
     return Reduced(np.array(grams), np.array(projections), np.array(constants))
-
-
-def _integrated_out(products: Array, first: int) -> tuple[Array, float]:
-    """Return the products of the other columns, the first being Gaussian of unit variance."""
-    factor = np.linalg.cholesky(products[:first, :first] + np.eye(first))
-    taken = dtrsm(1.0, factor.T, products[first:, :first], side=1)
-    left = products[first:, first:] - taken @ taken.T
-    return left, 2.0 * float(np.log(np.diag(factor)).sum())
