@@ -160,7 +160,7 @@ def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOpti
         replace(term, cubic=False) if isinstance(term, JointSpring) else term
         for term in model.terms
     )
-    shares = np.array([each.name.startswith("cubic_share") for each in model.parameters])
+    shares = model.having("cubic")
     linear = replace(level, model=Model(model.chain, terms))
     rows = tolerance_rows(linear, start[~shares], options)
     ahead = np.full(len(start), _LITTLE_SHARE)

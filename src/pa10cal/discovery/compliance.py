@@ -24,7 +24,6 @@ from pa10cal.discovery.linear import (
     by_terms,
     cluster_covariance,
     error_mm,
-    of_weights,
     residual_and_jacobian,
     rms,
     unknowns,
@@ -186,7 +185,7 @@ class _LinearProblem:
     def of_weights(self) -> Mask:
         """Return which unknowns are weights: these are expected about what is assumed."""
         targets = np.zeros(len(self.at.targets_m), dtype=bool)
-        return np.concatenate([of_weights(self.at.model), targets])
+        return np.concatenate([self.at.model.having("weight"), targets])
 
     @cached_property
     def off(self) -> Array:

@@ -26,7 +26,7 @@ from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.problem import covariance_of, prepare, targets_off_m
 from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.gates import holds_zero
-from pa10cal.discovery.linear import ModelWithEffects, of_weights, residual_and_jacobian
+from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.discovery.verdict import is_named, label_of
@@ -150,7 +150,7 @@ def calibrate_with(
     every_parameter = (*fitted.model.parameters, *used.measured.target_parameters)
     # Weights that nobody stated exactly are known to their uncertainty: poses need not show them.
     kept = np.ones(len(every_parameter), dtype=bool)
-    kept[: len(fitted.model.parameters)] = ~of_weights(fitted.model)
+    kept[: len(fitted.model.parameters)] = ~fitted.model.having("weight")
     parameters = tuple(each for each, stays in zip(every_parameter, kept, strict=True) if stays)
     jacobian, x = jacobian[:, :, kept], fitted.x[: len(kept)][kept]
     white = whitener @ jacobian

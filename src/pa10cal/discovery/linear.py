@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pa10cal.arm.chain import end_pose_with_screws
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Index
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
@@ -22,7 +22,6 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
 from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame
-from pa10cal.terms.weights import Weights
 
 
 def residual(at: FittedModel, poses: Observations) -> Array:
@@ -97,15 +96,6 @@ def by_effects(
         columns[:, :, : effect.linear] @ effect.prior_factor
         for columns, effect in zip(found, effects, strict=True)
     ]
-
-
-def of_weights(model: Model) -> Mask:
-    """Return which parameters (k,) of a model are weights that are uncertain."""
-    chosen = np.zeros(len(model.parameters), dtype=bool)
-    for term in model.terms:
-        if isinstance(term, Weights):
-            chosen[model.columns_of(term)] = True
-    return chosen
 
 
 def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:

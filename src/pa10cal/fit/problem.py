@@ -17,8 +17,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import TermParameter
-from pa10cal.terms.weights import WEIGHT
+from pa10cal.terms.term import Role, TermParameter
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,12 @@ class Problem:
     T_instr_base: Array  # (4, 4) base frame from which the base's term makes small motions
     # P poses, an orientation turned so that the tool's own is near that of the chain
     observations: Observations
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        """Return what each unknown is of."""
+        role: Role = "target"
+        return (*self.model.roles, *(role for _ in self.places))
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:
@@ -132,7 +137,7 @@ class Problem:
 #: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
 #: to leave every direction that the data determine alone, and to settle those that they do not.
 _POSSIBLE_SCALES = 30.0
-_POSSIBLE_UNITS = {"windup": 3e-2, "cubic_share": 3.0, "base": 1.0}
+_POSSIBLE: dict[Role, float] = {"windup": 3e-2, "cubic": 3.0, "base": 1.0}
 
 
 def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
@@ -140,13 +145,13 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
 
     Of the k parameters of a model's terms, then of the t coordinates of an instrument's targets.
     """
-    found = []
-    for parameter in (*model.parameters, *(() if measured is None else measured.target_parameters)):
-        name, scale = parameter.name, parameter.scale
-        usual = scale if name.startswith(WEIGHT) else _POSSIBLE_SCALES * scale
-        sizes = (size for start, size in _POSSIBLE_UNITS.items() if name.startswith(start))
-        found.append(next(sizes, usual))
-    return np.array(found)
+    targets = () if measured is None else measured.target_parameters
+    scale = np.array([each.scale for each in (*model.parameters, *targets)])
+    of_target: Role = "target"
+    roles = (*model.roles, *(of_target for _ in targets))
+    usual = (1.0 if role == "weight" else _POSSIBLE_SCALES for role in roles)
+    each = zip(roles, scale.tolist(), usual, strict=True)
+    return np.array([_POSSIBLE.get(role, size * times) for role, size, times in each])
 
 
 # Unknowns that are expected about known values: what an earlier fit says of them.

@@ -15,7 +15,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import OPTIONAL, Report, TermParameter, link_departures
+from pa10cal.terms.term import OPTIONAL, Report, Role, TermParameter, link_departures
 
 #: Sizes by which the solver scales, near the uncertainties of a good campaign.
 _WINDUP_SCALE_RAD = 1e-5
@@ -84,6 +84,10 @@ class JointSpring:
             f"cubic_share_{self.joint}", "1", _SHARE_SCALE, lower=0.0, upper=_LARGEST_SHARE
         )
         return (windup, share) if self.cubic else (windup,)
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        return ("windup", "cubic") if self.cubic else ("windup",)
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -11,8 +11,17 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index
-from pa10cal.terms.term import Report, Term, TermParameter, Yielding, identity, shows_torque, yields
+from pa10cal.arrays import Array, Index, Mask
+from pa10cal.terms.term import (
+    Report,
+    Role,
+    Term,
+    TermParameter,
+    Yielding,
+    identity,
+    shows_torque,
+    yields,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +54,15 @@ class Model:
     def parameters(self) -> tuple[TermParameter, ...]:
         """Return the parameters of all terms, in order."""
         return tuple(parameter for term in self.terms for parameter in term.parameters)
+
+    @cached_property
+    def roles(self) -> tuple[Role, ...]:
+        """Return what each parameter is an unknown of, in order."""
+        return tuple(role for term in self.terms for role in term.roles)
+
+    def having(self, *roles: Role) -> Mask:
+        """Return which parameters (k,) are unknowns of some kinds."""
+        return np.array([role in roles for role in self.roles], dtype=bool)
 
     @property
     def scale(self) -> Array:

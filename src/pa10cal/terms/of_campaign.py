@@ -15,7 +15,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import TermError
-from pa10cal.terms.term import Offsets, Report, Term, TermParameter, shows_torque, yields
+from pa10cal.terms.term import Offsets, Report, Role, Term, TermParameter, shows_torque, yields
 
 #: Between the name of a parameter or target and that of its campaign, in no name of either.
 OF = "@"
@@ -47,6 +47,10 @@ class _InSomePoses(ABC):
     @property
     def parameters(self) -> tuple[TermParameter, ...]:
         return self._named(self.term.parameters)
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        return self.term.roles
 
     @property
     def coordinates(self) -> tuple[str, ...]:

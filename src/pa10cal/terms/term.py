@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import ClassVar, Protocol, TypeGuard
+from typing import ClassVar, Literal, Protocol, TypeGuard
 
 import numpy as np
 
@@ -18,6 +19,14 @@ from pa10cal.options import Tolerances
 
 #: In the metadata of a field of a term: omitted from files where it has its default.
 OPTIONAL = "optional"
+
+
+#: What a parameter is an unknown of: a length or twist of a link, the zero of a joint, the tilt of
+#: an axis against a parallel one; how far a joint winds up, and the part of that which is cubic; a
+#: weight; where the base stands, the tool sits or a target is; an effect.
+Role = Literal[
+    "link", "zero", "tilt", "windup", "cubic", "weight", "base", "tool", "target", "effect"
+]
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,10 @@ class Term(Protocol):
     @property
     def parameters(self) -> tuple[TermParameter, ...]:
         """Return the k parameters it is solved in."""
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        """Return what each of its k parameters is an unknown of."""
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -185,6 +198,10 @@ class JointTorqueOnly(TorqueOnly):
 
 # Constant departures of chain coordinates: link parameters and the base frame.
 
+#: Roles of chain coordinates by what their names begin with (`theta_2`, `base.rx`).
+_KIND = re.compile(r"[._]")
+_ROLES: dict[str, Role] = {"theta": "zero", "beta": "tilt", "base": "base", "tool": "tool"}
+
 
 @dataclass(frozen=True)
 class Offsets:
@@ -197,6 +214,10 @@ class Offsets:
     formula: ClassVar[str] = (
         "each parameter is added to the coordinate of the chain at its place in the list"
     )
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        return tuple(_ROLES.get(_KIND.split(name)[0], "link") for name in self.coordinates)
 
     def only(self, names: Collection[str]) -> Offsets:
         """Return the parameters that are named, with their coordinates, in the order here."""
@@ -279,6 +300,7 @@ class Fixed:
     term: Term  # the term, whose effect on chain coordinates is kept
     x_term: Array  # (k,) its parameters
     parameters: ClassVar[tuple[TermParameter, ...]] = ()
+    roles: ClassVar[tuple[Role, ...]] = ()
 
     @property
     def id(self) -> str:

@@ -15,7 +15,15 @@ from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.results.record import HALF_WIDTH_95, FaultKind
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
-from pa10cal.terms.term import OPTIONAL, Report, Term, TermParameter, TorqueOnly, report_as_solved
+from pa10cal.terms.term import (
+    OPTIONAL,
+    Report,
+    Role,
+    Term,
+    TermParameter,
+    TorqueOnly,
+    report_as_solved,
+)
 
 #: Start of the names of its parameters.
 WEIGHT = "weight_"
@@ -127,6 +135,11 @@ class Weights(TorqueOnly):
             )
             for column, size in zip(self.columns, self.sizes, strict=True)
         )
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        role: Role = "weight"
+        return (role,) * len(self.columns)
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
         every = self._by_weights(states)

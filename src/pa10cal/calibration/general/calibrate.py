@@ -177,13 +177,11 @@ def _with_torques_at(
 # were designed, within the uncertainty of the readings, these parameters only spread the noise:
 # zero then predicts better. Schwarz's criterion (1978) decides, over all of them together.
 
-_TILT = "delta_beta_"
-
 
 def tilts_not_shown(problem: Problem, fit: GeneralSolution) -> dict[str, CalibratedParameter]:
     """Return the tilts of parallel axes that the readings do not show; none where they do."""
     names = [parameter.name for parameter in problem.parameters]
-    at = np.array([k for k, name in enumerate(names) if name.startswith(_TILT)], dtype=np.intp)
+    at = np.flatnonzero([role == "tilt" for role in problem.roles])
     covariance = fit.covariance[np.ix_(at, at)]
     std = np.sqrt(np.diag(covariance))
     if not len(at) or not np.all(std > 0.0):

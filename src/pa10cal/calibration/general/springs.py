@@ -25,7 +25,7 @@ from pa10cal.observe.order import along_a_path
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
-from pa10cal.terms.weights import WEIGHT, Weights
+from pa10cal.terms.weights import Weights
 
 #: A joint counts as rigid at this windup [rad].
 _RIGID_RAD = 1e-9
@@ -128,7 +128,7 @@ def _whitened(
     """
     root = np.sqrt(found.weights)[:, None, None] * found.whitener
     rows, reach = problem.rows(x), reach_of(problem)
-    of_masses = np.array([each.name.startswith(WEIGHT) for each in problem.parameters])
+    of_masses = np.array([role == "weight" for role in problem.roles])
     columns = (root @ rows.jacobian)[:, :, free] * reach[free]
     data = (root @ rows.residual[:, :, None])[:, :, 0]
     return columns, data, np.where(of_masses, x / reach, 0.0)[free]

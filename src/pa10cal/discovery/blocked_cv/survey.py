@@ -16,7 +16,6 @@ from pa10cal.discovery.linear import (
     by_joints,
     by_targets,
     by_terms,
-    of_weights,
     positions_of,
     residual,
     unknowns,
@@ -426,7 +425,7 @@ class BlockedRows:
     @property
     def of_weights(self) -> Index:
         """Return the columns of weights that are uncertain, among the model's own."""
-        return np.flatnonzero(of_weights(self.place.model))
+        return np.flatnonzero(self.place.model.having("weight"))
 
     @property
     def own_sizes(self) -> Array:

@@ -34,7 +34,7 @@ from pa10cal.discovery.evidence.search import (
     threshold,
 )
 from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
-from pa10cal.discovery.linear import left_out, mean_length, of_weights, position_noise
+from pa10cal.discovery.linear import left_out, mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
@@ -129,7 +129,7 @@ def weighed_rows(
     own = both(lin.own, np.zeros((len(lin.torque_data), lin.own.shape[1])))
     # Weights that are uncertain are an error that all poses share: as parameters they would take up
     # what their uncertainty leaves no room for.
-    uncertain = np.isin(found.fit.own_columns(), np.flatnonzero(of_weights(found.fit.model)))
+    uncertain = np.isin(found.fit.own_columns(), np.flatnonzero(found.fit.model.having("weight")))
     known = Whitening.of(np.ones(len(own)), own[:, uncertain])
     own = known(own[:, ~uncertain])
     of_members = [

@@ -482,7 +482,7 @@ class _Weighed:
         # Expected are tool and targets as calibrated, the shape of an effect where it starts (an
         # amount of zero says nothing of it: its first step would end at a bound), all else at zero.
         x_start, baseline = unknowns(at), problem.baseline
-        of_tool = [p.name.startswith("tool") for p in baseline.model.parameters]
+        of_tool = baseline.model.having("tool")
         middle = np.zeros(len(x_start))
         middle[: len(of_tool)] = np.where(of_tool, baseline.x, 0.0)
         middle[len(at.x) :] = baseline.targets_m

@@ -24,7 +24,7 @@ from pa10cal.discovery.evidence.problem import (
     torque_rows,
 )
 from pa10cal.discovery.finding import Untestable
-from pa10cal.discovery.linear import by_end, of_weights
+from pa10cal.discovery.linear import by_end
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.terms.effects.effect import Effect
@@ -72,7 +72,7 @@ def linearise(
         factor[: effect.linear, : effect.linear] = effect.prior_factor
         blocks[effect] = CandidateRows(by_x[:, at], torque_by_x[:, at], factor)
     # Weights are expected about what is described, not about the fit.
-    weights = np.flatnonzero(of_weights(found.model))
+    weights = np.flatnonzero(found.model.having("weight"))
     pose_data = pose_data + by_x[:, weights] @ found.x[weights]
     others = tuple(effect for effect in candidates if effect not in blocks)
     if others:
@@ -123,7 +123,7 @@ def testable(
     known, refused = computable(
         effects, states, logged=problem.torques_logged, weights=problem.torque is not None
     )
-    uncertain = of_weights(found.model).any()
+    uncertain = found.model.having("weight").any()
     silent = "the poses do not exercise it"
     if not np.any(states.arrival):
         silent += ", or the direction of arrival was not logged"

@@ -19,7 +19,7 @@ from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms import effects
-from pa10cal.terms.term import Report, Term, TermParameter, report_as_solved
+from pa10cal.terms.term import Report, Role, Term, TermParameter, report_as_solved
 
 #: A joint that never carried this share of its rated torque cannot show how it winds up.
 _LOADED_SHARE = 0.01
@@ -141,6 +141,11 @@ class Effect(ABC):
     @abstractmethod
     def reported(self) -> tuple[TermParameter, ...]:
         """Return its parameters under the names readers know, each with its plausible size."""
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        role: Role = "effect"
+        return (role,) * len(self.parameters)
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:
