@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.errors import ArmError, refusals_beside
+from pa10cal.errors import ArmError
 
 # How well the weights of an arm are known.
 #
@@ -23,7 +23,6 @@ WeightsFrom = Literal["stated", "total", "assumed", "logged"]
 #: Standard uncertainty of a stated mass, relative, and of its centre, per axis [m].
 STATED_MASS = 0.06
 STATED_COM_M = 0.01
-_refusal = refusals_beside(__file__, ArmError)
 
 
 @dataclass(frozen=True)
@@ -145,13 +144,24 @@ class Arm:
     def __post_init__(self) -> None:
         n = len(self.theta_rad)
         if n > MOST_ROWS:
-            raise _refusal("many", self.name, n, MOST_ROWS)
+            raise ArmError(
+                "the arm has too many rows",
+                where=self.name,
+                value=n,
+                allowed=f"at most {MOST_ROWS}, one a joint",
+                remedy="describe one arm",
+            )
         if not len(self.beta_rad):
             object.__setattr__(self, "beta_rad", np.zeros(n))
         for name in ROW_FIELDS:
             value = getattr(self, name)
             if value is not None and len(value) != n:
-                raise _refusal("entries", self.name, None, name, len(value), n)
+                raise ArmError(
+                    f"{name} has {len(value)} entries for {n} rows",
+                    where=self.name,
+                    allowed=f"{n} entries, one a joint",
+                    remedy="complete the arm description",
+                )
         places = [*np.column_stack([self.a_m, self.d_m])]
         names = [f"row {row}" for row in range(1, n + 1)]
         for T, name in ((self.T_base_row1, "base"), (self.T_row_n_ee, "tool")):
@@ -159,8 +169,12 @@ class Arm:
             names.append(name)
         for name, lengths_m in zip(names, places, strict=True):
             if np.abs(lengths_m).max() > _LONGEST_M:
-                raise _refusal(
-                    "too long", f"{self.name}: {name}", float(lengths_m[np.abs(lengths_m).argmax()])
+                raise ArmError(
+                    "a link is longer than 10 m",
+                    where=f"{self.name}: {name}",
+                    value=float(lengths_m[np.abs(lengths_m).argmax()]),
+                    allowed="lengths in metres",
+                    remedy="divide by 1000 if the lengths are in millimetres",
                 )
 
 

@@ -16,9 +16,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
 from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, as_comment, origin_of, parse_urdf, read_tree
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import ArmError, one_line, refusals_beside, visible
-
-_refusal = refusals_beside(__file__, ArmError)
+from pa10cal.errors import ArmError, one_line, visible
 
 
 def urdf_text(
@@ -193,7 +191,13 @@ def _refuse_another_arm(
         off = max(float(np.abs(difference).max()) for difference in differences)
     if off > _SAME:
         differs = f"{len(joints)} joints, {off:.1e} m or rad off"
-        raise _refusal("another URDF", source.where, differs, chain.arm.name)
+        raise ArmError(
+            "the URDF is not that of the arm",
+            where=source.where,
+            value=differs,
+            allowed=f"the URDF from which {chain.arm.name} was imported",
+            remedy="import the arm again from this URDF, or give the one it came from",
+        )
 
 
 # Kinematics of an arm of Universal Robots in the form that their driver for ROS 2 reads.
@@ -345,7 +349,13 @@ def controller_pose(values: Sequence[float], angles: Angles) -> Array:
     if not wrong and angles == "quaternion":
         wrong = abs(float(np.linalg.norm(found[3:])) - 1.0) > _UNIT_LENGTH
     if wrong:
-        raise _refusal("tool", "tcp", list(values), " ".join(names), len(names))
+        raise ArmError(
+            "not the pose of a tool in the flange",
+            where="tcp",
+            value=list(values),
+            allowed=" ".join(names),
+            remedy=f"give {len(names)} numbers as the controller shows its TCP",
+        )
     return homogeneous(read(found[3:]).as_matrix(), 1e-3 * found[:3])
 
 
@@ -353,5 +363,11 @@ def _orientation(
     angles: str,
 ) -> tuple[tuple[str, ...], Callable[[Rotation], Array], Callable[[Array], Rotation]]:
     if angles not in _ORIENTATION:
-        raise _refusal("angles", "angles", angles, ", ".join(get_args(Angles)))
+        raise ArmError(
+            "unknown angle convention",
+            where="angles",
+            value=angles,
+            allowed=", ".join(get_args(Angles)),
+            remedy="choose those of your controller",
+        )
     return _ORIENTATION[angles]

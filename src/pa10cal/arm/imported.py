@@ -16,14 +16,13 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, Arm, with_hayati_rows
 from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import ArmError, refusals_beside
+from pa10cal.errors import ArmError
 
 #: Random joint positions of the check, and how far forward kinematics may differ there.
 _CHECKS = 300
 _SEED = 20080427
 _TOLERANCE = 1e-9
 _FULL_TURN_RAD = 2.0 * np.pi
-_refusal = refusals_beside(__file__, ArmError)
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,13 @@ def arm_from_urdf_text(
     apart = np.linalg.norm(found[:, :3, :3] - expected[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
     off_rad = float(2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0)).max())
     if max(off_m, off_rad) > _TOLERANCE:
-        raise _refusal("rows", where, f"{off_m:.1e} m, {off_rad:.1e} rad", _TOLERANCE)
+        raise ArmError(
+            "the rows do not reproduce forward kinematics of the URDF",
+            where=where,
+            value=f"{off_m:.1e} m, {off_rad:.1e} rad",
+            allowed=f"{_TOLERANCE:g} m and rad",
+            remedy="report it with the file; describe the arm by hand meanwhile",
+        )
     notes += _omitted(tree, path, arm)
     return ImportedArm(
         arm, base, tip, tuple(joint.name for joint in joints), off_m, off_rad, tuple(notes)
@@ -164,7 +169,12 @@ def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
         if np.isfinite(limits[row]).all():
             continue
         if joint.kind == "prismatic":
-            raise _refusal("no limits", f"{where}: joint {joint.name}")
+            raise ArmError(
+                "a prismatic joint has no limits",
+                where=f"{where}: joint {joint.name}",
+                allowed="<limit lower=… upper=…>, in metres",
+                remedy="add them to the URDF",
+            )
         limits[row] = -_FULL_TURN_RAD, _FULL_TURN_RAD
         why = "turns without limit" if joint.kind == "continuous" else "states no limits"
         notes.append(f"joint {joint.name} {why}: -360 to 360 degrees are taken")

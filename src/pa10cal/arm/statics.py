@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm, WeightsKnown
 from pa10cal.arrays import Array, Rows, taken
-from pa10cal.errors import ArmError, refusals_beside
-
-_refusal = refusals_beside(__file__, ArmError)
+from pa10cal.errors import ArmError
 
 # The state of the arm in each measured pose: all that a model may depend on.
 
@@ -148,12 +146,23 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     """
     mass_kg, com_m = chain.arm.mass_kg, chain.arm.com_m
     if mass_kg is None or com_m is None:
-        raise _refusal("no masses", chain.arm.name)
+        raise ArmError(
+            "the arm has no masses, so its weights are not known",
+            where=chain.arm.name,
+            allowed="mass_kg and com_m, one entry a joint",
+            remedy="complete the arm description",
+        )
     first_moments_kg_m = mass_kg[:, None] * com_m
     gravity = payload.gravity_m_s2
     g = float(np.linalg.norm(gravity))
     if g == 0.0:
-        raise _refusal("no direction", "gravity_m_s2", gravity.tolist())
+        raise ArmError(
+            "gravity has no direction",
+            where="gravity_m_s2",
+            value=gravity.tolist(),
+            allowed="three components, not all zero",
+            remedy="give gravity along the axes of the robot base",
+        )
     found = frames(chain, coordinates)
     p_base_apparatus, p_base_load = (
         found.T_base_ee[:, :3, :3] @ place + found.T_base_ee[:, :3, 3]

@@ -14,7 +14,7 @@ from xml.parsers import expat
 from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arm.description import MOST_ROWS
 from pa10cal.arrays import Array
-from pa10cal.errors import ArmError, refusals_beside, remedy_for, visible
+from pa10cal.errors import ArmError, remedy_for, visible
 
 # XML of a URDF as robots have it: prefixes need no declaration, and comments may be kept.
 
@@ -105,7 +105,6 @@ _FAR_M = 10.0
 _NOWHERE = (0.0, 0.0, 0.0)
 #: A whole cell has some hundred links; a number has no more letters than this.
 _MOST_LINKS, _MOST_LETTERS = 5000, 64
-_refusal = refusals_beside(__file__, ArmError)
 
 
 @dataclass(frozen=True)
@@ -163,18 +162,47 @@ class UrdfTree:
         joints = list(up)[::-1]
         if tip not in with_base and (not joints or joints[0].parent not in with_base):
             beyond = ", ".join(self._beyond(with_base[-1])) or "none"
-            raise _refusal("beyond", self.where, tip, f"{base}: {beyond}")
+            raise ArmError(
+                "the tip is not beyond the base",
+                where=self.where,
+                value=tip,
+                allowed=f"a link beyond {base}: {beyond}",
+                remedy="name another base or tip",
+            )
         moving = sum(joint.kind in MOVING for joint in joints)
         if not moving:
-            raise _refusal("still", self.where, f"{base} to {tip}")
+            raise ArmError(
+                "no joint moves between base and tip",
+                where=self.where,
+                value=f"{base} to {tip}",
+                allowed="at least one joint of type revolute, continuous, prismatic",
+                remedy="name another base or tip",
+            )
         if moving > MOST_ROWS:
-            raise _refusal("long", self.where, moving, MOST_ROWS)
+            raise ArmError(
+                "too many joints move between base and tip",
+                where=self.where,
+                value=moving,
+                allowed=f"at most {MOST_ROWS}",
+                remedy="name another base or tip",
+            )
         for joint in joints:
             place = f"{self.where}: joint {joint.name}"
             if joint.kind not in (*MOVING, "fixed"):
-                raise _refusal("serial", place, joint.kind)
+                raise ArmError(
+                    "a joint of this type is not in a serial arm",
+                    where=place,
+                    value=joint.kind,
+                    allowed="revolute, continuous, prismatic, fixed",
+                    remedy="name a base beyond this joint with --base",
+                )
             if joint.follows:
-                raise _refusal("mimic", place, None, joint.follows)
+                raise ArmError(
+                    f"the joint follows joint {joint.follows} (mimic)",
+                    where=place,
+                    allowed="independent joints",
+                    remedy="name a base beyond this joint, or a tip before it",
+                )
         return base, tip, tuple(joints)
 
     def above(self, link: str) -> tuple[UrdfJoint, ...]:
@@ -208,7 +236,13 @@ class UrdfTree:
         names = [link.name for link in self.links]
         if name not in names:
             remedy = remedy_for(name, names, f"name one of these links for {option}")
-            raise _refusal("name", self.where, name, option, ", ".join(names), remedy)
+            raise ArmError(
+                f"{option} names no link",
+                where=self.where,
+                value=name,
+                allowed=", ".join(names),
+                remedy=remedy,
+            )
         return name
 
     def _beyond(self, base: str) -> list[str]:
@@ -223,7 +257,13 @@ class UrdfTree:
         beyond = (link.name for link in self.links if moves.get(link.name))
         tips = [link for link in beyond if link not in self._carried]
         if len(tips) > 1:
-            raise _refusal("branches", self.where, f"{len(tips)} tips", ", ".join(tips))
+            raise ArmError(
+                "the robot branches, and no tip is named",
+                where=self.where,
+                value=f"{len(tips)} tips",
+                allowed=", ".join(tips),
+                remedy="name the end of the arm with --tip",
+            )
         return tips[0] if tips else base
 
 
@@ -236,17 +276,40 @@ def read_tree(text: str, where: str) -> UrdfTree:
     try:
         robot = parse_urdf(text).robot
     except ValueError as error:
-        raise _refusal("xml", where, str(error)) from None
+        raise ArmError(
+            "it is not XML",
+            where=where,
+            value=str(error),
+            allowed="a URDF file",
+            remedy="check the file",
+        ) from None
     if robot.tag != "robot":
-        raise _refusal("urdf", where, robot.tag)
+        raise ArmError(
+            "it is not a URDF",
+            where=where,
+            value=robot.tag,
+            allowed="<robot> as the outermost element",
+            remedy="check the file",
+        )
     for element in robot.iter():
         # Of xacro, or an expression that it would work out. What stands in a comment was worked out
         # already: the parser has dropped it.
         words = (element.text or "", *element.attrib.values())
         if "xacro" in element.tag or any("${" in word or "$(" in word for word in words):
-            raise _refusal("xacro", where)
+            raise ArmError(
+                "xacro macros are not expanded",
+                where=where,
+                allowed="plain URDF",
+                remedy="run xacro on it first: xacro robot.urdf.xacro > robot.urdf",
+            )
     if (count := len(robot.findall("link"))) > _MOST_LINKS:
-        raise _refusal("many", where, count, _MOST_LINKS)
+        raise ArmError(
+            "there are too many links",
+            where=where,
+            value=count,
+            allowed=f"at most {_MOST_LINKS} links",
+            remedy="cut out the arm, with what carries it",
+        )
     links = tuple(_link(element, where) for element in robot.findall("link"))
     joints = tuple(_joint(element, where) for element in robot.findall("joint"))
     return _tree(links, joints, where)
@@ -256,23 +319,53 @@ def _tree(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str
     names = [link.name for link in links]
     for what, seen in (("link", names), ("joint", [joint.name for joint in joints])):
         if twice := sorted(name for name, times in Counter(seen).items() if times > 1):
-            raise _refusal("twice", where, twice[0], what)
+            raise ArmError(
+                f"two {what}s have one name",
+                where=where,
+                value=twice[0],
+                allowed="each name once",
+                remedy="rename one",
+            )
     known, children = set(names), Counter(joint.child for joint in joints)
     for joint in joints:
         place = f"{where}: joint {joint.name}"
         for link in (joint.parent, joint.child):
             if link not in known:
-                raise _refusal("link", place, link, ", ".join(names) or "no links")
+                raise ArmError(
+                    "the joint names a link that is not there",
+                    where=place,
+                    value=link,
+                    allowed=", ".join(names) or "no links",
+                    remedy="correct the name",
+                )
         if children[joint.child] > 1:
-            raise _refusal("child", place, joint.child)
+            raise ArmError(
+                "two joints have the same child link: the arm is not serial",
+                where=place,
+                value=joint.child,
+                allowed="one joint for each link",
+                remedy="cut the loop",
+            )
     roots = [name for name in names if name not in children]
     if len(roots) != 1:
         none = "no root: the joints form a loop, or there are no links"
-        raise _refusal("tree", where, ", ".join(roots) or none)
+        raise ArmError(
+            "the links do not form a single tree",
+            where=where,
+            value=", ".join(roots) or none,
+            allowed="exactly one link without a parent joint",
+            remedy="join the parts, or open the loop",
+        )
     tree = UrdfTree(where, links, joints, roots[0])
     reached = {roots[0], *(joint.child for joint in tree.below(roots[0]))}
     if apart := [name for name in names if name not in reached]:
-        raise _refusal("loop", where, ", ".join(apart), roots[0])
+        raise ArmError(
+            "joints form a loop",
+            where=where,
+            value=", ".join(apart),
+            allowed=f"links connected by joints from {roots[0]} on",
+            remedy="cut the circle",
+        )
     return tree
 
 
@@ -285,7 +378,13 @@ def _link(element: ElementTree.Element, where: str) -> UrdfLink:
     (mass_kg,) = _numbers(inertial.find("mass"), "value", (0.0,), f"{place}: mass")
     com_m = _numbers(inertial.find("origin"), "xyz", _NOWHERE, f"{place}: inertial origin")
     if mass_kg < 0.0:
-        raise _refusal("mass", place, mass_kg)
+        raise ArmError(
+            "the mass is negative",
+            where=place,
+            value=mass_kg,
+            allowed="0 kg or more",
+            remedy="correct it",
+        )
     return UrdfLink(name, mass_kg, com_m)
 
 
@@ -293,11 +392,23 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     name, kind = element.get("name", ""), element.get("type", "")
     place = f"{where}: joint {name}"
     if kind not in KINDS:  # the others of a URDF are read, but no chain can follow them
-        raise _refusal("type", place, kind, remedy_for(kind, KINDS, "correct the type"))
+        raise ArmError(
+            "unknown type of joint",
+            where=place,
+            value=kind,
+            allowed="revolute, continuous, prismatic, fixed",
+            remedy=remedy_for(kind, KINDS, "correct the type"),
+        )
     mimic, origin, limit = (element.find(tag) for tag in ("mimic", "origin", "limit"))
     xyz = _numbers(origin, "xyz", _NOWHERE, f"{place}: origin")
     if max(map(abs, xyz)) > _FAR_M:
-        raise _refusal("far", place, xyz, _FAR_M)
+        raise ArmError(
+            f"the joint is further than {_FAR_M:g} m from the one before",
+            where=place,
+            value=xyz,
+            allowed="metres",
+            remedy="divide by 1000 if these are millimetres",
+        )
     axis = _numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{place}: axis")
     (lower,), (upper,) = (
         _numbers(limit, key, (0.0,), f"{place}: limit") for key in ("lower", "upper")
@@ -306,9 +417,21 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     if kind == "continuous" or lower == upper == 0.0:
         limits = math.nan, math.nan  # a file that states none stands for no limits
     elif lower >= upper:
-        raise _refusal("limits", place, limits)
+        raise ArmError(
+            "the limits allow the joint no motion",
+            where=place,
+            value=limits,
+            allowed="the lower limit first, then a higher one",
+            remedy="correct the limits",
+        )
     if kind in MOVING and math.hypot(*axis) < 1e-9:
-        raise _refusal("axis", place, axis)
+        raise ArmError(
+            "the axis has no direction",
+            where=place,
+            value=axis,
+            allowed="not all zero",
+            remedy="correct it",
+        )
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -327,7 +450,9 @@ def _end(element: ElementTree.Element, end: str, where: str) -> str:
     found = element.find(end)
     link = "" if found is None else found.get("link", "")
     if not link:
-        raise _refusal("end", where, None, end)
+        raise ArmError(
+            f"the joint has no {end}", where=where, allowed="a link", remedy=f"give its {end}"
+        )
     return link
 
 
@@ -345,5 +470,11 @@ def _numbers(
         values = ()
     if len(values) != len(default) or not all(map(math.isfinite, values)):
         count = f"{len(default)} number{'s' if len(default) > 1 else ''},"
-        raise _refusal("number", where, text, key, count)
+        raise ArmError(
+            f"{key} cannot be read",
+            where=where,
+            value=text,
+            allowed=f"{count} with decimal points",
+            remedy="correct it",
+        )
     return values

@@ -24,7 +24,7 @@ from pa10cal.arm.description import (
 )
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
-from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, one_line, refusals_beside
+from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, one_line
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.output import write_text
 from pa10cal.input_files import read_file, reason
@@ -49,8 +49,6 @@ _FAR_M = 10.0
 _HEAVY_KG = 2000.0
 #: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
 _QUARTER_TURN_DIGITS = 6e-4
-
-_refusal = refusals_beside(__file__, ArmError)
 
 
 class ArmRow(Section):
@@ -97,7 +95,13 @@ def check_rows(rows: Sequence[ArmRow], where: str) -> None:
     limits_deg = {number: row.limits_deg for number, row in enumerate(rows, 1) if row.limits_deg}
     if limits_deg and all(max(map(abs, pair)) < 6.3 for pair in limits_deg.values()):
         number, pair = next(iter(limits_deg.items()))
-        raise _refusal("limits in radians", f"{where}: row {number}", list(pair))
+        raise ArmError(
+            "limits_deg looks like radians, in this and every other row",
+            where=f"{where}: row {number}",
+            value=list(pair),
+            allowed="degrees",
+            remedy="multiply by 180/pi",
+        )
     lengths_m = [
         (getattr(row, key), number, key)
         for number, row in enumerate(rows, start=1)
@@ -108,7 +112,13 @@ def check_rows(rows: Sequence[ArmRow], where: str) -> None:
         others = [abs(other) for other, _, _ in lengths_m[:k] + lengths_m[k + 1 :]]
         usual_m = median(others) if others else math.inf
         if abs(length_m) > max(_LONG_M, _OUT_OF_PROPORTION * usual_m):
-            raise _refusal("proportion", f"{where}: row {number}", length_m, key, usual_m)
+            raise ArmError(
+                f"{key} is out of proportion to the other lengths",
+                where=f"{where}: row {number}",
+                value=length_m,
+                allowed=f"metres, as the others are (their median is {usual_m:g})",
+                remedy="divide by 1000 if this one is in millimetres",
+            )
     for number, row in enumerate(rows, start=1):
         refuse_far((row.a_m,), "a_m", f"{where}: row {number}")
         refuse_far((row.d_m,), "d_m", f"{where}: row {number}")
@@ -117,7 +127,12 @@ def check_rows(rows: Sequence[ArmRow], where: str) -> None:
         missing = [key for key in ("mass_kg", "com_m") if stated and getattr(row, key) is None]
         if missing or (row.com_m is not None and row.mass_kg is None):
             keys = " and ".join(missing) or "mass_kg"
-            raise _refusal("masses", f"{where}: row {number}", None, keys)
+            raise ArmError(
+                f"{keys} is missing",
+                where=f"{where}: row {number}",
+                allowed="mass_kg and com_m in every row, or in none",
+                remedy="complete the row, or remove all masses",
+            )
 
 
 def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
@@ -128,7 +143,13 @@ def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
     """
     if max(map(abs, values_m), default=0.0) > _FAR_M:
         value = values_m[0] if len(values_m) == 1 else list(values_m)
-        raise _refusal("far", where, value, key, _FAR_M)
+        raise ArmError(
+            f"{key} exceeds {_FAR_M:g} m",
+            where=where,
+            value=value,
+            allowed="metres",
+            remedy="divide by 1000 if the lengths are in millimetres",
+        )
 
 
 def _check_row(row: ArmRow, where: str) -> None:
@@ -137,13 +158,30 @@ def _check_row(row: ArmRow, where: str) -> None:
     own = keys[kind]
     for key in (*keys[other], *(["gear_ratio"] if row.prismatic else [])):
         if (value := getattr(row, key)) is not None:
-            words = (key, other, kind, " and ".join(own), str(not row.prismatic).lower())
-            raise _refusal("foreign", where, value, *words)
+            prismatic = str(not row.prismatic).lower()
+            raise ArmError(
+                f"{key} is for a joint that {other}, and this one {kind}",
+                where=where,
+                value=value,
+                allowed=" and ".join(own),
+                remedy=f"correct the key, or set prismatic: {prismatic}",
+            )
     if row.prismatic and row.limits_m is None:
-        raise _refusal("no limits", where)
+        raise ArmError(
+            "a prismatic joint needs limits",
+            where=where,
+            allowed="limits_m: [lowest, highest], in metres",
+            remedy="set limits_m",
+        )
     low, high = getattr(row, own[0]) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
     if low >= high:
-        raise _refusal("no motion", where, [low, high], own[0])
+        raise ArmError(
+            f"{own[0]} allows the joint no motion",
+            where=where,
+            value=[low, high],
+            allowed="the lower limit first, then a higher one",
+            remedy=f"correct {own[0]}",
+        )
     refuse_far(row.limits_m or (), "limits_m", where)
     refuse_far(row.com_m or (), "com_m", where)
     for key in ("theta_deg", "alpha_deg"):
@@ -151,7 +189,13 @@ def _check_row(row: ArmRow, where: str) -> None:
         quarters = round(abs(value) / (math.pi / 2.0))
         near = quarters * math.pi / 2.0
         if 1 <= quarters <= 4 and math.isclose(abs(value), near, rel_tol=_QUARTER_TURN_DIGITS):
-            raise _refusal("radians", where, value, key, math.copysign(90.0 * quarters, value))
+            raise ArmError(
+                f"{key} looks like radians",
+                where=where,
+                value=value,
+                allowed="degrees",
+                remedy=f"write {math.copysign(90.0 * quarters, value):g}",
+            )
 
 
 _UNREADABLE = "the arm description cannot be read"
@@ -209,7 +253,13 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
     if not fits_a_folder(name):
-        raise _refusal("name", "robot", name, ALLOWED)
+        raise ArmError(
+            "no name of a robot",
+            where="robot",
+            value=name,
+            allowed=ALLOWED,
+            remedy="correct the name",
+        )
     own = None if folder is None else own_description(name, folder, arms)
     if own is not None:
         return read_arm(own, own.parent)
@@ -219,7 +269,13 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
         if folder is not None:
             allowed += f", or {name}.yaml in {' or '.join(map(str, arm_places(folder, arms)))}"
             describe = "describe the arm in such a file"
-        raise _refusal("unknown", "robot", name, allowed, describe)
+        raise ArmError(
+            "unknown robot",
+            where="robot",
+            value=name,
+            allowed=allowed,
+            remedy=f"correct the name, or {describe}",
+        )
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
     return parse_arm(parse_yaml(text), where=f"{name}.yaml")
 
@@ -244,7 +300,13 @@ def read_arm(path: Path, within: Path | None = None) -> Arm:
     raw = read_yaml(path, ArmError, what=_UNREADABLE, within=within)
     arm = parse_arm(raw, where=str(path))
     if arm.name != path.stem:
-        raise _refusal("file name", path, arm.name, path.stem)
+        raise ArmError(
+            "the arm is not named after its file",
+            where=str(path),
+            value=arm.name,
+            allowed=path.stem,
+            remedy=f"set name: {path.stem}, or rename the file",
+        )
     return arm
 
 
@@ -289,7 +351,14 @@ def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
         text = read_file(path, MOST_URDF_BYTES, own.parent, folder).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         where = f"{own}: urdf.file"
-        raise _refusal("own urdf", where, source.file, _why_no_text(error)) from None
+        raise ArmError(
+            f"the URDF that the arm came from cannot be read: {_why_no_text(error)}",
+            where=where,
+            value=source.file,
+            allowed="a file beside the description, or in the campaign's folder",
+            remedy="copy it there and name it so, or remove the key urdf: names of its own are "
+            "exported then",
+        ) from None
     return UrdfSource(text, str(path), source.base, source.tip)
 
 
@@ -305,7 +374,13 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
     for number, row in enumerate(content.rows, start=1):
         place = f"{where}: row {number}"
         if not isinstance(row, dict) or not all(isinstance(key, str) for key in row):
-            raise _refusal("keys", place, row)
+            raise ArmError(
+                "a row is made of keys and values",
+                where=place,
+                value=row,
+                allowed="{a_m: 0.45, alpha_deg: -90, ...}",
+                remedy="correct it; numbers have decimal points, not commas",
+            )
         rows.append(parse_section(ArmRow, row, where=place))
     check_rows(rows, where)
     for key, frame in (("base", content.base), ("tool", content.tool)):
@@ -339,8 +414,15 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
                     f"the axes of joints {axes.joints[0]} and {axes.joints[1]} are "
                     f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
                 )
-            words = (str(row.hayati).lower(), why, np.degrees(NEARLY_PARALLEL_RAD))
-            raise _refusal("hayati", f"{where}: row {number}", None, *words)
+            stated, parallel_deg = str(row.hayati).lower(), np.degrees(NEARLY_PARALLEL_RAD)
+            raise ArmError(
+                f"hayati: {stated} contradicts the row: {why}",
+                where=f"{where}: row {number}",
+                allowed=f"beta in place of d where neighbouring axes are within {parallel_deg:g} "
+                "deg of parallel, and only there: elsewhere it says what theta says already, and "
+                "without it a small tilt of parallel axes makes links of hundreds of metres",
+                remedy="leave hayati out",
+            )
     return arm
 
 
@@ -374,7 +456,12 @@ def arm_from_urdf(
     try:
         text = read_file(path, MOST_URDF_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise _refusal("urdf", path, None, _why_no_text(error)) from None
+        raise ArmError(
+            f"the URDF cannot be read: {_why_no_text(error)}",
+            where=str(path),
+            allowed="a URDF file, UTF-8",
+            remedy="check the path",
+        ) from None
     return arm_from_urdf_text(text, name or path.stem, base=base, tip=tip, where=str(path))
 
 
