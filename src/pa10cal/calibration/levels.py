@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.errors import CalibrationError, refusals_beside
+from pa10cal.errors import CalibrationError
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.frame.rigid_fit import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report, TermParameter, base_frame
-
-_refusal = refusals_beside(__file__, CalibrationError)
 
 # Which M poses the inner level uses.
 
@@ -41,7 +39,13 @@ def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) 
     if count == "all" or count == len(labels):
         return tuple(str(label) for label in labels)
     if count > len(labels):
-        raise _refusal("inner poses", "calibration.inner_poses", count, len(labels))
+        raise CalibrationError(
+            "more inner poses than measured poses",
+            where="calibration.inner_poses",
+            value=count,
+            allowed=f"1 to {len(labels)}, or 'all'",
+            remedy="lower inner_poses",
+        )
     # Each label at the mean place of its rows.
     p_instr_m = observations.measured.T_instr_target[:, :3, 3]
     sums_m = np.stack([np.bincount(codes, weights=along) for along in p_instr_m.T], axis=1)
@@ -104,7 +108,13 @@ def fit_base_frame(
     moment += 0.5 * attitude_weight_m2 * np.einsum("nij,nkj->ik", R_cmm, R_base)
     left, sizes, right = np.linalg.svd(moment)
     if not sizes[1] > 1e-12 * max(sizes[0], np.finfo(float).tiny):
-        raise _refusal("base frame", "inner level", f"singular values {sizes.tolist()}")
+        raise CalibrationError(
+            "the poses do not determine the base frame",
+            where="inner level",
+            value=f"singular values {sizes.tolist()}",
+            allowed="poses that are not collinear",
+            remedy="use more poses, or poses further apart",
+        )
     R = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, mean_instr - R @ mean_base

@@ -7,8 +7,10 @@ was taken for smooth, or unknown because it was allowed to be rough.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +66,21 @@ class AngleCoverage:
         return tuple(
             maps.AnglesSeen(turns=turns, stretches=stretches)
             for stretches, turns in zip(self.intervals, self.turns, strict=True)
+        )
+
+    def to_plain(self) -> list[dict[str, Any]]:
+        """Return the stretches joint by joint, as the file of a model has them."""
+        return [
+            {"turns": turns, "intervals": stretches.tolist()}
+            for stretches, turns in zip(self.intervals, self.turns, strict=True)
+        ]
+
+    @classmethod
+    def from_plain(cls, content: Any) -> Self:
+        """Return what `to_plain` wrote."""
+        return cls(
+            tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
+            tuple(bool(joint["turns"]) for joint in content),
         )
 
 
@@ -143,6 +160,31 @@ class Discrepancy:
     distance_m: Array  # (m,) distances from the nearest pose at which errors were judged, rising
     error_mm: Array  # (m,) root mean square of the position error there, never falling
     near_m: float  # a pose within this distance is near those measured
+
+    @classmethod
+    def from_plain(cls, content: Mapping[str, Any], n: int) -> Self:
+        """Return what the file of a model of n joints has of it.
+
+        Raises:
+            ValueError: when it is not made of finite numbers for this arm, or is none.
+        """
+        numbers = {
+            name: np.array(content[name], dtype=float)
+            for name in ("q", "lever_m", "distance_m", "error_mm")
+        }
+        found = cls(
+            **numbers,
+            turns=np.array(content["turns"], dtype=bool),
+            near_m=float(content["near_m"]),
+        )
+        every = np.concatenate([each.ravel() for each in numbers.values()])
+        shapes = found.q.shape[1:] == found.lever_m.shape == found.turns.shape == (n,)
+        steps = found.distance_m.shape == found.error_mm.shape == (len(found),)
+        if not (shapes and steps and len(found) and len(found.q) and np.isfinite(every).all()):
+            raise ValueError("discrepancy is not made of finite numbers for this arm")
+        if (np.diff(found.distance_m) < 0.0).any() or (found.error_mm < 0.0).any():
+            raise ValueError("discrepancy has distances that fall, or an error below zero")
+        return found
 
     def __len__(self) -> int:
         return len(self.distance_m)

@@ -17,7 +17,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.errors import ModelError, refusals_beside
+from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import Compensation, Fitted
 from pa10cal.fit.forward import (
     Forward,
@@ -60,7 +60,6 @@ _TURN = 2.0 * np.pi
 #: alone, whose derivative is off by some parts in a hundred and takes six steps for ten digits, and
 #: exactly, for what is then within so much [m, rad].
 _BY_GEOMETRY, _EXACT, _CLOSE = (30, 4), (40, 6), 1e-2
-_refusal = refusals_beside(__file__, ModelError)
 
 
 def compensate(
@@ -172,10 +171,13 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
         wrong = ~np.isfinite(T).all(axis=(1, 2)) | ~(turned < 1e-6) | ~(handed > 0.0)
         wrong |= ~(np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1) < 1e-6)
     if not right or wrong.any():
-        raise _refusal(
-            "no pose",
-            name if not right else f"{name}[{int(np.argmax(wrong))}]",
-            T.shape if not right else T[int(np.argmax(wrong))].tolist(),
+        raise ModelError(
+            "not a pose",
+            where=name if not right else f"{name}[{int(np.argmax(wrong))}]",
+            value=T.shape if not right else T[int(np.argmax(wrong))].tolist(),
+            allowed="(N, 4, 4), a rotation and a position in metres each, the last row 0, 0, 0, 1",
+            remedy="check the orientation: columns are the frame's axes, of length one, the "
+            "position beside them; a matrix that is transposed has it in the last row",
         )
 
 
@@ -187,7 +189,13 @@ def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, ND
     n = model.arm.n
     given = np.full(n, np.nan) if seed is None else np.asarray(seed, dtype=float)
     if given.shape not in ((n,), (count, n)):
-        raise _refusal("seeds", "seed", given.shape, n, count, model.arm.name)
+        raise ModelError(
+            "seeds of another arm or of other poses",
+            where="seed",
+            value=given.shape,
+            allowed=f"({n},) or ({count}, {n}) for {model.arm.name}",
+            remedy="give one column a joint, in radians (metres for a joint that slides)",
+        )
     seeds = given.copy() if given.ndim == 2 else np.full((count, n), np.nan)
     if given.ndim == 1:
         seeds[0] = given

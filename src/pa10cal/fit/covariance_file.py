@@ -16,7 +16,7 @@ import numpy as np
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array
-from pa10cal.errors import ModelError, refusals_beside
+from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import Fitted
 from pa10cal.input_files import UnfitFileError, open_file, reason
 
@@ -32,12 +32,12 @@ _UNIX = 3  # in the headers of a zip file
 #: Of a correlation matrix: how unlike its transpose, and how far below zero the eigenvalues of one
 #: may lie that was solved with directions that the poses hardly identify.
 _SYMMETRIC_WITHIN, _EIGENVALUES_ABOVE = 1e-3, -1e-3
+_WRITE_AGAIN = "write the model again, or remove the file to go without uncertainties"
 #: What numpy and zipfile raise of files that are none: a header is a Python expression.
 _UNREADABLE = (
     *(OSError, EOFError, ValueError, KeyError, IndexError, TypeError, RuntimeError),
     *(SyntaxError, TokenError, BadZipFile, struct.error, zlib.error),
 )
-_refusal = refusals_beside(__file__, ModelError)
 
 
 def covariance_path(path: Path) -> Path:
@@ -76,9 +76,19 @@ def covariance_beside(path: Path) -> Array | None:
     except FileNotFoundError:
         return None
     except UnfitFileError as error:
-        raise _refusal("unfit covariance", beside, None, reason(error)) from None
+        raise ModelError(
+            f"the covariance of the model cannot be read: {reason(error)}",
+            where=str(beside),
+            allowed="a file beside the model",
+            remedy="copy it there, or go without uncertainties",
+        ) from None
     except _UNREADABLE:
-        raise _refusal("no covariance", beside) from None
+        raise ModelError(
+            "the covariance of the model cannot be read",
+            where=str(beside),
+            allowed="the file that this package wrote beside the model",
+            remedy=_WRITE_AGAIN,
+        ) from None
     return covariance if len(covariance) else None
 
 
@@ -119,19 +129,45 @@ def checked_covariance(covariance: Array, size: int, where: str) -> Array:
     """
     place = f"{where}: covariance"
     if covariance.shape != (size, size):
-        raise _refusal("shape", place, None, covariance.shape, size)
+        raise ModelError(
+            f"a covariance of shape {covariance.shape}",
+            where=place,
+            allowed=f"({size}, {size}): parameters, then the base",
+            remedy="write the model again",
+        )
     if covariance.dtype.kind not in "fiu" or not np.isfinite(covariance).all():
-        raise _refusal("numbers", place)
+        raise ModelError(
+            "a covariance that is not made of finite numbers",
+            where=place,
+            allowed="finite numbers",
+            remedy=_WRITE_AGAIN,
+        )
     variance = np.diag(covariance)
     if (variance < 0.0).any():
         worst = int(np.argmin(variance))
-        raise _refusal("variance", place, float(variance[worst]), worst)
+        raise ModelError(
+            f"a variance below zero, that of parameter {worst}",
+            where=place,
+            value=float(variance[worst]),
+            allowed="variances of zero or more",
+            remedy=_WRITE_AGAIN,
+        )
     # A parameter that is held has none; then it goes with no other.
     std = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     correlation = covariance / std / std[:, None]
     if np.abs(correlation - correlation.T).max(initial=0.0) > _SYMMETRIC_WITHIN:
-        raise _refusal("symmetry", place)
+        raise ModelError(
+            "a covariance that is not symmetric",
+            where=place,
+            allowed="that of a with b equal to that of b with a",
+            remedy=_WRITE_AGAIN,
+        )
     held = covariance[variance == 0.0]
     if (held != 0.0).any() or np.linalg.eigvalsh(correlation)[0] < _EIGENVALUES_ABOVE:
-        raise _refusal("correlation", place)
+        raise ModelError(
+            "correlations that no random numbers have",
+            where=place,
+            allowed="no eigenvalue below zero",
+            remedy=_WRITE_AGAIN,
+        )
     return np.asarray(covariance, dtype=float)

@@ -16,7 +16,7 @@ from pa10cal.arm.chain import BASE, TOOL, Chain
 from pa10cal.arm.description import ROW_FIELDS, Arm, WeighedByLog, WeightsKnown
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
-from pa10cal.errors import ModelError, Pa10calError, refusals_beside
+from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
 from pa10cal.fit.angles_seen import AngleCoverage, Discrepancy
 from pa10cal.fit.compensation import compensate
@@ -260,7 +260,6 @@ _CONVENTIONS = {
 }
 #: Of the axes of a frame: what sums of products of digits that a file keeps may come to.
 _ROTATION_WITHIN = 1e-6
-_refusal = refusals_beside(__file__, ModelError)
 
 
 def save_model(model: Fitted, path: Path, **about: Any) -> None:
@@ -320,14 +319,14 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         "T_flange": {
             name: T_flange_frame(model, name).tolist() for name in model.frames if name != FLANGE
         },
-        "seen": None if model.seen is None else _seen_to_plain(model.seen),
+        "seen": None if model.seen is None else model.seen.to_plain(),
         "discrepancy": None
         if (lacks := model.discrepancy) is None
         else {each.name: _plain(getattr(lacks, each.name)) for each in fields(lacks)},
         "falls_back": None
         if model.falls_back is None
         else {
-            "within": _seen_to_plain(model.falls_back.within),
+            "within": model.falls_back.within.to_plain(),
             "model": model_to_plain(model.falls_back.model),
         },
         "covariance": None,
@@ -348,7 +347,13 @@ def model_from_plain(
     """
     found = content.get("schema") if isinstance(content, Mapping) else None
     if not isinstance(content, Mapping) or found != SCHEMA:
-        raise _refusal("version", f"{where}: schema", found, SCHEMA)
+        raise ModelError(
+            "not a model of this version",
+            where=f"{where}: schema",
+            value=found,
+            allowed=SCHEMA,
+            remedy="export the model again",
+        )
     try:
         if covariance is not None:
             size = sum(len(term["x"]) for term in content["terms"]) + len(BASE)
@@ -379,55 +384,32 @@ def model_from_plain(
             covariance=covariance,
             payload=None if payload is None else _payload_from_plain(payload),
             fitted_to=None if fitted is None else FittedTo.model_validate(fitted),
-            seen=None if seen is None else _seen_from_plain(seen),
-            discrepancy=None if lacks is None else _discrepancy_from_plain(lacks, arm.n),
+            seen=None if seen is None else AngleCoverage.from_plain(seen),
+            discrepancy=None if lacks is None else Discrepancy.from_plain(lacks, arm.n),
             falls_back=None
             if away is None
             else FallBack(
-                _seen_from_plain(away["within"]),
+                AngleCoverage.from_plain(away["within"]),
                 model_from_plain(away["model"], where=f"{where}: falls_back.model"),
             ),
         )
     except Pa10calError:
         raise
     except KeyError as error:
-        raise _refusal("missing", where, None, error.args[0], SCHEMA) from None
+        raise ModelError(
+            f"key {error.args[0]} is missing",
+            where=where,
+            allowed=f"every key of {SCHEMA}",
+            remedy="export the model again",
+        ) from None
     except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise _refusal("not built", where, str(error), SCHEMA) from None
-
-
-def _seen_to_plain(seen: AngleCoverage) -> list[dict[str, Any]]:
-    return [
-        {"turns": turns, "intervals": stretches.tolist()}
-        for stretches, turns in zip(seen.intervals, seen.turns, strict=True)
-    ]
-
-
-def _seen_from_plain(content: Any) -> AngleCoverage:
-    return AngleCoverage(
-        tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
-        tuple(bool(joint["turns"]) for joint in content),
-    )
-
-
-def _discrepancy_from_plain(content: Mapping[str, Any], n: int) -> Discrepancy:
-    numbers = {
-        name: np.array(content[name], dtype=float)
-        for name in ("q", "lever_m", "distance_m", "error_mm")
-    }
-    found = Discrepancy(
-        **numbers,
-        turns=np.array(content["turns"], dtype=bool),
-        near_m=float(content["near_m"]),
-    )
-    every = np.concatenate([each.ravel() for each in numbers.values()])
-    shapes = found.q.shape[1:] == found.lever_m.shape == found.turns.shape == (n,)
-    steps = found.distance_m.shape == found.error_mm.shape == (len(found),)
-    if not (shapes and steps and len(found) and len(found.q) and np.isfinite(every).all()):
-        raise ValueError("discrepancy is not made of finite numbers for this arm")
-    if (np.diff(found.distance_m) < 0.0).any() or (found.error_mm < 0.0).any():
-        raise ValueError("discrepancy has distances that fall, or an error below zero")
-    return found
+        raise ModelError(
+            "the model cannot be built from the file",
+            where=where,
+            value=str(error),
+            allowed=f"values as {SCHEMA} has them",
+            remedy="export the model again",
+        ) from None
 
 
 def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
@@ -451,10 +433,23 @@ def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
 def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:
     term = term_from_plain(content, where=where)
     if content.get("formula", term.formula) != term.formula:
-        raise _refusal("formula", f"{where}: formula", content["formula"], term.formula)
+        raise ModelError(
+            "a term by another formula than this version computes",
+            where=f"{where}: formula",
+            value=content["formula"],
+            allowed=term.formula,
+            remedy="calibrate the campaign again; a lost motion b of a model of before counted "
+            "the other way",
+        )
     x = np.array(content["x"], dtype=float)
     if x.shape != (len(term.parameters),) or not np.isfinite(x).all():
-        raise _refusal("values", f"{where}: x", content["x"], len(term.parameters))
+        raise ModelError(
+            "values that do not fit the term's parameters",
+            where=f"{where}: x",
+            value=content["x"],
+            allowed=f"{len(term.parameters)} finite numbers",
+            remedy="write the model again",
+        )
     return term, x
 
 

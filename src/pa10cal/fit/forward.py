@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pa10cal.arm.chain import BASE, TOOL, EndPose, end_pose, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.errors import ModelError, refusals_beside
+from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.weighed_arm import with_weights_by_log
@@ -26,7 +26,6 @@ from pa10cal.terms.term import Term, falsifies_log, shows_torque, yields
 _STEP = 1e-6
 #: How much heavier than the heaviest load of the fit a load may be: rounding of a unit.
 _SAME_LOAD = 1.0 + 1e-6
-_refusal = refusals_beside(__file__, ModelError)
 
 
 def states_at(
@@ -61,7 +60,13 @@ def states_at(
     if not np.isin(directions, (-1.0, 0.0, 1.0)).all():
         row, joint = np.argwhere(~np.isin(directions, (-1.0, 0.0, 1.0)))[0]
         where = f"arrival of joint {joint + 1}, pose {row + 1}"
-        raise _refusal("arrival", where, float(directions[row, joint]))
+        raise ModelError(
+            "no direction of arrival",
+            where=where,
+            value=float(directions[row, joint]),
+            allowed="-1 or 1, the sign of the joint's last motion; 0 where it is not known",
+            remedy="correct the value",
+        )
     seen_N = () if fitted is None else fitted.loads_N
     wrong = ~(every_N >= 0.0) | ~np.isfinite(every_N)
     if seen_N and not extrapolate:
@@ -69,7 +74,14 @@ def states_at(
     if wrong.any():
         row = int(np.argmax(wrong))
         allowed = f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on"
-        raise _refusal("load", f"load_N of pose {row + 1}", float(every_N[row]), allowed)
+        raise ModelError(
+            "the model does not know this load",
+            where=f"load_N of pose {row + 1}",
+            value=float(every_N[row]),
+            allowed=allowed,
+            remedy="calibrate with this load too; or extrapolate (on the command line --force), "
+            "which the uncertainty does not cover",
+        )
     unknown_Nm = np.full_like(q, np.nan)
     return PoseStates(q, unknown_Nm, directions, every_N, of_temperature, of_time)
 
@@ -79,7 +91,13 @@ def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array
     try:
         return np.broadcast_to(np.asarray(value, dtype=float), shape)
     except (TypeError, ValueError):
-        raise _refusal("number", name, value, shape) from None
+        raise ModelError(
+            "not one number for all poses, nor one for each",
+            where=name,
+            value=value,
+            allowed=f"a number, or an array of shape {shape}",
+            remedy="give as many as there are poses",
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -103,7 +121,13 @@ class Forward:
             ModelError: when it has no such frame.
         """
         if frame not in model.frames:
-            raise _refusal("frame", "frame", frame, ", ".join(model.frames))
+            raise ModelError(
+                "unknown frame",
+                where="frame",
+                value=frame,
+                allowed=", ".join(model.frames),
+                remedy="correct the name",
+            )
         # A frame of a campaign of a group moves under what the arm carried there.
         carried = () if model.payload is None else model.payload.of_campaigns
         payload_of = dict(zip(model.R_first_target_of, carried, strict=False))
@@ -149,7 +173,12 @@ class Forward:
         states, source = with_torques(whole.model, whole.x, states, payload)
         if source == "none" or payload is None:
             for term in filter(yields, self.physical.terms):
-                raise _refusal("no weights", f"{term.id} of {term.of}")
+                raise ModelError(
+                    "the weights that load the arm are not known",
+                    where=f"{term.id} of {term.of}",
+                    allowed="an arm with mass_kg and com_m, and a payload",
+                    remedy="describe the masses and calibrate again",
+                )
             return replace(states, tau_Nm=np.zeros_like(q))
         if not any(isinstance(term, Effect) for term in self.physical.terms):
             return states

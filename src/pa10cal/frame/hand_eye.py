@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation, taken
-from pa10cal.errors import CalibrationError, refusals_beside
+from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import Located, by_small_motion
 from pa10cal.numerics import least_squares
 
@@ -35,7 +35,6 @@ _MOST_POSES, _MOST_DISTANCES = 100, 300
 PASSES = 2
 #: Part of the cost that makes no difference between two starts.
 _ROUGHLY = 1e-6
-_refusal = refusals_beside(__file__, CalibrationError)
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,13 @@ class TargetProblem:
         poses = int(np.count_nonzero(np.isfinite(p_instr_m[..., 0]).any(axis=1)))
         least, what, place = _NEEDED_POSES if d_m is None else _NEEDED_DISTANCES
         if poses < least:
-            raise _refusal("too few", f"poses for the {place}", poses, what, least)
+            raise CalibrationError(
+                f"too few {what}",
+                where=f"poses for the {place}",
+                value=poses,
+                allowed=f"at least {least}",
+                remedy="measure more poses",
+            )
         weights = np.ones(len(T_base_ee)) if weights is None else weights
         p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
         return cls(p_m, R, p_instr_m, R_instr_target, weights, p_ee_stated_m, d_m)
@@ -314,13 +319,23 @@ def hand_eye_from_points(
     times = np.isfinite(p_instr_m[..., 0]).sum(axis=0)
     unseen = [name for name, seen in zip(named, times, strict=True) if not seen]
     if unseen:
-        raise _refusal("unseen", "poses for the base frame", None, unseen[0])
+        raise CalibrationError(
+            f"{unseen[0]} was not observed in any pose",
+            where="poses for the base frame",
+            allowed="targets observed in some of the poses",
+            remedy="remove this target, or measure it",
+        )
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights)
     few = problem.thinned()
     turns = _by_positions(few)
     if not turns:
-        raise _refusal("collinear", "poses for the base frame")
+        raise CalibrationError(
+            "the positions are collinear or coincide, so the turn of the base about them is free",
+            where="poses for the base frame",
+            allowed="poses whose positions span a plane",
+            remedy="measure poses further apart across the line",
+        )
     return _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named)
 
 
@@ -403,7 +418,13 @@ def _refuse_open_point(by_point: Array) -> None:
     if size[2] > least_squares.OPEN * size[0]:
         return
     open_along = f"along {least_squares.axis_text(directions[2])} of the base"
-    raise _refusal("not identified", "poses for the fixed point", open_along)
+    raise CalibrationError(
+        "the distances do not identify the fixed point",
+        where="poses for the fixed point",
+        value=open_along,
+        allowed="poses that surround the fixed point's direction on all sides",
+        remedy="measure poses further apart along that direction",
+    )
 
 
 def _by_positions(problem: TargetProblem) -> list[Array]:

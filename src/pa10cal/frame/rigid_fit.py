@@ -9,9 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, homogeneous, nearest_rotation
-from pa10cal.errors import CalibrationError, refusals_beside
-
-_refusal = refusals_beside(__file__, CalibrationError)
+from pa10cal.errors import CalibrationError
 
 # The difference of two poses as six numbers, and its derivative.
 #
@@ -175,8 +173,12 @@ def _refuse_lines(offsets: Array, where: str) -> None:
     thin = spread[..., 1] <= RANK_TOLERANCE * spread[..., 0]
     if np.any(thin):
         rank = int(np.any(spread[thin][0] > 0.0))
-        raise _refusal(
-            "rank", where, [float(f"{value:.3g}") for value in spread[thin][0][:2]], rank
+        raise CalibrationError(
+            f"a rigid fit needs points that span a plane; these are of rank {rank}",
+            where=where,
+            value=[float(f"{value:.3g}") for value in spread[thin][0][:2]],
+            allowed="at least three points that are not collinear",
+            remedy="measure points further apart across the line",
         )
 
 
@@ -228,7 +230,13 @@ def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> Located:
     """
     count = len(p_instr_m)
     if count < 3:
-        raise _refusal("too few", "unloaded poses", count)
+        raise CalibrationError(
+            "too few poses to fit a base frame to",
+            where="unloaded poses",
+            value=count,
+            allowed="at least 3",
+            remedy="measure more unloaded grid poses, or straight moves",
+        )
     fit = fit_rigid(p_base_m, p_instr_m)
     variance = float(fit.rms) ** 2 * count / (3 * count - 6)
     # The covariance scales with the variance; a floor keeps it invertible when the fit is exact.

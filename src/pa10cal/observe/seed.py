@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import CalibrationError, refusals_beside
+from pa10cal.errors import CalibrationError
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, StraightLine
 
 UNLOADED = "grid poses at the lowest load"
-_refusal = refusals_beside(__file__, CalibrationError)
 
 
 def locate_base(
@@ -132,7 +131,13 @@ def _refuse_one_move(points_x: int, points_y: int, where: Path | str) -> None:
     if bool(points_x) == bool(points_y):
         return
     there, absent = ("line_x", "line_y") if points_x else ("line_y", "line_x")
-    raise _refusal("one move", where, None, there, absent)
+    raise CalibrationError(
+        f"there are {there} rows, but no {absent} rows",
+        where=str(where),
+        allowed="both straight moves, or neither",
+        remedy=f"add the {absent} rows to the campaign, or remove its {there} rows too: the base "
+        "frame is then fitted to the nominal model",
+    )
 
 
 # Base frame from moves along the robot's x and y axes, equations (5)-(7) of the paper.
@@ -160,7 +165,13 @@ def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> 
     """
     count = len(p_instr_m)
     if count < 3:
-        raise _refusal("too few", name, count)
+        raise CalibrationError(
+            "too few points for a line and its uncertainty",
+            where=name,
+            value=count,
+            allowed="at least 3 measured points",
+            remedy="measure more points along the move",
+        )
     offsets = p_instr_m - p_instr_m.mean(axis=0)
     direction = np.linalg.svd(offsets, full_matrices=False)[2][0]
     along = offsets @ direction
@@ -218,8 +229,12 @@ def seed_from_lines(
     angle = float(np.arctan2(np.linalg.norm(np.cross(x, y)), x @ y))
     least = options.min_angle_deg
     if not np.radians(least) <= angle <= np.pi - np.radians(least):
-        raise _refusal(
-            "parallel", "line_x and line_y", f"{np.degrees(angle):.2f} deg", least, 180 - least
+        raise CalibrationError(
+            "the straight moves are too close to parallel",
+            where="line_x and line_y",
+            value=f"{np.degrees(angle):.2f} deg",
+            allowed=f"an angle of {least:g} to {180 - least:g} deg between them",
+            remedy="check the labels line_x and line_y, or move along two perpendicular axes",
         )
     R_instr_base = axes_from_lines(x, y)
     p_instr_m, p_base_m = origin_poses
@@ -245,9 +260,19 @@ def _checked_line(
 ) -> StraightLine:
     line = fit_line(p_instr_m, travel_m, where)
     if line.length_mm < options.min_length_mm:
-        raise _refusal("too short", where, f"{line.length_mm:.3f} mm", options.min_length_mm)
+        raise CalibrationError(
+            "the straight move is too short",
+            where=where,
+            value=f"{line.length_mm:.3f} mm",
+            allowed=f"at least {options.min_length_mm:g} mm (base_frame.min_length_mm)",
+            remedy="measure a longer move",
+        )
     if line.bend_rms_mm > options.max_bend_mm:
-        raise _refusal(
-            "bent", where, f"{line.bend_rms_mm:.3f} mm rms from the line", options.max_bend_mm
+        raise CalibrationError(
+            "the straight move is bent",
+            where=where,
+            value=f"{line.bend_rms_mm:.3f} mm rms from the line",
+            allowed=f"at most {options.max_bend_mm:g} mm (base_frame.max_bend_mm)",
+            remedy="check for a point of another move, or measure the move again",
         )
     return line

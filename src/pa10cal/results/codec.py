@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 from pydantic import ValidationError
 from pydantic_core import from_json
 
-from pa10cal.errors import RecordError, refusals_beside
+from pa10cal.errors import RecordError
 from pa10cal.files.output import whole_file
 from pa10cal.input_files import read_file, reason
 from pa10cal.results.record import Record
@@ -21,7 +21,6 @@ _R = TypeVar("_R", bound=Record)
 _MOST_BYTES, _MOST_VALUES = 128_000_000, 5_000_000
 #: Letters of an offending value that are shown.
 _MOST_LETTERS = 80
-_refusal = refusals_beside(__file__, RecordError)
 
 
 def read(kind: type[_R], path: Path, campaign: str | None = None, within: Path | None = None) -> _R:
@@ -63,11 +62,21 @@ def _contents(
         texts = [text] if what == "record" else text.splitlines()
         return [from_json(each, allow_inf_nan=False) for each in texts]
     except FileNotFoundError:
-        raise _refusal(
-            "missing", path, None, what, "is" if what == "record" else "are", kind.COMMAND
+        is_or_are = "is" if what == "record" else "are"
+        raise RecordError(
+            f"the {what} {is_or_are} missing",
+            where=str(path),
+            allowed=f"a file that pa10cal {kind.COMMAND} wrote",
+            remedy=f"run pa10cal {kind.COMMAND} first",
         ) from None
     except (OSError, ValueError) as error:
-        raise _refusal("unreadable", path, reason(error), what, allowed, kind.COMMAND) from None
+        raise RecordError(
+            f"the {what} cannot be read",
+            where=str(path),
+            value=reason(error),
+            allowed=allowed,
+            remedy=f"run pa10cal {kind.COMMAND} again",
+        ) from None
 
 
 def _read(path: Path, within: Path | None = None) -> bytes:
@@ -107,9 +116,21 @@ def _checked(kind: type[_R], content: Any, where: str, campaign: str | None) -> 
     """Return the record of what a file, or a line of it, holds."""
     found = content.get("schema") if isinstance(content, dict) else None
     if found != kind.SCHEMA:
-        raise _refusal("another kind", where, found, kind.SCHEMA, kind.COMMAND)
+        raise RecordError(
+            "not a record of this kind",
+            where=where,
+            value=found,
+            allowed=f"schema {kind.SCHEMA}",
+            remedy=f"give a file that pa10cal {kind.COMMAND} wrote",
+        )
     if campaign is not None and content.get("campaign") != campaign:
-        raise _refusal("another campaign", where, content.get("campaign"), campaign)
+        raise RecordError(
+            "the record is of another campaign",
+            where=where,
+            value=content.get("campaign"),
+            allowed=campaign,
+            remedy="give the results of this campaign, or run its commands again",
+        )
     try:
         record = kind.kind_of(content).model_validate(content, extra="ignore")
     except ValidationError as error:
@@ -124,15 +145,19 @@ def _unfit(kind: type[Record], error: ValidationError, where: str) -> RecordErro
     key = ".".join(str(part) for part in first["loc"])
     more = f", and {len(others)} more" if others else ""
     if first["type"] == "missing":
-        return _refusal("lacks", where, None, key, more, kind.SCHEMA, kind.COMMAND)
-    return _refusal(
-        "not right",
-        where,
-        _Shortened(first["input"]),
-        key or "the record",
-        more,
-        first["msg"].removeprefix("Input should be ").removeprefix("Value error, "),
-        kind.COMMAND,
+        return RecordError(
+            f"the record lacks {key}{more}",
+            where=where,
+            allowed=f"every key of schema {kind.SCHEMA}",
+            remedy=f"run pa10cal {kind.COMMAND} again",
+        )
+    what = key or "the record"
+    return RecordError(
+        f"{what} is not as it should be{more}",
+        where=where,
+        value=_Shortened(first["input"]),
+        allowed=first["msg"].removeprefix("Input should be ").removeprefix("Value error, "),
+        remedy=f"run pa10cal {kind.COMMAND} again",
     )
 
 

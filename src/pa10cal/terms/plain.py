@@ -13,14 +13,12 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from pa10cal.errors import TermError, refusals_beside, remedy_for
+from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
 from pa10cal.terms.weights import FAULTS, Weights
-
-_refusal = refusals_beside(__file__, TermError)
 
 
 def term_to_plain(term: Term) -> dict[str, Any]:
@@ -54,7 +52,13 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
         return _term_of_campaign(content.get("form") or {}, where)
     if name not in kinds:
         remedy = remedy_for(str(name), kinds, "use a version of the package that knows it")
-        raise _refusal("unknown", f"{where}: id", name, ", ".join(kinds), remedy)
+        raise TermError(
+            "unknown term",
+            where=f"{where}: id",
+            value=name,
+            allowed=", ".join(kinds),
+            remedy=remedy,
+        )
     kind = kinds[name]
     known = [field.name for field in fields(kind)]
     given = {"of": content.get("of"), **(content.get("form") or {})}
@@ -64,13 +68,13 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
     except ValidationError as error:
         first = error.errors()[0]
         missing = first["type"] == "missing"
-        raise _refusal(
-            "lacks",
-            f"{where}: {name} of {content.get('of')}",
-            None if missing else first["input"],
-            ".".join(map(str, first["loc"])),
-            "is missing" if missing else first["msg"],
-            ", ".join(known),
+        wrong = "is missing" if missing else first["msg"]
+        raise TermError(
+            f"key {'.'.join(map(str, first['loc']))} {wrong}",
+            where=f"{where}: {name} of {content.get('of')}",
+            value=None if missing else first["input"],
+            allowed=f"the keys {', '.join(known)}",
+            remedy="write the model again",
         ) from None
     return term
 
@@ -80,7 +84,13 @@ def _term_of_campaign(form: Mapping[str, Any], where: str) -> OfCampaign:
     campaign, name, inner = (form.get(key) for key in ("campaign", "name", "term"))
     fits = isinstance(campaign, int) and isinstance(name, str) and isinstance(inner, Mapping)
     if not fits:
-        raise _refusal("incomplete", f"{where}: {OfCampaign.id}: form", dict(form))
+        raise TermError(
+            "the form of a term of one campaign is incomplete",
+            where=f"{where}: {OfCampaign.id}: form",
+            value=dict(form),
+            allowed="the keys campaign (a number from 0), name, term",
+            remedy="write the model again",
+        )
     return OfCampaign(term_from_plain(form["term"], where=where), form["campaign"], form["name"])
 
 

@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.errors import CalibrationError, refusals_beside
+from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
 from pa10cal.fit.weighed_arm import unknown_weights
@@ -50,7 +50,6 @@ _NOTHING = 1e-12
 _MOST_TIMES = 5.0
 #: Joints without a stated limit are taken through so much.
 _WIDEST_RAD = np.pi
-_refusal = refusals_beside(__file__, CalibrationError)
 
 
 @dataclass(frozen=True)
@@ -313,13 +312,33 @@ def _springs(
     if source == "none":
         if springs == "auto":
             return ()
-        raise _refusal("no torque", f"tau{springs[0]}_Nm", None, springs[0], arm.name)
+        raise CalibrationError(
+            f"joint {springs[0]} has a spring, but its torques are not known",
+            where=f"tau{springs[0]}_Nm",
+            allowed="torques logged in every pose, or the masses of the links in the arm's "
+            "description",
+            remedy=f"log the torques, describe mass_kg and com_m of {arm.name}, or remove the "
+            "joint from general.springs (an empty list calibrates a rigid arm)",
+        )
     if springs != "auto":
         for joint in springs:
             if not 1 <= joint <= arm.n or arm.prismatic[joint - 1]:
-                raise _refusal("no joint", "general.springs", joint, arm.n)
+                raise CalibrationError(
+                    "no such revolute joint",
+                    where="general.springs",
+                    value=joint,
+                    allowed=f"revolute joints, 1 to {arm.n}",
+                    remedy="correct the list",
+                )
             if not np.any(np.abs(tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
-                raise _refusal("unloaded", "general.springs", joint, joint)
+                raise CalibrationError(
+                    f"joint {joint} is unloaded in all poses, so its stiffness cannot be "
+                    "identified",
+                    where="general.springs",
+                    value=joint,
+                    allowed="joints that weights load",
+                    remedy="remove the joint from general.springs, or measure with a load on it",
+                )
         return tuple(sorted(set(springs)))
     return loaded_joints(arm, tau_Nm, _LEAST_TORQUE_SHARE)
 
@@ -357,4 +376,10 @@ def check_enough(problem: Problem, *, known: int = 0) -> None:
         a_pose = rows / max(1, len(problem.observations))
         given = f"{len(problem.observations)} poses with {rows} readings, {unknowns} unknowns"
         needed = int(np.ceil(unknowns / max(a_pose, 1e-9)))
-        raise _refusal("too few", "grid poses", given, needed)
+        raise CalibrationError(
+            "fewer equations than unknowns",
+            where="grid poses",
+            value=given,
+            allowed=f"at least {needed} poses like these",
+            remedy="measure more poses",
+        )
