@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mended import QUATERNION, describe, mend, simulated
-from pa10cal.campaign import csv_rows
+from pa10cal.campaign import csv_rows, text_lines
 from pa10cal.campaign.bounds import bound_of
 from pa10cal.campaign.csv_rows import read_rows
 from pa10cal.campaign.nominal_fit import exchanged, not_rigid, stated_shape
@@ -268,7 +268,7 @@ def test_touches_cut_short_say_how_many_configurations_are_missing(copy):
 
 
 def test_large_files_are_refused_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_rows, "LARGEST_BYTES", 10_000)
+    monkeypatch.setattr(text_lines, "LARGEST_BYTES", 10_000)
     text = b"a,b\n" + b"1,2\n" * 3000
     for name, content in (("t.csv", text), ("t.csv.gz", gzip.compress(text))):
         (tmp_path / name).write_bytes(content)

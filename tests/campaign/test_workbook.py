@@ -12,7 +12,7 @@ from benchmarks.broken_fleet import workbook
 
 from made_up_exports import _ods
 from pa10cal.campaign import workbook as reading
-from pa10cal.campaign.csv_rows import lines_of
+from pa10cal.campaign.text_lines import lines_of
 from pa10cal.errors import RawDataError
 
 HEAD = '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>'

@@ -12,7 +12,7 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.nominal_fit import exchange_text, stated_shape
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import fit_rigid
 
 #: Touches that a ball needs.
@@ -37,9 +37,6 @@ class LocatedBalls:
     used: Mask  # (C, B, T) touches used
     outlier: Mask  # (C, B, T) touches suspected to be outliers
     reason: NDArray[np.object_]  # (C,) why a configuration cannot be used; "" where it can
-
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 
 def locate_balls(
@@ -72,7 +69,13 @@ def locate_balls(
     spheres = fit(slice(None), near)
     flat = spheres.coplanar[spheres.touches >= LEAST_TOUCHES]
     if 2 * flat.sum() > len(flat):
-        raise _refusal("flat", where, None, flat.sum(), len(flat))
+        raise RawDataError(
+            f"the touches on {flat.sum()} of {len(flat)} balls lie in one plane, seen at the "
+            "scale of the stated diameter",
+            where=where,
+            allowed="touches all around each ball, in millimetres",
+            remedy="check the unit of x_mm, y_mm, z_mm, and ball_diameter_mm",
+        )
     reason = unusable_balls(near, spheres.coplanar.reshape(C, B), names)
     whole = np.flatnonzero(reason == "")
     sigma_mm = float("nan")
@@ -83,7 +86,14 @@ def locate_balls(
         worst_mm = np.median(np.abs(spheres.residual_mm).max(axis=1))
         if worst_mm > limit_mm:  # the radius or the unit then, not single touches
             value = f"typically {worst_mm:.3g} mm off a sphere of {2 * radius_mm:g} mm"
-            raise _refusal("radius", where, value, limit_mm, outlier_sigma)
+            raise RawDataError(
+                "the touches do not lie on spheres of the stated diameter",
+                where=where,
+                value=value,
+                allowed=f"within {limit_mm:.3g} mm, {outlier_sigma:g} sigmas of one touch",
+                remedy="check ball_diameter_mm, the unit of x_mm, y_mm, z_mm, the compensation of "
+                "the probe's radius, and instrument.uncertainty_mm",
+            )
         shape_mm = _shape(spheres.centre_mm.reshape(len(whole), -1, 3), campaign, where)
         touch, undecided = find_outliers(
             p_instr_mm[whole], near[whole], shape_mm, radius_mm, limit_mm, sigma_mm
@@ -116,7 +126,13 @@ def _shape(p_instr_mm: Array, campaign: CampaignDescription, where: str) -> Arra
             swapped = exchange_text(shape.order, names)
             remedy = f"balls {swapped} seem exchanged: exchange their places or their names"
         worst = names[int(off.argmax())]
-        raise _refusal("places", where, None, worst, off.max(), remedy, TOOL_MISFIT_MM)
+        raise RawDataError(
+            f"the measured positions of the balls differ from the description; ball {worst} is "
+            f"{off.max():.3g} mm off",
+            where=where,
+            allowed=f"within {TOOL_MISFIT_MM:g} mm of tool.balls_mm",
+            remedy=remedy,
+        )
     return seen if len(p_instr_mm) >= ENOUGH_FOR_SHAPE else nominal
 
 

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.own_columns import OwnWords
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, common_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
 from pa10cal.observe.kinds import instruments
@@ -32,9 +32,6 @@ _GROSS = 20.0
 _SURELY, _BLOCKS = 4.0, 10
 #: Configurations from which on a motion is looked for.
 _LEAST_ROWS = 20
-
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 
 def base_target_names(header: Sequence[str]) -> tuple[str, ...]:
@@ -56,10 +53,22 @@ def refuse_base_targets(
     if names and not description.instrument.type.sees_base:
         able = " and ".join(word for word, other in instruments().items() if other.sees_base)
         columns = ", ".join(words.column(f"{name}_x_mm") for name in names)
-        raise _refusal("unseen", path, columns, kind, able)
+        raise RawDataError(
+            f"the instrument {kind} does not see targets on the base",
+            where=str(path),
+            value=columns,
+            allowed=f"columns base1_x_mm … under {able}",
+            remedy="remove these columns, or correct instrument.kind",
+        )
     if clash:
         where = f"{path.parent / DESCRIPTION_FILE}: tool.balls_mm"
-        raise _refusal("clash", where, ", ".join(clash), ", ".join(clash))
+        raise RawDataError(
+            f"{', '.join(clash)} is both on the tool and on the base",
+            where=where,
+            value=", ".join(clash),
+            allowed="names base1, base2, … for targets on the base alone",
+            remedy="give the target on the tool another name, in its columns too",
+        )
 
 
 def base_targets(names: tuple[str, ...], values: Array, u: Array, u_m: float) -> BaseTargets | None:
@@ -94,7 +103,13 @@ def steadied(
         apart = np.linalg.norm(base.p_instr_m[:, i] - base.p_instr_m[:, j], axis=1)
         if np.isfinite(apart).any() and np.nanmax(apart) < _SAME_M:
             value = f"no more than {1e3 * np.nanmax(apart):.3f} mm apart in any row"
-            raise _refusal("twins", where, value, base.names[i], base.names[j])
+            raise RawDataError(
+                f"{base.names[i]} and {base.names[j]} are the same target",
+                where=where,
+                value=value,
+                allowed="every target on the base under one name",
+                remedy="remove one of them, or correct its columns",
+            )
     time_s = every.states.time_s
     if np.isfinite(base.p_instr_m[..., 0]).any(axis=1).sum() < _LEAST_ROWS:
         note = f"targets on the base are seen in fewer than {_LEAST_ROWS} configurations: not used"
@@ -108,7 +123,13 @@ def steadied(
             f"targets on the base moved by {1e3 * shift_m:.1f} mm and {1e3 * turn_rad:.2f} mrad; "
             f"most of it before pose {every.pose[int(step.argmax()) + 1]}"
         )
-        raise _refusal("new set-up", where, value, 1e3 * _LARGEST_M, 1e3 * _LARGEST_RAD)
+        raise RawDataError(
+            "the instrument was set up anew during the campaign",
+            where=where,
+            value=value,
+            allowed=f"up to {1e3 * _LARGEST_M:g} mm and {1e3 * _LARGEST_RAD:g} mrad",
+            remedy="make a campaign of each set-up",
+        )
     knocked = tuple(
         Knocked(
             tuple(base.names[k] for k in knock.targets),

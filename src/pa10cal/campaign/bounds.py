@@ -13,7 +13,7 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.campaign.own_columns import UNIT_WORDS, OwnWords
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 
 NOT_UNCERTAIN = "the stated uncertainty is not above zero"
 #: Joints may be logged beyond their described limits by so much; those without limits turn less.
@@ -32,8 +32,6 @@ STANDARD_M_S2 = 9.80665
 TOOL_KG_PER_M = 1000.0
 #: Part of the rows that are within bounds in another unit, for that unit to be meant.
 NEARLY_ALL = 0.9
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass(frozen=True)
@@ -188,8 +186,14 @@ def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
             f"{outside.sum()} of {len(outside)} rows are out of bounds in {raw.own[first].unit}, "
             f"and none so in {unit}: {raw.shown(first, row)}"
         )
-        texts = (what, UNIT_WORDS.get(unit, unit), key, words.set_unit(first, unit, unit))
-        raise _refusal("unit", where, value, *texts)
+        named, remedy = UNIT_WORDS.get(unit, unit), words.set_unit(first, unit, unit)
+        raise RawDataError(
+            f"the {what} look like {named}",
+            where=where,
+            value=value,
+            allowed=f"numbers in the unit that {key} states",
+            remedy=remedy,
+        )
 
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
@@ -197,11 +201,17 @@ def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
     of_arm = None if arm.mass_kg is None else float(np.sum(arm.mass_kg))
     largest_kg = TOOL_KG_PER_M * arm.reach_m if of_arm is None else of_arm
     if mass_kg > largest_kg:
-        allowed = f"{largest_kg:.4g}" + ("" if of_arm is None else ", the mass of the arm itself")
+        most = f"{largest_kg:.4g}" + ("" if of_arm is None else ", the mass of the arm itself")
         grams = mass_kg / 1000.0 <= largest_kg
         remedy = f"set tool.mass_kg: {mass_kg / 1000.0:g} if the mass is in grams"
         remedy = remedy if grams else "state it in kilograms"
-        raise _refusal("tool", f"{where}: tool.mass_kg", mass_kg, allowed, remedy)
+        raise RawDataError(
+            "the tool is heavier than the arm can carry",
+            where=f"{where}: tool.mass_kg",
+            value=mass_kg,
+            allowed=f"kilograms, at most {most}",
+            remedy=remedy,
+        )
 
 
 def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: str) -> None:
@@ -217,8 +227,14 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
     meant = ", ".join(f"{factor * part:.6g}" for part in gravity_m_s2)
     other = "state it in m/s2 in the frame of the robot's base, which points down"
     remedy = f"set gravity_m_s2: [{meant}]" if factor else other
-    words = (what, remedy, *GRAVITY_M_S2)
-    raise _refusal("gravity", f"{where}: gravity_m_s2", list(gravity_m_s2), *words)
+    least, most = GRAVITY_M_S2
+    raise RawDataError(
+        f"gravity is {what}",
+        where=f"{where}: gravity_m_s2",
+        value=list(gravity_m_s2),
+        allowed=f"{least:g} to {most:g} m/s2 in size",
+        remedy=remedy,
+    )
 
 
 def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
@@ -231,5 +247,12 @@ def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
 def _kelvin(where: str, value: float, remedy: str) -> RawDataError:
     kelvin = _KELVIN[0] < value < _KELVIN[1]
     what = "the temperature looks like kelvin" if kelvin else "no temperature of a laboratory"
-    words = (what, remedy if kelvin else "check its unit", *TEMPERATURES_C)
-    return _refusal("temperature", where, value, *words)
+    remedy = remedy if kelvin else "check its unit"
+    least, most = TEMPERATURES_C
+    return RawDataError(
+        what,
+        where=where,
+        value=value,
+        allowed=f"degrees Celsius, {least:g} to {most:g}",
+        remedy=remedy,
+    )

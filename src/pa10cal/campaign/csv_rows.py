@@ -1,28 +1,22 @@
-"""Files of rows as they come from instruments: their lines, how they are written, their columns.
+"""Files of rows as they come from instruments: how they are written, their columns.
 
-A file is text in any usual encoding, plain or gzipped, or a sheet of a workbook. What makes a
-single row unusable quarantines it; what makes the file unusable (another separator, decimal commas
-throughout, a missing column, nothing in it) stops with one message.
+What makes a single row unusable quarantines it; what makes the file unusable (another separator,
+decimal commas throughout, a missing column, nothing in it) stops with one message.
 """
 
 from __future__ import annotations
 
-import codecs
 import csv
 import difflib
-import gzip
-import io
-import os
 import re
 import sys
-import zlib
 from collections import ChainMap, Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,158 +25,15 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
-from pa10cal.campaign.workbook import rows_of_workbook
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.campaign.text_lines import TextLine, encoding_of, is_workbook, lines_of
+from pa10cal.errors import RawDataError
 from pa10cal.files.output import from_csv_cell
-from pa10cal.input_files import open_file, reason
 
-#: Files of more text than this, unpacked, or of more lines, are refused, before any is read.
-LARGEST_BYTES, MOST_LINES = 310_000_000, 5_000_000
-#: So many bytes are looked at at a time; a line that fills them is none of a table.
-BLOCK_BYTES = 1 << 20
 #: So many rows, or letters, are read at a time.
 ROWS_A_PART, LETTERS_A_PART, MOST_COLUMNS = 20_000, 1 << 23, 2000
 #: Rows and fields that cannot be read are listed, up to so many; letters of a column of labels,
 #: each as long as the longest.
 MOST_UNREADABLE, MOST_LABEL_LETTERS = 500_000, 100_000_000
-#: Byte-order marks, the longest first: that of UTF-32 begins with that of UTF-16.
-_MARKS = (
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
-#: Encodings of one byte a letter, the commonest first: Windows, DOS, old Macintosh.
-_ONE_BYTE = ("cp1252", "cp850", "mac_roman")
-#: What such files hold besides ASCII: units, letters of German, French and Spanish.
-_USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊáíóúñÁÍÓÚÑ")
-_ASCII = bytes(range(128))
-#: Beginnings of workbooks: of archives (.xlsx, .ods), and of the older kind (.xls).
-_ARCHIVE, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
-
-_refusal = refusals_beside(__file__, RawDataError)
-
-
-class TextLine(NamedTuple):
-    """A line that is not blank."""
-
-    number: int  # from 1
-    text: str
-    ended: bool  # whether a line end follows
-
-
-def lines_of(path: Path, within: Path | None = None) -> Iterator[TextLine]:
-    """Yield the lines that are not blank; rows of a workbook with tabs between the cells.
-
-    Args:
-        path: the file.
-        within: folder that it must lie in; None for anywhere.
-
-    Raises:
-        RawDataError: when the file is not there, damaged, larger than is read, or no text.
-    """
-    if is_workbook(path, within):
-        yield from _rows_of_workbook(path, within)
-        return
-    encoding = encoding_of(path, within)
-    with _unpacked(path, within) as content:
-        text = io.TextIOWrapper(content, encoding=encoding, errors="replace")
-        for number, line in enumerate(text, start=1):
-            if "\x00" in line:
-                raise _refusal("no text", f"{path}:{number}")
-            if line.strip():
-                yield TextLine(number, line.removesuffix("\n"), line.endswith("\n"))
-
-
-def encoding_of(path: Path, within: Path | None = None) -> str:
-    """Return the encoding of a file of text, told from its bytes; see `lines_of`.
-
-    A byte-order mark says it; text that is valid UTF-8 is UTF-8; of one byte a letter it is the
-    encoding whose letters are such as units, German, French and Spanish have.
-    """
-    decoder = codecs.getincrementaldecoder("utf-8")()
-    valid, size, lines, odd, head = True, 0, 1, bytearray(), b""
-    with _unpacked(path, within) as content:
-        while block := content.read(BLOCK_BYTES):
-            head = head or block[:4096]
-            size += len(block)
-            if size > LARGEST_BYTES:
-                raise _too_large(path)
-            ends = max(block.count(b"\n"), block.count(b"\r"))
-            if not ends and len(block) == BLOCK_BYTES:
-                raise _refusal("long line", f"{path}:{lines}", None, BLOCK_BYTES)
-            lines += ends
-            if lines > MOST_LINES:
-                raise _refusal("many lines", path, None, MOST_LINES)
-            if valid:
-                try:
-                    decoder.decode(block)
-                except UnicodeDecodeError:
-                    valid = False
-            odd += block.translate(None, _ASCII)[: BLOCK_BYTES - len(odd)]
-    for mark, encoding in _MARKS:
-        if head.startswith(mark):
-            return encoding
-    if b"\x00" in head:
-        even, uneven = head[::2].count(0), head[1::2].count(0)
-        if max(even, uneven) > 0.4 * len(head) / 2 and min(even, uneven) == 0:
-            return "utf-16-le" if uneven > even else "utf-16-be"
-        raise _refusal("no text", f"{path}:1")
-
-    def usual(encoding: str) -> int:
-        return sum(letter in _USUAL for letter in odd.decode(encoding, errors="replace"))
-
-    return "utf-8" if valid else max(_ONE_BYTE, key=usual)
-
-
-def is_workbook(path: Path, within: Path | None = None) -> bool:
-    """Return whether a file is a workbook, such as .xlsx, .ods or .xls."""
-    with _opened(path, within) as content:
-        head = content.read(4)
-    return head == _OLE or (head == _ARCHIVE and path.suffix.lower() != ".zip")
-
-
-def _opened(path: Path, within: Path | None) -> io.BufferedReader:
-    try:
-        return open_file(path, within)
-    except FileNotFoundError:
-        raise _refusal("absent", path) from None
-    except OSError as error:
-        raise _refusal("unreadable", path, None, reason(error)) from None
-
-
-@contextmanager
-def _unpacked(path: Path, within: Path | None) -> Iterator[IO[bytes]]:
-    """Open a file, plain or gzipped."""
-    with _opened(path, within) as content:
-        packed = content.read(2) == b"\x1f\x8b"
-        content.seek(0)
-        try:
-            yield cast("IO[bytes]", gzip.GzipFile(fileobj=content)) if packed else content
-        except (EOFError, gzip.BadGzipFile, zlib.error):
-            raise _refusal("damaged", path) from None
-
-
-def _rows_of_workbook(path: Path, within: Path | None) -> Iterator[TextLine]:
-    """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
-    letters = 0
-    with _opened(path, within) as file:
-        if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
-            raise _too_large(path)
-        for number, text in rows_of_workbook(path, file):
-            letters += len(text)
-            if letters > LARGEST_BYTES:
-                raise _too_large(path)
-            yield TextLine(number, text, ended=True)
-
-
-def _too_large(path: Path) -> RawDataError:
-    return _refusal("too large", path, f"more than {(mb := LARGEST_BYTES / 1e6):.0f} MB", mb)
-
-
-# How the rows of a file are written, and what stands in its columns.
-
 #: Share of rows that must write their last field in one format for a shorter one to count as cut.
 SAME_FORMAT = 0.99
 OWN_NAMES = "; for a campaign's file pa10cal columns proposes how to read other names"
@@ -320,7 +171,7 @@ def read_rows(
     lines = lines_of(path, within)
     first = _first(lines, layout)
     if first is None:
-        raise _refusal("empty", f"{path}:1")
+        raise _empty(path)
     header = layout.names(first.text)
     width = len(header)
     needed = [*required, *(together if set(together) & set(header) else ())]
@@ -335,18 +186,34 @@ def read_rows(
         unreadable += int(np.count_nonzero(read[0][1] != width)) + sum(map(len, read[2].values()))
         unreadable += 0 if repeats else len(read[0][2]) - len(set(read[0][2].tolist()))
         if unreadable > MOST_UNREADABLE:
-            raise _refusal("unreadable rows", path, None, unreadable, rows_read, width)
+            raise RawDataError(
+                f"{unreadable} rows or numbers of the first {rows_read} rows cannot be read or "
+                "stand there twice",
+                where=str(path),
+                allowed=f"{width} fields a row, numbers under the names of numbers, every row once",
+                remedy="export the file again; pa10cal columns shows how it is written",
+            )
     if not parts:
-        raise _refusal("no rows", f"{path}:{first.number}")
+        raise RawDataError(
+            "there is no row under the header",
+            where=f"{path}:{first.number}",
+            allowed="rows",
+            remedy="export it",
+        )
     known = zip(*(numbers for numbers, _, _ in parts), strict=True)
     line, widths, hashes, decimals = map(np.concatenate, known)
     wrong = widths != width
     if 2 * wrong.sum() > len(widths):
         at = int(np.argmax(wrong))
-        counts = (wrong.sum(), len(widths), widths[at], width)
         commas = widths[at] > width and layout.separator == ","
-        rest = ("; decimal commas", "with decimal points") if commas else ("", "again")
-        raise _refusal("width", f"{path}:{line[at]}", None, *counts, *rest)
+        why, how = ("; decimal commas", "with decimal points") if commas else ("", "again")
+        raise RawDataError(
+            f"{wrong.sum()} of {len(widths)} rows have another number of fields than the header "
+            f"({widths[at]} for {width}){why}",
+            where=f"{path}:{line[at]}",
+            allowed="one field for each column, decimal points",
+            remedy=f"export the file {how}",
+        )
     right = line[~wrong]
     cut = not last.ended and widths[-1] < width
     wrong[-1] &= not cut
@@ -359,7 +226,12 @@ def read_rows(
     for name in set(used) & set(layout.text):
         longest = max(map(len, columns[name].tolist()), default=0)
         if longest * len(columns[name]) > MOST_LABEL_LETTERS:
-            raise _refusal("long label", f"{path}:{first.number}", None, name, longest)
+            raise RawDataError(
+                f"a label under {name} has {longest} letters",
+                where=f"{path}:{first.number}",
+                allowed="short labels, such as P012",
+                remedy="check the columns of labels",
+            )
     non_numeric = {name: dict(ChainMap(*(part[2][name] for part in parts))) for name in used}
     raw = RawRows(path.name, columns, right, {path.name: len(line)}, unused, listed, non_numeric)
     if not last.ended and widths[-1] == width:
@@ -427,7 +299,7 @@ def _check_header(
 ) -> None:
     where, here = f"{path}:{first.number}", layout.separator
     if len(header) > MOST_COLUMNS:
-        raise _refusal("many columns", where, None, len(header), MOST_COLUMNS)
+        raise _too_many_columns(where, len(header))
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
         if here and here != separator and first.text.count(separator) > first.text.count(here):
             allowed = "commas between fields, decimal points"
@@ -439,14 +311,24 @@ def _check_header(
                 else "export the file with commas and decimal points; that of a campaign may stay "
                 f"as it is: pa10cal columns {path.name} proposes how {DESCRIPTION} describes it"
             )
-            raise _refusal("separator", where, None, name, allowed, remedy)
+            raise RawDataError(
+                f"the fields are separated by {name}", where=where, allowed=allowed, remedy=remedy
+            )
     twice = [name for name, times in Counter(header).items() if times > 1]
     if twice:
-        raise _refusal("twice", where, None, twice[0])
+        raise RawDataError(
+            f"column {twice[0]} occurs twice", where=where, allowed="once", remedy="remove one"
+        )
     if missing := [name for name in required if name not in header]:
         remedy = _remedy_for_missing(path, missing, header, required, layout, within)
-        words = ("s" * (len(missing) > 1), ", ".join(missing), ", ".join(required), remedy)
-        raise _refusal("missing", where, ", ".join(header), *words)
+        columns = "column" if len(missing) == 1 else "columns"
+        raise RawDataError(
+            f"missing {columns} {', '.join(missing)}",
+            where=where,
+            value=", ".join(header),
+            allowed=", ".join(required),
+            remedy=remedy,
+        )
 
 
 def _remedy_for_missing(
@@ -482,6 +364,24 @@ def _remedy_for_missing(
         return f"add it, or check the header{OWN_NAMES if layout == CONTRACT else ''}"
     key = layout.keys.get(missing[0]) or layout.key
     return f"is it {near[0]!r}? {f'correct {key} in {DESCRIPTION}' if key else 'rename it'}"
+
+
+def _empty(path: Path) -> RawDataError:
+    return RawDataError(
+        "the file is empty",
+        where=f"{path}:1",
+        allowed="a header and rows",
+        remedy="export it again",
+    )
+
+
+def _too_many_columns(where: str, columns: int) -> RawDataError:
+    return RawDataError(
+        f"there are too many columns: {columns}",
+        where=where,
+        allowed=f"at most {MOST_COLUMNS}",
+        remedy="check the separator, or leave out what is not needed",
+    )
 
 
 # How an unknown file is written: separator, decimal sign, line of the names, numbers.
@@ -526,10 +426,10 @@ def sniff(path: Path) -> Sniffed:
     """Find out how a file of rows of numbers is written; refuse one without such rows."""
     lines = [(line.number, line.text) for line in _part_of(lines_of(path), LINES, LETTERS)]
     if not lines:
-        raise _refusal("empty", f"{path}:1")
+        raise _empty(path)
     for number, line in lines:
         if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
-            raise _refusal("many columns", f"{path}:{number}", None, most, MOST_COLUMNS)
+            raise _too_many_columns(f"{path}:{number}", most)
     workbook = is_workbook(path)
     ways = [
         _judged(lines, Layout(separator, decimal, own=True))
@@ -541,7 +441,13 @@ def sniff(path: Path) -> Sniffed:
         ways or [(0.0, 0, Layout())], key=lambda way: (round(way[0], 3), way[1])
     )
     if share < 0.3 or width < LEAST_FIELDS:
-        raise _refusal("no numbers", path)
+        raise RawDataError(
+            "no rows of numbers were found",
+            where=str(path),
+            allowed="a text file or a workbook with a row for each configuration: joint "
+            "positions, and what was measured",
+            remedy="export the rows as text; a binary log is not read",
+        )
     rows = [(number, layout.row(text, width)) for number, text in lines]
     rows = [(number, fields) for number, fields in rows if len(fields) == width]
     every = np.array([[layout.number(field) for field in fields] for _, fields in rows])

@@ -19,7 +19,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible_temperature
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
-from pa10cal.errors import RawDataError, refusals_beside, remedy_for
+from pa10cal.errors import RawDataError, remedy_for
 from pa10cal.input_files import is_file, open_file, reason
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
@@ -237,9 +237,6 @@ class CampaignDescription(Section):
         )
 
 
-_refusal = refusals_beside(__file__, RawDataError)
-
-
 def read_description(folder: Path) -> CampaignDescription:
     """Read and check the description in a campaign's folder.
 
@@ -252,32 +249,55 @@ def read_description(folder: Path) -> CampaignDescription:
     path = folder / DESCRIPTION_FILE
     if not folder.is_dir():
         remedy = remedy_for(folder.name, names_in(folder.parent), "check the path")
-        raise _refusal("no folder", folder, None, remedy)
+        raise RawDataError(
+            "the folder is not there",
+            where=str(folder),
+            allowed="a folder of raw files with campaign.yaml, see docs/raw-data.md",
+            remedy=remedy,
+        )
     if not os.path.lexists(path):
         inside = [name for name in names_in(folder) if is_file(folder / name / path.name)]
         remedy = "give such a folder; pa10cal columns FILE proposes a campaign.yaml for a file"
-        raise _refusal(
-            "no file",
-            path,
-            None,
-            f"did you mean the folder {inside[0]!r} in it?" if inside else remedy,
+        raise RawDataError(
+            "there is no campaign.yaml",
+            where=str(path),
+            allowed="a folder of raw files with campaign.yaml, see docs/raw-data.md",
+            remedy=f"did you mean the folder {inside[0]!r} in it?" if inside else remedy,
         )
     what = "the campaign's description cannot be read"
     content = read_yaml(path, RawDataError, what=what, within=folder)
     if not isinstance(content, dict):
-        raise _refusal("no keys", path, content)
+        raise RawDataError(
+            "the campaign's description holds no keys",
+            where=str(path),
+            value=content,
+            allowed="keys and values, beginning with schema",
+            remedy="write the description as docs/raw-data.md specifies",
+        )
     schema = content.pop("schema", None)
     if schema == GROUP_SCHEMA:
         return group_of_content(content, str(path))
     if schema != SCHEMA:
-        raise _refusal("schema", f"{path}: schema", schema, SCHEMA)
+        raise RawDataError(
+            "the campaign follows another schema",
+            where=f"{path}: schema",
+            value=schema,
+            allowed=SCHEMA,
+            remedy=f"convert the campaign and state schema: {SCHEMA}",
+        )
     campaign = parse_section(CampaignDescription, content, where=str(path))
     refuse_impossible_gravity(campaign.gravity_m_s2, str(path))
     refuse_impossible_temperature(campaign.reference_temperature_C, str(path))
     _check_instrument(campaign, folder)
     stated = {} if campaign.holdout is None else campaign.holdout.model_dump(exclude_none=True)
     if campaign.holdout is not None and len(stated) != 1:
-        raise _refusal("holdout", f"{path}: holdout", stated)
+        raise RawDataError(
+            "the held-out poses are not stated in one way",
+            where=f"{path}: holdout",
+            value=stated,
+            allowed="last_fraction or every, one of them",
+            remedy="keep one of the two keys",
+        )
     return campaign
 
 
@@ -287,8 +307,13 @@ def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None
         stated = getattr(campaign, key)
         if stated is not None and len(stated) != joints:
             value = ", ".join(f"{number:g}" for number in stated)
-            words = (len(stated), joints, campaign.robot)
-            raise _refusal("joints", f"{where}: {key}", value, *words)
+            raise RawDataError(
+                f"{len(stated)} numbers are stated",
+                where=f"{where}: {key}",
+                value=value,
+                allowed=f"{joints}, one for each joint of {campaign.robot}, in order",
+                remedy="state as many",
+            )
 
 
 def exclusions_of(campaign: CampaignDescription, folder: Path) -> Exclusions:
@@ -313,33 +338,62 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
         key = "ball_diameter_mm"
         if campaign.ball_diameter_mm is None:
             allowed = "the diameter of the tooling balls"
-            raise _refusal("missing", f"{path}: {key}", None, key, allowed)
+            raise _missing_key(path, key, allowed)
         offsets = campaign.p_ee_balls_mm - campaign.p_ee_balls_mm.mean(axis=0, keepdims=True)
         if len(offsets) < 3 or np.linalg.matrix_rank(offsets, tol=1.0) < 2:
             key, stated = "tool.balls_mm", dict(campaign.tool.balls_mm)
             allowed = "at least three balls that are not collinear"
-            raise _refusal("unfit", f"{path}: {key}", stated, key, allowed)
+            raise _unfit_key(path, key, stated, allowed)
     two = ("joints", "readings")
     apart = any(getattr(campaign.files, key) is not None for key in two)
     needed = ("cmm", "resolver") if touched else two if apart else ("poses",)
     for key in needed:
         name, where = getattr(campaign.files, key), f"{path}: files.{key}"
         if name is None:
-            raise _refusal(
-                "missing", where, None, f"files.{key}", f"a file name, as the kind is {kind}"
-            )
+            raise _missing_key(path, f"files.{key}", f"a file name, as the kind is {kind}")
         try:
             open_file(folder / name, folder).close()
         except FileNotFoundError:
             remedy = remedy_for(name, names_in(folder), f"put it there, or correct files.{key}")
-            raise _refusal("absent", where, name, remedy) from None
+            raise RawDataError(
+                "the file is not there",
+                where=where,
+                value=name,
+                allowed="a file inside the campaign's folder",
+                remedy=remedy,
+            ) from None
         except OSError as error:
-            raise _refusal("no file of it", where, name, reason(error)) from None
+            raise RawDataError(
+                f"the file cannot be read: {reason(error)}",
+                where=where,
+                value=name,
+                allowed="a file inside the campaign's folder, no link out of it",
+                remedy="put the file itself there",
+            ) from None
     mapped = set() if campaign.columns is None else campaign.columns.model_fields_set
     for key in sorted(mapped - set(needed)):
         allowed = " and ".join(f"columns.{other}" for other in needed)
         allowed = f"{allowed}, as the kind is {kind}"
-        raise _refusal("unfit", f"{path}: columns.{key}", key, f"columns.{key}", allowed)
+        raise _unfit_key(path, f"columns.{key}", key, allowed)
+
+
+def _missing_key(path: Path, key: str, allowed: str) -> RawDataError:
+    return RawDataError(
+        "the key is missing",
+        where=f"{path}: {key}",
+        allowed=allowed,
+        remedy=f"set {key} accordingly",
+    )
+
+
+def _unfit_key(path: Path, key: str, value: object, allowed: str) -> RawDataError:
+    return RawDataError(
+        "the key cannot be used",
+        where=f"{path}: {key}",
+        value=value,
+        allowed=allowed,
+        remedy=f"set {key} accordingly",
+    )
 
 
 # Groups: several campaigns of one robot, described and read as one.
@@ -404,7 +458,14 @@ def describe_group(
         one, two = described[0].robot, other.robot
         differ = _difference(members[0][1], arm) if one == two else f"robot: {one} and {two}"
         if differ is not None:
-            raise _refusal("robots", f"group {name}: {names[0]} and {of}", differ)
+            raise RawDataError(
+                "the campaigns of a group are not of one robot",
+                where=f"group {name}: {names[0]} and {of}",
+                value=differ,
+                allowed="campaigns of one robot, described by the same nominal rows",
+                remedy="take the other campaign out of the group, or describe the robot alike in "
+                "both",
+            )
     return _described(name, described)
 
 
@@ -419,7 +480,13 @@ def check_names(name: str, names: Sequence[str], where: str) -> None:
         what, value = "a group is called like one of its campaigns", name
     else:
         return
-    raise _refusal("names", where, value, what)
+    raise RawDataError(
+        what,
+        where=where,
+        value=value,
+        allowed="two or more campaigns, each once, and a name of the group's own",
+        remedy="correct the list of campaigns, or rename the group",
+    )
 
 
 def group_of_content(content: Mapping[str, Any], where: str) -> GroupDescription:
@@ -431,7 +498,13 @@ def group_of_content(content: Mapping[str, Any], where: str) -> GroupDescription
     """
     name, listed = content.get("name"), content.get("campaigns")
     if not isinstance(name, str) or not isinstance(listed, list):
-        raise _refusal("group", where, sorted(content))
+        raise RawDataError(
+            "the group lacks its name or its campaigns",
+            where=where,
+            value=sorted(content),
+            allowed="name and campaigns, as pa10cal join writes them",
+            remedy="run pa10cal join again",
+        )
     described = []
     for number, campaign in enumerate(listed):
         keys = {key: value for key, value in dict(campaign).items() if key != "schema"}

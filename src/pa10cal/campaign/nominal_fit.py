@@ -12,13 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.errors import CalibrationError, RawDataError, refusals_beside
+from pa10cal.errors import CalibrationError, RawDataError
 from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 #: Reweighted fits towards least distances, rows fitted, and the distance below which all weigh
 #: the same; fits to points alone, and poses that they take.
@@ -246,8 +244,20 @@ def refuse_shifted(
         f"the nominal arm is {1e3 * shift.as_joined_m:.0f} mm off {joined}, and "
         f"{1e3 * shift.as_shifted_m:.2g} mm one row {other}"
     )
-    words = (place, other, path.name, other_file, way)
-    raise _refusal("two files" if other_file else "one file", f"{path}:{line}", value, *words)
+    if other_file:
+        remedy = (
+            "a row is missing or stands twice there: take it out, or put it in, in one of "
+            f"{path.name} and {other_file}"
+        )
+    else:
+        remedy = f"move the readings one row {way}, or the joints the other way, in {path.name}"
+    raise RawDataError(
+        f"{place} the readings fit the joints of the row {other} theirs",
+        where=f"{path}:{line}",
+        value=value,
+        allowed="every reading in the row of its joints",
+        remedy=remedy,
+    )
 
 
 # Targets under each other's labels, and distances between them.

@@ -17,10 +17,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
 from pa10cal.campaign.recognise import format_of, unit_of
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.options import Section
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
@@ -329,7 +327,12 @@ def refuse_too_many(
     for row in rows:
         totals[row.file] -= row.reason.startswith(EXCLUDED)  # as its user wants it
         if not totals[row.file]:
-            raise _refusal("none left", row.file, None)
+            raise RawDataError(
+                "every row is excluded",
+                where=row.file,
+                allowed="at least some rows to calibrate with",
+                remedy="correct exclude in campaign.yaml",
+            )
     for name, total in totals.items():
         listed = [r for r in rows if r.file == name and not r.reason.startswith(EXCLUDED)]
         if len(listed) <= max_fraction * total and len(listed) < total:
@@ -342,5 +345,11 @@ def refuse_too_many(
             struck = [row for row in struck if row.value.startswith(f"{column} = ")]
         where = f"{name}:{struck[0].line}" + (f": {words.called(column)}" if column else "")
         remedy = words.remedy_of_rows(reason, struck, most=2 * len(listed) > total)
-        texts = (len(listed), total, times, reason, max_fraction, remedy)
-        raise _refusal("too many", where, struck[0].value or None, *texts)
+        raise RawDataError(
+            f"{len(listed)} of {total} rows would be quarantined, {times} of them because: "
+            f"{reason}",
+            where=where,
+            value=struck[0].value or None,
+            allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
+            remedy=remedy,
+        )

@@ -42,12 +42,11 @@ from pa10cal.campaign.recognise import (
     unit_of,
 )
 from pa10cal.campaign.two_logs import LABELS, TwoLogs
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 
-_refusal = refusals_beside(__file__, RawDataError)
 #: Orientations agree with the nominal arm within this; positions of a nominal arm scatter by less.
 AGREES_RAD = np.radians(3.0)
 #: A date alone, and a time of day alone, which together are a time.
@@ -217,7 +216,16 @@ def _refuse_unrecognised(
     what, other = "no joint positions were", "joint positions are"
     if roles.joints:
         what, other = "no position and no distance was", "readings are"
-    raise _refusal("unrecognised", file, ", ".join(sniffed.names), what, other)
+    raise RawDataError(
+        f"{what} recognised",
+        where=file,
+        value=", ".join(sniffed.names),
+        allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
+        "as x, y, z",
+        remedy=f"give both logs where the {other} in another: pa10cal columns JOINTS READINGS; or "
+        "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may "
+        "also be numbers",
+    )
 
 
 @dataclass

@@ -29,7 +29,7 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
 from pa10cal.campaign.recognise import ISO, moments_of
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 
 QUATERNION = ("qw", "qx", "qy", "qz")
 #: Least standard uncertainty of a component of a quaternion that follows from stated ones.
@@ -40,8 +40,6 @@ FILLED = {
     "poses": ("time_s", "load_N", "pose", "repeat"),
     "cmm": ("load_N", "repeat", "touch"),
 }
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,13 @@ class RawFile:
                 names = getattr(getattr(columns, key), part, None)
                 if names is not None and len(names) != count:
                     place = f"{at}.{key}.{part}"
-                    raise _refusal("count", place, ", ".join(names), len(names), count, why)
+                    raise RawDataError(
+                        f"{len(names)} columns are named",
+                        where=place,
+                        value=", ".join(names),
+                        allowed=f"{count}, {why}",
+                        remedy="name as many, in order",
+                    )
         sources = dict(own_columns(columns, self.prismatic, where))
         uses: dict[str, dict[str, str]] = {}
         for ours, source in sources.items():
@@ -113,7 +117,14 @@ class RawFile:
             if len(keys) > 1:
                 right = " and ".join(f"{key}.names" for key in dict.fromkeys(keys.values()))
                 value = f"`{name}` for {' and '.join(sorted(keys))}"
-                raise _refusal("twice", at, value, right, self.path.name)
+                raise RawDataError(
+                    "a column is mapped twice",
+                    where=at,
+                    value=value,
+                    allowed="every column of the file for one quantity",
+                    remedy=f"name the right column for each in {right}; pa10cal columns "
+                    f"{self.path.name} proposes them",
+                )
         return sources
 
     @property
@@ -237,9 +248,13 @@ class RawFile:
         other = {"rotation": ", or instrument.kind: points with the position under targets"}
         if self.key == "poses":
             other["kind"] = "; or state holdout"
-        where, remedy = f"columns.{self.key}", f"columns.{self.key}.{key}{other.get(key, '')}"
-        at, value = f"{self.path.parent / DESCRIPTION_FILE}: {where}", ", ".join(self.sources)
-        return _refusal("unmapped", at, value, ", ".join(missing), self.path.name, remedy)
+        return RawDataError(
+            f"nothing is mapped to {', '.join(missing)}",
+            where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",
+            value=", ".join(self.sources),
+            allowed=f"the columns of {self.path.name} that hold it",
+            remedy=f"set columns.{self.key}.{key}{other.get(key, '')}",
+        )
 
 
 def words_of(campaign: CampaignDescription, prismatic: NDArray[np.bool_]) -> OwnWords:

@@ -18,11 +18,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pa10cal.arrays import Array, Index
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.files.output import csv_text, from_csv_cell
 from pa10cal.observe.observations import Observations
 
-_refusal = refusals_beside(__file__, RawDataError)
 #: Columns of text; all others hold numbers.
 TEXT = ("id", "kind", "pose", "ball")
 COMMA = " (a decimal comma)"
@@ -270,7 +269,14 @@ class Exclusions:
             raw = self._without(raw, struck, k, why)
         missed = [where for k, (where, _) in enumerate(self.stated) if k not in self.met]
         if missed:
-            raise _refusal("nothing", self.where, missed[0], raw.file)
+            raise RawDataError(
+                "nothing is there to exclude",
+                where=self.where,
+                value=missed[0],
+                allowed="the label of a pose, such as P012; pose P012, 0 N, repeat 3; line 17, or "
+                f"lines 17 to 20, of {raw.file}",
+                remedy="correct it, or remove it from exclude",
+            )
         return raw
 
     def _without(self, raw: RawRows, struck: NDArray[np.bool_], k: int, why: str) -> RawRows:

@@ -28,7 +28,7 @@ from pa10cal.campaign.screens import HELD, OFF_MODEL, OFF_REPEATS, OTHER_COMMAND
 from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
@@ -36,7 +36,6 @@ from pa10cal.observe.order import along_a_path, stretches_held_out, with_time_va
 from pa10cal.options import IngestOptions
 from pa10cal.results.calibration import InputFinding
 
-_refusal = refusals_beside(__file__, RawDataError)
 LINES = ("line_x", "line_y")
 
 
@@ -132,12 +131,24 @@ def read_campaign(
     description = read_description(folder)
     if description.campaigns:
         names = ", ".join(campaign.name for campaign in description.campaigns)
-        raise _refusal("group", folder / DESCRIPTION_FILE, names)
+        raise RawDataError(
+            "the folder is of a group, which has no raw files of its own",
+            where=str(folder / DESCRIPTION_FILE),
+            value=names,
+            allowed="the folder of one campaign",
+            remedy="give the folders of its campaigns to read_group, or to pa10cal join",
+        )
     arm = load_arm(description.robot, folder, None if arms is None else Path(arms))
     refuse_impossible_tool(description.tool.mass_kg, arm, str(folder / DESCRIPTION_FILE))
     instrument, options = description.instrument.type, options or IngestOptions()
     if instrument.from_touches and arm.prismatic.any():
-        raise _refusal("prismatic", f"{folder / DESCRIPTION_FILE}: robot", arm.name)
+        raise RawDataError(
+            "the arm has prismatic joints",
+            where=f"{folder / DESCRIPTION_FILE}: robot",
+            value=arm.name,
+            allowed="revolute joints, as the resolver log gives positions in degrees",
+            remedy="give the poses in files.poses, with a column in millimetres for each of them",
+        )
     read = read_touched if instrument.from_touches else read_tracked
     ingested = read(description, arm, folder, options)
     every, warnings = ingested.observations, ingested.warnings
@@ -161,7 +172,13 @@ def read_campaign(
     kinds = set(every.kind)
     if "grid" not in kinds:
         remedy = "; ".join((*ingested.warnings, "check the column kind"))
-        raise _refusal("no grid", folder, ", ".join(sorted(kinds)), remedy)
+        raise RawDataError(
+            "there is no usable grid row to calibrate with",
+            where=str(folder),
+            value=", ".join(sorted(kinds)),
+            allowed="rows of kind grid",
+            remedy=remedy,
+        )
     useful = (*(LINES if instrument.uses_lines else ()), "holdout")
     missing = [f"no {kind} rows" for kind in useful if kind not in kinds]
     return Campaign(
@@ -202,7 +219,12 @@ def hold_out(
     repeats. They are in order of time. Return what a reader should know of it, too.
     """
     if "holdout" in every.kind:
-        raise _refusal("holdout twice", where)
+        raise RawDataError(
+            "held-out poses are stated both here and in the rows",
+            where=where,
+            allowed="one of the two",
+            remedy="remove the key, or the kind holdout from the rows",
+        )
     grid = every.kind == "grid"
     order, first = np.unique(places[grid], return_index=True)
     order, first = order[np.argsort(first)], np.sort(first)
@@ -228,7 +250,13 @@ def hold_out(
         if held < stated:
             chosen = chosen[np.linspace(0, stated - 1, held).round().astype(np.intp)]
     if 0 < len(order) == len(chosen):
-        raise _refusal("all held out", f"{where}.last_fraction", rule.last_fraction, len(order))
+        raise RawDataError(
+            "all poses are held out, none is left to calibrate with",
+            where=f"{where}.last_fraction",
+            value=rule.last_fraction,
+            allowed=f"a part that leaves at least one of {len(order)} poses",
+            remedy="hold out fewer, such as last_fraction: 0.3",
+        )
     kind = every.kind.astype("U7")
     kind[grid & np.isin(places, np.asarray(chosen, dtype=np.intp))] = "holdout"
     return replace(every, kind=kind), tuple(notes)

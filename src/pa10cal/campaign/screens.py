@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.own_columns import CONTRACT_WORDS, LENGTHS, UNIT_WORDS, OwnWords
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit
 
 #: Distances that are always allowed from repeats and from the nominal model, in robust sigmas and
@@ -59,8 +59,6 @@ OTHER_COMMAND = (
     "the joint angles are not those of this pose's other readings: a wrong label, or the clocks "
     "differ"
 )
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 
 def out_of_reach(p_m: Array, arm: Arm) -> Mask:
@@ -210,8 +208,14 @@ def refuse_wrong_angle_unit(
         value = (
             f"joint ranges of {range_deg:.3g} deg in all, while the tool moved {moved_mm:.0f} mm"
         )
-        remedy = words.set_unit(f"q{int(np.argmin(arm.prismatic)) + 1}_deg", "rad", "degrees")
-        raise _refusal("radians" if radians else "motion", where, value, remedy)
+        what = "the joints move too little for the measured motion"
+        remedy = "check the unit of these columns, and of the measured places"
+        if radians:
+            what = "the joint angles look like radians"
+            remedy = words.set_unit(f"q{int(np.argmin(arm.prismatic)) + 1}_deg", "rad", "degrees")
+        raise RawDataError(
+            what, where=where, value=value, allowed="joint positions in degrees", remedy=remedy
+        )
 
 
 def may_be_radians(q: Array, arm: Arm) -> bool:
@@ -238,9 +242,15 @@ def refuse_wrong_length_unit(
     mm = scale * LENGTHS[read_in]
     unit = next((name for name, of in LENGTHS.items() if 0.5 < mm / of < 1.6), "")
     value = f"one measured millimetre is {scale:.3g} mm of the nominal model's motion"
-    remedy = words.set_unit(column, unit, "millimetres")
-    texts = (what, UNIT_WORDS[read_in], UNIT_WORDS.get(unit, ""), remedy)
-    raise _refusal("unit" if unit else "scale", where, value, *texts)
+    finding = f"look like {UNIT_WORDS[unit]}" if unit else "do not fit the joint motion"
+    set_unit = words.set_unit(column, unit, "millimetres")
+    raise RawDataError(
+        f"the {what} {finding}",
+        where=where,
+        value=value,
+        allowed=f"{what} in {UNIT_WORDS[read_in]}, as they are read",
+        remedy=set_unit if unit else "check the unit of these columns",
+    )
 
 
 def count_warnings(stated: int | None, logged: int, file: str) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import CUT, MOST_COLUMNS, MOST_LABEL_LETTERS, column_names, read_rows
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_line, csv_text
 from pa10cal.fit.weighed_arm import weighed_arm
@@ -36,7 +36,6 @@ from pa10cal.results.calibration import InputFinding
 SCHEMA = "pa10cal-poses/1"
 #: Tables of more values than this, or in more parts, are refused.
 MOST_VALUES, MOST_PARTS, _BYTES_A_VALUE = 100_000_000, 200_000, 8
-_refusal = refusals_beside(__file__, RawDataError)
 
 #: The column that says which campaign of a group a row is of, and beginnings of those that hold
 #: what an instrument measured.
@@ -158,7 +157,12 @@ def _read_parquet(file: IO[bytes], path: Path) -> pa.Table:
             continue
         words = [word for part in column.chunks for word in part.dictionary.to_pylist() if word]
         if (longest := max(map(len, words), default=0)) * len(column) > MOST_LABEL_LETTERS:
-            raise _refusal("long label", path, None, name, longest)
+            raise RawDataError(
+                f"a label under {name} has {longest} letters",
+                where=str(path),
+                allowed="short labels, such as P012",
+                remedy="run pa10cal ingest again",
+            )
         at = table.schema.get_field_index(name)
         table = table.set_column(at, schema.field(name), column.cast(schema.field(name).type))
     return table
@@ -177,7 +181,13 @@ def _refuse_larger(promised: pq.FileMetaData, path: Path) -> None:
         if values <= MOST_VALUES:
             return
     promises = f"{rows} rows, {columns} columns, {groups} groups of rows"
-    raise _refusal("large table", path, promises, MOST_VALUES, MOST_COLUMNS)
+    raise RawDataError(
+        "the table of poses is larger than is read",
+        where=str(path),
+        value=promises,
+        allowed=f"at most {MOST_VALUES} values in {MOST_COLUMNS} columns",
+        remedy="run pa10cal ingest again",
+    )
 
 
 def read_pose_table(
@@ -194,16 +204,32 @@ def read_pose_table(
         with open_file(path, within) as file:
             table = _read_parquet(file, path)
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise _refusal("no table", path, " ".join(reason(error).split()), SCHEMA) from None
+        raise _no_table(path, " ".join(reason(error).split())) from None
     metadata = table.schema.metadata or {}
     schema = metadata.get(b"schema", b"none").decode("utf-8", "replace")
     if schema != SCHEMA:
-        raise _refusal("no table", path, f"schema {schema}", SCHEMA)
+        raise _no_table(path, f"schema {schema}")
     frame: pd.DataFrame = table.to_pandas()
     found = frame.attrs["campaign"] = metadata.get(b"campaign", b"").decode("utf-8", "replace")
     if campaign is not None and found != campaign:
-        raise _refusal("other campaign", path, found, campaign)
+        raise RawDataError(
+            "the table of poses is of another campaign",
+            where=str(path),
+            value=found,
+            allowed=f"campaign {campaign!r}",
+            remedy="give the table that ingest made of this campaign",
+        )
     return frame
+
+
+def _no_table(path: Path, value: str) -> RawDataError:
+    return RawDataError(
+        "the table of poses cannot be read",
+        where=str(path),
+        value=value,
+        allowed=f"a Parquet file of schema {SCHEMA}",
+        remedy="run pa10cal ingest again",
+    )
 
 
 def _observations(
@@ -336,9 +362,21 @@ def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
     off = np.abs(length - 1.0) > _UNIT
     if off.any():
         row = int(np.argmax(off))
-        raise _refusal("quaternion", f"{path}:{raw.line[row]}", f"{length[row]:.6g}")
+        raise RawDataError(
+            "the quaternion is not of length one",
+            where=f"{path}:{raw.line[row]}",
+            value=f"{length[row]:.6g}",
+            allowed="qw, qx, qy, qz, whose squares add up to 1",
+            remedy="check the columns' order, or write more digits",
+        )
     if (furthest := float(np.abs(p_mm).max())) < _NEAREST_MM:
-        raise _refusal("metres", f"{path}:{raw.line[0]}", furthest)
+        raise RawDataError(
+            "x_mm, y_mm, z_mm: no target is further than a hundredth of a metre from the base",
+            where=f"{path}:{raw.line[0]}",
+            value=furthest,
+            allowed="millimetres in the robot's base frame",
+            remedy="multiply by 1000 if these are metres",
+        )
     T = np.tile(np.eye(4), (len(raw), 1, 1))
     T[:, :3, 3] = _MM * p_mm
     T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
@@ -355,7 +393,13 @@ def _read(
     together = () if joints[0] in required else joints
     raw = read_rows(path, ["id", *required], [_LOAD, *sides], together, repeats=True)
     if others:
-        raise _refusal("other arm", f"{path}:1", others[0], ", ".join(joints))
+        raise RawDataError(
+            "a column of another arm, or in another unit",
+            where=f"{path}:1",
+            value=others[0],
+            allowed=", ".join(joints),
+            remedy="give a model of the same arm, or rename the column",
+        )
     raw = raw.finite(required).finite([*together, _LOAD, *sides], may_be_blank=True)
     if raw.quarantined:
         first = min(raw.quarantined, key=lambda row: row.line)
@@ -363,23 +407,45 @@ def _read(
         if first.reason == CUT:
             remedy = "end it with a line break if it is whole"
         where = f"{path}:{first.line}"
-        raise _refusal("row", where, first.value or None, first.reason, remedy)
+        raise RawDataError(
+            first.reason,
+            where=where,
+            value=first.value or None,
+            allowed="rows that can all be used: none is dropped",
+            remedy=remedy,
+        )
     q, arrival = raw.numbers_of(joints), raw.numbers_of(sides)
-
-    def refuse(kind: str, wrong: NDArray[np.bool_], values: Array, names: Sequence[str]) -> None:
-        if wrong.any():
-            row, joint = np.argwhere(wrong)[0]
-            where = f"{path}:{raw.line[row]}"
-            raise _refusal(kind, where, float(values[row, joint]), names[joint], _FARTHEST)
 
     given = np.isfinite(q)
     partly = given.any(axis=1) & ~given.all(axis=1)
     if partly.any():
         row = int(np.argmax(partly))
-        raise _refusal("seed", f"{path}:{raw.line[row]}", joints[int(np.argmin(given[row]))])
-    refuse("far", np.abs(q) > _FARTHEST, q, joints)
-    wrong = ~np.isnan(arrival) & ~np.isin(arrival, (-1.0, 0.0, 1.0))
-    refuse("arrival", wrong, arrival, sides)
+        raise RawDataError(
+            "the seed lacks joints",
+            where=f"{path}:{raw.line[row]}",
+            value=joints[int(np.argmin(given[row]))],
+            allowed="all joints, or none",
+            remedy="complete the row, or leave its joints blank",
+        )
+    if len(far := np.argwhere(np.abs(q) > _FARTHEST)):
+        row, joint = far[0]
+        raise RawDataError(
+            f"{joints[joint]} is no position of a joint",
+            where=f"{path}:{raw.line[row]}",
+            value=float(q[row, joint]),
+            allowed=f"up to {_FARTHEST:g}",
+            remedy="check the unit",
+        )
+    if len(wrong := np.argwhere(~np.isnan(arrival) & ~np.isin(arrival, (-1.0, 0.0, 1.0)))):
+        row, joint = wrong[0]
+        raise RawDataError(
+            f"{sides[joint]} is no direction of arrival",
+            where=f"{path}:{raw.line[row]}",
+            value=float(arrival[row, joint]),
+            allowed="-1 or 1, the sign of the joint's last motion; 0 or blank where it is not "
+            "known",
+            remedy="correct the value",
+        )
     return raw, JointList(
         ids=raw.text_of("id"),
         q=in_radians(q, prismatic),

@@ -19,7 +19,7 @@ from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
 from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
@@ -36,8 +36,6 @@ OUTSIDE = "touched outside any dwell: the arm moved, or the clocks differ"
 OTHER_DWELL = "touched in another dwell than the rest of its configuration"
 NOT_TOUCHED = "a dwell in which nothing was touched"
 LOST = "a dwell whose configuration is quarantined"
-
-_refusal = refusals_beside(__file__, RawDataError)
 
 
 def read_touched(
@@ -196,7 +194,12 @@ def _check_clocks(
     offset of the clocks would bring in nearly all of those that do.
     """
     if not len(dwells):
-        raise _refusal("moving", where_log)
+        raise RawDataError(
+            "the arm is never at rest in the log",
+            where=where_log,
+            allowed="dwells, in which the touches are made",
+            remedy="check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
+        )
     outside, time_s = touched < 0, touches["time_s"]
     if outside.mean() <= FEW_OUTSIDE:
         return
@@ -209,11 +212,26 @@ def _check_clocks(
             f"{len(np.unique(numbers[beyond]))} of {len(np.unique(numbers))} configurations were "
             f"touched before it begins or after it ends; it covers {log_s[0]:g} to {log_s[1]:g} s"
         )
-        raise _refusal("cut", where_log, value, time_s[0], time_s[-1])
+        raise RawDataError(
+            "the log does not cover the touches: it seems cut short",
+            where=where_log,
+            value=value,
+            allowed=f"a log from {time_s[0]:g} to {time_s[-1]:g} s",
+            remedy="export the whole log, or leave out the touches that it does not cover",
+        )
     if 2 * outside.sum() > len(touched) or explained:
-        words = (outside.sum(), len(touched), offset_s, inside)
-        where = f"{where}:{touches.line[np.argmax(outside)]}"
-        raise _refusal("clocks" if explained else "outside", where, None, *words)
+        remedy = (
+            "check both clocks and ingest.still_speed_deg_s; no constant offset matches"
+            if not explained
+            else f"the clocks seem to differ: adding {offset_s:+.1f} s to time_s would bring "
+            f"{inside:.0%} of the touches into dwells"
+        )
+        raise RawDataError(
+            f"{outside.sum()} of {len(touched)} touches lie outside any dwell of the arm",
+            where=f"{where}:{touches.line[np.argmax(outside)]}",
+            allowed="touches while the arm is at rest, on the clock of the resolver log",
+            remedy=remedy,
+        )
 
 
 def _in_one_dwell(touches: RawRows, touched: Index) -> RawRows:

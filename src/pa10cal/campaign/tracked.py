@@ -52,7 +52,7 @@ from pa10cal.campaign.raw_rows import (
     with_labels,
 )
 from pa10cal.campaign.two_logs import TwoLogs
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
@@ -210,8 +210,6 @@ LIKE_RADIANS = 8.0
 ONE_ATTITUDE_RAD = 1e-5
 TURNED_RAD = np.radians(5.0)
 
-_refusal = refusals_beside(__file__, RawDataError)
-
 
 @dataclass
 class Screen:
@@ -302,7 +300,13 @@ class Screen:
         texts = [exchange_text(order, names) for order in orders[swapped]]
         if 2 * len(texts) > len(swapped):
             value = f"{len(texts)} of {len(swapped)} rows fit the arm with their labels exchanged"
-            raise _refusal("exchanged", self.file.path, value, texts[0])
+            raise RawDataError(
+                f"the columns of targets {texts[0]} are exchanged",
+                where=str(self.file.path),
+                value=value,
+                allowed="every target under its own name",
+                remedy="rename the columns",
+            )
         self.quarantine(swapped, EXCHANGED, texts)
 
     def _most_seen(self) -> tuple[int, Mask]:
@@ -348,7 +352,13 @@ class Screen:
                 )
                 first = next(name for name in names if name.endswith(f"_{right_unit}"))
                 remedy = words.set_unit(first, unit, right)
-                raise _refusal("unit", where_joints, value, quantity, named, right, remedy)
+                raise RawDataError(
+                    f"the joint {quantity} look like {named}",
+                    where=where_joints,
+                    value=value,
+                    allowed=f"joint {quantity} in {right}",
+                    remedy=remedy,
+                )
         screens.refuse_wrong_length_unit(scale, what, where, column, words)
 
     def _refuse_one_orientation(self, R: Array | None, T_base_ee: Array) -> None:
@@ -370,11 +380,24 @@ class Screen:
         if angles and ONE_ATTITUDE_RAD < seen < min(RADIANS_RAD, turned / LIKE_RADIANS):
             where = f"{self.file.path}: {', '.join(f'`{name}`' for name in angles)}"
             remedy = words.set_unit("qw", "rad", "degrees")
-            raise _refusal("radians", where, f"{within} as degrees, {flange}", remedy)
+            raise RawDataError(
+                "the angles of the orientations look like radians",
+                where=where,
+                value=f"{within} as degrees, {flange}",
+                allowed="angles in the unit that columns states: deg",
+                remedy=remedy,
+            )
         if seen <= ONE_ATTITUDE_RAD:
             name = words.column("qw") if "qw" in words else "qw, qx, qy, qz"
             where = f"{self.file.path}: {name}"
-            raise _refusal("one orientation", where, f"{within}, {flange}")
+            raise RawDataError(
+                "every row has the same orientation, though the arm turned",
+                where=where,
+                value=f"{within}, {flange}",
+                allowed="the measured orientation of every row",
+                remedy="export the orientations; where none are measured, use instrument.kind "
+                "points",
+            )
 
     def _look_at_poor_fit(self, misfit: Misfit) -> None:
         """Look for a cause where the nominal model is far from most of what was measured.
@@ -416,7 +439,13 @@ class Screen:
                 if axes.puts_right:
                     remedy = self._remedy_of_axes(axes, self.columns.targets[best])
                     where = f"{path}: {self._target(best)}"
-                    raise _refusal("axes", where, value, axes.name, remedy)
+                    raise RawDataError(
+                        f"the instrument's axes are {axes.name}",
+                        where=where,
+                        value=value,
+                        allowed="positions in a right-handed frame, orientations in the same",
+                        remedy=remedy,
+                    )
                 warnings.append(f"if the instrument's axes are {axes.name}: {value}, {STILL_WRONG}")
         names = position_columns(self.arm.prismatic)
         for k in np.flatnonzero(np.ptp(self.found.states.q_rad, axis=0) == 0.0):

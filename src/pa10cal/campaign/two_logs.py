@@ -32,7 +32,7 @@ from pa10cal.campaign.nominal_fit import (
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement.
@@ -333,8 +333,6 @@ NOT_JOINED = {
     "row": "the log of the joints has no such row",
 }
 
-_refusal = refusals_beside(__file__, RawDataError)
-
 
 @dataclass(frozen=True)
 class TwoLogs:
@@ -449,8 +447,13 @@ class TwoLogs:
         swapped = set(of_joints) <= set(headers[1]) and set(of_readings) <= set(headers[0])
         if lacks and others_lack and swapped:
             missing = ", ".join(name for name in of_joints if name in lacks)
-            words = (missing, self.readings.path.name, ", ".join(of_joints))
-            raise _refusal("exchanged", f"{self.joints.path}:1", ", ".join(headers[0]), *words)
+            raise RawDataError(
+                f"missing columns {missing}, which {self.readings.path.name} has",
+                where=f"{self.joints.path}:1",
+                value=", ".join(headers[0]),
+                allowed=f"the columns of columns.joints in files.joints: {', '.join(of_joints)}",
+                remedy="exchange files.joints and files.readings in campaign.yaml",
+            )
 
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
         """Read the joints' log, in order of time where it is joined by time."""
@@ -462,7 +465,13 @@ class TwoLogs:
         raw = raw.finite([name for name in uncertain if name in raw.columns], may_be_blank=True)
         if not len(raw):
             value = raw.quarantined[0].reason if raw.quarantined else None
-            raise _refusal("no joints", self.joints.path, value)
+            raise RawDataError(
+                "no row of the joints' log can be used",
+                where=str(self.joints.path),
+                value=value,
+                allowed="rows of joint positions",
+                remedy="correct columns.joints",
+            )
         time_s = raw["time_s"] if "time_s" in text else np.arange(float(len(raw)))
         if self._by == "time":
             order = np.argsort(time_s, kind="stable")
@@ -511,7 +520,13 @@ class TwoLogs:
             refuse_shifted(shift, self.readings.path, read.line, joined, joints)
         if by == "row" and count != len(stations):
             value = f"{count} readings and {len(stations)} rows of joints"
-            raise _refusal("rows", self.readings.path, value)
+            raise RawDataError(
+                "the two logs have different numbers of rows, and nothing else joins them",
+                where=str(self.readings.path),
+                value=value,
+                allowed="one row of joints for each reading, or labels or times in both",
+                remedy="exclude the rows that the other lacks, or map a time or a label",
+            )
         return station, stations, f"{files} joined by {by}"
 
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
@@ -531,9 +546,20 @@ class TwoLogs:
         stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
         offset = "the best offset of the clocks" if stated_s is None else f"{stated_s:+g} s"
         value = f"{inside} of {len(time_s)} readings lie where the arm stood, at {offset}"
+        where = str(self.readings.path)
+        remedy = (
+            "check that both logs are of the same run, and the units and formats of "
+            "columns.joints.time and columns.readings.time"
+        )
         if stated_s is not None:
             other_s, _ = clock_offset(stations, time_s, fit)
             if 2 * (stations.at(time_s + other_s) >= 0).sum() > len(time_s):
                 where = f"{self.readings.path.parent / DESCRIPTION_FILE}: join.clock_offset_s"
-                return _refusal("offset", where, value, other_s)
-        return _refusal("time", self.readings.path, value)
+                remedy = f"remove join.clock_offset_s: it is then found, {other_s:+.2f} s"
+        return RawDataError(
+            "the two logs cannot be joined by time",
+            where=where,
+            value=value,
+            allowed="readings taken while the arm stands still",
+            remedy=remedy,
+        )

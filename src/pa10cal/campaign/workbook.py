@@ -14,13 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 
 #: What the child may use: memory [bytes], time on the processor [s].
 MOST_BYTES, MOST_S = 1_025_000_000, 18
 #: A workbook of more than this, unpacked [bytes], or of a sheet of more cells, is refused.
 MOST_UNPACKED, MOST_CELLS = 1_000_000_000, 20_000_000
-_refusal = refusals_beside(__file__, RawDataError)
 
 
 def rows_of_workbook(path: Path, file: IO[bytes]) -> Iterator[tuple[int, str]]:
@@ -61,9 +60,33 @@ def rows_of_workbook(path: Path, file: IO[bytes]) -> Iterator[tuple[int, str]]:
 
 def _refused(path: Path, kind: str, said: str) -> RawDataError:
     if kind == "unreadable":
-        return _refusal(kind, path, said)
+        return RawDataError(
+            "the workbook cannot be read",
+            where=str(path),
+            value=said,
+            allowed="a workbook without a password (.xlsx, .ods or .xls)",
+            remedy="save it again, or export the sheet as text",
+        )
     if kind == "cell":
-        return _refusal(kind, path, said, MOST_CELLS)
+        return RawDataError(
+            "a cell stands far from the others",
+            where=str(path),
+            value=said,
+            allowed=f"a sheet of at most {MOST_CELLS} cells, counted from A1 to the last one",
+            remedy="delete the rows and columns beyond the table, or save the sheet as CSV",
+        )
     if kind == "unpacked":
-        return _refusal(kind, path, said, MOST_UNPACKED / 1e6)
-    return _refusal("heavy", path, f"more {kind}", MOST_BYTES / 1e6, MOST_S)
+        return RawDataError(
+            "the workbook, unpacked, is larger than is read",
+            where=str(path),
+            value=said,
+            allowed=f"at most {MOST_UNPACKED / 1e6:.0f} MB",
+            remedy="save the sheet as CSV, without what is not needed",
+        )
+    return RawDataError(
+        "the workbook needs more memory or time than tables of readings do",
+        where=str(path),
+        value=f"more {kind}",
+        allowed=f"at most {MOST_BYTES / 1e6:.0f} MB and {MOST_S} s",
+        remedy="save the sheet as CSV",
+    )

@@ -19,10 +19,10 @@ from urllib.parse import quote
 import pandas as pd
 import yaml
 
-from pa10cal.campaign.csv_rows import LARGEST_BYTES
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, JointPositions, read_description
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv
-from pa10cal.errors import OutputError, RawDataError, refusals_beside
+from pa10cal.campaign.text_lines import LARGEST_BYTES
+from pa10cal.errors import OutputError, RawDataError
 from pa10cal.files.output import FORMER, csv_text, folder_beside, whole_files, writing_into
 from pa10cal.input_files import is_file, open_file, read_file, reason
 from pa10cal.yaml_file import read_yaml
@@ -130,9 +130,6 @@ class DataSet:
 
 # Campaigns of a data set.
 
-_refusal = refusals_beside(__file__, RawDataError)
-_foreign = refusals_beside(__file__, OutputError)
-
 
 def import_campaigns(
     dataset: DataSet, folder: Path, *, max_left_out: float, any_version: bool
@@ -152,9 +149,21 @@ def import_campaigns(
     """
     files = ", ".join(dataset.files)
     if not folder.is_dir():
-        raise _refusal("no folder", "folder of the data set", str(folder), files)
+        raise RawDataError(
+            "there is no such folder",
+            where="folder of the data set",
+            value=str(folder),
+            allowed=f"a folder with {files}",
+            remedy="correct the path, or fetch the data set",
+        )
     if missing := [name for name in dataset.files if not os.path.lexists(folder / name)]:
-        raise _refusal("missing", folder, ", ".join(missing), files)
+        raise RawDataError(
+            "files of the data set are missing in the folder",
+            where=str(folder),
+            value=", ".join(missing),
+            allowed=f"a folder with {files}",
+            remedy="copy the missing files there, or fetch the data set again",
+        )
     published = dataset.published
     differing = differing_files(folder, {name: published.sha256[name] for name in dataset.files})
     campaigns = dataset.read(folder, max_left_out)
@@ -198,7 +207,16 @@ def _sha256_of(folder: Path, name: str) -> str:
         with open_file(folder / name, folder) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise _refusal("no file", folder / name, None, reason(error)) from None
+        raise _unread(folder / name, error) from None
+
+
+def _unread(path: Path, error: OSError) -> RawDataError:
+    return RawDataError(
+        f"a file of the data set cannot be read: {reason(error)}",
+        where=str(path),
+        allowed="the file as it was published",
+        remedy="copy it there, or fetch the data set again",
+    )
 
 
 def differing_files(folder: Path, published: Mapping[str, str]) -> tuple[Differing, ...]:
@@ -223,7 +241,13 @@ def _refusal_of(
     also = "".join(f"; so does {file.place} (SHA-256 {file.found})" for file in others)
     sums = ", ".join(file.published for file in differing)
     value = f"SHA-256 {first.found}{also}"
-    return _refusal("checksum", first.place, value, sums, published.version, remedy)
+    return RawDataError(
+        "the checksum differs from that of the published file",
+        where=first.place,
+        value=value,
+        allowed=f"SHA-256 {sums} (version {published.version})",
+        remedy=remedy,
+    )
 
 
 # The files of a public data set, fetched from where they are published, or from a copy.
@@ -274,7 +298,13 @@ def _content(address: str) -> bytes:
         # The reason, without the name of the function that failed.
         cause = getattr(error, "reason", error)
         reason = str(getattr(cause, "strerror", None) or cause)
-        raise _refusal("unreachable", address.removeprefix("file://"), reason) from None
+        raise RawDataError(
+            "the file cannot be fetched",
+            where=address.removeprefix("file://"),
+            value=reason,
+            allowed="an address that can be reached, or a folder with the file",
+            remedy="check the connection, or name a copy of the data set as the source",
+        ) from None
     return content
 
 
@@ -398,7 +428,13 @@ def _as_text(column: pd.Series[Any]) -> list[str]:
 def _refuse_foreign(place: Path, own: frozenset[str]) -> None:
     foreign = sorted({entry.name for entry in place.glob("*")} - own)
     if foreign or place.is_file():
-        raise _foreign("foreign", place, ", ".join(foreign) or place.name, ", ".join(sorted(own)))
+        raise OutputError(
+            "the folder of the campaign holds something else",
+            where=str(place),
+            value=", ".join(foreign) or place.name,
+            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
+            remedy="give another folder, or move the files away",
+        )
 
 
 def _write(campaign: ImportedCampaign, folder: Path) -> None:
@@ -407,7 +443,7 @@ def _write(campaign: ImportedCampaign, folder: Path) -> None:
         try:
             content = read_file(readings.path, LARGEST_BYTES, readings.folder)
         except OSError as error:
-            raise _refusal("no file", readings.path, None, reason(error)) from None
+            raise _unread(readings.path, error) from None
     else:
         content = table_bytes(readings)
     (folder / _file(campaign)).write_bytes(content)

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import RawRows, quarantined
 from pa10cal.datasets.importing import AsItIs, DataSet, ImportedCampaign, Published
-from pa10cal.errors import RawDataError, refusals_beside
+from pa10cal.errors import RawDataError
 from pa10cal.input_files import open_file, read_file, reason
 
 #: Tables of more bytes, unpacked, or more lines are none of a data set: the largest have a tenth.
@@ -42,7 +42,6 @@ DATASETS: dict[str, DataSet] = {}
 
 _AXES, _QUATERNION = "xyz", ("qw", "qx", "qy", "qz")
 _PLACE = [f"{axis}_mm" for axis in _AXES]
-_refusal = refusals_beside(__file__, RawDataError)
 
 _Read = Callable[[Path, float, Published], Iterator[ImportedCampaign]]
 
@@ -56,8 +55,16 @@ def dataset_named(name: str) -> DataSet:
     """Return the data set of that name; refuse one that is not there (RawDataError)."""
     if name not in DATASETS:
         near = difflib.get_close_matches(name, dataset_names(), n=1, cutoff=0.5)
-        kind = "like another" if near else "no reader"
-        raise _refusal(kind, "data set", name, ", ".join(dataset_names()), *near)
+        raise RawDataError(
+            "there is no reader of this data set",
+            where="data set",
+            value=name,
+            allowed=", ".join(dataset_names()),
+            remedy=f"is {near[0]!r} meant?"
+            if near
+            else "correct the name, or write a reader in pa10cal/datasets/readers.py "
+            "(docs/datasets.md)",
+        )
     return DATASETS[name]
 
 
@@ -106,7 +113,7 @@ def read_bare_table(
         raise _too_much(path, f"{count} lines")
     lines = whole.split("\n") if whole else []
     if not lines:
-        raise _refusal("empty", f"{path}:1")
+        raise _empty(f"{path}:1")
     line = np.arange(1, len(lines) + 1)[int(header) :]
     rows = [text.split(separator) for text in lines[int(header) :]]
     widths = np.array([len(row) for row in rows], dtype=np.int64)
@@ -115,7 +122,13 @@ def read_bare_table(
     commas = np.array(["," in word for word in words.ravel()], dtype=bool).reshape(words.shape)
     if 2 * commas.any(axis=1).sum() > len(words):
         first = int(np.argmax(commas.any(axis=1)))
-        raise _refusal("commas", f"{path}:{line[fits][first]}", words[first][commas[first]][0])
+        raise RawDataError(
+            "decimal commas where decimal points are expected",
+            where=f"{path}:{line[fits][first]}",
+            value=words[first][commas[first]][0],
+            allowed="numbers such as 1.5",
+            remedy="take the file as it was published, not as a spreadsheet rewrote it",
+        )
     columns, text = {}, {}
     for name, fields in zip(names, words.T, strict=True):
         columns[name] = np.array(pd.to_numeric(fields, errors="coerce"), dtype=float)
@@ -127,7 +140,18 @@ def read_bare_table(
 
 
 def _too_much(path: Path, why: str) -> RawDataError:
-    return _refusal("unreadable", path, None, why, _MOST_BYTES / 1e6, _MOST_LINES)
+    return RawDataError(
+        f"a table of the data set cannot be read: {why}",
+        where=str(path),
+        allowed=f"a table of at most {_MOST_BYTES / 1e6:.0f} MB and {_MOST_LINES} lines",
+        remedy="take the file as it was published",
+    )
+
+
+def _empty(where: Path | str) -> RawDataError:
+    return RawDataError(
+        "the file is empty", where=str(where), allowed="rows of numbers", remedy="copy it again"
+    )
 
 
 def read_tables(
@@ -144,7 +168,13 @@ def read_tables(
     totals = {table.file: table.totals[table.file] for table in read}
     if len(set(totals.values())) > 1:
         counts = ", ".join(f"{file} {total}" for file, total in totals.items())
-        raise _refusal("rows", read[0].file, counts)
+        raise RawDataError(
+            "the tables have different numbers of rows",
+            where=read[0].file,
+            value=counts,
+            allowed="one row a configuration in each table",
+            remedy="fetch the data set again, or complete the shorter table",
+        )
     for table in read:
         refuse_too_many(table.quarantined, table.totals, max_left_out)
     line = reduce(np.intersect1d, [table.line for table in read])
@@ -205,7 +235,13 @@ def _justin(folder: Path, max_left_out: float, published: Published) -> Iterator
     except OSError as error:
         raise _too_much(folder / file, reason(error)) from None
     except _BROKEN_ZIP as error:
-        raise _refusal("zip", folder / file, str(error), table) from None
+        raise RawDataError(
+            "the zipped table cannot be read",
+            where=str(folder / file),
+            value=str(error),
+            allowed=f"a zip file with {table}",
+            remedy="fetch the data set again",
+        ) from None
     number = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
     try:
         rows = [
@@ -215,7 +251,7 @@ def _justin(folder: Path, max_left_out: float, published: Published) -> Iterator
     except csv.Error as error:
         raise _too_much(folder / file, str(error)) from None
     if not rows:
-        raise _refusal("empty", folder / file)
+        raise _empty(folder / file)
     good = np.array([(len(q), len(p)) == (19, 6) for q, p in rows], dtype=bool)
     raw = RawRows(table, {}, np.arange(1, len(rows) + 1), {table: len(rows)}, (), ()).take(
         good,

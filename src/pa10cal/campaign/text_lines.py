@@ -1,0 +1,200 @@
+"""Lines of a file of rows: text in any usual encoding, plain or gzipped, or a workbook's sheet.
+
+What is no text, damaged, or larger than is read is refused before any row is.
+"""
+
+from __future__ import annotations
+
+import codecs
+import gzip
+import io
+import os
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, NamedTuple, cast
+
+from pa10cal.campaign.workbook import rows_of_workbook
+from pa10cal.errors import RawDataError
+from pa10cal.input_files import open_file, reason
+
+#: Files of more text than this, unpacked, or of more lines, are refused, before any is read.
+LARGEST_BYTES, MOST_LINES = 310_000_000, 5_000_000
+#: So many bytes are looked at at a time; a line that fills them is none of a table.
+BLOCK_BYTES = 1 << 20
+#: Byte-order marks, the longest first: that of UTF-32 begins with that of UTF-16.
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+#: Encodings of one byte a letter, the commonest first: Windows, DOS, old Macintosh.
+_ONE_BYTE = ("cp1252", "cp850", "mac_roman")
+#: What such files hold besides ASCII: units, letters of German, French and Spanish.
+_USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊáíóúñÁÍÓÚÑ")
+_ASCII = bytes(range(128))
+#: Beginnings of workbooks: of archives (.xlsx, .ods), and of the older kind (.xls).
+_ARCHIVE, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
+
+
+class TextLine(NamedTuple):
+    """A line that is not blank."""
+
+    number: int  # from 1
+    text: str
+    ended: bool  # whether a line end follows
+
+
+def lines_of(path: Path, within: Path | None = None) -> Iterator[TextLine]:
+    """Yield the lines that are not blank; rows of a workbook with tabs between the cells.
+
+    Args:
+        path: the file.
+        within: folder that it must lie in; None for anywhere.
+
+    Raises:
+        RawDataError: when the file is not there, damaged, larger than is read, or no text.
+    """
+    if is_workbook(path, within):
+        yield from _rows_of_workbook(path, within)
+        return
+    encoding = encoding_of(path, within)
+    with _unpacked(path, within) as content:
+        text = io.TextIOWrapper(content, encoding=encoding, errors="replace")
+        for number, line in enumerate(text, start=1):
+            if "\x00" in line:
+                raise _no_text(f"{path}:{number}")
+            if line.strip():
+                yield TextLine(number, line.removesuffix("\n"), line.endswith("\n"))
+
+
+def encoding_of(path: Path, within: Path | None = None) -> str:
+    """Return the encoding of a file of text, told from its bytes; see `lines_of`.
+
+    A byte-order mark says it; text that is valid UTF-8 is UTF-8; of one byte a letter it is the
+    encoding whose letters are such as units, German, French and Spanish have.
+    """
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    valid, size, lines, odd, head = True, 0, 1, bytearray(), b""
+    with _unpacked(path, within) as content:
+        while block := content.read(BLOCK_BYTES):
+            head = head or block[:4096]
+            size += len(block)
+            if size > LARGEST_BYTES:
+                raise _too_large(path)
+            ends = max(block.count(b"\n"), block.count(b"\r"))
+            if not ends and len(block) == BLOCK_BYTES:
+                raise RawDataError(
+                    "a line is too long for rows of numbers",
+                    where=f"{path}:{lines}",
+                    allowed=f"at most {BLOCK_BYTES} letters",
+                    remedy="export the file with a line for each row",
+                )
+            lines += ends
+            if lines > MOST_LINES:
+                raise RawDataError(
+                    "the file has too many lines",
+                    where=str(path),
+                    allowed=f"at most {MOST_LINES}",
+                    remedy="leave out what is not needed, such as samples between the dwells, or "
+                    "split the campaign",
+                )
+            if valid:
+                try:
+                    decoder.decode(block)
+                except UnicodeDecodeError:
+                    valid = False
+            odd += block.translate(None, _ASCII)[: BLOCK_BYTES - len(odd)]
+    for mark, encoding in _MARKS:
+        if head.startswith(mark):
+            return encoding
+    if b"\x00" in head:
+        even, uneven = head[::2].count(0), head[1::2].count(0)
+        if max(even, uneven) > 0.4 * len(head) / 2 and min(even, uneven) == 0:
+            return "utf-16-le" if uneven > even else "utf-16-be"
+        raise _no_text(f"{path}:1")
+
+    def usual(encoding: str) -> int:
+        return sum(letter in _USUAL for letter in odd.decode(encoding, errors="replace"))
+
+    return "utf-8" if valid else max(_ONE_BYTE, key=usual)
+
+
+def is_workbook(path: Path, within: Path | None = None) -> bool:
+    """Return whether a file is a workbook, such as .xlsx, .ods or .xls."""
+    with _opened(path, within) as content:
+        head = content.read(4)
+    return head == _OLE or (head == _ARCHIVE and path.suffix.lower() != ".zip")
+
+
+def _opened(path: Path, within: Path | None) -> io.BufferedReader:
+    try:
+        return open_file(path, within)
+    except FileNotFoundError:
+        raise RawDataError(
+            "the file is not there",
+            where=str(path),
+            allowed="a text file, plain or gzipped, or a workbook",
+            remedy="check the path and the name",
+        ) from None
+    except OSError as error:
+        raise RawDataError(
+            f"the file cannot be read: {reason(error)}",
+            where=str(path),
+            allowed="a text file, plain or gzipped, or a workbook",
+            remedy="give a file that can be read",
+        ) from None
+
+
+@contextmanager
+def _unpacked(path: Path, within: Path | None) -> Iterator[IO[bytes]]:
+    """Open a file, plain or gzipped."""
+    with _opened(path, within) as content:
+        packed = content.read(2) == b"\x1f\x8b"
+        content.seek(0)
+        try:
+            yield cast("IO[bytes]", gzip.GzipFile(fileobj=content)) if packed else content
+        except (EOFError, gzip.BadGzipFile, zlib.error):
+            raise RawDataError(
+                "the compressed file is damaged or cut short",
+                where=str(path),
+                allowed="a whole gzip file",
+                remedy="copy or export it again",
+            ) from None
+
+
+def _rows_of_workbook(path: Path, within: Path | None) -> Iterator[TextLine]:
+    """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
+    letters = 0
+    with _opened(path, within) as file:
+        if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
+            raise _too_large(path)
+        for number, text in rows_of_workbook(path, file):
+            letters += len(text)
+            if letters > LARGEST_BYTES:
+                raise _too_large(path)
+            yield TextLine(number, text, ended=True)
+
+
+def _too_large(path: Path) -> RawDataError:
+    most_mb = LARGEST_BYTES / 1e6
+    return RawDataError(
+        "the file, unpacked, is larger than is read",
+        where=str(path),
+        value=f"more than {most_mb:.0f} MB",
+        allowed=f"at most {most_mb:.0f} MB of text",
+        remedy="leave out what is not needed, such as samples between the dwells, or split the "
+        "campaign",
+    )
+
+
+def _no_text(where: str) -> RawDataError:
+    return RawDataError(
+        "the file is not UTF-8 text, nor text in another usual encoding",
+        where=where,
+        allowed="UTF-8, UTF-16, or an encoding of Windows (cp1252) or DOS (cp850)",
+        remedy="export it as UTF-8",
+    )
