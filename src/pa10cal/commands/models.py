@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from pa10cal.errors import ModelError, refusals_beside
+from pa10cal.errors import ModelError
 
 if TYPE_CHECKING:
     from pa10cal.arm.exports import Angles
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from pa10cal.campaign.table import JointList, TargetList
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
-
-_refusal = refusals_beside(__file__, ModelError)
 
 
 def model_in_use(path: Path, *, force: bool) -> FittedModel:
@@ -30,7 +28,13 @@ def model_in_use(path: Path, *, force: bool) -> FittedModel:
     model = load_model(path)
     if doubtful(model) and not force:
         assert model.fitted_to is not None
-        raise _refusal("grade", f"{path}: fitted_to", model.fitted_to.health, model.grade)
+        raise ModelError(
+            f"a model of grade {model.grade} is not applied",
+            where=f"{path}: fitted_to",
+            value=model.fitted_to.health,
+            allowed="good, few_poses or incomplete",
+            remedy="follow the remedy in the line and calibrate again, or insist with --force",
+        )
     return model
 
 
@@ -54,7 +58,13 @@ def stated(
     sides = arrival or (0.0,)
     n = asked.arrival.shape[1]
     if len(sides) not in (1, n):
-        raise _refusal("arrival", "--arrival", " ".join(f"{side:g}" for side in sides), n)
+        raise ModelError(
+            "directions of arrival of another arm",
+            where="--arrival",
+            value=" ".join(f"{side:g}" for side in sides),
+            allowed=f"1 number for all joints, or {n}: one a joint",
+            remedy="give -1 or 1 for each joint, 0 where it is not known",
+        )
     loads_N = np.where(np.isnan(asked.load_N), load_N, asked.load_N)
     return loads_N, np.where(np.isnan(asked.arrival), np.array(sides), asked.arrival)
 
@@ -185,7 +195,13 @@ def compensate(
 
     form: Angles = angles or "quaternion"
     if write == "joints" and (angles or tcp):
-        raise _refusal("angles", "--angles" if angles else "--tcp", angles or tcp)
+        raise ModelError(
+            "for poses of a controller, and joint positions are written",
+            where="--angles" if angles else "--tcp",
+            value=angles or tcp,
+            allowed="--write cartesian",
+            remedy="add --write cartesian, or leave the option out",
+        )
     fitted = model_in_use(model, force=force)
     arm = fitted.arm
     asked = read_targets(targets, arm.prismatic)

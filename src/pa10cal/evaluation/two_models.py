@@ -19,7 +19,7 @@ from scipy.special import chdtrc
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.errors import ModelError, refusals_beside
+from pa10cal.errors import ModelError
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
@@ -39,7 +39,6 @@ _FRAMES = ("T_base_row1", "T_row_n_ee")
 _OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
 #: Nominal rows closer than this are the same [m, rad]: a file may have been written with 12 digits.
 _SAME = 1e-9
-_refusal = refusals_beside(__file__, ModelError)
 
 
 def compare_models(
@@ -92,7 +91,13 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
     if differs:
         more = f", and {len(differs) - 3} more" if len(differs) > 3 else ""
         where = f"{names[0]} ({one.name}), {names[1]} ({other.name})"
-        raise _refusal("layouts", where, "; ".join(differs[:3]) + more)
+        raise ModelError(
+            "models of arms of different layouts are not compared",
+            where=where,
+            value="; ".join(differs[:3]) + more,
+            allowed="two models of the same arm",
+            remedy="give two models whose nominal rows are the same",
+        )
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
@@ -397,12 +402,29 @@ def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
 
 def _refuse(models: Sequence[FittedModel], names: Sequence[str]) -> None:
     if len(models) < 2:
-        raise _refusal("drift", "models", len(models))
+        raise ModelError(
+            "drift over a single model",
+            where="models",
+            value=len(models),
+            allowed="two models or more, in order of time",
+            remedy="give the models of further campaigns",
+        )
     for model, name in zip(models, names, strict=True):
         if model.covariance is None:
-            raise _refusal("no covariance", name)
+            raise ModelError(
+                "the covariance of a model is not known",
+                where=name,
+                allowed="models with the file of their covariance beside them",
+                remedy="copy model.covariance.npz together with model.yaml, or export it again",
+            )
     if len(set(names)) < len(names):
-        raise _refusal("one name", "models", list(names))
+        raise ModelError(
+            "two models of the same name",
+            where="models",
+            value=list(names),
+            allowed="a name for each",
+            remedy="give each campaign once",
+        )
 
 
 def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRows:

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from pa10cal.campaign.description import read_description
-from pa10cal.errors import RecordError, SettingsError, refusals_beside
+from pa10cal.errors import RecordError, SettingsError
 from pa10cal.evaluation.options import FigureOptions, PictureOptions
 from pa10cal.figures.registry import ELSEWHERE, NEEDS, NothingToShowError, Picture, entries
 from pa10cal.figures.style import name_in_title, new_figure, panel, theme, write_figure
@@ -30,7 +30,6 @@ from pa10cal.results.trials import TrialScoresRecord
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
 #: Longer provenances are cut after a sentence.
 _MOST_LETTERS = 400
-_refusal = refusals_beside(__file__, SettingsError)
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,13 @@ def read_source(
         module = import_module(name)
         if (folder / module.FROM).exists():
             return Source(kind, folder.name, *module.read_content(folder))
-    raise _refusal("nothing drawn", "--results", str(folder))
+    raise SettingsError(
+        "results of nothing that pictures are drawn of",
+        where="--results",
+        value=str(folder),
+        allowed="a folder with scores.json, curve.json or calibration.json, or one of a campaign",
+        remedy="correct the folder; for a campaign give --campaign-dir as well",
+    )
 
 
 def of_campaign(results: ResultsBundle) -> Source:
@@ -168,7 +173,13 @@ def draw_one(name: str, source: Source, out: Path, settings: FigureOptions) -> N
     """
     known = entries(source.folder)
     if name not in known:
-        raise _refusal("no picture", "--figure", name, ", ".join(known))
+        raise SettingsError(
+            "no such figure or table",
+            where="--figure",
+            value=name,
+            allowed=", ".join(known),
+            remedy="correct the name",
+        )
     try:
         _write(known[name], source, out, settings)
     except NothingToShowError as nothing:

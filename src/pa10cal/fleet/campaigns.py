@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
-from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder, refusals_beside
+from pa10cal.errors import ALLOWED, Pa10calError, SettingsError, fits_a_folder
 from pa10cal.files.output import csv_text
 from pa10cal.input_files import read_csv, reason
 from pa10cal.results.calibration import UNRESERVED
@@ -19,7 +19,6 @@ from pa10cal.results.fleet import Attention, ChainRecord, FleetArm, FleetCampaig
 #: A table of campaigns larger than this is none [bytes].
 _MOST_BYTES = 4 * 1024**2
 _COLUMNS = ("campaign", "arm", "measured")
-_refusal = refusals_beside(__file__, SettingsError)
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,13 @@ def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
         return _checked([(asked, Listed(name, name)) for name in asked.split(",")], asked)
     pattern = asked.removeprefix(f"{raw_dir}/")
     if "/" in pattern or ".." in pattern:
-        raise _refusal("no pattern", "campaigns", asked, raw_dir)
+        raise SettingsError(
+            "no pattern of campaigns",
+            where="campaigns",
+            value=asked,
+            allowed=f"a table (.csv), or names of folders of {raw_dir} with *, such as 2026-*",
+            remedy="correct it, or set raw_dir",
+        )
     names = sorted(path.parent.name for path in raw_dir.glob(f"{pattern}/campaign.yaml"))
     return _checked([(f"{raw_dir}/{name}", Listed(name, name)) for name in names], asked)
 
@@ -67,11 +72,21 @@ def _of_table(path: Path) -> list[tuple[str, Listed]]:
     try:
         rows = [row for _, row in read_csv(path, _MOST_BYTES)]
     except (OSError, ValueError) as error:
-        raise _refusal("unreadable", path, reason(error)) from None
+        raise SettingsError(
+            "the table of campaigns cannot be read",
+            where=str(path),
+            value=reason(error),
+            allowed="UTF-8 text, columns divided by commas",
+            remedy="check the path and the file",
+        ) from None
     header = [word.strip() for word in rows[0]] if rows else []
     if "campaign" not in header or len(set(header)) < len(header):
-        raise _refusal(
-            "columns", f"{path}, line 1", ", ".join(header), _COLUMNS[0], " and ".join(_COLUMNS[1:])
+        raise SettingsError(
+            "the table of campaigns has no column campaign, or a column twice",
+            where=f"{path}, line 1",
+            value=", ".join(header),
+            allowed=f"the column {_COLUMNS[0]} and, where known, {' and '.join(_COLUMNS[1:])}",
+            remedy="name the columns in its first line",
         )
     found = []
     for number, row in enumerate(rows[1:], start=2):
@@ -84,13 +99,31 @@ def _of_table(path: Path) -> list[tuple[str, Listed]]:
 
 def _checked(found: list[tuple[str, Listed]], asked: str) -> tuple[Listed, ...]:
     if not found:
-        raise _refusal("none", "campaigns", asked)
+        raise SettingsError(
+            "there are no campaigns",
+            where="campaigns",
+            value=asked,
+            allowed="at least one campaign",
+            remedy="list some in the table, or correct the pattern or raw_dir",
+        )
     seen: dict[str, str] = {}
     for where, listed in found:
         if not fits_a_folder(listed.campaign):
-            raise _refusal("no name", where, listed.campaign, ALLOWED)
+            raise SettingsError(
+                "no name of a campaign",
+                where=where,
+                value=listed.campaign,
+                allowed=ALLOWED,
+                remedy="rename its folder, or correct the table",
+            )
         if listed.campaign in seen:
-            raise _refusal("twice", where, listed.campaign, seen[listed.campaign])
+            raise SettingsError(
+                "a campaign stands twice",
+                where=where,
+                value=listed.campaign,
+                allowed=f"each campaign once; it stands in {seen[listed.campaign]} too",
+                remedy="remove one of the two",
+            )
         seen[listed.campaign] = where
     return tuple(listed for _, listed in found)
 

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array
-from pa10cal.errors import SettingsError, refusals_beside
+from pa10cal.errors import SettingsError
 
 _BATCH = 500
 #: Refused when fewer than one place in so many can be reached.
@@ -39,7 +39,6 @@ _STEPS_AT_THE_END = 12
 _DAMPING = 1e-9
 _LONGEST_STEP_RAD = 0.3
 _ARRIVED = 1e-10  # metres and radians
-_refusal = refusals_beside(__file__, SettingsError)
 
 
 @dataclass(frozen=True)
@@ -68,14 +67,12 @@ def draw_places(
     drawn = found = 0
     while found < count:
         if drawn > _MOST_REJECTED * count + _BATCH:
-            raise _refusal(
-                "hardly any",
-                "montecarlo.reach_m",
-                reach_m,
-                chain.arm.name,
-                found,
-                drawn,
-                _MOST_REJECTED,
+            raise SettingsError(
+                f"{chain.arm.name} reaches hardly any position of this plane: {found} of {drawn}",
+                where="montecarlo.reach_m",
+                value=reach_m,
+                allowed=f"a reach of which at least 1 in {_MOST_REJECTED} positions can be reached",
+                remedy="narrow the reach, or choose another plane",
             )
         parts = source.random((_BATCH, 2))
         radius = np.sqrt(near**2 + (far**2 - near**2) * parts[:, 0])
@@ -100,7 +97,13 @@ def grid_places(
     near, far = reach_m
     if (2.0 * far / spacing_m) ** 2 > _MOST_MAP_PLACES:
         least_mm = np.ceil(10.0 * 2e3 * far / np.sqrt(_MOST_MAP_PLACES)) / 10.0
-        raise _refusal("too fine", "montecarlo.map_spacing_mm", 1e3 * spacing_m, least_mm)
+        raise SettingsError(
+            "the grid of the map is too fine",
+            where="montecarlo.map_spacing_mm",
+            value=1e3 * spacing_m,
+            allowed=f"at least {least_mm:.1f} at this reach",
+            remedy="widen the spacing",
+        )
     along = spacing_m * np.arange(-np.floor(far / spacing_m), np.floor(far / spacing_m) + 1.0)
     points = np.stack(np.meshgrid(along, along, indexing="ij"), axis=2).reshape(-1, 2)
     radius = np.hypot(*points.T)
@@ -154,13 +157,12 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
         (exact_rad,), reached = follow(chain, rough, np.array([radius_m]), np.array([0.0]))
         if reached[0]:
             return replace(rough, q_rad=exact_rad)
-    raise _refusal(
-        "out of reach",
-        "montecarlo.planes_mm (--plane-mm)",
-        round(1e3 * height_m),
-        chain.arm.name,
-        near,
-        far,
+    raise SettingsError(
+        f"{chain.arm.name} cannot reach this plane with its flange pointing down",
+        where="montecarlo.planes_mm (--plane-mm)",
+        value=round(1e3 * height_m),
+        allowed=f"heights reachable at {near} to {far} m from the base axis",
+        remedy="choose another plane, or change montecarlo.reach_m",
     )
 
 

@@ -17,13 +17,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from pa10cal.errors import RawDataError, SettingsError, fits_a_folder, refusals_beside
+from pa10cal.errors import RawDataError, SettingsError, fits_a_folder
 from pa10cal.files import own_description
 from pa10cal.input_files import is_file, open_file
 from pa10cal.running.run_lock import refuse_at_work
 from pa10cal.yaml_file import read_yaml
 
-_refusal = refusals_beside(__file__, SettingsError)
 _BLOCK_BYTES = 1 << 20
 
 
@@ -40,7 +39,13 @@ def missing_campaign(raw_dir: str, campaign: str) -> SettingsError:
     there = sorted(path.parent.name for path in Path(raw_dir).glob("*/campaign.yaml"))
     wanted = str(Path(raw_dir) / campaign / "campaign.yaml")
     allowed = ", ".join(there) or f"a folder of {raw_dir} with a campaign.yaml; there is none"
-    return _refusal("no campaign", "campaigns and raw_dir", wanted, allowed)
+    return SettingsError(
+        "there is no such campaign",
+        where="campaigns and raw_dir",
+        value=wanted,
+        allowed=allowed,
+        remedy="correct the name or raw_dir",
+    )
 
 
 def check_prior(prior: str | Path, results: Iterable[Path]) -> None:
@@ -58,10 +63,23 @@ def check_prior(prior: str | Path, results: Iterable[Path]) -> None:
 
     file = file_of(Path(prior)).resolve()
     if not file.is_file():
-        raise _refusal("no prior", "calibration.prior", str(file))
+        raise SettingsError(
+            "the file is not there",
+            where="calibration.prior",
+            value=str(file),
+            allowed="model.yaml of the same arm, or the results that hold it",
+            remedy="run the campaign of the prior first, or correct the path; one that is not "
+            "absolute is taken from the working folder",
+        )
     for folder in results:
         if folder.resolve() in file.parents:
-            raise _refusal("own prior", "calibration.prior", str(file), folder.name)
+            raise SettingsError(
+                "a campaign is not its own prior",
+                where="calibration.prior",
+                value=str(file),
+                allowed="the model of another campaign of the same arm",
+                remedy=f"omit the prior, or do not run {folder.name} with it",
+            )
     refuse_at_work(file.parents[1])
 
 
@@ -84,7 +102,13 @@ def prior_digest(prior: str | None) -> str:
 
 def group_like_campaign(raw_dir: str, group: str) -> SettingsError:
     """Return the refusal of a group that is called like a campaign."""
-    return _refusal("group", "groups", str(Path(raw_dir) / group / "campaign.yaml"))
+    return SettingsError(
+        "a group is called like a campaign",
+        where="groups",
+        value=str(Path(raw_dir) / group / "campaign.yaml"),
+        allowed="a name that no folder of raw_dir has",
+        remedy="rename the group",
+    )
 
 
 def robot_name(folder: Path) -> str:

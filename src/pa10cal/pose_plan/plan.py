@@ -24,7 +24,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.raw_rows import position_columns
 from pa10cal.discovery.linear import by_effects
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
-from pa10cal.errors import CalibrationError, SettingsError, refusals_beside, remedy_for
+from pa10cal.errors import CalibrationError, SettingsError, remedy_for
 from pa10cal.files.output import csv_text, whole_files
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
@@ -61,7 +61,6 @@ _AHEAD_M, _OFF_M = 0.1, 0.06
 _SEVERAL = 3
 #: Where an instrument is whose place is not given: so many reaches of the arm in front of it.
 _STANDS_OFF = 1.5
-_refusal = refusals_beside(__file__, CalibrationError)
 
 
 @dataclass(frozen=True)
@@ -85,17 +84,23 @@ class PlanSetup:
             unit = np.where(arm.prismatic, _MM, np.radians(1.0))
             given = np.array(options.joints_deg, dtype=float)
             if len(given) != arm.n:
-                raise _refusal("ranges", "joints_deg", f"{len(given)} ranges", arm.n)
+                raise CalibrationError(
+                    "not one range a joint",
+                    where="joints_deg",
+                    value=f"{len(given)} ranges",
+                    allowed=f"{arm.n} ranges, least and largest",
+                    remedy="give one range a joint",
+                )
             first, last = given.T * unit
             wrong = (first > last) | (first < low - 1e-9) | (last > high + 1e-9)
             if wrong.any():
                 joint = int(np.argmax(wrong))
-                raise _refusal(
-                    "range",
-                    f"joints_deg of joint {joint + 1}",
-                    tuple(given[joint].tolist()),
-                    low[joint] / unit[joint],
-                    high[joint] / unit[joint],
+                raise CalibrationError(
+                    "the range is none, or leaves the joint's limits",
+                    where=f"joints_deg of joint {joint + 1}",
+                    value=tuple(given[joint].tolist()),
+                    allowed=f"{low[joint] / unit[joint]:.1f} to {high[joint] / unit[joint]:.1f}",
+                    remedy="correct the range",
                 )
             return first, last
         margin = options.limit_margin * (high - low)
@@ -167,17 +172,20 @@ class PlanSetup:
         """
         options, targets_m = self.options, np.array(list(self.targets.values()))
         wanted = max(options.candidates, _FOR_EACH * least)
-        limits = self.joint_ranges, self.constraints
-        chain, seed = Chain.of(self.arm), options.random_seed
-        found = room.draw_within(chain, targets_m, *limits, wanted, seed)
+        chain, limits = Chain.of(self.arm), (self.joint_ranges, self.constraints)
+        found = room.draw_within(chain, targets_m, *limits, wanted, options.random_seed)
         if len(found.q) >= least:
             return found
         removed = {name: number for name, number in found.removed.items() if number}
         worst = max(removed, key=lambda name: removed[name])
         each = "; ".join(f"{name}: {number}" for name, number in removed.items())
-        left = f"{len(found.q)} of {found.drawn}; removed, one after the other: {each}"
-        what = "hardly any pose keeps within all limits" if len(found.q) else "no pose is left"
-        raise _refusal("no pose", "poses drawn within the joint limits", left, what, least, worst)
+        raise CalibrationError(
+            "hardly any pose keeps within all limits" if len(found.q) else "no pose is left",
+            where="poses drawn within the joint limits",
+            value=f"{len(found.q)} of {found.drawn}; removed, one after the other: {each}",
+            allowed=f"at least {least}",
+            remedy=f"allow more room, first of all for: {worst}",
+        )
 
     def expect(self, q: Array, calibration: CalibrationOptions) -> ExpectedRows:
         """Return the rows of poses at joint positions (N, n) [rad, or m of a prismatic joint]."""
@@ -258,8 +266,13 @@ def instrument_named(name: str) -> type[Instrument]:
     """
     known = instruments()
     if name not in known:
-        remedy = remedy_for(name, known, "choose one of these")
-        raise _refusal("no instrument", "instrument", name, ", ".join(known), remedy)
+        raise CalibrationError(
+            "no such instrument",
+            where="instrument",
+            value=name,
+            allowed=", ".join(known),
+            remedy=remedy_for(name, known, "choose one of these"),
+        )
     return known[name]
 
 
@@ -375,8 +388,13 @@ def plan_poses(
     a_pose, unknowns = rows.white.shape[1], len(rows.parameters)
     needed = -(-unknowns // a_pose)
     if poses < needed:
-        given = f"{poses} poses with {a_pose} equations each, {unknowns} unknowns"
-        raise _refusal("too few", "poses", given, needed)
+        raise CalibrationError(
+            "fewer equations than unknowns",
+            where="poses",
+            value=f"{poses} poses with {a_pose} equations each, {unknowns} unknowns",
+            allowed=f"at least {needed} poses; twice as many show errors of the measurement too",
+            remedy="plan more poses",
+        )
     found = _choose(rows, poses, options.effects)
     order = short_path(candidates.q[found.chosen])
     return _planned(setup, candidates, rows, found.chosen[order], found.values)

@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from pa10cal.arrays import Array
-from pa10cal.errors import RecordError, refusals_beside
+from pa10cal.errors import RecordError
 from pa10cal.files.output import write_text
 from pa10cal.input_files import read_csv, read_file, reason
 from pa10cal.reports.accuracy import accuracy, parameters, repeats
@@ -59,7 +59,6 @@ _CROWD = 150
 _MARGIN_MM = 10.0
 #: Pictures and tables larger than this are none that were drawn [bytes].
 _MOST_PICTURE_BYTES, _MOST_TABLE_BYTES = 64_000_000, 4_000_000
-_refusal = refusals_beside(__file__, RecordError)
 _LOOKS = {"fitted": (BLUE, "circle"), "held out": (VERMILLION, "diamond")}
 #: Models by the residuals that a record has of them.
 _MODELS = {"before_mm": "calibrated", "after_mm": "with the effects found"}
@@ -279,7 +278,12 @@ def _picture(path: Path, folder: Path) -> bytes:
     try:
         return read_file(path, _MOST_PICTURE_BYTES, folder)
     except OSError as error:
-        raise _refusal("no picture", path, None, reason(error)) from None
+        raise RecordError(
+            f"a picture cannot be read: {reason(error)}",
+            where=str(path),
+            allowed="a file that pa10cal figures drew, in the results",
+            remedy="draw it again",
+        ) from None
 
 
 def _glances(results: ResultsBundle) -> Iterator[Glance]:
@@ -329,7 +333,12 @@ def _table(path: Path, folder: Path) -> list[list[str]]:
     try:
         rows = [row for _, row in read_csv(path, _MOST_TABLE_BYTES, folder)]
     except (OSError, ValueError) as error:
-        raise _refusal("no table", path, None, reason(error)) from None
+        raise RecordError(
+            f"a table cannot be read: {reason(error)}",
+            where=str(path),
+            allowed="a file that pa10cal figures wrote, in the results",
+            remedy="write it again",
+        ) from None
     return rows or [[]]
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
-from pa10cal.errors import RecordError, last_message, refusals_beside
+from pa10cal.errors import RecordError, last_message
 from pa10cal.evaluation.options import PictureOptions
 from pa10cal.input_files import read_csv, read_file, reason
 from pa10cal.observe.kinds import instrument_of
@@ -86,7 +86,6 @@ OUTPUTS = (
     ("ingest/quarantine.csv", "rows not used", "raw rows that are not used, with the reason"),
     ("discovery/suggested_poses.csv", "poses to measure next", "poses to measure next"),
 )
-_refusal = refusals_beside(__file__, RecordError)
 
 
 def is_synthetic(provenance: str) -> bool:
@@ -185,7 +184,12 @@ class ResultsBundle:
             at = header.index("reason") if "reason" in header else len(header)
             counts.update(dict(enumerate(row)).get(at) or "no reason given" for _, row in rows)
         except (OSError, ValueError) as error:
-            raise _refusal("no quarantine", path, None, reason(error)) from None
+            raise RecordError(
+                f"the listing of rows that are not used cannot be read: {reason(error)}",
+                where=str(path),
+                allowed="quarantine.csv as pa10cal ingest writes it",
+                remedy="run pa10cal ingest again",
+            ) from None
         return dict(counts.most_common())
 
     @cached_property
@@ -201,7 +205,13 @@ class ResultsBundle:
         names |= set() if self.poses is None else {str(self.poses.attrs["campaign"])}
         names |= set() if self.description is None else {self.description.name}
         if len(names) > 1:
-            raise _refusal("several", self.folder, ", ".join(sorted(names)))
+            raise RecordError(
+                "results of several campaigns in one folder",
+                where=str(self.folder),
+                value=", ".join(sorted(names)),
+                allowed="the results of one campaign, and its own raw files",
+                remedy="run pa10cal run again, into a folder of its own",
+            )
         return names.pop() if names else self.folder.absolute().name
 
     @cached_property
@@ -268,9 +278,22 @@ class ResultsBundle:
         for key, fit in found.fits.items():
             if fit.status != "converged":
                 where = f"{path}: {key}" if key else str(path)
-                raise _refusal("not converged", where, f"{fit.status}: {fit.reason}")
+                raise RecordError(
+                    "the fit did not converge, so nothing is drawn of it",
+                    where=where,
+                    value=f"{fit.status}: {fit.reason}",
+                    allowed="a calibration whose status is converged",
+                    remedy="allow more steps (calibration.max_iterations), free fewer parameters "
+                    "or measure more poses, and run pa10cal calibrate again",
+                )
         if found.health.grade not in UNRESERVED:
-            raise _refusal("grade", f"{path}: health", found.health.line, found.health.grade)
+            raise RecordError(
+                f"nothing is drawn of a calibration of grade {found.health.grade}",
+                where=f"{path}: health",
+                value=found.health.line,
+                allowed="good, few_poses or incomplete",
+                remedy="follow the remedy in the line, or draw it with --force",
+            )
         return found
 
     def paper_calibration(self, load: str = COMBINED) -> PaperCalibrationRecord:
@@ -296,12 +319,12 @@ class ResultsBundle:
         found = self.sound_calibration(load)
         if isinstance(found, kind):
             return found
-        raise _refusal(
-            "another model",
-            self.folder / f"calibration/{load}.json",
-            f"a calibration with the {MODEL_NAMES[found.model]}",
-            MODEL_NAMES[model],
-            _OTHER_MODEL[model],
+        raise RecordError(
+            f"the picture is of the {MODEL_NAMES[model]}",
+            where=str(self.folder / f"calibration/{load}.json"),
+            value=f"a calibration with the {MODEL_NAMES[found.model]}",
+            allowed=f"a calibration with the {MODEL_NAMES[model]}",
+            remedy=_OTHER_MODEL[model],
         )
 
     def load_cases(self) -> dict[str, PaperCalibrationRecord]:
@@ -346,7 +369,13 @@ def results_bundle(
     """
     found = ResultsBundle(folder, load_case)
     if len(found.absent) == len(_OF_A_RUN):
-        raise _refusal("no results", folder, None if folder.is_dir() else "no such folder")
+        raise RecordError(
+            "no results of a campaign",
+            where=str(folder),
+            value=None if folder.is_dir() else "no such folder",
+            allowed="RESULTS_DIR/CAMPAIGN as pa10cal run leaves it",
+            remedy="give such a folder, or run pa10cal run first",
+        )
     return (
         found
         if campaign_dir is None

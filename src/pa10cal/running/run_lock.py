@@ -26,7 +26,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from pa10cal.errors import OutputError, refusals_beside
+from pa10cal.errors import OutputError
 from pa10cal.files.output import remove_partials, writing_into
 
 #: Among the results: locks, what runs print, and links to what `pa10cal run` reads.
@@ -46,7 +46,6 @@ _OTHER_FILES = 200
 
 _TO_THE_END = ExitStack()
 atexit.register(_TO_THE_END.close)
-_refusal = refusals_beside(__file__, OutputError)
 
 
 @contextmanager
@@ -105,7 +104,7 @@ def _take(lock: IO[bytes], run: Path, folder: Path) -> None:
             return
         # One that takes several, and is refused another, holds the first for a moment.
         if not _locked(lock, _MOMENT_S):
-            raise _refusal("at work", folder, who or None)
+            raise _at_work(folder, who)
     _, former = _text_of(lock)
     if former != run.name and re.fullmatch("[0-9a-f]+", former):
         _await_jobs(run.with_name(former + _JOBS), folder)
@@ -187,9 +186,19 @@ def refuse_at_work(folder: Path) -> None:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise _refusal("at work", folder, _text_of(file)[0] or None) from None
+            raise _at_work(folder, _text_of(file)[0]) from None
         except OSError:
             return  # no locks, and so nobody can tell
+
+
+def _at_work(folder: Path, who: str) -> OutputError:
+    return OutputError(
+        "another run is at work on these results",
+        where=str(folder),
+        value=who or None,
+        allowed="one run of a campaign at a time",
+        remedy="wait for it to end, or give another folder",
+    )
 
 
 def share() -> None:
@@ -210,7 +219,12 @@ def share() -> None:
     except OSError:  # a folder that cannot be written to is told of by the outputs
         return
     if not lives:
-        raise _refusal("ended", Path(run).parents[2])
+        raise OutputError(
+            "the run that this is a job of has ended",
+            where=str(Path(run).parents[2]),
+            allowed="jobs of a run that is at work",
+            remedy="call the run again",
+        )
 
 
 def _lives(run: Path) -> bool:

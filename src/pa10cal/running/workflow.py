@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 _TICK_S = 0.5
 #: With less room than this on the disk nothing can be written [bytes].
 _LEAST_FREE = 1 << 16
-_refusal = errors.refusals_beside(__file__, errors.OutputError)
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,13 @@ class Workflow:
             if (place / "config.yaml").is_file():
                 object.__setattr__(self, "profile", str(place))
                 return
-        raise _refusal("no profile", "--profile", self.profile, shipped)
+        raise errors.OutputError(
+            "there is no such profile",
+            where="--profile",
+            value=self.profile,
+            allowed=f"a folder with config.yaml, or one of {shipped}",
+            remedy="give such a folder, or slurm",
+        )
 
     @property
     def command(self) -> list[str]:
@@ -190,7 +195,12 @@ def workflow_folder() -> Path:
     for folder in (package.parents[1], package / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "config.yaml").is_file():
             return folder
-    raise _refusal("no rules", package)
+    raise errors.OutputError(
+        "the rules of the workflow are missing from the installation",
+        where=str(package),
+        allowed="a wheel or a checkout of the project",
+        remedy="install pa10cal again",
+    )
 
 
 def refuse_without_snakemake(profile: str | None = None) -> None:
@@ -339,22 +349,44 @@ def _failure(code: int, logs: Sequence[str], workflow: Workflow, printed: str) -
         stage, message = said[0].removeprefix("pa10cal").strip(), said[1]
         if "internal fault" in message:
             if _NO_MEMORY.search(message):
-                return _refusal("killed", workflow.results)
+                return _killed(workflow.results)
             return RuntimeError(f"{stage}: {message}")
         return StageError(f"{stage}: {message}" if stage else message)
     full, told = os.strerror(errno.ENOSPC), [*_OF_THE_SYSTEM.finditer(printed)]
     what, where = (told[-1]["what"], told[-1]["where"]) if told else ("", None)
     if what == full or full in printed or shutil.disk_usage(workflow.results).free < _LEAST_FREE:
-        return _refusal("not written", where or workflow.results, full)
+        return errors.OutputError(
+            "the results cannot be written",
+            where=str(where or workflow.results),
+            value=full,
+            allowed="a folder with room in it",
+            remedy="make room on the disk, then run the same command again",
+        )
     again = "run the same command again: it goes on from there"
     if code < 0:
         return StageError(f"the workflow was ended by signal {-code}; {again}")
     if _NO_MEMORY.search(printed):
-        return _refusal("killed", workflow.results)
+        return _killed(workflow.results)
     if what:
-        return _refusal("machine", where or "the workflow", what)
+        return errors.OutputError(
+            "the workflow cannot use a file or folder of this machine",
+            where=where or "the workflow",
+            value=what,
+            allowed="one that may be written to, with room in it",
+            remedy="let it be written to, or name another one",
+        )
     last = [line for line in printed.splitlines() if line.strip()][-8:]
     return RuntimeError("the workflow failed: " + " | ".join(last))
+
+
+def _killed(results: Path) -> errors.OutputError:
+    return errors.OutputError(
+        "a stage was killed before it could say why, as where there is not enough memory",
+        where=str(results),
+        allowed="enough memory for every stage that runs at once",
+        remedy="run the same command with --cores 1, on a machine with more memory, or with fewer "
+        "poses; it goes on from there",
+    )
 
 
 def _stop(child: subprocess.Popen[bytes]) -> None:
