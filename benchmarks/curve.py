@@ -11,10 +11,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pa10cal.arrays import Array
-from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
-from pa10cal.curve.curve import Curve, spline_through
-from pa10cal.curve.points import CurvePoints, first_crossing, lay_points
-from pa10cal.curve.roll import RollMap, smallest_move
+from pa10cal_curve.angles import JointAngles, chain_points, first_axes, joint_angles
+from pa10cal_curve.curve import Curve, spline_through
+from pa10cal_curve.points import CurvePoints, first_crossing, lay_points
+from pa10cal_curve.roll import RollMap, smallest_move
 
 COUNTS = tuple(int(n) for n in np.geomspace(10, 100_000, 13).round())
 ROUNDS = 7

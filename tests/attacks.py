@@ -217,7 +217,7 @@ def _serve() -> None:
 def _modules(commands: Mapping[str, str]) -> list[str]:
     """Return the modules of commands, and what they import when they are called."""
     later = ("campaign.read", "files.arms", "reports.page", "results.codec", "interface")
-    return [f"pa10cal.{name}" for name in (*dict.fromkeys(commands.values()), *later)]
+    return [*dict.fromkeys(commands.values()), *(f"pa10cal.{name}" for name in later)]
 
 
 def _code(words: list[str]) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pa10cal.curve.curve import Curve, spline_through
+from pa10cal_curve.curve import Curve, spline_through
 
 
 def tight_spline(random: np.random.Generator) -> Curve:

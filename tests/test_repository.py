@@ -14,8 +14,13 @@ import pa10cal
 from pa10cal.commands.doctor import LEAST_PYTHON
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "src/pa10cal"
-MODULES = sorted(PACKAGE.rglob("*.py"))
+SOURCE = ROOT / "src"
+PACKAGE = SOURCE / "pa10cal"
+#: Packages beside it, which import it.
+BESIDE = ("pa10cal_curve",)
+MODULES = [
+    path for name in (PACKAGE.name, *BESIDE) for path in sorted((SOURCE / name).rglob("*.py"))
+]
 CODE = [
     *MODULES,
     *sorted((ROOT / "tests").rglob("*.py")),
@@ -30,7 +35,7 @@ PURE = {
     "discovery",
     "montecarlo",
     "evaluation",
-    *(f"curve.{name}" for name in ("angles", "curve", "gait", "points", "postures", "roll")),
+    *(f"pa10cal_curve.{n}" for n in ("angles", "curve", "gait", "points", "postures", "roll")),
 }
 FLOOR = {
     "arrays",
@@ -89,7 +94,7 @@ MAY_IMPORT = {
         "terms",
     },
     "montecarlo": {"arm"},
-    "curve": {
+    "pa10cal_curve": {
         "arm.description",
         "calibration",
         "campaign",
@@ -201,7 +206,7 @@ MAY_IMPORT = {
 KEPT_TO = {
     "jinja2": {"reports"},
     "markupsafe": {"reports"},
-    "matplotlib": {"curve", "figures"},
+    "matplotlib": {"figures", "pa10cal_curve"},
     "pinocchio": {"arm.imported"},
     "plotly": {"reports"},
     "snakemake": set(),
@@ -210,9 +215,21 @@ NOT_IN_PURE = {"pandas", "pyarrow", "yaml", "json", "csv", "pathlib", "os", "sys
 
 
 def name_of(path):
-    """Return a module's name without the package's own: `arm.chain`."""
-    parts = path.relative_to(PACKAGE).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+    """Return a module's name, without that of the first package: `arm.chain`."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return short(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+
+
+def short(module):
+    """Return the full name of a module as `name_of` has it."""
+    return "" if module == PACKAGE.name else module.removeprefix(f"{PACKAGE.name}.")
+
+
+@cache
+def own_imports(path):
+    """Return the modules of this project that are imported, as `name_of` has them."""
+    found = imports_of(path)
+    return tuple(short(m) for m in found if re.match(rf"{PACKAGE.name}(_\w+)?\b", m))
 
 
 @cache
@@ -240,8 +257,8 @@ def test_imports_run_downward(package):
         f"{name_of(path)} imports {module}"
         for path in MODULES
         if within(name_of(path), {package})
-        for module in imports_of(path)
-        if module.startswith("pa10cal.") and not within(module.removeprefix("pa10cal."), allowed)
+        for module in own_imports(path)
+        if module not in ("", "__version__") and not within(module, allowed)
     ]
     assert not wrong
 
@@ -253,32 +270,18 @@ def test_every_package_has_its_place():
     assert packages <= set(table)
 
 
-#: Who may know the laboratory: commands for maintainers; the settings know the section `simulate`.
-USERS_OF_LAB = {
-    "pa10cal.lab": {
-        "commands.blind_trials",
-        "commands.score_trials",
-        "commands.simulate",
-        "commands.studies",
-        "curve.study",
-        "lab",
-    },
-    "pa10cal.lab.cell.options": {"settings"},
-}
+#: Where packages beside the first are named: tables of modules that are looked up when needed.
+TABLES = {"commands.command_line", "figures.registry", "settings"}
 
 
-def test_only_commands_for_maintainers_know_the_laboratory():
-    wrong = [
-        f"{name_of(path)} imports {module}"
-        for path in MODULES
-        for module in imports_of(path)
-        if within(module, {"pa10cal.lab"})
-        and not any(
-            within(module, {part}) and within(name_of(path), users)
-            for part, users in USERS_OF_LAB.items()
-        )
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=name_of)
+def test_the_package_imports_none_of_those_beside_it(path):
+    assert not [module for module in own_imports(path) if within(module, BESIDE)]
+    words = [
+        n.value for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.Constant)
     ]
-    assert not wrong
+    named = [word for word in words if isinstance(word, str) and word.split(".")[0] in BESIDE]
+    assert bool(named) == (name_of(path) in TABLES), "one way to find what stands beside"
 
 
 @pytest.mark.parametrize("library", KEPT_TO)
@@ -317,8 +320,8 @@ def test_no_private_name_crosses_modules():
     wrong = [
         f"{path.relative_to(ROOT)} imports {module}"
         for path in CODE
-        for module in imports_of(path)
-        if module.startswith("pa10cal.") and re.search(r"\._(?!_)", module)
+        for module in own_imports(path)
+        if re.search(r"\._(?!_)", module)
     ]
     assert not wrong
 
@@ -343,13 +346,10 @@ def test_nothing_imports_itself_by_way_of_others():
     names = {name_of(path) for path in MODULES}
 
     def module_of(imported):
-        name = imported.removeprefix("pa10cal.")
-        return name if name in names else name.rpartition(".")[0]
+        return imported if imported in names else imported.rpartition(".")[0]
 
     every = {
-        name_of(path): {module_of(each) for each in imports_of(path) if each.startswith("pa10cal.")}
-        - {name_of(path)}
-        for path in MODULES
+        name_of(path): set(map(module_of, own_imports(path))) - {name_of(path)} for path in MODULES
     }
     assert not circles(every)
     packages = {}
@@ -489,7 +489,7 @@ def test_hooks_before_a_commit_are_local_tools_of_the_lock():
 )
 def test_estimating_commands_know_nothing_of_the_cell_or_its_truth(command):
     path = PACKAGE / f"{command}.py"
-    assert not [module for module in imports_of(path) if module.startswith("pa10cal.lab")]
+    assert not [module for module in own_imports(path) if within(module, {"lab", *BESIDE})]
     assert "truth" not in path.read_text(encoding="utf-8")
 
 
@@ -547,5 +547,6 @@ def test_no_line_of_prose_is_longer_than_120_characters(page):
 def test_the_picture_of_the_architecture_shows_every_package():
     picture = (ROOT / "docs/architecture.svg").read_text("utf-8")
     packages = {path.parent.relative_to(PACKAGE).parts[0] for path in PACKAGE.glob("*/*.py")}
-    missing = [name for name in packages - {"stages"} if f">{name}/<" not in picture]
+    shown = (packages - {"stages"}) | set(BESIDE)
+    missing = [name for name in shown if f">{name}/<" not in picture]
     assert not missing, "draw it anew: python docs/_site/structure.py"

@@ -11,13 +11,13 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import SettingsError
 from pa10cal.evaluation.options import OUTSIDE_STUDIES, TRIAL_STUDIES, ChainOptions, PictureOptions
 from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import read_settings_argument
+from pa10cal_curve.options import CurveOptions
 
 ROOT = Path(__file__).parents[1]
 CHOSEN = {"campaigns", "simulate"}

@@ -51,14 +51,14 @@ def plan(tmp_path, raw, call_snakemake):
 def checkout(tmp_path, call_snakemake):
     """Lay out a copy of the project with stand-in commands and one campaign; return a runner."""
     place = tmp_path / "check out"
-    package = place / "src/pa10cal"
-    shutil.copytree(ROOT / "src/pa10cal", package, ignore=shutil.ignore_patterns("__pycache__"))
+    source = place / "src"
+    shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "workflow", place / "workflow")
     for name in ("Snakefile", "config.yaml", "README.md"):
         shutil.copy(ROOT / name, place)
     for module, text in stand_ins().items():
-        (package / f"{module.replace('.', '/')}.py").write_text(text)
-    (package / "calibration/probe.py").write_text("ANSWER = 1\n")
+        (source / f"{module.replace('.', '/')}.py").write_text(text)
+    (source / "pa10cal/calibration/probe.py").write_text("ANSWER = 1\n")
     campaign = place / "data/raw/c1"
     campaign.mkdir(parents=True)
     content = {
@@ -72,7 +72,7 @@ def checkout(tmp_path, call_snakemake):
 
     def run(*words, config=()):
         pairs = ["campaigns=['c1']", "montecarlo={'planes_mm': [300, 500]}", *config]
-        env = {"PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
+        env = {"PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
         return call_snakemake(*COMMON, *words, "--config", *pairs, cwd=place, env=env)
 
     run.place = place

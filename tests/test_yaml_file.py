@@ -142,9 +142,11 @@ def test_what_yaml_makes_of_a_word_is_said_with_what_to_write(
         read_description(tmp_path)
 
 
-PACKAGE = Path(pa10cal.__file__).parent
+SOURCE = Path(pa10cal.__file__).parents[1]
 WITH_TEXTS = sorted(
-    path for path in PACKAGE.rglob("*.py") if "refusals_beside(__file__" in path.read_text("utf-8")
+    path
+    for path in SOURCE.glob("pa10cal*/**/*.py")
+    if "refusals_beside(__file__" in path.read_text("utf-8")
 )
 
 

@@ -32,4 +32,4 @@ def comment_on(of: type, field: str) -> str:
 
 
 def _own(part: type) -> dict[str, str]:
-    return comments(part) if part.__module__.startswith("pa10cal.") else {}
+    return comments(part) if part.__module__.startswith("pa10cal") else {}

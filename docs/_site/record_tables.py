@@ -26,13 +26,22 @@ from pa10cal.results.record import Key, Part, Record, Shape, Table, entry_dtype
 
 #: Modules of records, in the order of the docs.
 _MODULES = (
-    *("calibration", "evaluation", "discovery", "analysis", "comparison", "plan", "fleet"),
-    *("studies", "trials"),
+    "pa10cal.results.calibration",
+    "pa10cal.results.evaluation",
+    "pa10cal.results.discovery",
+    "pa10cal.results.analysis",
+    "pa10cal.results.comparison",
+    "pa10cal.results.plan",
+    "pa10cal.results.fleet",
+    "pa10cal.results.studies",
+    "pa10cal_curve.records",
+    "pa10cal.results.montecarlo",
+    "pa10cal.results.trials",
 )
 #: Every kind of record: the classes of these modules that say of themselves where they lie.
 RECORDS: tuple[type[Record], ...] = tuple(
     record
-    for module in (import_module(f"pa10cal.results.{name}") for name in _MODULES)
+    for module in map(import_module, _MODULES)
     for record in vars(module).values()
     if isinstance(record, type)
     and record.__module__ == module.__name__

@@ -1,8 +1,8 @@
-"""Draws docs/architecture.svg from the package's own imports: `python docs/_site/structure.py`.
+"""Draws docs/architecture.svg from the project's own imports: `python docs/_site/structure.py`.
 
-Every box is a package. It stands above all that it imports; an arrow is drawn only where no longer
-way leads to the same package. The row at the top is the way of a campaign: its stages in order, and
-what each one's command imports.
+Every box is a package within `pa10cal`, or one beside it. It stands above all that it imports; an
+arrow is drawn only where no longer way leads to the same package. The row at the top is the way of
+a campaign: its stages in order, and what each one's command imports.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pa10cal.stages.pipeline import stages
 ROOT = Path(__file__).parents[2] / "src/pa10cal"
 PICTURE = Path(__file__).parents[1] / "architecture.svg"
 #: What proves the product, and what is a room of its own beside it.
-BESIDE = {"lab", "curve", "datasets"}
+BESIDE = {"lab", "datasets"} | {path.name for path in ROOT.parent.glob("pa10cal_*")}
 WIDTH, STAGE, LAYER = 2.6, 1.9, 0.85  # of a package, of a stage and of a layer, in inches
 COLOURS = {"stage": "#0072B2", "product": "#DCE9F2", "beside": "#F3E3C3"}
 
@@ -29,7 +29,7 @@ Graph = dict[str, set[str]]
 
 
 def modules_imported(file: Path) -> set[str]:
-    """Return every module of the package that a file imports, those for types included."""
+    """Return every module of the project that a file imports, those for types included."""
     names = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pa10cal"):
@@ -41,16 +41,20 @@ def modules_imported(file: Path) -> set[str]:
 
 def package_of(module: str) -> str | None:
     """Return the package of a module; None for the single modules at the top."""
-    parts = module.split(".")
-    return parts[1] if len(parts) > 1 and (ROOT / parts[1]).is_dir() else None
+    first, *rest = module.split(".")
+    if first != ROOT.name:
+        return first
+    return rest[0] if rest and (ROOT / rest[0]).is_dir() else None
 
 
 def packages() -> Graph:
     """Return what every package imports of the others."""
-    graph: Graph = {folder.parent.name: set() for folder in ROOT.glob("*/__init__.py")}
-    for package, imported in graph.items():
-        for file in (ROOT / package).rglob("*.py"):
-            imported |= set(filter(None, map(package_of, modules_imported(file)))) - {package}
+    places = (*ROOT.glob("*/__init__.py"), *ROOT.parent.glob("pa10cal_*/__init__.py"))
+    graph: Graph = {}
+    for place in places:
+        files = place.parent.rglob("*.py")
+        names = {name for file in files for name in map(package_of, modules_imported(file)) if name}
+        graph[place.parent.name] = names - {place.parent.name}
     return graph
 
 

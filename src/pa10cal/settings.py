@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
@@ -14,7 +15,6 @@ from pa10cal.evaluation import options
 from pa10cal.evaluation.options import (
     BlindTrialsOptions,
     CoverageOptions,
-    CurveStudyOptions,
     EvaluationOptions,
     FigureOptions,
 )
@@ -27,6 +27,12 @@ from pa10cal.options import (
     Section,
 )
 from pa10cal.settings_reading import parse_section
+
+#: Sections of packages beside this one: they import it, so they are found by name.
+if TYPE_CHECKING:
+    CurveStudyOptions: TypeAlias = Any
+else:
+    CurveStudyOptions = import_module("pa10cal_curve.options").CurveStudyOptions
 
 #: Folders of `results_dir` that are no campaign's.
 RESERVED = (

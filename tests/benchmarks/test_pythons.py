@@ -81,6 +81,8 @@ def test_a_wheel_holds_what_a_run_and_the_doctor_need(tmp_path, monkeypatch):
     assert wheel.name.endswith("-py3-none-any.whl")
     place = tmp_path / "installed"
     subprocess.run([sys.executable, "-m", "zipfile", "-e", wheel, place], check=True)
+    packages = {path.parent.name for path in (ROOT / "src").glob("*/__init__.py")}
+    assert packages <= {path.name for path in place.iterdir()}
     patient = "from pa10cal.commands import doctor; doctor.LIMIT_S = 300; doctor.doctor()"
     done = subprocess.run(
         [sys.executable, "-c", patient],

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.curve.angles import chain_arm
 from pa10cal.files.arms import arm_text
 from pa10cal.files.output import write_text
+from pa10cal_curve.angles import chain_arm
 
 SHORT = {"repeats": 1, "loads_N": [0], "holdout_points": 2, "holdout_repeats": 1}
 

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.curve.angles import chain_points
+from pa10cal_curve.angles import chain_points
 
 HELIX = {"shape": "helix", "radius_m": 0.2, "pitch_m": 0.3, "turns": 1.5}
 FILES = {"curve.json", "angles.csv", "points.csv", "links.csv", "shape.csv"}

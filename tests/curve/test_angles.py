@@ -10,10 +10,10 @@ from made_up_curves import gentle_spline
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import neighbouring_axes
 from pa10cal.arrays import homogeneous
-from pa10cal.curve.angles import arm_posture, chain_arm, chain_points, first_axes, joint_angles
-from pa10cal.curve.curve import circle, line
-from pa10cal.curve.points import lay_points
 from pa10cal.errors import ArmError, CurveError
+from pa10cal_curve.angles import arm_posture, chain_arm, chain_points, first_axes, joint_angles
+from pa10cal_curve.curve import circle, line
+from pa10cal_curve.points import lay_points
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROLLS = st.floats(-np.pi, np.pi)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from made_up_curves import tight_spline
-from pa10cal.curve.curve import (
+from pa10cal.errors import CurveError
+from pa10cal_curve.curve import (
     circle,
     helix,
     line,
@@ -18,8 +19,7 @@ from pa10cal.curve.curve import (
     spline_through,
     uniform_bounds,
 )
-from pa10cal.curve.points import arc_length_m
-from pa10cal.errors import CurveError
+from pa10cal_curve.points import arc_length_m
 
 SHAPES = {
     "line": line(2.0),

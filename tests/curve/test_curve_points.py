@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pa10cal.curve.tables import read_curve_points
 from pa10cal.errors import RawDataError
+from pa10cal_curve.tables import read_curve_points
 
 
 def test_metres_and_millimetres_in_any_order_of_columns(tmp_path):

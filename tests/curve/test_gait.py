@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pa10cal.curve.angles import first_axes
-from pa10cal.curve.curve import helix, serpenoid, spline_through
-from pa10cal.curve.gait import follow
-from pa10cal.curve.options import CurveOptions
-from pa10cal.curve.roll import RollMap, smallest_move
 from pa10cal.errors import CurveError
+from pa10cal_curve.angles import first_axes
+from pa10cal_curve.curve import helix, serpenoid, spline_through
+from pa10cal_curve.gait import follow
+from pa10cal_curve.options import CurveOptions
+from pa10cal_curve.roll import RollMap, smallest_move
 
 LINK_M, LINKS, PERIOD_S = 0.1, 10, 2.0
 

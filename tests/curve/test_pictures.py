@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.curve.pictures import draw_curve_gait, draw_curve_shape
-from pa10cal.curve.tables import CurveResults
 from pa10cal.figures.style import theme
-from pa10cal.results.studies import CurveRecord, CurveShape
+from pa10cal_curve.pictures import draw_curve_gait, draw_curve_shape
+from pa10cal_curve.records import CurveRecord, CurveShape
+from pa10cal_curve.tables import CurveResults
 
 
 @pytest.fixture

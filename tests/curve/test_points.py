@@ -8,8 +8,9 @@ from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from made_up_curves import Counting, chord_error, gentle_spline, scan, tight_spline
-from pa10cal.curve import points as module
-from pa10cal.curve.curve import (
+from pa10cal.errors import CurveError
+from pa10cal_curve import points as module
+from pa10cal_curve.curve import (
     Curve,
     circle,
     helix,
@@ -19,8 +20,7 @@ from pa10cal.curve.curve import (
     spline_through,
     uniform_bounds,
 )
-from pa10cal.curve.points import NONE, Ending, equal_links, first_crossing, lay_points
-from pa10cal.errors import CurveError
+from pa10cal_curve.points import NONE, Ending, equal_links, first_crossing, lay_points
 
 
 @pytest.mark.parametrize(

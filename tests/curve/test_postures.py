@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain, frames
-from pa10cal.curve.angles import chain_arm
-from pa10cal.curve.postures import draw_postures
 from pa10cal.errors import CurveError
+from pa10cal_curve.angles import chain_arm
+from pa10cal_curve.postures import draw_postures
 
 LINKS, LINK_M, LIMIT_RAD = 6, 0.15, np.radians(75.0)
 

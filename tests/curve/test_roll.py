@@ -5,8 +5,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pa10cal.curve.angles import first_axes, joint_angles
-from pa10cal.curve.roll import (
+from pa10cal.errors import CurveError
+from pa10cal_curve.angles import first_axes, joint_angles
+from pa10cal_curve.roll import (
     RollMap,
     feasible_rolls,
     joint_limits,
@@ -15,7 +16,6 @@ from pa10cal.curve.roll import (
     room_at,
     smallest_move,
 )
-from pa10cal.errors import CurveError
 
 ROLLS = np.linspace(0.0, 2.0 * np.pi, 2881)
 EXAMPLES = settings(max_examples=40, deadline=None)

@@ -67,6 +67,6 @@ def test_every_way_to_import_is_followed(tmp_path, monkeypatch, text):
     (package / "__init__.py").write_text("")
     (package / "settings.py").write_text("")
     (package / "new.py").write_text(f"{text}\n")
-    monkeypatch.setattr(code, "_PACKAGE", package)
+    monkeypatch.setattr(code, "_FOLDER", tmp_path)
     assert package / "settings.py" in source_files("pa10cal.new")
     source_files.cache_clear()

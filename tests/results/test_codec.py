@@ -22,9 +22,10 @@ from pa10cal.errors import RecordError
 from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.codec import lines, read, read_lines, write
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, TransferRecord
+from pa10cal.results.montecarlo import Convergence
 from pa10cal.results.record import Shape
-from pa10cal.results.studies import Convergence, CurveRecord
 from pa10cal.results.trials import FailedTrialRecord, JudgedTrialRecord, TrialVerdictRecord
+from pa10cal_curve.records import CurveRecord
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 

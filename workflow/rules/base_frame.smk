@@ -12,7 +12,7 @@ rule base_frame:
         campaign=rf"[^/]+|{MEMBER}",
     priority: PRIORITY["base_frame"]
     params:
-        code=code_of("stages.readings"),
+        code=code_of("pa10cal.stages.readings"),
         words=words_of("seed"),
     shell:
         "python -m pa10cal {params.words} 2>&1 | tee {log:q} >&2"

@@ -13,7 +13,7 @@ rule calibrate:
         result("logs/calibrate.log"),
     priority: PRIORITY["calibrate"]
     params:
-        code=code_of("stages.calibrate"),
+        code=code_of("pa10cal.stages.calibrate"),
         words=words_of("calibrate"),
         prior=PRIOR,
     shell:
@@ -42,6 +42,6 @@ if "baseline" in STAGES:
         log:
             result("logs/calibrate_baseline.log"),
         params:
-            code=code_of("stages.calibrate"),
+            code=code_of("pa10cal.stages.calibrate"),
             words=words_of("baseline"),
             prior=PRIOR,

@@ -213,7 +213,7 @@ def code_of(*modules):
 
     As a parameter: as inputs the hundred files would be looked at again whenever a job is chosen.
     """
-    return lambda wildcards: code_digest(*(f"pa10cal.{module}" for module in modules))
+    return lambda wildcards: code_digest(*modules)
 
 
 def settings_of(section):

@@ -40,7 +40,7 @@ rule lay_curve:
     wildcard_constraints:
         shape="|".join(CURVES),
     params:
-        code=code_of("commands.studies"),
+        code=code_of("pa10cal_curve.commands"),
         out=lambda wildcards, output: os.path.dirname(output.record),
         settings=lambda wildcards: json.dumps(CURVES[wildcards.shape]),
     shell:
@@ -60,7 +60,9 @@ rule draw_curve:
     wildcard_constraints:
         shape="|".join(CURVES),
     params:
-        code=code_of("commands.figures", "figures.registry", "curve.pictures"),
+        code=code_of(
+            "pa10cal.commands.figures", "pa10cal.figures.registry", "pa10cal_curve.pictures"
+        ),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
         settings=sections_of("figures"),
     shell:
@@ -75,7 +77,7 @@ rule calibrate_chain:
     log:
         curve_result("logs/calibration.log"),
     params:
-        code=code_of("commands.studies"),
+        code=code_of("pa10cal_curve.commands"),
         settings=settings_of("curve"),
         calibration=settings_of("calibration"),
     shell:
@@ -94,7 +96,9 @@ rule draw_chain:
     log:
         curve_result("logs/pictures.log"),
     params:
-        code=code_of("commands.figures", "figures.registry", "curve.study_pictures"),
+        code=code_of(
+            "pa10cal.commands.figures", "pa10cal.figures.registry", "pa10cal_curve.study_pictures"
+        ),
         folder=lambda wildcards, input: os.path.dirname(input.record),
         settings=sections_of("figures"),
     shell:

@@ -45,7 +45,7 @@ rule import_ipa_robot_accuracy:
     log:
         f"{FETCHED}.import.log",
     params:
-        code=code_of("commands.data", "datasets.readers"),
+        code=code_of("pa10cal.commands.data", "pa10cal.datasets.readers"),
         folder=lambda wildcards, input: os.path.dirname(input[0]),
         out=lambda wildcards, output: os.path.dirname(os.path.dirname(output[0])),
         settings=settings_of("ingest"),

@@ -10,7 +10,7 @@ rule discover:
         result("logs/discover.log"),
     priority: PRIORITY["discover"]
     params:
-        code=code_of("stages.discover"),
+        code=code_of("pa10cal.stages.discover"),
         words=words_of("discover"),
     shell:
         "python -m pa10cal {params.words} 2>&1 | tee {log:q} >&2"

@@ -9,7 +9,7 @@ rule evaluate:
     log:
         result("logs/evaluate.log"),
     params:
-        code=code_of("stages.evaluate"),
+        code=code_of("pa10cal.stages.evaluate"),
         words=words_of("evaluate"),
     shell:
         "python -m pa10cal {params.words} 2>&1 | tee {log:q} >&2"

@@ -9,7 +9,7 @@ rule export:
     log:
         result("logs/export.log"),
     params:
-        code=code_of("stages.export"),
+        code=code_of("pa10cal.stages.export"),
         words=words_of("export"),
     shell:
         "python -m pa10cal {params.words} 2>&1 | tee {log:q} >&2"

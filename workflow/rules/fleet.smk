@@ -16,7 +16,7 @@ rule chain:
     log:
         result("logs/chain.log"),
     params:
-        code=code_of("commands.chain"),
+        code=code_of("pa10cal.commands.chain"),
         folder=campaign_folder,
         results=results_folder,
         prior=PRIOR,
@@ -35,7 +35,7 @@ rule fleet:
     log:
         os.path.join(_literal(SETTINGS.results_dir), "fleet", "fleet.log"),
     params:
-        code=code_of("commands.runs"),
+        code=code_of("pa10cal.commands.runs"),
         campaigns=FLEET if isinstance(FLEET, str) else ",".join(SETTINGS.campaigns),
         out=lambda wildcards, output: os.path.dirname(output[0]),
         raw=SETTINGS.raw_dir,

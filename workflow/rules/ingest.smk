@@ -12,7 +12,7 @@ rule ingest:
         campaign=f"{NO_GROUP}|{MEMBER}",
     priority: PRIORITY["ingest"]
     params:
-        code=code_of("stages.readings"),
+        code=code_of("pa10cal.stages.readings"),
         words=words_of("ingest"),
     shell:
         "python -m pa10cal {params.words} 2>&1 | tee {log:q} >&2"
@@ -33,7 +33,7 @@ rule join:
         campaign=one_of(GROUPS),
     priority: PRIORITY["join"]
     params:
-        code=code_of("stages.readings"),
+        code=code_of("pa10cal.stages.readings"),
         words=words_of("join"),
     shell:
         "python -m pa10cal {params.words} 2>&1 | tee {log:q} >&2"

@@ -22,7 +22,7 @@ rule measured_campaign:
     wildcard_constraints:
         measured=one_of(MEASURED),
     params:
-        code=code_of("commands.chain", "datasets.readers"),
+        code=code_of("pa10cal.commands.chain", "pa10cal.datasets.readers"),
         folder=lambda wildcards: MEASURED[wildcards.measured].folder,
         imported=lambda wildcards: import_option(MEASURED[wildcards.measured]),
         results=lambda wildcards, output: os.path.dirname(output[0]),
@@ -46,7 +46,7 @@ rule measured_group:
     wildcard_constraints:
         measured=one_of(MEASURED_GROUPS),
     params:
-        code=code_of("commands.chain"),
+        code=code_of("pa10cal.commands.chain"),
         folders=lambda wildcards: [
             MEASURED[member].folder for member in MEASURED_GROUPS[wildcards.measured]
         ],
@@ -70,7 +70,7 @@ rule measured:
         measured_result("measured.log"),
     params:
         calibration=SETTINGS.evaluation.calibration,
-        code=code_of("commands.measured"),
+        code=code_of("pa10cal.commands.measured"),
         folders=folders_option(each.folder for each in MEASURED.values()),
         out=lambda wildcards, output: os.path.dirname(output.record),
     shell:

@@ -35,7 +35,7 @@ rule montecarlo:
     log:
         result("logs/montecarlo.log"),
     params:
-        code=code_of("commands.montecarlo"),
+        code=code_of("pa10cal.commands.montecarlo"),
         name=name_of_campaign,
         robot=robot_of_campaign,
         folder=campaign_folder,

@@ -17,7 +17,7 @@ rule page:
         campaign=NO_STUDY,
     params:
         calibration=SETTINGS.evaluation.calibration,
-        code=code_of("commands.runs"),
+        code=code_of("pa10cal.commands.runs"),
         folder=campaign_folder,
         results=results_folder,
     shell:

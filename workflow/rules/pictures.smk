@@ -24,7 +24,7 @@ rule pictures:
     wildcard_constraints:
         campaign=NO_STUDY,
     params:
-        code=code_of("commands.figures", "figures.registry"),
+        code=code_of("pa10cal.commands.figures", "pa10cal.figures.registry"),
         folder=campaign_folder,
         results=results_folder,
         settings=DRAWN_WITH,
@@ -50,7 +50,7 @@ for kind, endings in {"figures": ["svg", "pdf", "png"], "tables": ["csv", "md"]}
             campaign=NO_STUDY,
             picture="[a-z0-9_]+",
         params:
-            code=code_of("commands.figures", "figures.registry"),
+            code=code_of("pa10cal.commands.figures", "pa10cal.figures.registry"),
             folder=campaign_folder,
             results=results_folder,
             settings=DRAWN_WITH,

@@ -16,7 +16,7 @@ rule transfer:
     wildcard_constraints:
         source=one_of([*EVERY, *UR10, *IMPORTED_GROUPS]),
     params:
-        code=code_of("stages.evaluate"),
+        code=code_of("pa10cal.stages.evaluate"),
         folder=campaign_folder,
     shell:
         "python -m pa10cal transfer --calibration {input.calibration:q} --extended {input.extended:q}"

@@ -56,46 +56,47 @@ CLOSED = 141
 _M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_MAX = -1, -2, -4
 _TOP_PAD = 2**26
 
-#: Commands by whom they serve, as `--help` lists them, and the modules that they stand in.
+#: Commands by whom they serve, as `--help` lists them, and the modules that they stand in: by name,
+#: for some stand in packages beside this one, which import it.
 GROUPS = {
     "a campaign from raw files to a model": {
-        "plan": "commands.plan",
-        "run": "commands.runs",
-        "report": "commands.runs",
-        "fleet": "commands.runs",
-        "columns": "commands.data",
-        "doctor": "commands.doctor",
+        "plan": "pa10cal.commands.plan",
+        "run": "pa10cal.commands.runs",
+        "report": "pa10cal.commands.runs",
+        "fleet": "pa10cal.commands.runs",
+        "columns": "pa10cal.commands.data",
+        "doctor": "pa10cal.commands.doctor",
     },
     "a calibrated robot in use": dict.fromkeys(
-        ("predict", "compensate", "compare", "drift"), "commands.models"
+        ("predict", "compensate", "compare", "drift"), "pa10cal.commands.models"
     ),
     "one step of a run": {
-        "chain": "commands.chain",
-        "ingest": "stages.readings",
-        "join": "stages.readings",
-        "seed": "stages.readings",
-        "calibrate": "stages.calibrate",
-        "montecarlo": "commands.montecarlo",
-        "discover": "stages.discover",
-        "evaluate": "stages.evaluate",
-        "transfer": "stages.evaluate",
-        "export": "stages.export",
-        "figures": "commands.figures",
-        "fleet_summary": "commands.runs",
-        "measured": "commands.measured",
+        "chain": "pa10cal.commands.chain",
+        "ingest": "pa10cal.stages.readings",
+        "join": "pa10cal.stages.readings",
+        "seed": "pa10cal.stages.readings",
+        "calibrate": "pa10cal.stages.calibrate",
+        "montecarlo": "pa10cal.commands.montecarlo",
+        "discover": "pa10cal.stages.discover",
+        "evaluate": "pa10cal.stages.evaluate",
+        "transfer": "pa10cal.stages.evaluate",
+        "export": "pa10cal.stages.export",
+        "figures": "pa10cal.commands.figures",
+        "fleet_summary": "pa10cal.commands.runs",
+        "measured": "pa10cal.commands.measured",
     },
     "arms, effects and public data": dict.fromkeys(
-        ("effects", "import_arm", "fetch", "import"), "commands.data"
+        ("effects", "import_arm", "fetch", "import"), "pa10cal.commands.data"
     ),
     "for maintainers: simulations and studies": {
-        "reproduce": "commands.runs",
-        "simulate": "commands.simulate",
-        "coverage": "commands.studies",
-        "draw_trials": "commands.simulate",
-        "blind_trials": "commands.blind_trials",
-        "score_trials": "commands.score_trials",
-        "curve": "commands.studies",
-        "curve_calibration": "commands.studies",
+        "reproduce": "pa10cal.commands.runs",
+        "simulate": "pa10cal.commands.simulate",
+        "coverage": "pa10cal.commands.studies",
+        "draw_trials": "pa10cal.commands.simulate",
+        "blind_trials": "pa10cal.commands.blind_trials",
+        "score_trials": "pa10cal.commands.studies",
+        "curve": "pa10cal_curve.commands",
+        "curve_calibration": "pa10cal_curve.commands",
     },
 }
 #: The module of every command.
@@ -214,7 +215,7 @@ def keep_memory() -> None:
 
 def command_named(name: str) -> Command:
     """Return the function of one of `COMMANDS`."""
-    module = import_module(f"pa10cal.{COMMANDS[name]}")
+    module = import_module(COMMANDS[name])
     command: Command = getattr(module, _FUNCTIONS.get(name, name))
     return command
 
@@ -316,7 +317,7 @@ def _summary(name: str) -> str:
     It is read from the source: to list the commands is no reason to import them all.
     """
     function = _FUNCTIONS.get(name, name)
-    path = Path(__file__).parents[1] / f"{COMMANDS[name].replace('.', '/')}.py"
+    path = Path(__file__).parents[2] / f"{COMMANDS[name].replace('.', '/')}.py"
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef) and node.name == function:
             first, _, _ = (ast.get_docstring(node) or "").partition("\n\n")

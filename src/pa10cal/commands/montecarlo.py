@@ -42,7 +42,7 @@ def montecarlo(
     from pa10cal.files.arms import arm_asked
     from pa10cal.montecarlo.plane import study_plane
     from pa10cal.results.codec import read, write
-    from pa10cal.results.studies import PlaneRecord
+    from pa10cal.results.montecarlo import PlaneRecord
 
     arm = arm_asked(robot, campaign_dir)
     robot = arm.name

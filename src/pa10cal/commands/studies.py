@@ -1,12 +1,62 @@
-"""Commands for studies: `coverage`, `curve`, `curve_calibration`."""
+"""Commands that hold verdicts and intervals against a truth: `score_trials`, `coverage`.
+
+Truths of trials are read here alone.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.curve.options import CurveOptions
-from pa10cal.evaluation.options import CoverageOptions, CurveStudyOptions
+from pa10cal.evaluation.options import CoverageOptions
+
+if TYPE_CHECKING:
+    from pa10cal.results.record import CampaignRecord
+    from pa10cal.results.trials import JudgedEffect, JudgedTrial, ScoreRow
+
+_R = TypeVar("_R", bound="CampaignRecord")
+
+
+def score_trials(
+    *, verdicts: tuple[Path, ...], truths: tuple[Path, ...], scores: Path, trials: Path
+) -> None:
+    """Compare verdicts on blind trials with what was hidden.
+
+    Args:
+        verdicts: verdicts, one a trial (JSON lines).
+        truths: what the trials hide, one a trial (JSON lines).
+        scores: scores to write (.json).
+        trials: table of trials to write (.csv).
+
+    Examples:
+        pa10cal score_trials --verdicts v.jsonl --truths t.jsonl --scores scores.json \\
+          --trials trials.csv
+    """
+    from pa10cal.errors import RecordError
+    from pa10cal.files.output import write_text
+    from pa10cal.lab.blind_trial import BlindTrial
+    from pa10cal.lab.scores import scores_record
+    from pa10cal.results.codec import write
+    from pa10cal.results.trials import TrialTruthRecord, TrialVerdictRecord
+
+    # Reading makes one of its kinds, none of which is abstract.
+    records = _by_name(TrialVerdictRecord, verdicts)  # type: ignore[type-abstract]
+    hidden = _by_name(TrialTruthRecord, truths)
+    if odd := sorted(set(records) ^ set(hidden)):
+        raise RecordError(
+            "a trial has a verdict or a truth, but not both",
+            where=", ".join(map(str, (*verdicts, *truths))),
+            value=odd[0],
+            allowed="verdicts and truths of the same trials",
+            remedy="give all files that pa10cal blind_trials wrote",
+        )
+    record = scores_record([BlindTrial(truth, records[name]) for name, truth in hidden.items()])
+    write_text(trials, _table(record.per_trial))
+    write(record, scores)
+    for bar in record.bars:
+        print(_line(bar))
 
 
 def coverage(
@@ -38,50 +88,51 @@ def coverage(
     write(record, out)
 
 
-def curve(*, settings: CurveOptions, out_dir: Path, points: Path | None = None) -> None:
-    """Lay a chain of links along a curve, and compute its joint angles and how it moves.
+def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
+    """Return records by the name of the trial; a file that cannot be read is refused."""
+    from pa10cal.errors import RecordError
+    from pa10cal.results.codec import read_lines
 
-    Args:
-        settings: curve, link_m, links, roll, limits, gait.
-        out_dir: folder for curve.json, angles.csv, points.csv, links.csv and shape.csv.
-        points: points of the curve (.csv): x_m,y_m,z_m or x_mm,y_mm,z_mm.
+    records: dict[str, _R] = {}
+    for path in paths:
+        for number, record in enumerate(read_lines(kind, path), start=1):
+            if record.campaign in records:
+                raise RecordError(
+                    "a trial occurs twice",
+                    where=f"{path}:{number}",
+                    value=record.campaign,
+                    allowed=f"one line of schema {kind.SCHEMA} a trial",
+                    remedy="run pa10cal blind_trials again",
+                )
+            records[record.campaign] = record
+    return records
 
-    Examples:
-        pa10cal curve --out-dir helix --settings '{"curve": {"shape": "helix", "radius_m": 0.2, \\
-          "pitch_m": 0.4, "turns": 1.5}, "link_m": 0.1}'
-    """
-    from pa10cal.curve.tables import write_curve
 
-    record = write_curve(settings, points, out_dir)
-    print(f"{out_dir}: {record.line}")
+def _table(trials: Sequence[JudgedTrial]) -> str:
+    """Return one line a trial, lists joined."""
+    from pa10cal.files.output import csv_text
+    from pa10cal.results.trials import JudgedTrial
+
+    rows = [
+        ["; ".join(map(_words, value)) if isinstance(value, tuple) else value for _, value in trial]
+        for trial in trials
+    ]
+    return csv_text(JudgedTrial.model_fields, rows)
 
 
-def curve_calibration(
-    *,
-    out: Path,
-    settings: CurveStudyOptions = CurveStudyOptions(),
-    calibration: CalibrationOptions = CalibrationOptions(),
-) -> None:
-    """Calibrate a chain of links posed along curves, in the virtual cell.
+def _words(entry: str | JudgedEffect) -> str:
+    """Return an entry of a list; of a hidden effect what became of it."""
+    if isinstance(entry, str):
+        return entry
+    floors = "" if entry.ratio is None else f", {entry.ratio:.3g} floors"
+    return f"{entry.id} of {entry.of} x{entry.size:.3g}{floors}: {entry.outcome}"
 
-    Args:
-        out: record to write (.json).
-        settings: section curve.
-        calibration: section calibration.
 
-    Examples:
-        pa10cal curve_calibration --out calibration.json
-    """
-    from pa10cal.curve.study import chain_study
-    from pa10cal.results.codec import write
-
-    record = chain_study(settings, calibration)
-    write(record, out)
-    for each in record.summaries:
-        fitted, held_out = each.fitted, each.held_out
-        print(
-            f"{each.departs}, {each.model}: rank {each.rank} of {each.unknowns}, "
-            f"{each.converged} of {each.individuals} converged; mean error over the noise "
-            f"floor {fitted.mean:.2f} ({fitted.largest:.2f} at most) fitted, "
-            f"{held_out.mean:.2f} ({held_out.largest:.2f}) held out"
-        )
+def _line(bar: ScoreRow) -> str:
+    """Return a figure to reach, and the one reached, in one line."""
+    if bar.reached is None:
+        return f"{bar.what}: no trial counts ({bar.target})"
+    interval = f" ({bar.interval})" if bar.interval else ""
+    verdict = {"yes": "met", "no": "NOT met"}.get(bar.verdict, bar.verdict)
+    reached = f"{bar.formatted(bar.reached)}{interval}"
+    return f"{bar.what}: {reached} of {bar.trials} trials, {bar.target}: {verdict}"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat, NonNegativeInt, model_validator
+from pydantic import Field, FiniteFloat, NonNegativeInt
 
 from pa10cal import options
 from pa10cal.calibration.options import CalibrationOptions
@@ -162,42 +162,6 @@ class CoverageCaseOptions(options.Section):
 def _case(**fields: Any) -> CoverageCaseOptions:
     """Return a case of the defaults, unchecked: a check brings the instruments, numpy and scipy."""
     return CoverageCaseOptions.model_construct(**fields)
-
-
-class CurveStudyOptions(options.Section):
-    """Calibration of a chain of links on two-axis joints, posed along curves, in the cell."""
-
-    random_seed: Annotated[int, Field(ge=0)] = Field(
-        2008, description="draws postures, individuals and noise"
-    )
-    individuals: Annotated[int, Field(ge=1)] = Field(
-        10, description="arms calibrated that depart by their rows, and as many in any way"
-    )
-    links: Annotated[int, Field(ge=2, le=50)] = Field(
-        6, description="of the chain; twice as many joints"
-    )
-    link_m: options.Positive = Field(0.15, description="length of a link")
-    limit_deg: Annotated[FiniteFloat, Field(ge=10, le=120)] = Field(
-        75.0, description="how far every joint turns, either way"
-    )
-    postures: Annotated[int, Field(ge=4)] = Field(
-        120, description="shapes along splines, helices and travelling waves in turn, at any roll"
-    )
-    holdout_share: Annotated[FiniteFloat, Field(gt=0, lt=1)] = Field(
-        0.25, description="share of them held out, the last ones"
-    )
-    position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
-        0.05, description="noise of a coordinate, and its stated uncertainty"
-    )
-    attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
-        2e-4, description="noise of an orientation about each axis, and its stated uncertainty"
-    )
-
-    @model_validator(mode="after")
-    def _some_held_out(self) -> Self:
-        if not round(self.holdout_share * self.postures):
-            raise ValueError("a holdout_share that holds out one posture or more")
-        return self
 
 
 class CoverageOptions(options.Section):

@@ -22,7 +22,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: Modules and packages here that hold pictures, by what the pictures are of.
 FOLDERS = ("campaign", "trials", "curve", "chain")
 #: Where those of studies stand that are not among the figures.
-ELSEWHERE = {"curve": "pa10cal.curve.pictures", "chain": "pa10cal.curve.study_pictures"}
+ELSEWHERE = {"curve": "pa10cal_curve.pictures", "chain": "pa10cal_curve.study_pictures"}
 _KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
 _COMBINED, _VERDICT = "calibration/combined.json", "discovery/verdict.json"

@@ -18,8 +18,8 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 from pa10cal.montecarlo.places import draw_places, grid_places, reference_in_plane
 from pa10cal.options import MonteCarloOptions
-from pa10cal.results.studies import Convergence, PlaneMap, PlaneRecord
-from pa10cal.results.studies import Places as PlacesDrawn
+from pa10cal.results.montecarlo import Convergence, PlaneMap, PlaneRecord
+from pa10cal.results.montecarlo import Places as PlacesDrawn
 
 # The displacement of the flange under finite joint errors, as products of rows and one matrix.
 #

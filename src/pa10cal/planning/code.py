@@ -1,4 +1,4 @@
-"""Which files of the package a module is made of: the parameter `code` of every rule."""
+"""Which files of the project a module is made of: the parameter `code` of every rule."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pa10cal
 
-_PACKAGE = Path(pa10cal.__file__).parent
+#: The folder of this package and of those beside it, whose names begin like its own.
+_FOLDER = Path(pa10cal.__file__).parents[1]
 
 
 @cache
@@ -21,26 +22,26 @@ def code_digest(*modules: str) -> str:
         modules: full names, such as `pa10cal.stages.readings`.
 
     Raises:
-        ModuleNotFoundError: when a module named here is not in the package.
+        ModuleNotFoundError: when a module named here is in none of the packages.
     """
     digest = hashlib.sha256()
     for path in source_files(*modules):
-        digest.update(f"{path.relative_to(_PACKAGE).as_posix()} {_file_digest(path)}\n".encode())
+        digest.update(f"{path.relative_to(_FOLDER).as_posix()} {_file_digest(path)}\n".encode())
     return digest.hexdigest()[:32]
 
 
 @cache
 def source_files(*modules: str) -> tuple[Path, ...]:
-    """Return the package's files that the modules need, found by following their imports.
+    """Return the project's files that the modules need, found by following their imports.
 
     Imports inside functions count too. A package brings its `__init__` and the data files in its
-    folder (arm descriptions, say); what lies outside pa10cal is pinned by the lock and left out.
+    folder (arm descriptions, say); what others wrote is pinned by the lock and left out.
 
     Args:
         modules: full names, such as `pa10cal.stages.readings`.
 
     Raises:
-        ModuleNotFoundError: when a module named here is not in the package.
+        ModuleNotFoundError: when a module named here is in none of the packages.
     """
     waiting = list(modules)
     paths: dict[str, Path] = {}
@@ -48,21 +49,20 @@ def source_files(*modules: str) -> tuple[Path, ...]:
         module = waiting.pop()
         if module in paths:
             continue
-        top, *rest = module.split(".")
-        place = _PACKAGE.joinpath(*rest)
+        place = _FOLDER.joinpath(*module.split("."))
         there = [p for p in (place / "__init__.py", place.with_suffix(".py")) if p.is_file()]
-        if top != _PACKAGE.name or not there:
+        if not module.startswith(pa10cal.__name__) or not there:
             if module in modules:
-                raise ModuleNotFoundError(f"no module {module} in {_PACKAGE}")
+                raise ModuleNotFoundError(f"no module {module} in {_FOLDER}")
             continue  # the name of a function or class: `from pa10cal.errors import RawDataError`
         paths[module] = there[0]
-        if module == _PACKAGE.name:
+        if module == pa10cal.__name__:
             continue  # the public interface, which commands do not use
         imported = _imports(there[0])
         waiting += [*imported, *([module.rpartition(".")[0]] if "." in module else [])]
         if "pkgutil" in imported:  # it looks through its own package
             for path in there[0].parent.rglob("*.py"):
-                parts = path.relative_to(_PACKAGE.parent).with_suffix("").parts
+                parts = path.relative_to(_FOLDER).with_suffix("").parts
                 waiting.append(".".join(parts).removesuffix(".__init__"))
     packages = {path.parent for path in paths.values() if path.name == "__init__.py"}
     data = {entry for package in packages for entry in _data_files(package)}

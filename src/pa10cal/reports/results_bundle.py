@@ -30,8 +30,8 @@ from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
 from pa10cal.results.fleet import PicturesRecord
+from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
-from pa10cal.results.studies import PlaneRecord
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,14 +11,14 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.arrays import Array
-from pa10cal.curve.curve import polyline, spline_through
-from pa10cal.curve.gait import laid, shape_of
-from pa10cal.curve.options import CurveOptions
 from pa10cal.errors import RawDataError, RecordError, SettingsError
 from pa10cal.files.output import csv_text, whole_files
 from pa10cal.input_files import open_file, read_csv, reason
 from pa10cal.results.codec import read, write
-from pa10cal.results.studies import CurveRecord
+from pa10cal_curve.curve import polyline, spline_through
+from pa10cal_curve.gait import laid, shape_of
+from pa10cal_curve.options import CurveOptions
+from pa10cal_curve.records import CurveRecord
 
 #: A curve of a hundred thousand points has a third of it [bytes].
 _MOST_BYTES = 16_000_000

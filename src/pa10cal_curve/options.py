@@ -1,8 +1,8 @@
-"""Options of a curve laid with links."""
+"""Options of a curve laid with links, and of the study that calibrates such a chain."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
@@ -116,4 +116,40 @@ class CurveOptions(Section):
             raise ValueError("a shape with a phase (helix, serpenoid), where a wave is to travel")
         if self.roll not in ("smallest_angle", "given"):
             raise ValueError("roll smallest_angle or given, where the shape moves")
+        return self
+
+
+class CurveStudyOptions(Section):
+    """Calibration of a chain of links on two-axis joints, posed along curves, in the cell."""
+
+    random_seed: Annotated[int, Field(ge=0)] = Field(
+        2008, description="draws postures, individuals and noise"
+    )
+    individuals: Annotated[int, Field(ge=1)] = Field(
+        10, description="arms calibrated that depart by their rows, and as many in any way"
+    )
+    links: Annotated[int, Field(ge=2, le=50)] = Field(
+        6, description="of the chain; twice as many joints"
+    )
+    link_m: Positive = Field(0.15, description="length of a link")
+    limit_deg: Annotated[FiniteFloat, Field(ge=10, le=120)] = Field(
+        75.0, description="how far every joint turns, either way"
+    )
+    postures: Annotated[int, Field(ge=4)] = Field(
+        120, description="shapes along splines, helices and travelling waves in turn, at any roll"
+    )
+    holdout_share: Annotated[FiniteFloat, Field(gt=0, lt=1)] = Field(
+        0.25, description="share of them held out, the last ones"
+    )
+    position_mm: Annotated[FiniteFloat, Field(ge=1e-5)] = Field(
+        0.05, description="noise of a coordinate, and its stated uncertainty"
+    )
+    attitude_rad: Annotated[FiniteFloat, Field(ge=1e-8)] = Field(
+        2e-4, description="noise of an orientation about each axis, and its stated uncertainty"
+    )
+
+    @model_validator(mode="after")
+    def _some_held_out(self) -> Self:
+        if not round(self.holdout_share * self.postures):
+            raise ValueError("a holdout_share that holds out one posture or more")
         return self

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.curve.angles import arm_posture, first_axes
-from pa10cal.curve.curve import Curve, helix, serpenoid, spline_through
-from pa10cal.curve.points import lay_points
-from pa10cal.curve.roll import RollMap, feasible_rolls, joint_limits
 from pa10cal.errors import CurveError
+from pa10cal_curve.angles import arm_posture, first_axes
+from pa10cal_curve.curve import Curve, helix, serpenoid, spline_through
+from pa10cal_curve.points import lay_points
+from pa10cal_curve.roll import RollMap, feasible_rolls, joint_limits
 
 #: A curve is so much longer than the links laid along it.
 _SPARE = 1.6

@@ -18,7 +18,7 @@ from pa10cal.reports import theme
 from pa10cal.reports.blocks import grid
 from pa10cal.reports.formatting import display_name
 from pa10cal.results.codec import read
-from pa10cal.results.studies import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
+from pa10cal_curve.records import CurveCalibrationRecord, CurveStudySummary, Individual, OverFloor
 
 #: The file of a results folder that these are drawn of.
 FROM = "calibration.json"

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.curve import roll
-from pa10cal.curve.angles import JointAngles, chain_points, first_axes, joint_angles
-from pa10cal.curve.curve import Curve, circle, helix, line, serpenoid
-from pa10cal.curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
-from pa10cal.curve.points import CurvePoints, equal_links, lay_points
 from pa10cal.errors import CurveError
-from pa10cal.results.studies import CurveRecord, CurveShape
+from pa10cal_curve import roll
+from pa10cal_curve.angles import JointAngles, chain_points, first_axes, joint_angles
+from pa10cal_curve.curve import Curve, circle, helix, line, serpenoid
+from pa10cal_curve.options import CircleShape, CurveOptions, HelixShape, LineShape, Shape
+from pa10cal_curve.points import CurvePoints, equal_links, lay_points
+from pa10cal_curve.records import CurveRecord, CurveShape
 
 
 @dataclass(frozen=True)

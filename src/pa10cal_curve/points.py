@@ -12,9 +12,9 @@ from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 
 from pa10cal.arrays import Array
-from pa10cal.curve.angles import refuse_no_link
-from pa10cal.curve.curve import Curve, CurveBounds
 from pa10cal.errors import CurveError, refusals_beside
+from pa10cal_curve.angles import refuse_no_link
+from pa10cal_curve.curve import Curve, CurveBounds
 
 #: Points sought together at least and at most, and how much more than were found before.
 _FIRST_BLOCK, _LARGEST_BLOCK, _GROWTH = 32, 4096, 4

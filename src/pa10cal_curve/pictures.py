@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pa10cal.curve.tables import CurveResults, read_curve
 from pa10cal.errors import OutputError
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.style import evenly, label_space, new_figure, panel
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION
+from pa10cal_curve.tables import CurveResults, read_curve
 
 #: Why a gait has nothing to show.
 ONE_SHAPE = "one shape does not move"

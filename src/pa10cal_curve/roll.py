@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.curve.angles import Order, first_axes
 from pa10cal.errors import CurveError, refusals_beside
+from pa10cal_curve.angles import Order, first_axes
 
 _refusal = refusals_beside(__file__, CurveError)
 
