@@ -80,7 +80,7 @@ def commanded(instrument, robot, flexible, hidden):
 
     from benchmarks.planned import command, simulated_model
     from pa10cal.calibration.options import EffectOfPlace
-    from pa10cal.lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
+    from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 
     plan = TrackerOptions(
         instrument=instrument,

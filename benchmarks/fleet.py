@@ -53,9 +53,9 @@ class Run:
 def simulate(folder: Path, campaigns: int) -> None:
     """Write the campaigns of a fleet, and their table."""
     from pa10cal.files.arms import load_arm
-    from pa10cal.lab.cell.campaign import simulate_campaign
-    from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-    from pa10cal.lab.cell.write import write_campaign
+    from pa10cal_lab.cell.campaign import simulate_campaign
+    from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+    from pa10cal_lab.cell.write import write_campaign
 
     arm, rows = load_arm(ROBOT), ["campaign,arm,measured"]
     plan = TrackerOptions(instrument="points", poses=POSES)

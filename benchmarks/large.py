@@ -17,9 +17,9 @@ from pathlib import Path
 
 from pa10cal.commands.command_line import limit_threads
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.write import write_campaign
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
 
 STAGES = {
     "ingest": "--campaign-dir {raw} --out poses.parquet --quarantine quarantine.csv",

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.discovery.motor_ripple import JointSeries, witnesses
-from pa10cal.lab.cell.effects.effect import JointState, Site
-from pa10cal.lab.cell.effects.vocabulary import all_effects
+from pa10cal_lab.cell.effects.effect import JointState, Site
+from pa10cal_lab.cell.effects.vocabulary import all_effects
 
 Array = NDArray[np.float64]
 

@@ -19,18 +19,18 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.interface import calibrate
-from pa10cal.lab.cell.campaign import SimulatedCampaign, simulate_campaign
-from pa10cal.lab.cell.effects.effect import JointState, with_added
-from pa10cal.lab.cell.instruments.instrument import rest_poses
-from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.poses import place_poses
-from pa10cal.lab.cell.robot import Departures, Mechanism, ring_of_targets, tool_payload
-from pa10cal.lab.simulated import as_read
 from pa10cal.observe.kinds import TrackerKind, instruments
 from pa10cal.options import DiscoveryOptions
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.plan import PlanSetup, covariance_of, instrument_named, plan_poses, rms_mm
 from pa10cal.terms.model import Model
+from pa10cal_lab.cell.campaign import SimulatedCampaign, simulate_campaign
+from pa10cal_lab.cell.effects.effect import JointState, with_added
+from pa10cal_lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.poses import place_poses
+from pa10cal_lab.cell.robot import Departures, Mechanism, ring_of_targets, tool_payload
+from pa10cal_lab.simulated import as_read
 
 #: Test poses in the box: grids of these parts of the paper's spacing, other orientations each.
 _INNER_GRIDS = (0.35, 0.7, 1.0)

@@ -19,11 +19,11 @@ from pa10cal.calibration.general.problem import choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import measure_campaign
-from pa10cal.lab.cell.individual import draw_individual
-from pa10cal.lab.cell.options import DisturbanceOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.write import write_campaign
-from pa10cal.lab.simulated import draw_by_unknowns, measure, observations_of, parameter_scores
+from pa10cal_lab.cell.campaign import measure_campaign
+from pa10cal_lab.cell.individual import draw_individual
+from pa10cal_lab.cell.options import DisturbanceOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
+from pa10cal_lab.simulated import draw_by_unknowns, measure, observations_of, parameter_scores
 
 ROBOT = "irb120"
 #: Noise of a coordinate, walk of the tracker at the end, and its turn.

@@ -17,9 +17,9 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.write import campaign_description, write_campaign
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import campaign_description, write_campaign
 
 IRB120 = SimulateOptions(
     random_seed=120,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.lab.cell.individual import draw_individual
+from pa10cal_lab.cell.individual import draw_individual
 
 #: Base and tool are mounted anew about as well as they were.
 _SHIFT_M, _TURN_RAD = 2e-3, 2e-3

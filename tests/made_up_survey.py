@@ -17,13 +17,13 @@ from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.lab.cell.campaign import measure_campaign, robot_of
-from pa10cal.lab.cell.effects.effect import JointsEffect
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.lab.simulated import observations_of, payload_of_individual
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.pose import Pose
+from pa10cal_lab.cell.campaign import measure_campaign, robot_of
+from pa10cal_lab.cell.effects.effect import JointsEffect
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.simulated import observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
 POSITION_M, ATTITUDE_RAD = 2e-5, 1e-4

@@ -7,8 +7,6 @@ import json
 
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
 from pa10cal.commands.command_line import run_command
-from pa10cal.lab.blind_trial import BlindTrial
-from pa10cal.lab.scores import scores_record
 from pa10cal.results.codec import lines
 from pa10cal.results.discovery import AllUnexplained, Fault, Unexplained
 from pa10cal.results.explained import ProposedFormula
@@ -21,6 +19,8 @@ from pa10cal.results.trials import (
     TrialHealth,
     TrialTruthRecord,
 )
+from pa10cal_lab.blind_trial import BlindTrial
+from pa10cal_lab.scores import scores_record
 
 
 def named(name, *alternatives, **parameters):

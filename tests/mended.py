@@ -15,10 +15,10 @@ from pa10cal.calibration.input_checks import check_input
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 QUATERNION = ["qw", "qx", "qy", "qz"]
 SOFT = {"ur10": [2, 3], "iiwa14": [2, 4], "pa10_6ce": [2, 3]}

@@ -7,8 +7,8 @@ import pytest
 
 from changed_arm import Change, draw_changed
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.simulated import exact_observations
+from pa10cal_lab.cell.options import TrackerOptions
+from pa10cal_lab.simulated import exact_observations
 
 
 def test_a_zero_that_moved_moves_the_arm_by_as_much():

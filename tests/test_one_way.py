@@ -12,12 +12,12 @@ from benchmarks.fuzz.corpus import CAMPAIGNS as SMALL
 import pa10cal
 from pa10cal.commands.command_line import run_command
 from pa10cal.evaluation.options import ChainOptions
-from pa10cal.lab.blind_trials import calibrated_by_stages, judged_by_stages
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.codec import write
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.blind_trials import calibrated_by_stages, judged_by_stages
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
 
 #: None of them is the default: a way that loses one comes to other bytes.
 SETTINGS = {

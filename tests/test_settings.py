@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import SettingsError
-from pa10cal.evaluation.options import OUTSIDE_STUDIES, TRIAL_STUDIES, ChainOptions, PictureOptions
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal.evaluation.options import ChainOptions, PictureOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import read_settings_argument
 from pa10cal_curve.options import CurveOptions
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.options import OUTSIDE_STUDIES, TRIAL_STUDIES
 
 ROOT = Path(__file__).parents[1]
 CHOSEN = {"campaigns", "simulate"}

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pa10cal.evaluation.options import BlindTrialsOptions
-from pa10cal.lab.cell.trials import trial_counts
+from pa10cal_lab.cell.trials import trial_counts
+from pa10cal_lab.options import BlindTrialsOptions
 from snakemake_calls import planned
 from workflow_stand_ins import stand_ins
 

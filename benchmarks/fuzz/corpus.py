@@ -15,9 +15,9 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import fit_rigid
 from pa10cal.interface import calibrate
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.write import write_campaign
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
 
 Array = NDArray[np.float64]
 

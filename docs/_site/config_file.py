@@ -17,8 +17,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from pa10cal.files.output import write_text
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal.settings import Settings
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
 
 #: Files by what they hold, from the root of the project.
 CONFIG = Path("config.yaml")

@@ -21,7 +21,7 @@ from pa10cal.stages.pipeline import stages
 ROOT = Path(__file__).parents[2] / "src/pa10cal"
 PICTURE = Path(__file__).parents[1] / "architecture.svg"
 #: What proves the product, and what is a room of its own beside it.
-BESIDE = {"lab", "datasets"} | {path.name for path in ROOT.parent.glob("pa10cal_*")}
+BESIDE = {"datasets"} | {path.name for path in ROOT.parent.glob("pa10cal_*")}
 WIDTH, STAGE, LAYER = 2.6, 1.9, 0.85  # of a package, of a stage and of a layer, in inches
 COLOURS = {"stage": "#0072B2", "product": "#DCE9F2", "beside": "#F3E3C3"}
 

@@ -12,13 +12,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import ALLOWED, fits_a_folder
 from pa10cal.evaluation import options
-from pa10cal.evaluation.options import (
-    BlindTrialsOptions,
-    CoverageOptions,
-    EvaluationOptions,
-    FigureOptions,
-)
-from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal.evaluation.options import EvaluationOptions, FigureOptions
 from pa10cal.options import (
     BaseFrameOptions,
     DiscoveryOptions,
@@ -28,11 +22,17 @@ from pa10cal.options import (
 )
 from pa10cal.settings_reading import parse_section
 
-#: Sections of packages beside this one: they import it, so they are found by name.
+# Sections of the packages beside this one, which import it: they are found by name.
+_LAB = import_module("pa10cal_lab.options")
 if TYPE_CHECKING:
+    BlindTrialsOptions: TypeAlias = Any
+    CoverageOptions: TypeAlias = Any
     CurveStudyOptions: TypeAlias = Any
+    SimulateOptions: TypeAlias = Any
 else:
+    BlindTrialsOptions, CoverageOptions = _LAB.BlindTrialsOptions, _LAB.CoverageOptions
     CurveStudyOptions = import_module("pa10cal_curve.options").CurveStudyOptions
+    SimulateOptions = import_module("pa10cal_lab.cell.options").SimulateOptions
 
 #: Folders of `results_dir` that are no campaign's.
 RESERVED = (
@@ -41,8 +41,8 @@ RESERVED = (
     "fleet",
     "measured",
     "simulated",
-    *options.TRIAL_STUDIES,
-    *options.OUTSIDE_STUDIES,
+    *_LAB.TRIAL_STUDIES,
+    *_LAB.OUTSIDE_STUDIES,
 )
 
 

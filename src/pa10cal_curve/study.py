@@ -25,10 +25,6 @@ from pa10cal.campaign.read import Campaign
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import UNCALIBRATED, Evaluation
 from pa10cal.fit.fitted_model import models_of
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.write import truth_record
-from pa10cal.lab.simulated import as_read, reported_scores
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel
@@ -37,6 +33,10 @@ from pa10cal_curve import records as results
 from pa10cal_curve.angles import chain_arm
 from pa10cal_curve.options import CurveStudyOptions
 from pa10cal_curve.postures import ChainPostures, draw_postures
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import truth_record
+from pa10cal_lab.simulated import as_read, reported_scores
 
 Departs = Literal["rows", "any_way"]
 

@@ -20,10 +20,10 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.fit.rigid import best_rigid_model, rigid_part
 from pa10cal.frame.rigid_fit import fit_rigid
-from pa10cal.lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.simulated import as_read
 from pa10cal.observe.observations import average_repeats
 from pa10cal.terms.model import Model
+from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.simulated import as_read
 
 NOISE_MM = 0.03
 EFFECTS = (

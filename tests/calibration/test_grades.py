@@ -19,12 +19,12 @@ from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import Evaluation
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.weighed_arm import weighed_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import UNRESERVED, InputFinding
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 RAW = Path(__file__).parents[2] / "data/raw"
 #: An error of joint 2 once a turn, far beyond the noise.

@@ -12,11 +12,11 @@ from pa10cal.commands.command_line import main
 from pa10cal.errors import RawDataError
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import cross_matrix
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.observe.joined import Member, join
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 WALK = ({"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}},)
 

@@ -6,10 +6,10 @@ import json
 import pytest
 
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.lab import blind_trials
-from pa10cal.lab.cell.effects.vocabulary import vocabulary
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord
+from pa10cal_lab import blind_trials
+from pa10cal_lab.cell.effects.vocabulary import vocabulary
 
 SEED = 20081
 #: Modules of effects that the trials below hide; with others, the same numbers hide other effects.
@@ -25,7 +25,7 @@ def same_trials():
         if each.__module__.rsplit(".", 1)[1] in DRAWN_FROM
     }
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pa10cal.lab.cell.trials.vocabulary", lambda: known)
+        patch.setattr("pa10cal_lab.cell.trials.vocabulary", lambda: known)
         yield
 
 

@@ -8,9 +8,9 @@ import yaml
 from by_commands import calibrated, called, discover, evaluate, export
 from by_commands import read_json as read
 from made_up_survey import Hidden, measured, rough
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read as read_record
+from pa10cal_lab.cell.write import write_campaign
 
 NAME = "made-up"
 

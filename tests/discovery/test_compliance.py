@@ -10,10 +10,10 @@ import pytest
 import pa10cal
 from pa10cal.discovery import compliance
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.trials import draw_trials
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.trials import draw_trials
+from pa10cal_lab.cell.write import write_campaign
 
 SEED = 20261123
 

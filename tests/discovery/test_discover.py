@@ -12,12 +12,12 @@ from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.discovery import VerdictKeys
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 PHASED = {"A": 6e-4, "phi": 1.0}, {"A": 5e-4, "phi": 0.5}
 ECCENTRIC = {"id": "encoder_eccentricity", "of": "joint 3", "parameters": PHASED[0]}

@@ -25,12 +25,12 @@ from pa10cal.discovery.preparation import setup_of
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import DiscoveryOptions
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.effects.effect import Effect, candidates
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3, 5)

@@ -6,12 +6,12 @@ import pytest
 
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.blind_trials import calibrated_by_stages, judged_by_stages
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.trials import draw_trials
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal_lab.blind_trials import calibrated_by_stages, judged_by_stages
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.trials import draw_trials
+from pa10cal_lab.cell.write import write_campaign
 
 #: Study, kind, layout or bench, seed of its first trial.
 QUICK = [

@@ -10,10 +10,10 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import complete, prepared, setup_of
-from pa10cal.lab.cell.campaign import measure_campaign, robot_of
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.lab.simulated import as_read
 from pa10cal.options import DiscoveryOptions
+from pa10cal_lab.cell.campaign import measure_campaign, robot_of
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.simulated import as_read
 
 FRACTION = 0.003
 

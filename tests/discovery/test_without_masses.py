@@ -8,9 +8,9 @@ import pytest
 
 import pa10cal
 from pa10cal.fit.weighed_arm import weighed_arm
-from pa10cal.lab.cell.campaign import measure_campaign, robot_of
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.lab.simulated import as_read
+from pa10cal_lab.cell.campaign import measure_campaign, robot_of
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.simulated import as_read
 
 
 @pytest.mark.slow

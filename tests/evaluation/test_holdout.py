@@ -31,10 +31,10 @@ from pa10cal.evaluation.holdout import (
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.simulated import measure, observations_of, payload_of_individual
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
+from pa10cal_lab.cell.options import TrackerOptions
+from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
 
 
 @settings(deadline=None, max_examples=20)

@@ -17,12 +17,12 @@ from pa10cal.evaluation import two_models
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.options import Tolerances
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.term import link_departures
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 
 def over_u(found, name):

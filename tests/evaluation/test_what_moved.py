@@ -13,10 +13,10 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.simulated import measure, observations_of, payload_of_individual
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal_lab.cell.options import TrackerOptions
+from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
 

@@ -17,12 +17,12 @@ from pa10cal.figures.trials import (
     draw_trials_power,
     tabulate_trials_summary,
 )
-from pa10cal.lab.cell.effects.vocabulary import outside, vocabulary
-from pa10cal.lab.cell.trials import STUDIES
 from pa10cal.results.codec import lines, read
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.record import Name
 from pa10cal.results.trials import TrialScoresRecord
+from pa10cal_lab.cell.effects.vocabulary import outside, vocabulary
+from pa10cal_lab.cell.trials import STUDIES
 
 DRAWN = (draw_trials_confusion, draw_trials_power, draw_trials_intervals)
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}

@@ -7,10 +7,10 @@ import pytest
 import made_up_trials
 from made_up_trials import hidden, named, scored, scored_by_command, verdict
 from pa10cal.commands.command_line import run_command
-from pa10cal.lab.blind_trial import WILD
-from pa10cal.lab.cell.measured_trials import SORTED, UNSTATED
 from pa10cal.results.codec import write
 from pa10cal.results.record import Name
+from pa10cal_lab.blind_trial import WILD
+from pa10cal_lab.cell.measured_trials import SORTED, UNSTATED
 
 NOISE_MM = 0.02
 TWO, THREE, SIX = (Name("joint_compliance", f"joint {joint}") for joint in (2, 3, 6))

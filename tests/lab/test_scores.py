@@ -8,7 +8,8 @@ from scipy.stats import binom
 
 import made_up_trials
 from made_up_trials import figures, hidden, named, scored
-from pa10cal.lab.blind_trial import (
+from pa10cal.results.record import Name
+from pa10cal_lab.blind_trial import (
     ELSEWHERE,
     FAILED,
     LISTED,
@@ -20,9 +21,8 @@ from pa10cal.lab.blind_trial import (
     Formula,
     is_right,
 )
-from pa10cal.lab.cell.effects.vocabulary import nameless
-from pa10cal.lab.scores import power, share_of, true_parameters
-from pa10cal.results.record import Name
+from pa10cal_lab.cell.effects.vocabulary import nameless
+from pa10cal_lab.scores import power, share_of, true_parameters
 
 WAVE = Name("transmission_error", "joint 2")
 DISK = Name("encoder_eccentricity", "joint 2")

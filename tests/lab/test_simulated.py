@@ -12,10 +12,10 @@ from pa10cal.calibration.general.problem import choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.individual import draw_individual
-from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.cell.write import write_campaign
-from pa10cal.lab.simulated import (
+from pa10cal_lab.cell.individual import draw_individual
+from pa10cal_lab.cell.options import TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
+from pa10cal_lab.simulated import (
     class_of,
     coverage,
     coverage_by_parameter,

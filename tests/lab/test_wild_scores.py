@@ -6,9 +6,9 @@ import made_up_trials
 from made_up_trials import hidden, named, put_in, scored, scored_by_command, verdict
 from pa10cal.commands.command_line import run_command
 from pa10cal.figures.registry import entries
-from pa10cal.lab.blind_trial import WILD
 from pa10cal.results.codec import write
 from pa10cal.results.record import Name
+from pa10cal_lab.blind_trial import WILD
 
 DISK, LOST = Name("encoder_eccentricity", "joint 2"), Name("backlash", "joint 3")
 FLOOR_MM = 0.01

@@ -3,10 +3,10 @@
 import pytest
 
 from pa10cal.evaluation.options import ChainOptions
-from pa10cal.lab.blind_trial import BlindTrial
-from pa10cal.lab.blind_trials import try_trial
-from pa10cal.lab.cell.trials import draw_trials
-from pa10cal.lab.scores import scores_record
+from pa10cal_lab.blind_trial import BlindTrial
+from pa10cal_lab.blind_trials import try_trial
+from pa10cal_lab.cell.trials import draw_trials
+from pa10cal_lab.scores import scores_record
 
 #: Kind, what is put in, bench and seed of campaigns that are quick to judge.
 CAMPAIGNS = [

@@ -13,9 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from made_up_poses import frames
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import instrument_kinds, instrument_of, robot_of
-from pa10cal.lab.cell.instruments.instrument import Truth
-from pa10cal.lab.cell.options import SimulateOptions
 from pa10cal.observe.instrument import BaseTargets, Instrument
 from pa10cal.observe.joined import Joined
 from pa10cal.observe.kinds import instruments
@@ -23,6 +20,9 @@ from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose, Touched
 from pa10cal.observe.quantities import Stated
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.campaign import instrument_kinds, instrument_of, robot_of
+from pa10cal_lab.cell.instruments.instrument import Truth
+from pa10cal_lab.cell.options import SimulateOptions
 
 KINDS = tuple(instruments())
 TARGETS_M = np.array([[0.04, -0.03, 0.11], [-0.06, 0.02, 0.09], [0.01, 0.07, 0.05]])

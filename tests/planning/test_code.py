@@ -28,7 +28,7 @@ def test_follows_imports_and_brings_the_data_of_a_package():
 def test_follows_imports_inside_functions():
     files = files_of("pa10cal.stages.calibrate")
     assert {"calibration/load_case.py", "arm/chain.py", "calibration/options.py"} <= files
-    assert not [path for path in files if path.startswith(("lab/", "figures/", "montecarlo/"))]
+    assert not [path for path in files if path.startswith(("figures/", "montecarlo/"))]
 
 
 def test_several_modules_give_the_union():

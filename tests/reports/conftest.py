@@ -12,10 +12,10 @@ from made_up_results import NAME, VERDICTS, small_results, with_verdict
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import write_pose_table
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 
 @pytest.fixture(scope="session")

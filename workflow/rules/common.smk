@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 from pa10cal.errors import Pa10calError, SettingsError
-from pa10cal.evaluation import options
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.fleet.campaigns import campaigns_of
 from pa10cal.planning.campaign import (
@@ -26,6 +25,7 @@ from pa10cal.planning.code import code_digest
 from pa10cal.running.run_lock import PARENTS, end_with_parents, hold
 from pa10cal.settings import parse_settings
 from pa10cal.stages.pipeline import MEMBERS, stages
+from pa10cal_lab import options
 
 
 def refuse(error):
@@ -296,7 +296,7 @@ def trial_chunks(kind_of_file):
     """The files of all jobs of a study: so many trials each, numbered from the first of a kind."""
 
     def files(wildcards):
-        from pa10cal.lab.cell.trials import trial_counts  # late: half a second of every start
+        from pa10cal_lab.cell.trials import trial_counts  # late: half a second of every start
 
         size = SETTINGS.blind_trials.trials_a_job
         return [

@@ -25,17 +25,17 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit import moved
 from pa10cal.fit.moved import Misfit
 from pa10cal.fit.problem import Disagreement, GaussianPrior
-from pa10cal.lab.cell.options import TrackerOptions
-from pa10cal.lab.simulated import (
+from pa10cal.terms.effects.joint import ArrivalError
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.structure import BaseDrift
+from pa10cal.terms.model import Model
+from pa10cal_lab.cell.options import TrackerOptions
+from pa10cal_lab.simulated import (
     exact_observations,
     measure,
     observations_of,
     payload_of_individual,
 )
-from pa10cal.terms.effects.joint import ArrivalError
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.structure import BaseDrift
-from pa10cal.terms.model import Model
 
 ARM = load_arm("ur10")
 

@@ -12,13 +12,13 @@ from pa10cal.calibration.general import springs
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import measure_campaign, robot_of
-from pa10cal.lab.cell.effects.vocabulary import make_effects
-from pa10cal.lab.cell.measured_trials import joint_bounds
-from pa10cal.lab.cell.trials import draw_trials
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.observe.observations import average_repeats
 from pa10cal.observe.order import along_a_path
+from pa10cal_lab.cell.campaign import measure_campaign, robot_of
+from pa10cal_lab.cell.effects.vocabulary import make_effects
+from pa10cal_lab.cell.measured_trials import joint_bounds
+from pa10cal_lab.cell.trials import draw_trials
+from pa10cal_lab.cell.write import write_campaign
 
 POSES = 600
 

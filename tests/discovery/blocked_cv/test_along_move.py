@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, observe
-from pa10cal.lab.cell.effects.joint import SimulatedAlongMove, SimulatedBacklash
+from pa10cal_lab.cell.effects.joint import SimulatedAlongMove, SimulatedBacklash
 
 #: How far the joint that goes furthest is ahead of its log [rad].
 AHEAD_RAD = -2e-4

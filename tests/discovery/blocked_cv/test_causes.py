@@ -14,13 +14,13 @@ from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.effects.effect import Site
-from pa10cal.lab.cell.effects.joint import SimulatedSensorError as CellSensorError
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.settings_reading import parse_section
 from pa10cal.terms.effects.joint_error_map import FadingPrior
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.effects.effect import Site
+from pa10cal_lab.cell.effects.joint import SimulatedSensorError as CellSensorError
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.write import write_campaign
 
 POSES, JOINT = 900, 3
 

@@ -28,9 +28,6 @@ from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_te
 from pa10cal.discovery.noise import unweighted
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.trials import draw_trials
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import (
     FadingPrior,
@@ -38,6 +35,9 @@ from pa10cal.terms.effects.joint_error_map import (
     b_splines_by_knots,
     harmonics_at_knots,
 )
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.trials import draw_trials
+from pa10cal_lab.cell.write import write_campaign
 
 
 @pytest.fixture(scope="module")

@@ -6,21 +6,21 @@ import pytest
 from made_up_robot import rebuilt
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.campaign import measure_campaign, simulate_campaign
-from pa10cal.lab.cell.effects.joint import (
+from pa10cal_lab.cell.campaign import measure_campaign, simulate_campaign
+from pa10cal_lab.cell.effects.joint import (
     SimulatedBacklash,
     SimulatedFrictionTorque,
     SimulatedTransmissionError,
 )
-from pa10cal.lab.cell.effects.outside import DressPack
-from pa10cal.lab.cell.effects.structure import (
+from pa10cal_lab.cell.effects.outside import DressPack
+from pa10cal_lab.cell.effects.structure import (
     SimulatedBaseDrift,
     SimulatedCmmScale,
     SimulatedThermalGrowth,
     SimulatedToolSag,
 )
-from pa10cal.lab.cell.options import CellNoiseOptions, SimulateOptions
-from pa10cal.lab.cell.robot import Departures
+from pa10cal_lab.cell.options import CellNoiseOptions, SimulateOptions
+from pa10cal_lab.cell.robot import Departures
 
 QUIET = CellNoiseOptions(**dict.fromkeys(CellNoiseOptions.model_fields, 0.0))
 TOUCHES = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import SimulationError
-from pa10cal.lab.cell.effects.joint import SimulatedJointCompliance, SimulatedSoftWindup
-from pa10cal.lab.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN
-from pa10cal.lab.cell.instruments.instrument import rest_poses
-from pa10cal.lab.cell.robot import Springs
+from pa10cal_lab.cell.effects.joint import SimulatedJointCompliance, SimulatedSoftWindup
+from pa10cal_lab.cell.individual import PAPER_K_CUB, TABLE_1_K_LIN
+from pa10cal_lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.robot import Springs
 
 POSTURES = np.random.default_rng(7).uniform(-1.5, 1.5, (12, 6))
 LOADS = np.resize([0.0, 22.0, 44.0, 90.0], 12)

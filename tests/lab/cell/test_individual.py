@@ -10,11 +10,11 @@ from made_up_robot import nominal_of, robot_from_departures
 from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose, end_pose_with_screws
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.lab.cell.individual import build_robot, draw_individual
-from pa10cal.lab.cell.instruments.instrument import rest_poses
-from pa10cal.lab.cell.options import CellNoiseOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.robot import Departures, Springs, Targets, ring_of_targets
 from pa10cal.options import Tolerances
+from pa10cal_lab.cell.individual import build_robot, draw_individual
+from pa10cal_lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.options import CellNoiseOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.robot import Departures, Springs, Targets, ring_of_targets
 
 DRAWN = SimulateOptions(built="drawn")
 

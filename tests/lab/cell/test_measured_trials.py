@@ -9,10 +9,10 @@ import yaml
 
 from pa10cal.errors import SettingsError, SimulationError
 from pa10cal.files.arms import load_arm, read_arm
-from pa10cal.lab.blind_trials import after_geometry
-from pa10cal.lab.cell.campaign import robot_of, simulate_campaign
-from pa10cal.lab.cell.individual import NAME, REACH_M, TOOL_SHARE
-from pa10cal.lab.cell.measured_trials import (
+from pa10cal_lab.blind_trials import after_geometry
+from pa10cal_lab.cell.campaign import robot_of, simulate_campaign
+from pa10cal_lab.cell.individual import NAME, REACH_M, TOOL_SHARE
+from pa10cal_lab.cell.measured_trials import (
     NO_SPRINGS,
     NOTHING,
     SAG_RAD,
@@ -22,8 +22,8 @@ from pa10cal.lab.cell.measured_trials import (
     UNSTATED,
     measured_benches,
 )
-from pa10cal.lab.cell.trials import draw_trials
-from pa10cal.lab.cell.write import write_campaign
+from pa10cal_lab.cell.trials import draw_trials
+from pa10cal_lab.cell.write import write_campaign
 
 SEED = 4
 

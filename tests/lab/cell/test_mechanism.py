@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from made_up_robot import rebuilt
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.lab.cell.robot import (
+from pa10cal_lab.cell.robot import (
     GRAVITY_M_S2,
     LOAD_POINT_M,
     Departures,

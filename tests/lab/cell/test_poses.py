@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from made_up_robot import nominal_of, rebuilt
 from pa10cal.errors import SimulationError
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions
-from pa10cal.lab.cell.poses import Poses, draw_wide, neighbours_path, place_poses, sweeps
-from pa10cal.lab.cell.robot import Departures
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions
+from pa10cal_lab.cell.poses import Poses, draw_wide, neighbours_path, place_poses, sweeps
+from pa10cal_lab.cell.robot import Departures
 
 LAYOUT = CellPosesOptions()
 
@@ -132,7 +132,7 @@ def test_refuses_further_poses_that_the_arm_cannot_take(arm, robot, pose_deg, va
 
 def test_the_poses_tell_34_of_the_36_unknowns(robot, poses):
     """Jacobian of flange poses by finite differences of the cell's own chain and springs."""
-    from pa10cal.lab.cell.instruments.instrument import rest_poses
+    from pa10cal_lab.cell.instruments.instrument import rest_poses
 
     q = np.concatenate([poses.grid, poses.grid])
     load_N = np.repeat([0.0, 44.0], len(poses.grid))

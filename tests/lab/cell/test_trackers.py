@@ -11,17 +11,17 @@ from scipy.spatial.transform import Rotation
 from made_up_robot import logged_q, robot_from_departures, seen_m, seen_p, seen_T, track
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.lab.cell.campaign import measure_campaign
-from pa10cal.lab.cell.effects.joint import SimulatedBacklash, SimulatedFrictionTorque
-from pa10cal.lab.cell.effects.structure import (
+from pa10cal_curve.angles import chain_arm
+from pa10cal_lab.cell.campaign import measure_campaign
+from pa10cal_lab.cell.effects.joint import SimulatedBacklash, SimulatedFrictionTorque
+from pa10cal_lab.cell.effects.structure import (
     SimulatedBaseDrift,
     SimulatedCmmScale,
     SimulatedThermalGrowth,
     SimulatedToolSag,
 )
-from pa10cal.lab.cell.individual import draw_individual
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal_curve.angles import chain_arm
+from pa10cal_lab.cell.individual import draw_individual
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
 
 MANY = {"poses": 2000, "holdout_share": 0.0}
 INSTRUMENTS = ("pose", "points", "distance")

@@ -9,12 +9,12 @@ import pytest
 from made_up_robot import nominal_of
 from pa10cal.commands.command_line import run_command
 from pa10cal.errors import SettingsError
-from pa10cal.evaluation.options import BlindTrialsOptions, TrialCounts, WildCounts
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.disturbances import DISTURBANCES, disturb
-from pa10cal.lab.cell.effects.effect import Site
-from pa10cal.lab.cell.effects.vocabulary import (
+from pa10cal.terms.effects.effect import CandidateContext, candidates
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.disturbances import DISTURBANCES, disturb
+from pa10cal_lab.cell.effects.effect import Site
+from pa10cal_lab.cell.effects.vocabulary import (
     all_effects,
     make_effects,
     nameless,
@@ -22,11 +22,11 @@ from pa10cal.lab.cell.effects.vocabulary import (
     places_of,
     vocabulary,
 )
-from pa10cal.lab.cell.options import CellPosesOptions, DisturbanceOptions, SimulateOptions
-from pa10cal.lab.cell.poses import place_poses
-from pa10cal.lab.cell.raw_log import RawLog
-from pa10cal.lab.cell.scenario import TILT_SEEDS, TRACKED_POSES
-from pa10cal.lab.cell.trials import (
+from pa10cal_lab.cell.options import CellPosesOptions, DisturbanceOptions, SimulateOptions
+from pa10cal_lab.cell.poses import place_poses
+from pa10cal_lab.cell.raw_log import RawLog
+from pa10cal_lab.cell.scenario import TILT_SEEDS, TRACKED_POSES
+from pa10cal_lab.cell.trials import (
     DRIVE_BENCHES,
     DRIVE_KINDS,
     DRIVE_POSES,
@@ -40,8 +40,8 @@ from pa10cal.lab.cell.trials import (
     subjects_of,
     trial_counts,
 )
-from pa10cal.lab.cell.write import campaign_description
-from pa10cal.terms.effects.effect import CandidateContext, candidates
+from pa10cal_lab.cell.write import campaign_description
+from pa10cal_lab.options import BlindTrialsOptions, TrialCounts, WildCounts
 
 NOTHING_HIDDEN = ("null", "wrong_noise", "wrong_mass")
 SHORT = {"repeats": 1, "loads_N": (0.0, 44.0), "holdout_points": 1, "holdout_repeats": 1}

@@ -13,10 +13,10 @@ from made_up_robot import logged_q, seen_m, seen_p, seen_T, track
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.lab.cell.campaign import simulate_campaign
-from pa10cal.lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal_curve.angles import chain_arm
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
 
 
 @pytest.fixture(scope="module")

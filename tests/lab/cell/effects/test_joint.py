@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.errors import SimulationError
-from pa10cal.lab.cell.effects import joint
-from pa10cal.lab.cell.effects.effect import JointState
+from pa10cal_lab.cell.effects import joint
+from pa10cal_lab.cell.effects.effect import JointState
 
 RNG = np.random.default_rng(3)
 Q = RNG.uniform(-3.0, 3.0, (40, 6))

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.effects import outside
-from pa10cal.lab.cell.effects.effect import JointState
-from pa10cal.lab.cell.effects.structure import SimulatedLinkBending
-from pa10cal.lab.cell.effects.vocabulary import make_effects, vocabulary
-from pa10cal.lab.cell.effects.vocabulary import outside as without_name
-from pa10cal.lab.cell.instruments.instrument import rest_poses
-from pa10cal.lab.cell.options import HiddenEffectOptions
+from pa10cal_lab.cell.effects import outside
+from pa10cal_lab.cell.effects.effect import JointState
+from pa10cal_lab.cell.effects.structure import SimulatedLinkBending
+from pa10cal_lab.cell.effects.vocabulary import make_effects, vocabulary
+from pa10cal_lab.cell.effects.vocabulary import outside as without_name
+from pa10cal_lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.options import HiddenEffectOptions
 
 RNG = np.random.default_rng(17)
 Q = RNG.uniform(-1.2, 1.2, (12, 6))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.effects.effect import JointState, Site
-from pa10cal.lab.cell.effects.vocabulary import all_effects, make_effects, nameless, vocabulary
-from pa10cal.lab.cell.options import HiddenEffectOptions
+from pa10cal_lab.cell.effects.effect import JointState, Site
+from pa10cal_lab.cell.effects.vocabulary import all_effects, make_effects, nameless, vocabulary
+from pa10cal_lab.cell.options import HiddenEffectOptions
 
 RNG = np.random.default_rng(8)
 Q = RNG.uniform(-3.0, 3.0, (40, 6))

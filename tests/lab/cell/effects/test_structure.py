@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pa10cal.lab.cell.effects import structure
-from pa10cal.lab.cell.effects import structure as instrument
-from pa10cal.lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.effects import structure
+from pa10cal_lab.cell.effects import structure as instrument
+from pa10cal_lab.cell.instruments.instrument import rest_poses
 
 Q = np.random.default_rng(11).uniform(-1.2, 1.2, (8, 6))
 LOADS = np.resize([0.0, 44.0, 90.0], 8)

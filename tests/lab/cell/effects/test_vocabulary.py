@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.effects.vocabulary import all_effects, make_effects, vocabulary
-from pa10cal.lab.cell.options import HiddenEffectOptions
+from pa10cal_lab.cell.effects.vocabulary import all_effects, make_effects, vocabulary
+from pa10cal_lab.cell.options import HiddenEffectOptions
 
 #: A good entry of every effect of the contract.
 GOOD = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pa10cal.lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.options import SimulateOptions
 
 
 def simulate(
@@ -31,8 +31,8 @@ def simulate(
           '{"robot": "ur10", "without_touches": {}}'
     """
     from pa10cal.files.arms import arm_asked
-    from pa10cal.lab.cell.campaign import simulate_campaign
-    from pa10cal.lab.cell.write import write_campaign
+    from pa10cal_lab.cell.campaign import simulate_campaign
+    from pa10cal_lab.cell.write import write_campaign
 
     arm = arm_asked(settings.robot)
     write_campaign(simulate_campaign(name, arm, settings, kcub_reading), out, truth)
@@ -68,9 +68,9 @@ def draw_trials(
         pa10cal draw_trials --kind fault --count 3 --random-seed 1 --raw wild --truths truths
     """
     from pa10cal.files.arms import load_arm
-    from pa10cal.lab.cell.campaign import simulate_campaign
-    from pa10cal.lab.cell.trials import draw_trials as draw
-    from pa10cal.lab.cell.write import write_campaign
+    from pa10cal_lab.cell.campaign import simulate_campaign
+    from pa10cal_lab.cell.trials import draw_trials as draw
+    from pa10cal_lab.cell.write import write_campaign
 
     names = filter(None, benches.split(","))
     for trial in draw(kind, count, random_seed, "wild", names, first=first, only=only):

@@ -2,8 +2,8 @@
 
 Every kind of trial is a `Scenario` while it is drawn. Here are those of touched balls with repeats,
 of the PA10, and those of arms under trackers that never come back to a pose; wild ones, with what
-ordinary logs have and with faults (`lab/cell/disturbances.py`); and those of drives that err. Those
-that come as measured robots do are in `measured_trials`.
+ordinary logs have and with faults (`disturbances`); and those of drives that err. Those that come
+as measured robots do are in `measured_trials`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.disturbances import DISTURBANCES, Disturbance, Need
-from pa10cal.lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
-from pa10cal.lab.cell.effects.joint import drawn_cogs, drawn_ratio
-from pa10cal.lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
-from pa10cal.lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
-from pa10cal.lab.cell.measured_trials import SUBJECTS, draw_measured, measured_benches
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.poses import joint_bounds
-from pa10cal.lab.cell.scenario import (
+from pa10cal.observe.kinds import sees_several
+from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.disturbances import DISTURBANCES, Disturbance, Need
+from pa10cal_lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
+from pa10cal_lab.cell.effects.joint import drawn_cogs, drawn_ratio
+from pa10cal_lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
+from pa10cal_lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
+from pa10cal_lab.cell.measured_trials import SUBJECTS, draw_measured, measured_benches
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.poses import joint_bounds
+from pa10cal_lab.cell.scenario import (
     ATTITUDE_RAD,
     DISTANCE_POSES,
     DRIFTING,
@@ -43,8 +45,6 @@ from pa10cal.lab.cell.scenario import (
     idle,
     log_uniform,
 )
-from pa10cal.observe.kinds import sees_several
-from pa10cal.settings_reading import parse_section
 
 #: `null`: nothing hidden; `single`, `pair`, `triple`: so many effects of the vocabulary; `outside`:
 #: one that has no name in it; `wrong_noise`, `wrong_mass`: nothing hidden, but the campaign states

@@ -24,9 +24,9 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 
 from pa10cal.arrays import Array
-from pa10cal.lab import blind_trial
-from pa10cal.lab.cell.measured_trials import SORTED, SUBJECTS, UNSTATED
 from pa10cal.results import trials as results
+from pa10cal_lab import blind_trial
+from pa10cal_lab.cell.measured_trials import SORTED, SUBJECTS, UNSTATED
 
 LEVEL = 0.95
 _AS_MEASURED = "arms, their lengths, weights and springs, poses, noise and hidden effects"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.evaluation.options import CoverageOptions
+from pa10cal_lab.options import CoverageOptions
 
 if TYPE_CHECKING:
     from pa10cal.results.record import CampaignRecord
@@ -36,10 +36,10 @@ def score_trials(
     """
     from pa10cal.errors import RecordError
     from pa10cal.files.output import write_text
-    from pa10cal.lab.blind_trial import BlindTrial
-    from pa10cal.lab.scores import scores_record
     from pa10cal.results.codec import write
     from pa10cal.results.trials import TrialTruthRecord, TrialVerdictRecord
+    from pa10cal_lab.blind_trial import BlindTrial
+    from pa10cal_lab.scores import scores_record
 
     # Reading makes one of its kinds, none of which is abstract.
     records = _by_name(TrialVerdictRecord, verdicts)  # type: ignore[type-abstract]
@@ -80,8 +80,8 @@ def coverage(
     from functools import partial
 
     from pa10cal.files.output import write_text
-    from pa10cal.lab.simulated import coverage_study, coverage_table
     from pa10cal.results.codec import write
+    from pa10cal_lab.simulated import coverage_study, coverage_table
 
     record = coverage_study(settings, calibration, partial(print, flush=True))
     write_text(table, coverage_table(record))

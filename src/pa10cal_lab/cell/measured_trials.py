@@ -16,13 +16,13 @@ import numpy as np
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.files.arms import arm_names
-from pa10cal.lab.cell.effects.effect import LONG_LINKS, Site
-from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
-from pa10cal.lab.cell.individual import described, draw_unstated, nominal
-from pa10cal.lab.cell.options import UnstatedOptions
-from pa10cal.lab.cell.poses import joint_bounds
-from pa10cal.lab.cell.robot import Departures, Mechanism, SimulatedStatics, tool_payload
-from pa10cal.lab.cell.scenario import (
+from pa10cal_lab.cell.effects.effect import LONG_LINKS, Site
+from pa10cal_lab.cell.effects.vocabulary import all_effects, places_of
+from pa10cal_lab.cell.individual import described, draw_unstated, nominal
+from pa10cal_lab.cell.options import UnstatedOptions
+from pa10cal_lab.cell.poses import joint_bounds
+from pa10cal_lab.cell.robot import Departures, Mechanism, SimulatedStatics, tool_payload
+from pa10cal_lab.cell.scenario import (
     ATTITUDE_RAD,
     POSITION_MM,
     SECONDS_A_POSE,

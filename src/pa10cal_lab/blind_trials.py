@@ -28,28 +28,28 @@ from pa10cal.errors import Pa10calError
 from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import models_of
-from pa10cal.lab.blind_trial import DRIVES, TRACKED, WILD
-from pa10cal.lab.cell.campaign import (
-    SimulatedCampaign,
-    measure_campaign,
-    robot_of,
-    simulate_campaign,
-)
-from pa10cal.lab.cell.disturbances import DISTURBANCES
-from pa10cal.lab.cell.effects.vocabulary import make_effects
-from pa10cal.lab.cell.instruments.instrument import Truth
-from pa10cal.lab.cell.measured_trials import SUBJECTS
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.scenario import Trial
-from pa10cal.lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of
-from pa10cal.lab.cell.write import Places as WrittenPlaces
-from pa10cal.lab.cell.write import write_campaign
 from pa10cal.results import trials as records
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.stages.pipeline import CampaignFiles, Stage, stages
 from pa10cal.terms.joint_spring import JointSpring
+from pa10cal_lab.blind_trial import DRIVES, TRACKED, WILD
+from pa10cal_lab.cell.campaign import (
+    SimulatedCampaign,
+    measure_campaign,
+    robot_of,
+    simulate_campaign,
+)
+from pa10cal_lab.cell.disturbances import DISTURBANCES
+from pa10cal_lab.cell.effects.vocabulary import make_effects
+from pa10cal_lab.cell.instruments.instrument import Truth
+from pa10cal_lab.cell.measured_trials import SUBJECTS
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.scenario import Trial
+from pa10cal_lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of
+from pa10cal_lab.cell.write import Places as WrittenPlaces
+from pa10cal_lab.cell.write import write_campaign
 
 
 def try_trial(

@@ -20,12 +20,12 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell.effects.effect import Finite, FinitePositive
-from pa10cal.lab.cell.instruments.touch_trigger_cmm import APPROACH_S, DWELL_S
-from pa10cal.lab.cell.options import DisturbanceOptions
-from pa10cal.lab.cell.raw_log import QUATERNION, RawLog
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.effects.effect import Finite, FinitePositive
+from pa10cal_lab.cell.instruments.touch_trigger_cmm import APPROACH_S, DWELL_S
+from pa10cal_lab.cell.options import DisturbanceOptions
+from pa10cal_lab.cell.raw_log import QUATERNION, RawLog
 
 #: What a campaign must have for a disturbance to mean anything.
 Need = Literal["loads", "masses", "springs", "repeats", "touches", "attitude", "targets", "tracker"]

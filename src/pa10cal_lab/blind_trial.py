@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pa10cal.lab.cell.measured_trials import SUBJECTS
 from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
 from pa10cal.results.record import Name
+from pa10cal_lab.cell.measured_trials import SUBJECTS
 
 MAP = "joint_error_map"
 #: A map that is one line, of `k` cycles a turn, and effects outside the vocabulary that are one.

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from pa10cal.arrays import Array
 from pa10cal.errors import SimulationError
-from pa10cal.lab.cell.effects import effect
+from pa10cal_lab.cell.effects import effect
 
 #: Amplitudes are those to expect of harmonic drives of the PA10's class: errors of 10 to 30 arc
 #: seconds an order, lost motion up to 1 arc minute, motor torque off by a part of the Coulomb band.

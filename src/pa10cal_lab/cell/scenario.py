@@ -14,13 +14,13 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
 from pa10cal.files.arms import load_arm
-from pa10cal.lab.cell.campaign import robot_of
-from pa10cal.lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
-from pa10cal.lab.cell.effects.vocabulary import all_effects, places_of
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.poses import joint_bounds
-from pa10cal.lab.cell.robot import Robot
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell.campaign import robot_of
+from pa10cal_lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
+from pa10cal_lab.cell.effects.vocabulary import all_effects, places_of
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.poses import joint_bounds
+from pa10cal_lab.cell.robot import Robot
 
 Layout = Literal["grid", "wide"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)

@@ -11,13 +11,13 @@ import pandas as pd
 
 from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
-from pa10cal.lab.cell import instruments
-from pa10cal.lab.cell.effects.effect import JointState, SimulatedEffect, with_added
-from pa10cal.lab.cell.effects.vocabulary import classes_in, make_effects
-from pa10cal.lab.cell.individual import KcubReading, build_robot
-from pa10cal.lab.cell.instruments.instrument import SimulatedInstrument, Truth, rest_poses
-from pa10cal.lab.cell.options import SimulateOptions
-from pa10cal.lab.cell.robot import Robot
+from pa10cal_lab.cell import instruments
+from pa10cal_lab.cell.effects.effect import JointState, SimulatedEffect, with_added
+from pa10cal_lab.cell.effects.vocabulary import classes_in, make_effects
+from pa10cal_lab.cell.individual import KcubReading, build_robot
+from pa10cal_lab.cell.instruments.instrument import SimulatedInstrument, Truth, rest_poses
+from pa10cal_lab.cell.options import SimulateOptions
+from pa10cal_lab.cell.robot import Robot
 
 REFERENCE_TEMPERATURE_C = 21.0
 _DRIFT_PERIOD_S = 24 * 3600.0

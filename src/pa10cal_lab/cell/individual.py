@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import SimulationError, refusals_beside
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
-from pa10cal.lab.cell.poses import centre_rad
-from pa10cal.lab.cell.robot import (
+from pa10cal.options import Tolerances
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
+from pa10cal_lab.cell.poses import centre_rad
+from pa10cal_lab.cell.robot import (
     BALLS_DESIGN_M,
     Departures,
     Mechanism,
@@ -25,7 +26,6 @@ from pa10cal.lab.cell.robot import (
     ring_of_targets,
     tool_payload,
 )
-from pa10cal.options import Tolerances
 
 KcubReading = Literal["text_e7", "table_e8"]
 

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SimulationError, refusals_beside
-from pa10cal.lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.robot import BALLS_DESIGN_M, Mechanism
+from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.robot import BALLS_DESIGN_M, Mechanism
 
 GRID_POINTS_A_SIDE = 3
 LINE_POINTS = 11

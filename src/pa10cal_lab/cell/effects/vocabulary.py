@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from pa10cal.errors import SettingsError, refusals_beside, remedy_for
-from pa10cal.lab.cell import effects
-from pa10cal.lab.cell.effects.effect import LONG_LINKS, SimulatedEffect
-from pa10cal.lab.cell.options import HiddenEffectOptions
-from pa10cal.lab.cell.robot import Robot
 from pa10cal.settings_reading import parse_section
+from pa10cal_lab.cell import effects
+from pa10cal_lab.cell.effects.effect import LONG_LINKS, SimulatedEffect
+from pa10cal_lab.cell.options import HiddenEffectOptions
+from pa10cal_lab.cell.robot import Robot
 
 _refusal = refusals_beside(__file__, SettingsError)
 

@@ -11,9 +11,9 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.effects.structure import SimulatedBaseDrift
-from pa10cal.lab.cell.individual import need_masses, refuse_unrated
-from pa10cal.lab.cell.instruments.instrument import (
+from pa10cal_lab.cell.effects.structure import SimulatedBaseDrift
+from pa10cal_lab.cell.individual import need_masses, refuse_unrated
+from pa10cal_lab.cell.instruments.instrument import (
     SimulatedInstrument,
     Streams,
     Truth,
@@ -21,9 +21,9 @@ from pa10cal.lab.cell.instruments.instrument import (
     position_columns,
     tool_of,
 )
-from pa10cal.lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal.lab.cell.poses import Schedule, commanded_positions, joint_bounds, one_after_another
-from pa10cal.lab.cell.robot import Robot
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.poses import Schedule, commanded_positions, joint_bounds, one_after_another
+from pa10cal_lab.cell.robot import Robot
 
 _TEMPERATURE_NOISE_C = 0.01
 #: How far targets on the base stand from its axis [m].

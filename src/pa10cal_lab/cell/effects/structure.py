@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from pa10cal.arrays import Array
-from pa10cal.lab.cell.effects import effect
-from pa10cal.lab.cell.robot import GRAVITY_M_S2, Strain
+from pa10cal_lab.cell.effects import effect
+from pa10cal_lab.cell.robot import GRAVITY_M_S2, Strain
 
 SECONDS_PER_HOUR = 3600.0
 

@@ -1,1 +1,0 @@
-"""The laboratory: the virtual cell, trials and studies against a known truth."""

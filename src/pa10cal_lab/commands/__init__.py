@@ -1,0 +1,1 @@
+"""Commands of the laboratory: a function whose signature is the command line."""
