@@ -11,7 +11,9 @@ from pa10cal.results.codec import lines
 from pa10cal.results.discovery import AllUnexplained, Fault, Unexplained
 from pa10cal.results.explained import ProposedFormula
 from pa10cal.results.record import EffectName
-from pa10cal.results.trials import (
+from pa10cal_lab.blind_trial import BlindTrial
+from pa10cal_lab.scores import scores_record
+from pa10cal_lab.trial_records import (
     FailedTrialRecord,
     HiddenEffect,
     JudgedTrialRecord,
@@ -19,8 +21,6 @@ from pa10cal.results.trials import (
     TrialHealth,
     TrialTruthRecord,
 )
-from pa10cal_lab.blind_trial import BlindTrial
-from pa10cal_lab.scores import scores_record
 
 
 def named(name, *alternatives, **parameters):

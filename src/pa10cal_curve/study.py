@@ -28,7 +28,6 @@ from pa10cal.fit.fitted_model import models_of
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.evaluation import Distances, HeldOutModel
-from pa10cal.results.trials import TrueParameter
 from pa10cal_curve import records as results
 from pa10cal_curve.angles import chain_arm
 from pa10cal_curve.options import CurveStudyOptions
@@ -37,6 +36,7 @@ from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal_lab.cell.write import truth_record
 from pa10cal_lab.simulated import as_read, reported_scores
+from pa10cal_lab.trial_records import TrueParameter
 
 Departs = Literal["rows", "any_way"]
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pa10cal.results import trials as results
 from pa10cal.results.discovery import FoundEffect
 from pa10cal.results.record import Name
+from pa10cal_lab import trial_records as results
 from pa10cal_lab.cell.measured_trials import SUBJECTS
 
 MAP = "joint_error_map"

@@ -28,12 +28,12 @@ from pa10cal.errors import Pa10calError
 from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import models_of
-from pa10cal.results import trials as records
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.stages.pipeline import CampaignFiles, Stage, stages
 from pa10cal.terms.joint_spring import JointSpring
+from pa10cal_lab import trial_records as records
 from pa10cal_lab.blind_trial import DRIVES, TRACKED, WILD
 from pa10cal_lab.cell.campaign import (
     SimulatedCampaign,

@@ -24,8 +24,8 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 
 from pa10cal.arrays import Array
-from pa10cal.results import trials as results
 from pa10cal_lab import blind_trial
+from pa10cal_lab import trial_records as results
 from pa10cal_lab.cell.measured_trials import SORTED, SUBJECTS, UNSTATED
 
 LEVEL = 0.95

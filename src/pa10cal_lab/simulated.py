@@ -33,16 +33,16 @@ from pa10cal.fit.loads import with_torques
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.quantities import Start, Stated
-from pa10cal.results import studies as results
 from pa10cal.results.calibration import CalibratedParameter
-from pa10cal.results.trials import TrueParameter
 from pa10cal.terms.joint_spring import JointSpring, baseline
+from pa10cal_lab import coverage_records as results
 from pa10cal_lab.cell.campaign import SimulatedCampaign, measure_campaign, simulate_campaign
 from pa10cal_lab.cell.individual import draw_individual
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal_lab.cell.robot import GRAVITY_M_S2, Departures, Mechanism, Robot
 from pa10cal_lab.cell.write import truth_record, write_campaign
 from pa10cal_lab.options import CoverageCaseOptions, CoverageOptions
+from pa10cal_lab.trial_records import TrueParameter
 
 _TEMPERATURE_C = 20.0
 #: Noise so far below any instrument's that what is seen counts as exact.

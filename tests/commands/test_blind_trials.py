@@ -7,9 +7,9 @@ import pytest
 
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.trials import TrialScoresRecord, TrialTruthRecord
 from pa10cal_lab import blind_trials
 from pa10cal_lab.cell.effects.vocabulary import vocabulary
+from pa10cal_lab.trial_records import TrialScoresRecord, TrialTruthRecord
 
 SEED = 20081
 #: Modules of effects that the trials below hide; with others, the same numbers hide other effects.

@@ -11,18 +11,18 @@ from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import RecordError
 from pa10cal.figures.registry import NothingToShowError
 from pa10cal.figures.style import WIDTH_MM
-from pa10cal.figures.trials import (
+from pa10cal.results.codec import lines, read
+from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.record import Name
+from pa10cal_lab.cell.effects.vocabulary import outside, vocabulary
+from pa10cal_lab.cell.trials import STUDIES
+from pa10cal_lab.pictures import (
     draw_trials_confusion,
     draw_trials_intervals,
     draw_trials_power,
     tabulate_trials_summary,
 )
-from pa10cal.results.codec import lines, read
-from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.record import Name
-from pa10cal.results.trials import TrialScoresRecord
-from pa10cal_lab.cell.effects.vocabulary import outside, vocabulary
-from pa10cal_lab.cell.trials import STUDIES
+from pa10cal_lab.trial_records import TrialScoresRecord
 
 DRAWN = (draw_trials_confusion, draw_trials_power, draw_trials_intervals)
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}

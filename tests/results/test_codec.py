@@ -24,8 +24,8 @@ from pa10cal.results.codec import lines, read, read_lines, write
 from pa10cal.results.evaluation import HeldOutModel, HeldOutRows, TransferRecord
 from pa10cal.results.montecarlo import Convergence
 from pa10cal.results.record import Shape
-from pa10cal.results.trials import FailedTrialRecord, JudgedTrialRecord, TrialVerdictRecord
 from pa10cal_curve.records import CurveRecord
+from pa10cal_lab.trial_records import FailedTrialRecord, JudgedTrialRecord, TrialVerdictRecord
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 

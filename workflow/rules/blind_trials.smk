@@ -108,7 +108,7 @@ rule trial_pictures:
     wildcard_constraints:
         study="|".join(TRIAL_STUDIES),
     params:
-        code=code_of("pa10cal.commands.figures", "pa10cal.figures.registry"),
+        code=code_of("pa10cal.commands.figures", "pa10cal.figures.registry", "pa10cal_lab.pictures"),
         folder=lambda wildcards, input: os.path.dirname(input.scores),
         settings=sections_of("figures"),
     shell:

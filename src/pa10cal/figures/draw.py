@@ -21,10 +21,9 @@ from pa10cal.reports.formatting import display_name, first_sentences, shown_in
 from pa10cal.reports.results_bundle import MODEL_NAMES, ResultsBundle, is_synthetic
 from pa10cal.reports.theme import BLUE, GREY, VERMILLION
 from pa10cal.results.calibration import UNRESERVED
-from pa10cal.results.codec import read, write
+from pa10cal.results.codec import write
 from pa10cal.results.comparison import DriftRecord
 from pa10cal.results.fleet import Caption, PicturesRecord
-from pa10cal.results.trials import TrialScoresRecord
 
 #: Folder of the files of a picture, by what it is.
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}
@@ -62,11 +61,6 @@ def read_source(
         return of_campaign(
             ResultsBundle(folder, description=description, settings=settings, force=force)
         )
-    if (path := folder / "scores.json").exists():
-        scores = read(TrialScoresRecord, path, within=folder)
-        trials = "wild trials" if scores.measured == "wild" else "blind trials"
-        footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
-        return Source("trials", folder.name, footer, scores)
     for kind, name in ELSEWHERE.items():
         module = import_module(name)
         if (folder / module.FROM).exists():

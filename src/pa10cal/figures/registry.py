@@ -19,10 +19,14 @@ import pa10cal.figures
 Kind = Literal["figure", "table", "film"]
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: Modules and packages here that hold pictures, by what the pictures are of.
-FOLDERS = ("campaign", "trials", "curve", "chain")
-#: Where those of studies stand that are not among the figures.
-ELSEWHERE = {"curve": "pa10cal_curve.pictures", "chain": "pa10cal_curve.study_pictures"}
+#: Modules of pictures in packages beside this one, which import it, by what the pictures are of.
+ELSEWHERE = {
+    "trials": "pa10cal_lab.pictures",
+    "curve": "pa10cal_curve.pictures",
+    "chain": "pa10cal_curve.study_pictures",
+}
+#: What pictures are of: those of a campaign stand in a package here.
+FOLDERS = ("campaign", *ELSEWHERE)
 _KINDS: dict[str, Kind] = {"draw": "figure", "tabulate": "table", "film": "film"}
 
 _COMBINED, _VERDICT = "calibration/combined.json", "discovery/verdict.json"

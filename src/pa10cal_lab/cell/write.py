@@ -17,11 +17,17 @@ from pa10cal.errors import SimulationError, refusals_beside
 from pa10cal.files.arms import arm_names, arm_text
 from pa10cal.files.output import csv_text, whole_file, write_text
 from pa10cal.results.codec import write
-from pa10cal.results.trials import TrueDisturbance, TrueEffect, TrueParameter, TrueTool, TruthRecord
 from pa10cal_lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
 from pa10cal_lab.cell.disturbances import disturb
 from pa10cal_lab.cell.raw_log import RawLog
 from pa10cal_lab.cell.robot import GRAVITY_M_S2, Robot
+from pa10cal_lab.trial_records import (
+    TrueDisturbance,
+    TrueEffect,
+    TrueParameter,
+    TrueTool,
+    TruthRecord,
+)
 
 #: Where each disturbance of a campaign is: poses, joints, loads or keys.
 Places = tuple[tuple[str, ...], ...]

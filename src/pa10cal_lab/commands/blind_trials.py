@@ -51,9 +51,9 @@ def blind_trials(
     from pa10cal.errors import DiscoveryError
     from pa10cal.files.output import whole_files
     from pa10cal.results.codec import lines
-    from pa10cal.results.trials import FailedTrialRecord
     from pa10cal_lab.blind_trials import try_trial
     from pa10cal_lab.cell.trials import draw_trials
+    from pa10cal_lab.trial_records import FailedTrialRecord
 
     benches = filter(None, layouts.split(","))
     drawn = draw_trials(kind, count, random_seed, measured, benches, first=first, size=size)

@@ -14,7 +14,7 @@ from pa10cal_lab.options import CoverageOptions
 
 if TYPE_CHECKING:
     from pa10cal.results.record import CampaignRecord
-    from pa10cal.results.trials import JudgedEffect, JudgedTrial, ScoreRow
+    from pa10cal_lab.trial_records import JudgedEffect, JudgedTrial, ScoreRow
 
 _R = TypeVar("_R", bound="CampaignRecord")
 
@@ -37,9 +37,9 @@ def score_trials(
     from pa10cal.errors import RecordError
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
-    from pa10cal.results.trials import TrialTruthRecord, TrialVerdictRecord
     from pa10cal_lab.blind_trial import BlindTrial
     from pa10cal_lab.scores import scores_record
+    from pa10cal_lab.trial_records import TrialTruthRecord, TrialVerdictRecord
 
     # Reading makes one of its kinds, none of which is abstract.
     records = _by_name(TrialVerdictRecord, verdicts)  # type: ignore[type-abstract]
@@ -111,7 +111,7 @@ def _by_name(kind: type[_R], paths: Sequence[Path]) -> dict[str, _R]:
 def _table(trials: Sequence[JudgedTrial]) -> str:
     """Return one line a trial, lists joined."""
     from pa10cal.files.output import csv_text
-    from pa10cal.results.trials import JudgedTrial
+    from pa10cal_lab.trial_records import JudgedTrial
 
     rows = [
         ["; ".join(map(_words, value)) if isinstance(value, tuple) else value for _, value in trial]

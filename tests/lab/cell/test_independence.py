@@ -23,7 +23,7 @@ WORDS = {
     "pa10cal.options",
     "pa10cal.observe.kinds",
     "pa10cal.results.codec",
-    "pa10cal.results.trials",
+    "pa10cal_lab.trial_records",
 }
 
 

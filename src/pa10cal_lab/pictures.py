@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import cycle
+from pathlib import Path
 from textwrap import fill
 from typing import Any
 
@@ -18,10 +19,25 @@ from pa10cal.figures import style
 from pa10cal.figures.registry import NothingToShowError, picture
 from pa10cal.figures.table import ResultTable, frame_of
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SEPARATOR, SKY, VERMILLION
+from pa10cal.results.codec import read
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.results.trials import JudgedTrial, ScoreRow, TrialScoresRecord
+from pa10cal_lab.trial_records import JudgedTrial, ScoreRow, TrialScoresRecord
 
+#: The file of a results folder that these are drawn of.
+FROM = "scores.json"
 _WITH_INTERVAL: dict[str, Any] = {"color": BLUE, "ecolor": SKY, "marker": "o", "capsize": 2.0}
+
+
+def read_content(folder: Path) -> tuple[str, TrialScoresRecord]:
+    """Return the footer of the pictures of a folder that `score_trials` wrote, and the scores.
+
+    Raises:
+        RecordError: when they cannot be used.
+    """
+    scores = read(TrialScoresRecord, folder / FROM, within=folder)
+    trials = "wild trials" if scores.measured == "wild" else "blind trials"
+    footer = f"{scores.trials} {trials}. Synthetic data. Provenance: {scores.provenance}."
+    return footer, scores
 
 
 # What was hidden in blind trials, and what was named: the confusion matrix.
