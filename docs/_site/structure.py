@@ -51,7 +51,7 @@ def packages() -> Graph:
     """Return what every package imports of the others."""
     places = (*ROOT.glob("*/__init__.py"), *ROOT.parent.glob("pa10cal_*/__init__.py"))
     graph: Graph = {}
-    for place in places:
+    for place in sorted(places):
         files = place.parent.rglob("*.py")
         names = {name for file in files for name in map(package_of, modules_imported(file)) if name}
         graph[place.parent.name] = names - {place.parent.name}
@@ -132,7 +132,7 @@ def main() -> None:
     figure, axes = plt.subplots(figsize=(width, LAYER * (top + 1.5)))
     axes.set_axis_off()
     for package, below in arrows.items():
-        for other in below:
+        for other in sorted(below):
             axes.annotate(
                 "",
                 place[other],

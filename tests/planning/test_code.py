@@ -31,6 +31,15 @@ def test_follows_imports_inside_functions():
     assert not [path for path in files if path.startswith(("figures/", "montecarlo/"))]
 
 
+def test_follows_imports_through_the_packages_beside():
+    paths = source_files("pa10cal_lab.commands.simulate")
+    files = {path.relative_to(PACKAGE.parent).as_posix() for path in paths}
+    assert {"pa10cal_lab/cell/robot.py", "pa10cal/arm/description.py"} <= files
+    assert not [
+        each for each in files if each.startswith(("pa10cal_curve/", "pa10cal/calibration/"))
+    ]
+
+
 def test_several_modules_give_the_union():
     both = files_of("pa10cal.errors", "pa10cal.arm.statics")
     assert both == files_of("pa10cal.errors") | files_of("pa10cal.arm.statics")
