@@ -1,7 +1,5 @@
 """YAML of every broken kind is refused with the line, and never ends the process."""
 
-import ast
-import re
 from pathlib import Path
 
 import pytest
@@ -9,7 +7,6 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-import pa10cal
 from pa10cal.campaign.description import read_description
 from pa10cal.errors import Pa10calError, RawDataError
 from pa10cal.yaml_file import MAX_DEPTH, parse_yaml, read_yaml
@@ -140,31 +137,3 @@ def test_what_yaml_makes_of_a_word_is_said_with_what_to_write(
     (tmp_path / "tracker.txt").touch()
     with pytest.raises(Pa10calError, match=said):
         read_description(tmp_path)
-
-
-SOURCE = Path(pa10cal.__file__).parents[1]
-WITH_TEXTS = sorted(
-    path
-    for path in SOURCE.glob("pa10cal*/**/*.py")
-    if "refusals_beside(__file__" in path.read_text("utf-8")
-)
-
-
-@pytest.mark.parametrize("path", WITH_TEXTS, ids=lambda path: path.stem)
-def test_a_module_refuses_by_the_texts_beside_it(path):
-    texts = read_yaml(path.with_name("refusals.yaml"), RawDataError, what="")[path.stem]
-    nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
-    words = {node.value for node in nodes if isinstance(node, ast.Constant)}
-    assert set(texts) <= words, "a text that nothing refuses by"
-    assert all(text.count(" | ") == 2 for text in texts.values())
-    for call in nodes:
-        if not isinstance(call, ast.Call) or getattr(call.func, "id", "") != "_refusal":
-            continue
-        names = [n.value for n in ast.walk(call.args[0]) if isinstance(n, ast.Constant)]
-        assert all(name in texts for name in names if isinstance(name, str))
-        given = call.args[3:]
-        if any(isinstance(word, ast.Starred) for word in given):
-            continue
-        for name in names:
-            places = re.findall(r"{(\d+)", texts[name])
-            assert len(given) > max(map(int, places), default=-1), name

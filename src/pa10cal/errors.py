@@ -5,12 +5,8 @@ from __future__ import annotations
 import difflib
 import re
 import sys
-from collections.abc import Callable, Iterable
-from functools import cache
-from pathlib import Path
-from typing import Self, TypeVar
-
-_E = TypeVar("_E", bound="Pa10calError")
+from collections.abc import Iterable
+from typing import Self
 
 #: A longer part of a message is shortened in its middle: a file may hold anything.
 _LONGEST = 2000
@@ -146,28 +142,6 @@ class DiscoveryError(Pa10calError):
 
 class CurveError(Pa10calError):
     """A curve cannot be made into links, or no roll keeps their joints within limits."""
-
-
-def refusals_beside(module: str, error: type[_E]) -> Callable[..., _E]:
-    """Return what makes errors of the texts that `refusals.yaml` beside a module has for it.
-
-    The module is given as its `__file__`; the file is read when the first is made. What is returned
-    takes a text's name, where, the value, and words for the places that the text leaves by number.
-    """
-
-    @cache
-    def texts() -> dict[str, str]:
-        import yaml
-
-        beside = Path(module).with_name("refusals.yaml")
-        known: dict[str, dict[str, str]] = yaml.safe_load(beside.read_text(encoding="utf-8"))
-        return known[Path(module).stem]
-
-    def refusal(name: str, where: object, value: object = None, *words: object) -> _E:
-        what, allowed, remedy = (text.format(*words) for text in texts()[name].split(" | "))
-        return error(what, where=str(where), value=value, allowed=allowed, remedy=remedy)
-
-    return refusal
 
 
 # The word that was probably meant, where one of those known is near enough to say so.

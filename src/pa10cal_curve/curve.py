@@ -12,7 +12,7 @@ from scipy.interpolate import BPoly, CubicSpline, PPoly
 from scipy.special import jv
 
 from pa10cal.arrays import Array
-from pa10cal.errors import CurveError, refusals_beside
+from pa10cal.errors import CurveError
 
 #: Bounds are taken a little wider than computed, against rounding.
 _WIDER = 1e-9
@@ -21,7 +21,6 @@ _ROUNDED_KINK_RAD = 1e-9
 #: Lengths that differ by less than this part count as equal.
 _SAME_LENGTH = 5e-13
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
-_refusal = refusals_beside(__file__, CurveError)
 
 
 @dataclass(frozen=True)
@@ -263,12 +262,14 @@ def _check(positive: dict[str, float], finite: dict[str, float] | None = None) -
     for name, value in {**positive, **(finite or {})}.items():
         above = name in positive
         if not np.isfinite(value) or (above and value <= 0.0):
-            raise _refusal(
-                "measure",
-                name,
-                value,
-                "positive" if above else "finite",
-                " above 0" if above else "",
+            kind = "positive" if above else "finite"
+            bound = " above 0" if above else ""
+            raise CurveError(
+                f"a measure of the shape is not {kind}",
+                where=name,
+                value=value,
+                allowed=f"a finite number{bound}",
+                remedy="correct it",
             )
 
 
@@ -319,14 +320,30 @@ def _along(points_m: Array, closed: bool = False) -> tuple[Array, Array]:
         CurveError: see `spline_through`.
     """
     if points_m.ndim != 2 or points_m.shape[1] != 3 or len(points_m) < 2:
-        raise _refusal("too few", "points", points_m.shape)
+        raise CurveError(
+            "there are too few points for a curve",
+            where="points",
+            value=points_m.shape,
+            allowed="two points or more, each x, y, z",
+            remedy="give more points",
+        )
     bad = np.flatnonzero(~np.isfinite(points_m).all(axis=1))
     if len(bad):
-        raise _refusal("not finite", f"point {bad[0] + 1}", points_m[bad[0]].tolist())
+        raise CurveError(
+            "a point is not finite",
+            where=f"point {bad[0] + 1}",
+            value=points_m[bad[0]].tolist(),
+            allowed="finite coordinates",
+            remedy="remove the point",
+        )
     repeated = np.flatnonzero((np.diff(points_m, axis=0) == 0.0).all(axis=1))
     if len(repeated):
-        raise _refusal(
-            "repeated", f"point {repeated[0] + 2}", points_m[repeated[0]].tolist(), len(repeated)
+        raise CurveError(
+            "a point repeats the one before",
+            where=f"point {repeated[0] + 2}",
+            value=points_m[repeated[0]].tolist(),
+            allowed="neighbouring points that differ",
+            remedy=f"remove repeated points ({len(repeated)} in all)",
         )
     if closed:
         points_m = np.vstack([points_m, points_m[:1]])

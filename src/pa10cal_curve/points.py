@@ -12,7 +12,7 @@ from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 
 from pa10cal.arrays import Array
-from pa10cal.errors import CurveError, refusals_beside
+from pa10cal.errors import CurveError
 from pa10cal_curve.angles import refuse_no_link
 from pa10cal_curve.curve import Curve, CurveBounds
 
@@ -27,7 +27,6 @@ _TIMES, _MOST_TIMES = 1.1, 1e3
 _FINEST = 4.0 * float(np.finfo(float).eps)
 #: Shortening by rounding, so that the last link just reaches the end.
 _SHORTER = tuple(ulps * float(np.finfo(float).eps) for ulps in (0, 1, 2, 4, 8, 16, 32, 64))
-_refusal = refusals_beside(__file__, CurveError)
 
 
 class Ending(Enum):
@@ -76,12 +75,30 @@ def lay_points(curve: Curve, link_m: float, most: int | None = None) -> CurvePoi
     """
     longest_m = float(curve.bounds.length_m[-1])
     if not (np.isfinite(link_m) and link_m > 0.0):
-        raise _refusal("not positive", "link_m", link_m)
+        raise CurveError(
+            "the length of a link is not positive",
+            where="link_m",
+            value=link_m,
+            allowed="a finite number above 0 [m]",
+            remedy="correct it",
+        )
     if most is None and longest_m / link_m > _MOST_LINKS:
-        raise _refusal("too many", "link_m", link_m, _MOST_LINKS, longest_m)
+        raise CurveError(
+            "the links are too many",
+            where="link_m",
+            value=link_m,
+            allowed=f"at least a {_MOST_LINKS:g}th of the curve, {longest_m:g} m",
+            remedy="take longer links, or give their number",
+        )
     points = _lay(curve, link_m, _MOST_LINKS if most is None else most)
     if points.ending is Ending.USED_UP and not points.n:
-        raise _refusal("too long", "link_m", link_m, points.left_m)
+        raise CurveError(
+            "the link is longer than the curve",
+            where="link_m",
+            value=link_m,
+            allowed=f"less than the curve's length, {points.left_m:g} m",
+            remedy="take shorter links",
+        )
     return points
 
 
@@ -114,7 +131,13 @@ def equal_links(curve: Curve, n: int) -> CurvePoints:
     if points.ending is Ending.EXACT and points.n == n:
         return points
     nearest = f"{points.n} links of {points.link_m:g} m leave {points.left_m:g} m"
-    raise _refusal("no number", "links", nearest, n)
+    raise CurveError(
+        f"no {n} equal links end where the curve ends",
+        where="links",
+        value=nearest,
+        allowed="a number at which links a little longer do not reach past a bend",
+        remedy="request another number of links",
+    )
 
 
 def arc_length_m(curve: Curve, low: float, high: float) -> float:

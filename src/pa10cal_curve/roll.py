@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.errors import CurveError, refusals_beside
+from pa10cal.errors import CurveError
 from pa10cal_curve.angles import Order, first_axes
-
-_refusal = refusals_beside(__file__, CurveError)
 
 # Every frame of the chain as a function of the first link's roll, in closed form: the axis carried
 # along the chain (`angles`) is along A_i w_1 with one product A_i of 2 x 2 matrices a link.
@@ -152,13 +150,23 @@ def joint_limits(a_rad: Array, b_rad: Array, joints: int) -> Array:
     """
     both = [np.atleast_2d(np.asarray(limits, dtype=float)) for limits in (a_rad, b_rad)]
     if any(len(limits) not in (1, joints) for limits in both):
-        raise _refusal(
-            "another chain", "limits", f"{len(both[0])} of a, {len(both[1])} of b", joints
+        raise CurveError(
+            "the limits are of another chain",
+            where="limits",
+            value=f"{len(both[0])} of a, {len(both[1])} of b",
+            allowed=f"{joints} each, one a joint between two links",
+            remedy="give limits for every joint",
         )
     for name, limits in zip("ab", both, strict=True):
         bad = np.flatnonzero(~(limits[:, 0] <= limits[:, 1]))
         if len(bad):
-            raise _refusal("limits", f"joint {bad[0] + 1}", limits[bad[0]].tolist(), name)
+            raise CurveError(
+                f"the limits of {name} are invalid",
+                where=f"joint {bad[0] + 1}",
+                value=limits[bad[0]].tolist(),
+                allowed="two angles, the least first",
+                remedy="correct the limits",
+            )
     return np.stack([np.broadcast_to(limits, (joints, 2)).T for limits in both])
 
 
@@ -330,7 +338,13 @@ def roll_for_last(chain: RollMap, z_wanted: Array) -> Roll:
     x = np.cross(one, other)
     off = z_wanted - (z_wanted @ x) * x
     if not np.linalg.norm(off) > _KEPT_RAD * np.linalg.norm(z_wanted):
-        raise _refusal("parallel", "z_wanted", z_wanted.tolist())
+        raise CurveError(
+            "the direction for z of the last link is parallel to the link",
+            where="z_wanted",
+            value=z_wanted.tolist(),
+            allowed="a direction that is not parallel to the link",
+            remedy="choose another one",
+        )
     axis = np.cross(off, x) if chain.order == "zy" else off
     angle = np.arctan2(axis @ other, axis @ one)
     cos, sin = chain.roll_of(np.array([chain.n - 1]), np.array([angle]))[0]
@@ -376,13 +390,11 @@ def _kept(who: str, chain: RollMap, limits: Array, roll: Roll) -> Roll:
     over = np.maximum(at - limits[:, 1], limits[:, 0] - at)
     which, joint = np.unravel_index(np.argmax(over), over.shape)
     least_deg, most_deg = np.degrees(limits[which, :, joint])
-    raise _refusal(
-        "beyond",
-        f"joint {joint + 1}",
-        f"{np.degrees(at[which, joint]):.4g} degrees",
-        who,
-        "ab"[which],
-        np.degrees(-roll.level_rad),
-        least_deg,
-        most_deg,
+    raise CurveError(
+        f"{who} the joints within their limits: {'ab'[which]} is "
+        f"{np.degrees(-roll.level_rad):.3g} degrees beyond",
+        where=f"joint {joint + 1}",
+        value=f"{np.degrees(at[which, joint]):.4g} degrees",
+        allowed=f"{least_deg:g} to {most_deg:g} degrees",
+        remedy="widen the limits, take shorter links or a curve that bends less",
     )

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import SimulationError, refusals_beside
+from pa10cal.errors import SimulationError
 from pa10cal.options import Tolerances
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
 from pa10cal_lab.cell.poses import centre_rad
@@ -57,7 +57,6 @@ STAND_OFF_M = (1.5, 2.5)
 _K_LIN_PER_RATED = 120.0
 _K_LIN_SPREAD = 0.25
 _K_CUB_PER_K_LIN = 1700.0
-_refusal = refusals_beside(__file__, SimulationError)
 
 
 def build_robot(
@@ -177,7 +176,13 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
     if unfit:
         what = "a flexible joint slides" if unfit[0] <= arm.n else "a flexible joint does not exist"
         turn = ", ".join(map(str, turning))
-        raise _refusal("flexible joint", "flexible_joints", unfit[0], what, arm.name, turn)
+        raise SimulationError(
+            what,
+            where="flexible_joints",
+            value=unfit[0],
+            allowed=f"revolute joints of {arm.name}: {turn}",
+            remedy="name joints of this robot",
+        )
     refuse_unrated(arm, flexible_joints, "flexible_joints")
     spread = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))
     hardening = np.exp(rng.normal(0.0, _K_LIN_SPREAD, arm.n))
@@ -194,25 +199,48 @@ def refuse_unrated(arm: Arm, joints: Iterable[int], where: str) -> None:
     """Refuse an arm some of whose joints, from 1, have no rated torque."""
     unrated = [joint for joint in joints if np.isnan(arm.torque_limit_Nm[joint - 1])]
     if unrated:
-        raise _refusal("no rated torque", where, f"joint {unrated[0]} of {arm.name}")
+        raise SimulationError(
+            "a joint has no rated torque, which the size of springs and torque noise goes by",
+            where=where,
+            value=f"joint {unrated[0]} of {arm.name}",
+            allowed="an arm description with rated torques",
+            remedy="add them to the description, or request no springs and torques",
+        )
 
 
 def need_masses(arm: Arm, allowed: str) -> None:
     """Refuse an arm whose description has no masses."""
     if arm.mass_kg is None or arm.com_m is None:
-        raise _refusal("no masses", f"robot {arm.name}", None, allowed)
+        raise SimulationError(
+            "the arm has no masses, so gravity loads neither springs nor motors",
+            where=f"robot {arm.name}",
+            allowed=allowed,
+            remedy="add them to the description or choose another robot",
+        )
 
 
 def _true_masses_kg(arm: Arm, factor: tuple[float, ...]) -> Array | None:
     """Return the true masses of the links; None where none are described."""
     if factor and len(factor) != arm.n:
-        raise _refusal("mass factors", "mass_factor", factor, len(factor), arm.n)
+        raise SimulationError(
+            f"{len(factor)} mass factors for {arm.n} links",
+            where="mass_factor",
+            value=factor,
+            allowed=f"{arm.n} factors, or none",
+            remedy="give one factor a link",
+        )
     return arm.mass_kg if arm.mass_kg is None or not factor else arm.mass_kg * np.array(factor)
 
 
 def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Springs]:
     if arm.name != PAPER_ROBOT:
-        raise _refusal("table I", "robot", arm.name, PAPER_ROBOT)
+        raise SimulationError(
+            "Table I belongs to another robot",
+            where="robot",
+            value=arm.name,
+            allowed=f"{PAPER_ROBOT} with built: table_1",
+            remedy="set built: drawn",
+        )
     return TABLE_1, Springs(TABLE_1_K_LIN, PAPER_K_CUB[kcub_reading], kcub_reading)
 
 
@@ -267,8 +295,11 @@ def described(arm: Arm, own: UnstatedOptions) -> Arm:
     """
     for name in ("lengths", "mass_kg", "com_m"):
         if len(getattr(own, name)) != arm.n:
-            raise _refusal(
-                "entries", f"without_touches.unstated.{name}", None, len(getattr(own, name)), arm.n
+            raise SimulationError(
+                f"{len(getattr(own, name))} entries for {arm.n} rows",
+                where=f"without_touches.unstated.{name}",
+                allowed=f"{arm.n} entries, one a row",
+                remedy="give one a row",
             )
     factor = np.array(own.lengths)
     base, tool = arm.T_base_row1.copy(), arm.T_row_n_ee.copy()

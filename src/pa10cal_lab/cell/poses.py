@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.errors import SimulationError, refusals_beside
+from pa10cal.errors import SimulationError
 from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
 from pa10cal_lab.cell.robot import BALLS_DESIGN_M, Mechanism
 
@@ -36,7 +36,6 @@ FLOOR_M = 0.15
 COLUMN_M = 0.25
 _MOST_DRAWS = 1000  #: for each pose wanted
 _ROUNDING = 1e-9  #: a position at a limit may be beyond it by this [deg, mm]
-_refusal = refusals_beside(__file__, SimulationError)
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,12 @@ def centre_rad(arm: Arm, settings: CellPosesOptions) -> Array:
         SimulationError: when they are not as many as the joints.
     """
     if len(settings.centre_deg) != arm.n:
-        raise _refusal(
-            "centre", "poses.centre_deg", settings.centre_deg, len(settings.centre_deg), arm.n
+        raise SimulationError(
+            f"{len(settings.centre_deg)} joint angles for {arm.n} joints",
+            where="poses.centre_deg",
+            value=settings.centre_deg,
+            allowed=f"{arm.n} angles",
+            remedy="give one angle a joint",
         )
     centre: Array = np.radians(settings.centre_deg)
     return centre
@@ -86,19 +89,23 @@ def commanded_positions(arm: Arm, wanted: Sequence[Sequence[float]], where: str)
     low, high = np.where(arm.prismatic, 1e3 * arm.limits_rad.T, np.degrees(arm.limits_rad.T))
     for number, positions in enumerate(wanted):
         if len(positions) != arm.n:
-            raise _refusal("positions", f"{where}[{number}]", positions, len(positions), arm.n)
+            raise SimulationError(
+                f"{len(positions)} joint positions for {arm.n} joints",
+                where=f"{where}[{number}]",
+                value=positions,
+                allowed=f"{arm.n} positions",
+                remedy="give one position a joint",
+            )
         beyond = np.maximum(low - positions, np.array(positions) - high)
         if np.any(beyond > _ROUNDING):
             joint = int(np.argmax(beyond))
             unit = "mm" if arm.prismatic[joint] else "deg"
-            raise _refusal(
-                "beyond",
-                f"{where}[{number}]",
-                positions[joint],
-                joint + 1,
-                low[joint],
-                high[joint],
-                unit,
+            raise SimulationError(
+                f"joint {joint + 1} beyond its limits",
+                where=f"{where}[{number}]",
+                value=positions[joint],
+                allowed=f"{low[joint]:.0f} to {high[joint]:.0f} {unit}",
+                remedy="remove the pose",
             )
     q = np.array(wanted, dtype=float).reshape(-1, arm.n)
     return np.asarray(np.where(arm.prismatic, 1e-3 * q, np.radians(q)))
@@ -164,7 +171,13 @@ def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator
             found.append(q)
     if len(found) < count:
         few = f"{len(found)} of {count} poses after {_MOST_DRAWS * count} draws"
-        raise _refusal("no room", "poses.layout", few, FLOOR_M, COLUMN_M)
+        raise SimulationError(
+            "the arm cannot hold its tool clear of floor and column",
+            where="poses.layout",
+            value=few,
+            allowed=f"flange and balls {FLOOR_M:g} m above the base, {COLUMN_M:g} m off its axis",
+            remedy="set poses.layout: grid for this arm",
+        )
     return np.array(found).reshape(count, arm.n)
 
 
@@ -251,7 +264,13 @@ class _Reach:
                 value = f"joint {joint + 1} at {np.degrees(position[joint]):.1f} deg"
                 allowed = f"{np.degrees(low[joint]):.0f} to {np.degrees(high[joint]):.0f} deg"
             if residual[i] > _IK_TOLERANCE or beyond.max() > 0.0:
-                raise _refusal("not taken", "poses", value, label, i + 1, allowed)
+                raise SimulationError(
+                    f"pose {label}{i + 1:02d} cannot be taken",
+                    where="poses",
+                    value=value,
+                    allowed=allowed,
+                    remedy="move poses.centre_deg, or shrink poses.spacing_m or poses.tilt_rad",
+                )
         return q
 
     def _solve(self, q: Array, T_wanted: Array) -> tuple[Array, Array]:

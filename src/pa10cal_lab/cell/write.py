@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from pa10cal.errors import SimulationError, refusals_beside
+from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, arm_text
 from pa10cal.files.output import csv_text, whole_file, write_text
 from pa10cal.results.codec import write
@@ -38,7 +38,6 @@ PROVENANCE = (
     "synthetic: written by this project's own virtual cell, not measured on a robot; "
     "what effects it hides, if any, is not told here"
 )
-_refusal = refusals_beside(__file__, SimulationError)
 
 
 def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None = None) -> Places:
@@ -174,12 +173,22 @@ def _parameters(robot: Robot) -> dict[str, TrueParameter]:
 def _claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:
     """Make sure that a campaign may be written, and take a former description away."""
     if truth is not None and truth.resolve().is_relative_to(folder.resolve()):
-        raise _refusal("truth", "--truth", str(truth))
+        raise SimulationError(
+            "the truth must not lie in the campaign's folder",
+            where="--truth",
+            value=str(truth),
+            allowed="a path outside the campaign's folder",
+            remedy="name another place",
+        )
     own = {DESCRIPTION_FILE, *files}
     foreign = sorted({entry.name for entry in folder.glob("*")} - own)
     if foreign or folder.is_file():
-        raise _refusal(
-            "foreign", "--out", ", ".join(foreign) or str(folder), ", ".join(sorted(own))
+        raise SimulationError(
+            "the folder holds something that is not a campaign's",
+            where="--out",
+            value=", ".join(foreign) or str(folder),
+            allowed=f"a new folder, or one with {', '.join(sorted(own))} only",
+            remedy="name another folder or move the files away",
         )
     (folder / DESCRIPTION_FILE).unlink(missing_ok=True)
 

@@ -14,14 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from pa10cal.errors import SettingsError, refusals_beside, remedy_for
+from pa10cal.errors import SettingsError, remedy_for
 from pa10cal.settings_reading import parse_section
 from pa10cal_lab.cell import effects
 from pa10cal_lab.cell.effects.effect import LONG_LINKS, SimulatedEffect
 from pa10cal_lab.cell.options import HiddenEffectOptions
 from pa10cal_lab.cell.robot import Robot
-
-_refusal = refusals_beside(__file__, SettingsError)
 
 
 @cache
@@ -82,12 +80,24 @@ def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Simula
     known = all_effects()
     if entry.id not in known:
         remedy = remedy_for(entry.id, known, "correct the name")
-        raise _refusal("unknown", f"{where}.id", entry.id, ", ".join(known), remedy)
+        raise SettingsError(
+            "unknown effect",
+            where=f"{where}.id",
+            value=entry.id,
+            allowed=", ".join(known),
+            remedy=remedy,
+        )
     kind = known[entry.id]
     places = places_of(kind.places, robot)
     if entry.of not in places:
         allowed = ", ".join(places) or "no such place in this arm"
-        raise _refusal("no place", f"{where}.of", entry.of, entry.id, allowed)
+        raise SettingsError(
+            f"{entry.id} cannot sit there",
+            where=f"{where}.of",
+            value=entry.of,
+            allowed=allowed,
+            remedy="correct the place",
+        )
     return parse_section(kind, entry.parameters, where=f"{where}.parameters").at(entry.of)
 
 
