@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration.general.other_campaign import refit_frames, with_tool_of
+from pa10cal.calibration.general.placed import refit_frames, with_tool_of
 from pa10cal.calibration.uncertainty import align_nominal, summarise, summarise_by_load
 from pa10cal.discovery import preparation
 from pa10cal.discovery.finding import steps_told

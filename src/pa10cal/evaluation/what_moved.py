@@ -18,7 +18,8 @@ from scipy.special import chdtrc
 
 from pa10cal.arm.chain import TOOL
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.other_campaign import is_tool, of_arm
+from pa10cal.calibration.general.other_campaign import of_arm
+from pa10cal.calibration.general.placed import is_tool
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
     BASE_MOVED,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from made_up_model import on_springs
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.calibration.general.other_campaign import refit_frames, with_tool_of
+from pa10cal.calibration.general.placed import refit_frames, with_tool_of
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel

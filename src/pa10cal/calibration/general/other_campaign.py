@@ -1,7 +1,7 @@
-"""A calibrated arm in another campaign: known before it, or with base and tool alone found anew.
+"""A calibrated arm in another campaign: known before it, and calibrated anew.
 
-Links, springs and effects of the arm are expected where the model has them, with its covariance, or
-stay as they are; base, tool and targets are each campaign's own.
+Links, springs and effects of the arm are expected where the model has them, with its covariance;
+base, tool and targets are each campaign's own.
 """
 
 from __future__ import annotations
@@ -9,22 +9,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
-from pa10cal.calibration.general.problem import check_enough, choose_unknowns, with_unknown_frames
+from pa10cal.calibration.general.placed import Fit, about_known_arm
+from pa10cal.calibration.general.problem import (
+    Unknowns,
+    check_enough,
+    choose_unknowns,
+    with_unknown_frames,
+)
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.fitted import FallBack, Fitted
+from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.fit.moved import (
@@ -45,16 +49,15 @@ from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
 from pa10cal.fit.weighed_arm import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
-from pa10cal.options import Tolerances
 from pa10cal.results.calibration import Moved, PriorPart
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OF, OfCampaign, OfPart, about_moved_base, motion_of_base
-from pa10cal.terms.term import Offsets, Term, fixed
-from pa10cal.terms.weights import Weights, WeightSizes
+from pa10cal.terms.of_campaign import OfCampaign
+from pa10cal.terms.term import Offsets, Term
+from pa10cal.terms.weights import Weights
 
 F = TypeVar("F", bound=Fitted)
 
@@ -270,13 +273,16 @@ def calibrate_from(
     model, expected = Model(prior.model.model.chain, prior.terms), prior.expected
     unknowns = choose_unknowns(arm, options.tolerances, observations.measured, start)
     states, source = with_torques(model, expected.mean, observations.states, payload)
-    problem, x_start = with_unknown_frames(
-        model, expected.mean, unknowns, start, observations.with_states(states)
-    )
-    check_enough(problem, known=len(expected.mean))
-    possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
-    found = fitted(problem, x_start, expected=expected)
+    posed = observations.with_states(states)
+
+    def of_prior(unknowns: Unknowns) -> Fit:
+        problem, x_start = with_unknown_frames(model, expected.mean, unknowns, start, posed)
+        check_enough(problem, known=len(expected.mean))
+        return problem, x_start, fitted(problem, x_start, expected=expected)
+
+    problem, x_start, found = about_known_arm(unknowns, start, of_prior)
+    possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
     released: tuple[MovedPart, ...] = ()
     anew, frames = everything(possible), len(problem.parameters) - len(expected.mean)
     few = problem.readings < _FEW * (len(anew.columns) + frames)
@@ -423,175 +429,3 @@ def _words(moved: Moved) -> str:
     times, unit = {"rad": (1e3, "mrad"), "m": (1e3, "mm")}.get(moved.unit, (1.0, moved.unit))
     by, half = times * moved.by, HALF_WIDTH_95 * times * moved.std
     return f"{what}{moved.of} moved by {by:+.3f} {unit} (95 % interval ±{half:.3f} {unit})"
-
-
-# A calibrated arm in another place: only base and tool are found anew.
-
-#: Poses that say enough of how frames follow the arm, and how many of them are taken at once.
-_ENOUGH_POSES = 2000
-_AT_ONCE = 300
-
-
-def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] = ()) -> F:
-    """Fit base and tool, or targets, of a calibrated model to other observations of the same arm.
-
-    Args:
-        model: the calibrated model; everything in it but base, tool and targets stays.
-        observations: P poses of the arm, with what its terms need.
-        cuts_s: times at which the base moved: each part has a base of its own, and all one tool.
-
-    Raises:
-        CalibrationError: when the fit does not converge, or the poses do not fix the frames.
-    """
-    arm = model.model.chain.arm
-    start = calibrate.find_start(arm, observations)
-    unknowns = choose_unknowns(arm, Tolerances(), observations.measured, start)
-    arm_terms = [term for term in model.model.terms if not (is_tool(term) or OF in term.of)]
-    known = [fixed(term, model.values_of(term)) for term in arm_terms]
-    of_arm = model.model.parameter_indices(*arm_terms)
-    chain = model.model.chain
-    ends_s = pairwise((*sorted(cuts_s), float("inf")))  # of every part but the first
-    parts = (
-        OfPart(unknowns.base, from_s, to_s, f"part {number}")
-        for number, (from_s, to_s) in enumerate(ends_s, start=2)
-    )
-    own_frames = (*unknowns.frames, *parts)
-    unknowns, as_known = replace(unknowns, frames=own_frames), Model(chain, tuple(known))
-    problem, x_start = with_unknown_frames(as_known, np.zeros(0), unknowns, start, observations)
-    found = fit(problem, x_start)
-    if not found.converged:
-        raise CalibrationError(
-            "base and tool could not be fitted",
-            where="grid poses",
-            value=found.reason,
-            allowed="poses that identify base and tool",
-            remedy="measure more poses, with orientations further apart",
-        )
-    of_model = problem.of_model(found.x)
-    away = model.falls_back
-    terms = (*arm_terms, *own_frames)
-    frames = sum(len(each.parameters) for each in own_frames)
-    small = calibrate.base_motion(problem.model, of_model[frames:])
-    covariance = None
-    if model.covariance is not None:
-        opened = replace(problem, model=Model(chain, (*terms, unknowns.base)))
-        own = model.covariance[np.ix_(of_arm, of_arm)]
-        x = np.concatenate([model.x[of_arm], found.x])
-        covariance = _with_frames(opened, x, own, unknowns.base.coordinates)
-    x_terms = np.concatenate([model.x[of_arm], of_model[:frames]])
-    return replace(
-        model,
-        model=Model(chain, terms),
-        x=about_moved_base(terms, x_terms, small),
-        covariance=covariance,
-        T_instr_base=start.T_instr_base @ motion_of_base(small),
-        R_ee_target=start.R_ee_target,
-        R_first_target_of=observations.measured.R_first_target_of,
-        targets_m=problem.places_at(found.x),
-        falls_back=None
-        if away is None
-        else FallBack(away.within, refit_frames(away.model, observations, cuts_s)),
-    )
-
-
-def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> F:
-    """Return a calibrated model with what the arm carries in another campaign.
-
-    Weights found beside springs go with the arm. Those of the tool belong to the campaign: where it
-    states its tool, the model takes that; where not, the tool of the model's own campaign is the
-    best guess. What the last link's moment differs by is shared with the tool's by their
-    uncertainties. The direction of gravity in the base frame is that of another base. Logged
-    torques have all weights in them, as they are.
-
-    Args:
-        logged: whether torques are logged there.
-    """
-    away = model.falls_back
-    if logged:
-        model = model.only(*(term for term in model.model.terms if not isinstance(term, Weights)))
-    x, covariance = model.x.copy(), model.covariance
-    for term in model.model.terms:
-        if payload is None or not isinstance(term, Weights):
-            continue
-        columns = model.model.parameter_indices(term)
-        before = None if model.payload is None else weight_sizes(model.arm, model.payload)
-        kept, left = _of_link(term, before, weight_sizes(model.arm, payload), payload)
-        x[columns] *= kept
-        if covariance is not None:
-            shrink = np.ones(len(covariance))
-            shrink[columns] = kept
-            covariance = covariance * np.outer(shrink, shrink)
-            covariance[columns, columns] += left
-    return replace(
-        model,
-        x=x,
-        covariance=covariance,
-        payload=model.payload if payload is None else payload,
-        falls_back=None
-        if away is None
-        else FallBack(away.within, with_tool_of(away.model, payload, logged=logged)),
-    )
-
-
-def _of_link(
-    term: Weights, before: WeightSizes | None, there: WeightSizes, payload: Payload
-) -> tuple[Array, Array]:
-    """Return which part of each weight goes with the arm, (k,), and the variance of the rest, (k,).
-
-    Args:
-        before: their uncertainties in the campaign of the model; None where not known.
-        there: their uncertainties in the other campaign.
-    """
-    kept, left = np.ones(len(term.columns)), np.zeros(len(term.columns))
-    tool_kg_m = 0.0 if before is None else before.payload_kg_m
-    for k, (column, size) in enumerate(zip(term.columns, term.sizes, strict=True)):
-        beyond = column - 4 * term.n
-        if beyond > 0:
-            kept[k], left[k] = 0.0, there.level_rad**2
-        elif payload.known and beyond == 0:
-            kept[k], left[k] = 0.0, there.payload_kg**2
-        elif payload.known and -4 < beyond < 0:  # first moment of the last link, and of the tool
-            own = max(0.0, size**2 - tool_kg_m**2)
-            kept[k] = own / size**2
-            left[k] = own * (1.0 - kept[k]) + there.payload_kg_m**2
-    return kept, left
-
-
-def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...]) -> Array:
-    """Return the covariance of the arm, of frames found anew, and of the base's six motions.
-
-    Frames follow what the arm's own parameters are off by: what they can take up of an error of the
-    arm is no error of a prediction any more.
-
-    Args:
-        problem: with the terms of the arm, those of the frames and the base's own as unknowns.
-        of_arm: (a, a) covariance of the arm's parameters.
-        base: coordinates of the base that were unknowns.
-    """
-    poses, own = len(problem.observations), len(of_arm)
-    # Some thousand poses say how frames follow; each has a column for every parameter of a map.
-    every = max(1, poses // _ENOUGH_POSES)
-    normal = np.zeros((len(x) - own, len(x)))
-    for first in range(0, poses, every * _AT_ONCE):
-        rows = np.arange(first, min(first + every * _AT_ONCE, poses), every)
-        part = replace(problem, observations=problem.observations.take(rows))
-        root = np.linalg.inv(np.linalg.cholesky(part.stated_covariance))
-        white = (root @ part.rows(x).jacobian).reshape(-1, len(x))
-        normal += every * white[:, own:].T @ white
-    of_frames = normal[:, own:]
-    scale = 1.0 / np.sqrt(np.diag(of_frames))
-    inverse = np.linalg.pinv(of_frames * np.outer(scale, scale)) * np.outer(scale, scale)
-    follow = -inverse @ normal[:, :own]
-    across = follow @ of_arm
-    whole = np.block([[of_arm, across.T], [across, across @ follow.T + inverse]])
-    terms = len(problem.model.parameters) - len(base)
-    found = np.zeros((terms + len(BASE),) * 2)
-    at = np.concatenate([np.arange(terms), terms + np.array([BASE.index(name) for name in base])])
-    kept = slice(0, len(problem.model.parameters))
-    found[np.ix_(at, at)] = whole[kept, kept]
-    return found
-
-
-def is_tool(term: Term) -> bool:
-    """Return whether a term moves the tool, and nothing else."""
-    return bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
