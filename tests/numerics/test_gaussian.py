@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 
 from pa10cal.numerics.gaussian import Gaussian
 
+pytestmark = pytest.mark.digits
 seeds = st.integers(0, 2**32 - 1)
 
 
