@@ -32,7 +32,7 @@ def test_follows_imports_inside_functions():
 
 
 def test_follows_imports_through_the_packages_beside():
-    paths = source_files("pa10cal_lab.commands.simulate")
+    paths = source_files("pa10cal_lab.command_simulate")
     files = {path.relative_to(PACKAGE.parent).as_posix() for path in paths}
     assert {"pa10cal_lab/cell/robot.py", "pa10cal/arm/description.py"} <= files
     assert not [

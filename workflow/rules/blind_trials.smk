@@ -65,7 +65,7 @@ rule judge_trials:
         first="[0-9]+",
         trials="[0-9]+",
     params:
-        code=code_of("pa10cal_lab.commands.blind_trials"),
+        code=code_of("pa10cal_lab.command_blind_trials"),
         measured=lambda wildcards: TRIAL_STUDIES[wildcards.study][0],
         seed=SETTINGS.blind_trials.random_seed,
         settings=sections_of("ingest", "base_frame", "calibration", "discovery"),
@@ -89,7 +89,7 @@ rule score_trials:
     wildcard_constraints:
         study="|".join(TRIAL_STUDIES),
     params:
-        code=code_of("pa10cal_lab.commands.studies"),
+        code=code_of("pa10cal_lab.command_studies"),
     shell:
         "python -m pa10cal score_trials --verdicts {input.verdicts:q} --truths {input.truths:q}"
         " --scores {output.scores:q} --trials {output.trials:q} 2>&1 | tee {log:q} >&2"

@@ -6,7 +6,7 @@ rule coverage:
     log:
         coverage_result("logs/coverage.log"),
     params:
-        code=code_of("pa10cal_lab.commands.studies"),
+        code=code_of("pa10cal_lab.command_studies"),
         settings=settings_of("coverage"),
         calibration=settings_of("calibration"),
     shell:

@@ -22,7 +22,7 @@ rule simulate_campaign:
     wildcard_constraints:
         name=one_of(TOUCHED),
     params:
-        code=code_of("pa10cal_lab.commands.simulate"),
+        code=code_of("pa10cal_lab.command_simulate"),
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
         kcub_reading=SETTINGS.kcub_reading,
         settings=lambda wildcards: SETTINGS.simulate[wildcards.name].model_dump_json(),
@@ -43,7 +43,7 @@ rule simulate_tracked:
     wildcard_constraints:
         name=one_of(TRACKED),
     params:
-        code=code_of("pa10cal_lab.commands.simulate"),
+        code=code_of("pa10cal_lab.command_simulate"),
         folder=lambda wildcards, output: os.path.dirname(output.campaign),
         settings=lambda wildcards: SETTINGS.simulate[wildcards.name].model_dump_json(),
     shell:

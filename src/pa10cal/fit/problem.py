@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
@@ -52,11 +52,9 @@ class Problem:
     # P poses, an orientation turned so that the tool's own is near that of the chain
     observations: Observations
 
-    @property
-    def roles(self) -> tuple[Role, ...]:
-        """Return what each unknown is of."""
-        role: Role = "target"
-        return (*self.model.roles, *(role for _ in self.places))
+    def having(self, role: Role) -> Mask:
+        """Return which unknowns (k,) are of a kind."""
+        return np.append(self.model.having(role), np.full(len(self.places), role == "target"))
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:

@@ -181,7 +181,7 @@ def _with_torques_at(
 def tilts_not_shown(problem: Problem, fit: GeneralSolution) -> dict[str, CalibratedParameter]:
     """Return the tilts of parallel axes that the readings do not show; none where they do."""
     names = [parameter.name for parameter in problem.parameters]
-    at = np.flatnonzero([role == "tilt" for role in problem.roles])
+    at = np.flatnonzero(problem.having("tilt"))
     covariance = fit.covariance[np.ix_(at, at)]
     std = np.sqrt(np.diag(covariance))
     if not len(at) or not np.all(std > 0.0):

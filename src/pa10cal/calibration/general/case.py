@@ -327,7 +327,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         # What poses leave open of weights that nobody stated is no lack of poses. It goes with the
         # springs by a little, and these with it: not those whose sag poses show all the same.
         std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        windup = np.array([role == "windup" for role in problem.roles])
+        windup = problem.having("windup")
         openly -= {*names_of(parameters, windup & np.less(std, _SHOWN * fit.x))}
     if assumed or (payload is not None and payload.com_u_m is not None):
         # Neither is a spring that goes with them: the next campaign may do without it.

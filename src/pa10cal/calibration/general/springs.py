@@ -128,7 +128,7 @@ def _whitened(
     """
     root = np.sqrt(found.weights)[:, None, None] * found.whitener
     rows, reach = problem.rows(x), reach_of(problem)
-    of_masses = np.array([role == "weight" for role in problem.roles])
+    of_masses = problem.having("weight")
     columns = (root @ rows.jacobian)[:, :, free] * reach[free]
     data = (root @ rows.residual[:, :, None])[:, :, 0]
     return columns, data, np.where(of_masses, x / reach, 0.0)[free]

@@ -1,1 +1,0 @@
-"""Commands of the laboratory: a function whose signature is the command line."""
