@@ -12,6 +12,7 @@ from benchmarks.pythons import SUPPORTED
 
 import pa10cal
 from pa10cal.commands.doctor import LEAST_PYTHON
+from pa10cal.terms.plain import term_kinds
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
@@ -169,6 +170,7 @@ MAY_IMPORT = {
         "campaign.table",
         "arm.statics",
         "files.output",
+        "terms.wording",
     },
     "pose_plan": {
         "arm",
@@ -301,6 +303,18 @@ def test_pure_packages_know_no_files_no_settings_and_do_not_print():
         names = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
         wrong += [f"{path.name}: {name}()" for name in names & {"print", "open"}]
     assert not wrong
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=name_of)
+def test_no_effects_are_listed_by_hand(path):
+    """What is to be known of an effect by its id, its class states."""
+    known, listed = set(term_kinds()), []
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Dict | ast.Tuple | ast.List | ast.Set):
+            each = node.keys if isinstance(node, ast.Dict) else node.elts
+            ids = {one.value for one in each if isinstance(one, ast.Constant)} & known
+            listed += [sorted(ids)] if len(ids) > 1 else []
+    assert not listed
 
 
 #: How a table could be written beside `files.output.csv_text`.

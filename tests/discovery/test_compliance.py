@@ -11,6 +11,7 @@ import pa10cal
 from pa10cal.discovery import compliance
 from pa10cal.files.arms import load_arm
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.terms.wording import sentences
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.trials import draw_trials
 from pa10cal_lab.cell.write import write_campaign
@@ -71,7 +72,7 @@ def test_what_they_take_away_is_said(soft):
     assert explained.share > 0.5
     assert explained.of[0].weights == "assumed"
     assert explained.before_mm > explained.after_mm
-    assert "under the arm's weight" in " ".join(explained.sentences)
+    assert "under the arm's weight" in " ".join(sentences(explained))
 
 
 @pytest.mark.slow

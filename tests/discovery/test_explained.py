@@ -10,8 +10,9 @@ import pytest
 
 from pa10cal.discovery.gap import explained_by
 from pa10cal.discovery.verdict import Verdict
-from pa10cal.results.explained import ExplainedEffect, percent
+from pa10cal.results.explained import ExplainedEffect
 from pa10cal.results.record import EffectName
+from pa10cal.terms import wording
 
 NOISE_MM = 0.1
 
@@ -73,8 +74,8 @@ def test_no_more_than_noise_is_nothing_to_explain():
     assert chain((("backlash",), "joint 1", 0.09), start_mm=0.095) is None
     found = explained_by((), 0.5, NOISE_MM)
     assert (found.share, found.of, found.without_a_name) == (0.0, (), 1.0)
-    assert found.headline == "none of the error beyond noise is explained"
-    assert found.sentences == ()
+    assert wording.headline(found) == "none of the error beyond noise is explained"
+    assert wording.sentences(found) == ()
 
 
 SENSOR_OR_GEAR = ("sensor_error", "gear_error")
@@ -120,8 +121,8 @@ SENSOR_OR_GEAR = ("sensor_error", "gear_error")
 )
 def test_effects_are_told_in_words_those_of_one_kind_together(steps, headline, sentences):
     found = chain(*steps)
-    assert found.headline.endswith(headline)
-    for said, begins in zip(found.sentences, sentences, strict=True):
+    assert wording.headline(found).endswith(headline)
+    for said, begins in zip(wording.sentences(found), sentences, strict=True):
         assert said.startswith(begins)
 
 
@@ -131,7 +132,7 @@ def test_springs_of_the_calibration_join_before_the_effects():
         for joint, b, a in ((2, 0.36, 0.25), (3, 0.25, 0.17))
     ]
     found = explained_by(springs, 0.36, 0.05)
-    (told,) = found.sentences
+    (told,) = wording.sentences(found)
     assert told == (
         "Joints 2 and 3 give way under the arm's weight (stiffness relative to assumed weights): "
         "0.36 mm becomes 0.17 mm."
@@ -175,7 +176,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     [(0, "0 %"), (0.001, "less than 1 %"), (0.97, "97 %"), (0.996, "more than 99 %"), (1, "100 %")],
 )
 def test_all_and_nothing_are_not_claimed_by_rounding(share, said):
-    assert percent(share) == said
+    assert wording.percent(share) == said
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import errors_of
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.observe.observations import reading_groups
+from pa10cal.stages.discover import verdict_lines
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,9 @@ class TestVerdict:
         record = whole.record(Campaign())
         extended = whole.extended_record(record, Campaign.robot, "combined")
         assert record.verdict == extended.verdict == "not_sought"
-        assert record.summary == (f"effects were not sought: {found.why}; {found.remedy}",)
+        assert tuple(verdict_lines(record)) == (
+            f"effects were not sought: {found.why}; {found.remedy}",
+        )
         assert len(whole.analysis(Campaign()).naming) == 1
         own = known.model.report(known.x)
         for parameter, value in zip(own.parameters, own.values, strict=True):

@@ -19,7 +19,8 @@ from pa10cal.reports.pictures import campaigns_drawings, joint_map_drawings
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
-from pa10cal.results.explained import ProposedFormula, percent
+from pa10cal.results.explained import ProposedFormula
+from pa10cal.terms.wording import headline, percent, sentences
 
 _GRADES = {
     "good": "The calibration is good.",
@@ -88,8 +89,8 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
     """Yield what is missing from the model, or wrong with the log."""
     lead = record.explained
     if lead is not None:
-        yield Paragraph(sentence(lead.headline), lead=True)
-        yield Items(lead.sentences)
+        yield Paragraph(sentence(headline(lead)), lead=True)
+        yield Items(sentences(lead))
     yield Paragraph(verdict_sentence(record), lead=lead is None)
     yield grid(
         "Faults of the log",
@@ -152,12 +153,13 @@ def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tupl
 def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
     """Return the verdict for the top of the page: how much is explained, and by what."""
     word, lead = record.verdict.replace("_", " "), record.explained
-    if lead is None or not lead.sentences:
+    told = () if lead is None else sentences(lead)
+    if lead is None or not told:
         return word, verdict_sentence(record)
     if record.verdict == "check_the_log":
-        return word, f"{verdict_sentence(record)} {sentence(lead.headline)}"
-    parts = "Of the error beyond noise." if len(lead.sentences) == 1 else sentence(lead.headline)
-    return f"{lead.percent} explained", f"{parts} {lead.sentences[0]} Verdict: {word}."
+        return word, f"{verdict_sentence(record)} {sentence(headline(lead))}"
+    parts = "Of the error beyond noise." if len(told) == 1 else sentence(headline(lead))
+    return f"{percent(lead.share)} explained", f"{parts} {told[0]} Verdict: {word}."
 
 
 def verdict_sentence(record: VerdictRecord) -> str:

@@ -186,8 +186,6 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
 
 # Errors that depend on a joint's angle: maps over a turn, and as each campaign of a group has them.
 
-#: Effects whose parameters are the errors at even knots of a joint's turn.
-_MAPS = ("joint_error_map", "sensor_error", "gear_error")
 _ARC_SECONDS_A_MRAD = 206.265
 #: Points of a line over a turn, about, a whole number for every knot.
 _POINTS = 360
@@ -207,17 +205,16 @@ def joint_map_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
 
     maps: dict[int, tuple[int, Array, Array, Array]] = {}
     for effect in verdict.effects:
-        if effect.id in _MAPS:
-            names = sorted(effect.parameters, key=lambda name: int(name.rpartition("_")[2]))
-            around = [effect.parameters[name] for name in (*names, names[0])]
+        if knots := effect.knots:
+            around = (*knots, knots[0])
             knots_deg = np.linspace(0.0, 360.0, len(around))
-            angle = np.linspace(0.0, 360.0, max(_POINTS // len(names), 2) * len(names) + 1)
+            angle = np.linspace(0.0, 360.0, max(_POINTS // len(knots), 2) * len(knots) + 1)
             spline = CubicSpline(knots_deg, [knot.value for knot in around], bc_type="periodic")
             half = HALF_WIDTH_95 * np.interp(angle, knots_deg, [knot.std for knot in around])
             joint = int(effect.of.removeprefix("joint "))
-            maps[joint] = len(names), angle, 1e3 * np.asarray(spline(angle)), 1e3 * half
+            maps[joint] = len(knots), angle, 1e3 * np.asarray(spline(angle)), 1e3 * half
     limit = 1.1 * max((float(np.abs(line).max()) for _, _, line, _ in maps.values()), default=1.0)
-    for joint, (knots, angle, line, half) in sorted(maps.items()):
+    for joint, (count, angle, line, half) in sorted(maps.items()):
         unseen = np.zeros(len(angle), dtype=bool)
         if verdict.angles_seen is not None:
             low, high = np.degrees(verdict.angles_seen[joint - 1].stretches).T[:, None]
@@ -238,7 +235,7 @@ def joint_map_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
             figure,
             f"Joint {joint}: error over its angle",
             f"Rms {rms:.3f} mrad ({_ARC_SECONDS_A_MRAD * rms:.1f} arc seconds) over the {over}; "
-            f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {360.0 / knots:.3g}° "
+            f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {360.0 / count:.3g}° "
             "apart.",
             f"joint-error-{joint}",
         )

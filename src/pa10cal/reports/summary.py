@@ -14,6 +14,7 @@ from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRec
 from pa10cal.results.discovery import VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.fleet import ChainRecord
+from pa10cal.terms import wording
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
 
@@ -74,7 +75,7 @@ def notes(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a verdict says beside its word, in one line each."""
     effects = [each.either for each in verdict.effects_by_share]
     lead = verdict.explained
-    explained = [lead.headline, *lead.sentences[:1]] if lead is not None and lead.of else []
+    explained = [wording.headline(lead), *wording.sentences(lead)[:1]] if lead and lead.of else []
     named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []
     unsought = [f"not_sought: {verdict.why}; {verdict.remedy}"] if verdict.why else []
     nameless = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
@@ -13,14 +13,21 @@ from pa10cal.results.evaluation import Accuracy, BeforeAfter, EffectParameter, P
 from pa10cal.results.explained import Explained, ProposedFormula
 from pa10cal.results.maps import AnglesSeen, Bands, FallsBack, JointWitness, MapForm, PoseScatter
 
+#: Start of the names of a map's parameters; its number follows.
+_KNOT = "knot_"
+
 
 def sized(parameters: Mapping[str, EffectParameter]) -> str:
     """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
     return ", ".join(
         f"{key} = {entry.value:.4g} ± {record.HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
         for key, entry in parameters.items()
-        if not key.startswith("knot")
+        if not key.startswith(_KNOT)
     )
+
+
+def _number_of(knot: str) -> int:
+    return int(knot.removeprefix(_KNOT))
 
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
@@ -104,6 +111,12 @@ class NamedEffect(record.EffectName):
     alternatives: tuple[
         record.EffectName, ...
     ]  # effects that explain the data as well in its place
+
+    @property
+    def knots(self) -> tuple[EffectParameter, ...]:
+        """Return the errors at the even knots of a turn of a map; none of any other effect."""
+        names = (name for name in self.parameters if name.startswith(_KNOT))
+        return tuple(self.parameters[name] for name in sorted(names, key=_number_of))
 
     @property
     def all_names(self) -> tuple[record.Name, ...]:
@@ -401,59 +414,6 @@ class VerdictKeys(record.Part):
                 "and from all others of the pose: a gross error"
             )
         return tuple(found)
-
-    @property
-    def summary(self) -> tuple[str, ...]:
-        """Return the verdict in a few lines; in one where effects were not sought."""
-        return tuple(self._lines())
-
-    def _lines(self) -> Iterator[str]:
-        word, lead = self.verdict, self.explained
-        if word == "not_sought":
-            yield f"effects were not sought: {self.why}; {self.remedy}"
-        else:
-            yield word if lead is None else f"{lead.headline} (verdict: {word})"
-        yield from (f"  {fault}" for fault in self.faults)
-        if word == "not_sought":
-            return
-        yield from (f"  {sentence}" for sentence in (() if lead is None else lead.sentences))
-        for effect in self.effects_by_share:
-            values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
-            line = f"  {effect.id} of {effect.of}: {values}"
-            if isinstance(effect.evidence, EvidenceOfSag):
-                line += f"; {effect.evidence.sag}"
-            if effect.alternatives:
-                line += f"; indistinguishable from {' or '.join(effect.rivals)}"
-            if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
-                low, high = ripple.interval95
-                line += (
-                    f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by "
-                    f"lines at {', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
-                )
-            yield line
-        for place in self.unexplained.all if self.unexplained else ():
-            yield f"  without a name, of {place.of or 'unknown place'}: {place.why}"
-        for each in self.proposed or ():
-            yield f"  proposed for {each.of}, no name: {each.formula}, {sized(each.parameters)}"
-        for kind, gap in (("train", self.gap.train), ("holdout", self.gap.holdout)):
-            if gap is None:
-                continue
-            low, high = gap.reduction.interval95_mm
-            yield (
-                f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
-                f"{low:.4f} to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
-            )
-            parts = {
-                "inside": gap.inside,
-                "outside": gap.outside,
-                "without readings far from the model": gap.trusted,
-            }
-            for name, part in parts.items():
-                if part is not None:
-                    yield (
-                        f"  {name}: {part.after.configurations} poses, rms "
-                        f"{part.before.rms_mm:.4f} -> {part.after.rms_mm:.4f} mm"
-                    )
 
 
 @record.filed("pa10cal-verdict/1", "discovery/verdict.json", by="discover")

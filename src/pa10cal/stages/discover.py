@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pa10cal.options import DiscoveryOptions
+
+if TYPE_CHECKING:
+    from pa10cal.results.discovery import VerdictKeys
 
 
 def discover(
@@ -65,8 +70,61 @@ def discover(
         write(model, extended_beside)
         write(shown, analysis_beside)
         write(judged, verdict_beside)
-    for line in judged.summary:
+    for line in verdict_lines(judged):
         print(f"{campaign.name}: {line}")
     for warning in judged.warnings:
         print(f"{campaign.name}: note: {warning}", file=sys.stderr)
     print(f"{campaign.name}: {time.perf_counter() - began:.1f} s")
+
+
+def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
+    """Yield a verdict in a few lines; in one where effects were not sought."""
+    from pa10cal.results.discovery import EvidenceOfSag, sized
+    from pa10cal.terms.wording import headline, sentences
+
+    word, lead = verdict.verdict, verdict.explained
+    if word == "not_sought":
+        yield f"effects were not sought: {verdict.why}; {verdict.remedy}"
+    else:
+        yield word if lead is None else f"{headline(lead)} (verdict: {word})"
+    yield from (f"  {fault}" for fault in verdict.faults)
+    if word == "not_sought":
+        return
+    yield from (f"  {sentence}" for sentence in (() if lead is None else sentences(lead)))
+    for effect in verdict.effects_by_share:
+        values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
+        line = f"  {effect.id} of {effect.of}: {values}"
+        if isinstance(effect.evidence, EvidenceOfSag):
+            line += f"; {effect.evidence.sag}"
+        if effect.alternatives:
+            line += f"; indistinguishable from {' or '.join(effect.rivals)}"
+        if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
+            low, high = ripple.interval95
+            line += (
+                f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by "
+                f"lines at {', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
+            )
+        yield line
+    for place in verdict.unexplained.all if verdict.unexplained else ():
+        yield f"  without a name, of {place.of or 'unknown place'}: {place.why}"
+    for each in verdict.proposed or ():
+        yield f"  proposed for {each.of}, no name: {each.formula}, {sized(each.parameters)}"
+    for kind, gap in (("train", verdict.gap.train), ("holdout", verdict.gap.holdout)):
+        if gap is None:
+            continue
+        low, high = gap.reduction.interval95_mm
+        yield (
+            f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
+            f"{low:.4f} to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
+        )
+        parts = {
+            "inside": gap.inside,
+            "outside": gap.outside,
+            "without readings far from the model": gap.trusted,
+        }
+        for name, part in parts.items():
+            if part is not None:
+                yield (
+                    f"  {name}: {part.after.configurations} poses, rms "
+                    f"{part.before.rms_mm:.4f} -> {part.after.rms_mm:.4f} mm"
+                )

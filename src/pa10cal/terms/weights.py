@@ -244,6 +244,8 @@ class LoadStated(WeightStated):
 
     load_N: float  # the load as stated
     id = "load_stated"
+    nouns = ("load as stated", "loads as stated")
+    clauses = ("a load is not what is stated",)
     kind = "load"
 
     @classmethod
@@ -277,6 +279,8 @@ class ToolStated(WeightStated):
     n: int  # joints of the arm
     tool_kg: float  # mass as stated
     id = "tool_stated"
+    nouns = ("tool as stated", "tools as stated")
+    clauses = ("the tool is not what is stated",)
     sits = "tool"
     kind = "payload"
 

@@ -15,6 +15,7 @@ from pa10cal.discovery.blocked_cv.survey import ShapedEffect
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
+from pa10cal.stages.discover import verdict_lines
 from pa10cal.terms.effects.joint_error_map import FadingPrior
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.effects.effect import Site
@@ -68,7 +69,7 @@ def test_it_is_told_and_written(found, campaign):
     witness = keys.effects[0].witness
     assert witness.ripple.orders == (4, 10, 20)
     assert witness.ripple.profile_nats.max() == 0.0
-    assert "its motor followed" in " ".join(keys.summary)
+    assert "its motor followed" in " ".join(verdict_lines(keys))
     assert found.record(campaign.description).effects[0].witness == witness
     back = model_from_plain(model_to_plain(found.model), where="model.yaml")
     assert back.model.terms == found.model.model.terms

@@ -10,8 +10,10 @@ import pytest
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gates import unfit
 from pa10cal.terms import effects
-from pa10cal.terms.effects.effect import candidates, every_effect
+from pa10cal.terms.effects.effect import AtJoint, Effect, candidates, every_effect
 from pa10cal.terms.term import shows_torque, yields
+from pa10cal.terms.weights import FAULTS
+from pa10cal.terms.wording import clause_of, noun_of
 
 JOINTS = tuple(f"joint {joint}" for joint in range(1, 7))
 #: Effects of the contract: where each may sit on the PA10 with springs at joints 2, 3 and 5. What
@@ -95,6 +97,18 @@ def test_every_effect_sits_where_it_may_and_reports_what_readers_know(context):
         if not effect.generic:
             names = [p.name for p in effect.report(effect.starts[0]).parameters]
             assert names == VOCABULARY.get(effect.id, (None, names))[1]
+
+
+@pytest.mark.parametrize("kind", [*every_effect(), *FAULTS], ids=lambda kind: kind.id)
+def test_every_name_says_what_the_effect_does_at_one_joint_and_at_several(kind):
+    at_joints = issubclass(kind, AtJoint) and not kind.generic
+    assert (kind.clauses is Effect.clauses) == kind.generic
+    assert len(kind.clauses) == (2 if at_joints else 1)
+    for many, at in ((False, "joint 2"), (True, "joints 2 and 3")):
+        told = clause_of(kind.id, at, many=many)
+        assert not re.search(r"[{}_]|[. ]$", told)
+        assert at in told or not at_joints
+        assert noun_of(kind.id, many=many)
 
 
 @pytest.mark.parametrize(("three_axes", "named"), [(True, {"cmm_scale"}), (False, {"scale"})])

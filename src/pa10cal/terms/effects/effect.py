@@ -84,9 +84,9 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 class Effect(ABC):
     """A term of the vocabulary; its parameters are zero where the effect is absent.
 
-    A class says its `id`, where it `sits`, its form in `words`, the parameters it is `reported` by,
-    and what a unit of each makes of its `coordinates` (`per_unit`). Parameters past the first
-    `linear` shape the effect and matter only where it is present.
+    A class says its `id`, where it `sits`, its form in `words`, what it does in `clauses`, the
+    parameters it is `reported` by, and what a unit of each makes of its `coordinates` (`per_unit`).
+    Parameters past the first `linear` shape the effect and matter only where it is present.
     """
 
     of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
@@ -95,6 +95,10 @@ class Effect(ABC):
     sits: ClassVar[str]
     #: The form in words a reader can type, by the parameters it reports; the effect itself is {0}.
     words: ClassVar[str]
+    #: What it is called, of one place and of several; {id} are the words of its id.
+    nouns: ClassVar[tuple[str, ...]] = ("{id}",)
+    #: What it does {at} a place, one clause, and at several joints, where that is said otherwise.
+    clauses: ClassVar[tuple[str, ...]] = ("there is {id} of {at}",)
     #: Whether it only gives the place of a missing effect, not its cause: no name.
     generic: ClassVar[bool] = False
     #: What a reader should do who finds it without a name, one clause.

@@ -24,6 +24,8 @@ class GearRatioError(effect.JointEffect):
     """A gear ratio off its nominal value: eps q_j [rad], eps without unit."""
 
     id = "gear_ratio_error"
+    nouns = ("gear ratio", "gear ratios")
+    clauses = ("the gear ratio of {at} is off", "the gear ratios of {at} are off")
     words = "theta_{0.joint} += eps q_{0.joint}"
     reported = (TermParameter("eps", "1", 1e-5, plausible=3e-4),)
 
@@ -40,6 +42,7 @@ class Backlash(effect.JointEffect):
     """
 
     id = "backlash"
+    clauses = ("{at} has lost motion", "{at} have lost motion")
     positive = True
     # Half of the reversal error. An assumption: makers state up to 15 arcmin for standard planetary
     # gears; worn and hobbyists' gears get four times that.
@@ -63,6 +66,10 @@ class ArrivalError(effect.JointEffect):
     # names of the campaigns of a group, each with an amount of its own; none of one
     campaigns: tuple[str, ...] = ()
     id = "arrival_error"
+    clauses = (
+        "{at} stops in another place for each direction that it comes from",
+        "{at} stop in other places for each direction that they come from",
+    )
     words = "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
 
     @classmethod
@@ -94,6 +101,7 @@ class AlongMove(effect.Effect):
 
     joints: tuple[int, ...]  # those that turn, from 1
     id = "along_move"
+    clauses = ("the log of joints and the readings are not of one instant",)
     sits = "arm"
     words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
     reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
@@ -117,6 +125,7 @@ class WristCoupling(effect.Effect):
 
     last: int  # the last joint, n
     id = "wrist_coupling"
+    clauses = ("the last joint is turned along by the one before it",)
     sits = "wrist"
     words = "theta_{0.last} += c q_{0.before}"
     reported = (TermParameter("c", "1", 3e-5, plausible=1e-3),)
@@ -189,6 +198,10 @@ class TransmissionError(JointHarmonic):
     """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
 
     id = "transmission_error"
+    clauses = (
+        "the gear of {at} errs twice a turn of its motor",
+        "the gears of {at} err twice a turn of their motors",
+    )
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -216,6 +229,10 @@ class EncoderEccentricity(JointHarmonic):
     """An encoder disk off its centre: one cycle a turn of the joint."""
 
     id = "encoder_eccentricity"
+    clauses = (
+        "the position sensor of {at} is off centre",
+        "the position sensors of {at} are off centre",
+    )
     order_stated = 1.0
 
 
@@ -224,6 +241,10 @@ class EncoderEllipticity(JointHarmonic):
     """An encoder disk out of round: two cycles a turn of the joint."""
 
     id = "encoder_ellipticity"
+    clauses = (
+        "the position sensor of {at} errs twice a turn",
+        "the position sensors of {at} err twice a turn",
+    )
     order_stated = 2.0
 
 
@@ -240,6 +261,10 @@ class PeriodicError(JointHarmonic):
 
     order: float = 3.0  # k, at first the lowest without a name of its own
     id = "periodic_error"
+    clauses = (
+        "{at} turns wrongly in even waves of its angle",
+        "{at} turn wrongly in even waves of their angles",
+    )
     order_stated = 3.0
     sought = False
 
@@ -270,6 +295,10 @@ class FrictionTorque(FalseTorque):
 
     rated_Nm: float  # rated torque of the joint
     id = "friction_torque"
+    clauses = (
+        "the logged torque of {at} holds friction",
+        "the logged torques of {at} hold friction",
+    )
     words = "logged tau_{0.joint} = tau_{0.joint} + tau_c s_{0.joint}"
     positive = True
 
@@ -291,6 +320,10 @@ class TorqueGain(FalseTorque):
     """
 
     id = "torque_gain"
+    clauses = (
+        "the logged torque of {at} is off by a factor",
+        "the logged torques of {at} are off by factors",
+    )
     words = "logged tau_{0.joint} = (1 + g) tau_{0.joint}"
     reported = (TermParameter("g", "1", 1e-3, plausible=0.05),)
 
@@ -313,6 +346,8 @@ class JointCompliance(effect.JointEffect):
 
     rated_Nm: float  # rated torque of the joint
     id = "joint_compliance"
+    nouns = ("spring", "springs")
+    clauses = ("{at} gives way under the arm's weight", "{at} give way under the arm's weight")
     most_rad = WINDS_UP
     words = "theta_{0.joint} -= tau_{0.joint} / K"
     positive = True
@@ -351,6 +386,7 @@ class SoftWindup(effect.JointEffect):
     rated_Nm: float  # rated torque of the joint
     span_Nm: float  # largest torque that the joint carried
     id = "soft_windup"
+    clauses = ("{at} is softer near zero torque", "{at} are softer near zero torque")
     most_rad = WINDS_UP
     words = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
     positive = True

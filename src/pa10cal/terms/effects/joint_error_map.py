@@ -97,6 +97,11 @@ class JointErrorMap(JointEffect):
     # together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little more.
     spectrum: Spectrum | None = None
     id = "joint_error_map"
+    nouns = ("error by the angle", "errors by the angle")
+    clauses = (
+        "{at} turns wrongly by an amount that depends on its angle",
+        "{at} turn wrongly by amounts that depend on their angles",
+    )
     words = (
         "theta_{0.joint} += periodic cubic spline of q_{0.joint} through the knots, "
         "knot k at 2 pi k / {0.knots}"
@@ -229,6 +234,11 @@ class SensorError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "sensor_error"
+    nouns = ("sensor", "sensors")
+    clauses = (
+        "the position sensor of {at} errs with its angle",
+        "the position sensors of {at} err with their angles",
+    )
     sought = False
     advice = "; calibrate the joint's sensor against the map"
 
@@ -240,5 +250,7 @@ class GearError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "gear_error"
+    nouns = ("gear", "gears")
+    clauses = ("the gear of {at} is uneven", "the gears of {at} are uneven")
     sought = False
     advice = "; look at the joint's gear"

@@ -95,6 +95,7 @@ class LinkBending(LinkEffect):
     """
 
     id = "link_bending"
+    clauses = ("{at} bends under load",)
     scale_and_size = (1e-7, 5e-6)
     words = (
         "the end of link {0.row} turns by c M and shifts by 2/3 L (c M) x axis, "
@@ -114,6 +115,7 @@ class LinkTorsion(LinkEffect):
     """A link twists by c times the moment along its axis at its end, c in rad/(N m)."""
 
     id = "link_torsion"
+    clauses = ("{at} twists under load",)
     scale_and_size = (5e-7, 2e-5)
     words = "the end of link {0.row} turns about its axis by c times the moment about it"
     positive = True
@@ -138,6 +140,7 @@ class BaseCompliance(Effect):
     # stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     id = "base_compliance"
+    clauses = ("the base tilts under the arm's weight",)
     sits = "base"
     words = "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
     coordinates = ("base.rx", "base.ry")
@@ -163,6 +166,7 @@ class ToolSag(Effect):
     """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
 
     id = "tool_sag"
+    clauses = ("the tool sags under its weight",)
     sits = "tool"
     words = "tool.x, tool.y += c times the part of the unit vector of gravity along them"
     reported = (TermParameter("c", "m", 3e-6, plausible=1e-4),)
@@ -193,6 +197,7 @@ class BaseDrift(Effect):
     end_s: float | None = None  # time of the last one; None of a constant rate, which goes on
     waves: int = 0  # cosines along each axis, of half a cycle more each; 0 of a constant rate
     id = "base_drift"
+    clauses = ("the base moved while the campaign lasted",)
     sits = "base"
     coordinates = BASE[:3]
     goes_with_time = True
@@ -241,6 +246,7 @@ class ThermalGrowth(Effect):
     lengths_m: tuple[float, ...]  # their nominal values
     reference_temperature_C: float  # temperature at which lengths are nominal
     id = "thermal_growth"
+    clauses = ("the links grow with temperature",)
     sits = "arm"
     positive = True
     goes_with_time = True
@@ -312,6 +318,7 @@ class CmmScale(FalseReading):
     """
 
     id = "cmm_scale"
+    clauses = ("the scales of the instrument's axes are off",)
     words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
     reported = tuple(TermParameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
 
@@ -331,6 +338,7 @@ class Scale(FalseReading):
     """
 
     id = "scale"
+    clauses = ("the instrument's scale is off",)
     words = "reading of x, y, z = (1 + s) x, (1 + s) y, (1 + s) z"
     reported = (TermParameter("s", "1", 3e-6, plausible=1e-4),)
 
@@ -347,6 +355,7 @@ class CmmSquareness(FalseReading):
     """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
 
     id = "cmm_squareness"
+    clauses = ("the instrument's axes are not square",)
     words = "reading of x = x + xy y"
     reported = (TermParameter("xy", "rad", 3e-6, plausible=1e-4),)
 

@@ -1,0 +1,126 @@
+"""What effects do and take away, in plain English, by the words that their classes state."""
+
+from __future__ import annotations
+
+from pa10cal.results.explained import Explained, ExplainedEffect
+from pa10cal.results.record import EffectName
+from pa10cal.terms.effects.effect import Effect, every_effect
+from pa10cal.terms.weights import FAULTS
+
+_JOINT = "joint "
+#: With more alternatives at other places a sentence says how many.
+_MOST_OTHERS = 3
+#: Decimals of an error below 0.01 mm; of larger ones fewer.
+_DECIMALS = 4
+
+
+def headline(explained: Explained) -> str:
+    """Return how much is explained and by what, in one line without a full stop."""
+    if not explained.of or explained.share <= 0.0:
+        return "none of the error beyond noise is explained"
+    told = "; ".join(_short(group) for group in _groups(explained))
+    return f"{percent(explained.share)} of the error beyond noise is explained: {told}"
+
+
+def sentences(explained: Explained) -> tuple[str, ...]:
+    """Return what each group of effects does, in plain words, and what it takes away."""
+    groups = [group for group in _groups(explained) if any(each.share > 0.0 for each in group)]
+    return tuple(_sentence(group, explained.before_mm) for group in groups)
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent; all and nothing are never claimed by rounding."""
+    if 0.0 < share < 0.01:
+        return "less than 1 %"
+    if 0.99 < share < 1.0:
+        return "more than 99 %"
+    return f"{100.0 * share:.0f} %"
+
+
+def noun_of(effect: str, *, many: bool = False) -> str:
+    """Return what an effect is called, by its id, of one place or of several."""
+    return _told(_kind_of(effect).nouns, effect, "", many=many)
+
+
+def clause_of(effect: str, at: str, *, many: bool = False) -> str:
+    """Return what an effect does at one place, or at several, by its id."""
+    return _told(_kind_of(effect).clauses, effect, at, many=many)
+
+
+def _told(words: tuple[str, ...], effect: str, at: str, *, many: bool) -> str:
+    return words[-1 if many else 0].format(id=effect.replace("_", " "), at=at)
+
+
+def _kind_of(effect: str) -> type[Effect]:
+    """Return the class of an effect; that of all for one that this version does not know."""
+    kinds = (*every_effect(), *FAULTS)
+    return next((kind for kind in kinds if kind.id == effect), Effect)
+
+
+def _groups(explained: Explained) -> list[list[ExplainedEffect]]:
+    """Return effects of one kind with the same alternatives together, the largest first."""
+    groups: dict[object, list[ExplainedEffect]] = {}
+    for each in explained.of:
+        joined = each.of.startswith(_JOINT) and not each.elsewhere
+        key = (each.ids, each.weights) if joined else (each.ids, each.of)
+        if each.weights is not None:  # one weight bends all of them, whatever else is possible
+            key = (each.ids[:1], each.weights)
+        groups.setdefault(key, []).append(each)
+    return sorted(groups.values(), key=lambda group: -sum(each.share for each in group))
+
+
+def _short(group: list[ExplainedEffect]) -> str:
+    """Return a group in a few words: `sensor or gear of joints 1 and 2`."""
+    ids, elsewhere = _shared(group)
+    many = len(group) > 1 and len(ids) == 1
+    nouns = " or ".join(noun_of(each, many=many) for each in ids)
+    others = [_placed(noun_of(each.id), _place(each.of)) for each in elsewhere]
+    if len(others) > _MOST_OTHERS:
+        others = [f"one of {len(others)} others"]
+    return " or ".join([_placed(nouns, _at(group)), *others])
+
+
+def _shared(group: list[ExplainedEffect]) -> tuple[tuple[str, ...], tuple[EffectName, ...]]:
+    """Return the ids, and the alternatives elsewhere, that a group has in common."""
+    first = group[0]
+    if any((each.ids, each.elsewhere) != (first.ids, first.elsewhere) for each in group):
+        return first.ids[:1], ()
+    return first.ids, first.elsewhere
+
+
+def _placed(nouns: str, at: str) -> str:
+    """Return nouns with their place, where they do not say it: `tool sag`, `sensor of joint 1`."""
+    return nouns if at.removeprefix("the ") in nouns.split() else f"{nouns} of {at}"
+
+
+def _place(of: str) -> str:
+    """Return a place within a sentence: `joint 2`, `the forearm`."""
+    return of if of.startswith(_JOINT) else f"the {of.replace('_', ' ')}"
+
+
+def _at(group: list[ExplainedEffect]) -> str:
+    """Return where a group sits: `joints 2 and 3`, `joint 2`, `the forearm`."""
+    if len(group) == 1:
+        return _place(group[0].of)
+    *first, last = sorted((each.of.removeprefix(_JOINT) for each in group), key=int)
+    return f"joints {', '.join(first)} and {last}"
+
+
+def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
+    ids, elsewhere = _shared(group)
+    clauses = [clause_of(effect, _at(group), many=len(group) > 1) for effect in ids]
+    if len(elsewhere) > _MOST_OTHERS:
+        clauses.append(f"one of {len(elsewhere)} other effects is there")
+    else:
+        clauses += [clause_of(other.id, _place(other.of)) for other in elsewhere]
+    told = ", or ".join(clauses)
+    if group[0].weights is not None:
+        more = "" if ids == group[0].ids else "; alternatives are listed"
+        told += f" (stiffness relative to assumed weights{more})"
+    after_mm = min(each.after_mm for each in group)
+    taken = sum(max(each.before_mm**2 - each.after_mm**2, 0.0) for each in group)
+    most_mm = max(whole_mm, *(each.before_mm for each in group))
+    before_mm = min((after_mm**2 + taken) ** 0.5, most_mm)
+    places = _DECIMALS - min(int(after_mm >= 0.01) + int(after_mm >= 0.1), _DECIMALS)
+    fall = f"{before_mm:.{places}f} mm becomes {after_mm:.{places}f} mm"
+    return f"{told[:1].upper()}{told[1:]}: {fall}."
