@@ -17,28 +17,24 @@ from scipy.optimize import linear_sum_assignment
 from pa10cal.results.discovery import FoundEffect
 from pa10cal.results.record import Name
 from pa10cal_lab import trial_records as results
+from pa10cal_lab.cell.effects.effect import SimulatedEffect, TorqueLogEffect
+from pa10cal_lab.cell.effects.vocabulary import all_effects, nameless
 from pa10cal_lab.cell.measured_trials import SUBJECTS
 
 MAP = "joint_error_map"
-#: A map that is one line, of `k` cycles a turn, and effects outside the vocabulary that are one.
+#: A map that is one line, of `k` cycles a turn.
 LINE = "periodic_error"
-_CYCLES = {"third_harmonic": 3.0}
 #: How trials are measured: in which no pose is repeated; with stressors and faults in the raw
 #: files; of sensors and gears that err.
 TRACKED, WILD, DRIVES = "tracked", "wild", "drives"
 #: The kind of trials that hide what no name covers.
 OUTSIDE = "outside"
-SENSOR, GEAR = "sensor_error", "gear_error"
+SENSOR = "sensor_error"
+GEAR = "gear_error"
 #: Root mean square over mean of the length of a vector with independent, equal normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
-#: What shows in the logged torque at every joint, and in the pose only by way of a spring.
-_TORQUE_ALONE = "torque_gain"
-_TORQUE_BY_SPRING = "friction_torque"
 #: What the springs of the judged model are.
 SPRING = "joint_compliance"
-#: Effects outside the vocabulary that are an error depending on the joint's angle, so that a map at
-#: their joint gives the place and leaves the cause open.
-_OF_ANGLE = ("third_harmonic", "dress_pack", "sawtooth", "soft_by_angle")
 
 #: A residual so many times that of noise alone is large; from `LIMIT` on an effect counts as above
 #: its detection limit; from `ABOVE` on, in units of the noise floor, something wrong must show.
@@ -129,9 +125,10 @@ class BlindTrial:
 
     def moves_poses(self, hidden: results.HiddenEffect) -> bool:
         """Return whether an effect can move the residual of the poses at all."""
-        if hidden.id == _TORQUE_BY_SPRING:
+        kind = _kind_of(hidden)
+        if issubclass(kind, TorqueLogEffect) and not kind.in_log_alone:
             return int(hidden.of.removeprefix("joint ")) in self.truth.flexible_joints
-        return hidden.id != _TORQUE_ALONE
+        return not kind.in_log_alone
 
     def is_testable(self, hidden: results.HiddenEffect) -> bool:
         """Return whether the verdict lists an effect as testable, at its plausible size.
@@ -235,10 +232,10 @@ class BlindTrial:
 
     def _leaves_open(self, named: FoundEffect) -> bool:
         """Return whether a name is the map of an unnamed error of a joint's angle, or its line."""
-        here = [hidden.id for hidden in self.hidden if hidden.of == named.of]
+        here = [each for each in self.hidden if each.of == named.of and _kind_of(each).by_angle]
         if named.id == LINE:
-            return any(_CYCLES.get(each) == cycles_of(named) for each in here)
-        return named.id == MAP and any(each in _OF_ANGLE for each in here)
+            return any(is_right(each, line_of(named)) for each in here)
+        return named.id == MAP and bool(here)
 
     def outcome(self, hidden: results.HiddenEffect) -> str:
         """Return what became of one hidden effect: an id of the vocabulary or one of the words.
@@ -352,7 +349,7 @@ class BlindTrial:
 
     def is_outside(self) -> bool:
         """Return whether all that it hides is outside the vocabulary."""
-        return bool(self.hidden) and all(hidden.id in OUTSIDE_FORMS for hidden in self.hidden)
+        return bool(self.hidden) and all(hidden.id in nameless() for hidden in self.hidden)
 
     def proposed(self) -> tuple[Formula, ...]:
         """Return the formulas proposed, and the lines named in the place of maps."""
@@ -361,7 +358,7 @@ class BlindTrial:
         lines = (each for each in self.effects if each.id == LINE)
         return (
             *(Formula(each.form, each.of, each.numbers) for each in self.verdict.proposed or ()),
-            *(Formula("harmonic", each.of, (cycles_of(each) or 0.0,)) for each in lines),
+            *map(line_of, lines),
         )
 
     def proposes(self, *, right: bool) -> bool:
@@ -432,32 +429,20 @@ class Formula(NamedTuple):
     numbers: tuple[float, ...] = ()  # what fixes it: orders first
 
 
-#: By what is hidden outside the vocabulary, its formula: forms that may be proposed for it, and the
-#: numbers with which these begin, some of them parameters. Of a sawtooth: teeth a turn.
-OUTSIDE_FORMS: dict[str, tuple[tuple[str, ...], tuple[float | str, ...]]] = {
-    "third_harmonic": (("harmonic",), (3.0,)),
-    "bowed_axis": (("quadratic", "cubic"), ("axis", "along")),
-    "dress_pack": (("pull",), ()),
-    "hysteresis": (("arrival_by_torque",), ()),
-    "soft_by_angle": (("torque_by_angle",), ("cycles",)),
-    "sawtooth": (("sawtooth",), ("sector",)),
-    "pedestal_tilt": (("moment_cubed",), ()),
-}
-#: The same of names of which a map may be found, and a formula proposed for that.
-_NAMED_FORMS = {
-    "encoder_eccentricity": (("harmonic",), (1.0,)),
-    "encoder_ellipticity": (("harmonic",), (2.0,)),
-}
+def line_of(found: FoundEffect) -> Formula:
+    """Return the formula of a line that was named in the place of a map."""
+    return Formula("harmonic", found.of, (cycles_of(found) or 0.0,))
 
 
 def is_right(hidden: results.HiddenEffect, formula: Formula) -> bool:
     """Return whether a formula is what is hidden: form, order and place."""
-    known = {**OUTSIDE_FORMS, **_NAMED_FORMS}
-    if hidden.id not in known or formula.of != hidden.of:
+    kind = _kind_of(hidden)
+    if formula.form not in kind.forms or formula.of != hidden.of:
         return False
-    forms, begin = known[hidden.id]
-    of = {name: float(str(hidden.parameters[name])) for name in begin if isinstance(name, str)}
-    if "sector" in of:
-        of["sector"] = float(np.rint(2.0 * np.pi / of["sector"]))
-    numbers = tuple(of[each] if isinstance(each, str) else each for each in begin)
-    return formula.form in forms and formula.numbers[: len(numbers)] == numbers
+    numbers = kind.formula_numbers(hidden.parameters)
+    return formula.numbers[: len(numbers)] == numbers
+
+
+def _kind_of(hidden: results.HiddenEffect) -> type[SimulatedEffect]:
+    """Return the class of what is hidden."""
+    return all_effects().get(hidden.id, SimulatedEffect)

@@ -230,7 +230,7 @@ def _hide_more(scenario: Scenario, name: str, of: str, own: _OwnArm) -> None:
     site = Site(of, half_m=0.5 * own.arm.reach_m, middle_m=scenario.bench.middle_m(scenario.robot))
     scenario.hide(effect, times * effect.plausible_size, site)
     parameters = scenario.hidden[-1]["parameters"]
-    if name in ("link_bending", "base_compliance"):
+    if effect.by_moment:
         moment_Nm = own.usual.base_Nm
         if of in LONG_LINKS:
             moment_Nm = own.usual.link_Nm[:, own.mechanism.long_links[LONG_LINKS.index(of)]]

@@ -189,7 +189,7 @@ def subjects_of(kind: str) -> tuple[str, ...]:
         "outside": tuple(outside()),
         "right": ("nothing",),
         "stressed": tuple(name for name, each in every if each.stressor),
-        "effect": tuple(name for name in vocabulary() if name not in _IN_EVERY_MODEL),
+        "effect": tuple(name for name, each in vocabulary().items() if not each.in_every_model),
         "beyond": tuple(nameless()),
         "fault": tuple(name for name, each in every if not each.stressor),
         **SUBJECTS,
@@ -286,8 +286,6 @@ _ALSO_AMONG = ("joint_zero",)
 _TOUCHED_POSES = 40
 #: Friction of the joint whose direction is reversed in the log; else nothing shows it [N m].
 _FRICTION_NM = 4.0
-#: What the calibrated model of these arms has already.
-_IN_EVERY_MODEL = ("joint_compliance",)
 _TRIES = 2000
 
 

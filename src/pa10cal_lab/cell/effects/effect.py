@@ -151,6 +151,17 @@ class SimulatedEffect(Section):
     by_weights: ClassVar[bool] = False
     #: Whether it moves poses by way of springs alone.
     by_spring: ClassVar[bool] = False
+    #: Whether the logged torque alone shows it, and no pose, not even by way of a spring.
+    in_log_alone: ClassVar[bool] = False
+    #: Whether its usual size goes by the moment that the weights of the arm put on it.
+    by_moment: ClassVar[bool] = False
+    #: Whether the calibrated model of every trial without touches has it already.
+    in_every_model: ClassVar[bool] = False
+    #: Whether it is an error by the joint's angle without a name: a map at its joint gives the
+    #: place and leaves the cause open.
+    by_angle: ClassVar[bool] = False
+    #: Forms of formulas that may be proposed for it, where nothing names it or a map is found.
+    forms: ClassVar[tuple[str, ...]] = ()
     #: Whether it does nothing at constant temperature.
     by_temperature: ClassVar[bool] = False
     #: Whether it moves the base or the ends of links, by `strain`.
@@ -170,6 +181,11 @@ class SimulatedEffect(Section):
             size: factor of the usual size.
         """
         return {name: draw(site, size, rng) for name, draw in cls.usual.items()}
+
+    @classmethod
+    def formula_numbers(cls, _parameters: Mapping[str, Any]) -> tuple[float, ...]:
+        """Return the numbers with which those formulas begin: orders, cycles, axes from 0."""
+        return ()
 
     def at(self, place: str) -> Self:
         """Return the effect sitting at `place`: `joint 2`, `forearm`, `base`, ..."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -25,6 +26,7 @@ class Harmonic(effect.SimulatedJointEffect):
 
     usual_arc_seconds: ClassVar[float] = 30.0
     cycles: ClassVar[float]
+    forms: ClassVar[tuple[str, ...]] = ("harmonic",)
 
     A: effect.Finite = Field(description="amplitude [rad]")
     phi: effect.Finite = Field(description="phase [rad]")
@@ -36,6 +38,10 @@ class Harmonic(effect.SimulatedJointEffect):
             "A": size * cls.usual_arc_seconds * effect.ARC_SECOND,
             "phi": float(rng.uniform(-np.pi, np.pi)),
         }
+
+    @classmethod
+    def formula_numbers(cls, _parameters: Mapping[str, Any]) -> tuple[float, ...]:
+        return (cls.cycles,)
 
     def cycles_of(self, _joint: effect.JointState) -> float:
         return self.cycles
@@ -52,6 +58,7 @@ class SimulatedTransmissionError(Harmonic):
     trial_places = ("geared joint",)
     usual_arc_seconds = 20.0
     plausible_size = 3.1
+    forms = ()  # no map follows so many cycles
 
     def cycles_of(self, joint: effect.JointState) -> float:
         """Return twice the gear ratio.
@@ -165,6 +172,7 @@ class SimulatedTorqueGain(effect.TorqueLogEffect):
 
     id = "torque_gain"
     trial_places = ("loaded joint",)
+    in_log_alone = True
     usual = effect.draws(g=effect.signed(0.04))
     plausible_size = 1.25
 
@@ -183,6 +191,7 @@ class SimulatedJointCompliance(effect.LoadedJointEffect):
     id = "joint_compliance"
     places = ("rigid joint",)
     trial_places = ("rigid loaded joint",)
+    in_every_model = True
     usual = effect.draws(K=lambda site, size, _rng: STIFFNESS_PER_RATED * site.rated_Nm / size)
     plausible_size = 1.2
 

@@ -6,6 +6,7 @@ What `at_joint` returns is added to the link's angle [rad], or to the torque tha
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
@@ -28,6 +29,7 @@ class ThirdHarmonic(Harmonic):
 
     id = "third_harmonic"
     named = False
+    by_angle = True
     cycles = 3.0
 
 
@@ -36,6 +38,7 @@ class BowedAxis(effect.SimulatedEffect):
 
     id = "bowed_axis"
     named = False
+    forms = ("quadratic", "cubic")
     places = ("instrument",)
 
     axis: Axis = Field(description="axis that reads wrong, 0 to 2")
@@ -57,6 +60,10 @@ class BowedAxis(effect.SimulatedEffect):
             "half_m": site.half_m,
             "centre_m": site.middle_m[along],
         }
+
+    @classmethod
+    def formula_numbers(cls, parameters: Mapping[str, Any]) -> tuple[float, ...]:
+        return parameters["axis"], parameters["along"]
 
     @field_validator("along")
     @classmethod
@@ -80,6 +87,8 @@ class DressPack(effect.LoadedJointEffect):
 
     id = "dress_pack"
     named = False
+    by_angle = True
+    forms = ("pull",)
     adds_to = "carried"
     by_spring = True
     trial_places = ("rated joint",)
@@ -100,6 +109,7 @@ class Hysteresis(effect.LoadedJointEffect):
 
     id = "hysteresis"
     named = False
+    forms = ("arrival_by_torque",)
     trial_places = ("loaded joint",)
     # A sign is drawn and not taken, so that what is drawn after it stays as it was.
     usual = effect.draws(
@@ -122,6 +132,8 @@ class SoftByAngle(effect.LoadedJointEffect):
 
     id = "soft_by_angle"
     named = False
+    by_angle = True
+    forms = ("torque_by_angle",)
     wild = True
     places: ClassVar[tuple[str, ...]] = ("rated joint",)
     trial_places = ("rated loaded joint",)
@@ -135,6 +147,10 @@ class SoftByAngle(effect.LoadedJointEffect):
     cycles: effect.FinitePositive = Field(description="cycles a turn of the joint")
     phi: effect.Finite = Field(description="phase [rad]")
 
+    @classmethod
+    def formula_numbers(cls, parameters: Mapping[str, Any]) -> tuple[float, ...]:
+        return (parameters["cycles"],)
+
     def at_joint(self, joint: effect.JointState) -> Array:
         compliance = self.compliance * joint.tau_Nm * np.sin(self.cycles * joint.q_rad + self.phi)
         return np.asarray(-compliance)
@@ -145,6 +161,8 @@ class Sawtooth(effect.SimulatedJointEffect):
 
     id = "sawtooth"
     named = False
+    by_angle = True
+    forms = ("sawtooth",)
     wild = True
     usual = effect.draws(
         A=effect.sized(50.0 * effect.ARC_SECOND),
@@ -153,6 +171,11 @@ class Sawtooth(effect.SimulatedJointEffect):
 
     A: effect.Finite = Field(description="amplitude [rad]")
     sector: effect.FinitePositive = Field(description="sector [rad]")
+
+    @classmethod
+    def formula_numbers(cls, parameters: Mapping[str, Any]) -> tuple[float, ...]:
+        """Return the teeth a turn."""
+        return (float(np.rint(2.0 * np.pi / parameters["sector"])),)
 
     def at_joint(self, joint: effect.JointState) -> Array:
         turns = joint.q_rad / self.sector
@@ -165,6 +188,7 @@ class PedestalTilt(effect.SimulatedEffect):
 
     id = "pedestal_tilt"
     named = False
+    forms = ("moment_cubed",)
     wild = True
     places = ("base",)
     strains = True

@@ -48,6 +48,7 @@ class SimulatedLinkBending(SimulatedLinkEffect):
     """A long link bends under the moment across its axis at its far joint."""
 
     id = "link_bending"
+    by_moment = True
     places = effect.LONG_LINKS
     usual = effect.draws(c=effect.sized(2e-6))
     plausible_size = 2.5
@@ -81,6 +82,7 @@ class SimulatedBaseCompliance(effect.SimulatedEffect):
     """The base tilts under the overturning moment."""
 
     id = "base_compliance"
+    by_moment = True
     places = ("base",)
     strains = True
     by_weights = True
