@@ -25,8 +25,8 @@ from pa10cal.fit.problem import Problem, Rows, Solution
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
-from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal.terms.term import yields
 
 #: Starts whose cost is within this part of the best have found the same minimum.
 _SAME_COST = 1e-6
@@ -154,14 +154,10 @@ def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOpti
     a minimum too, but not the lowest.
     """
     model = level.model
-    if not any(isinstance(term, JointSpring) and term.cubic for term in model.terms):
-        return start
-    terms = tuple(
-        replace(term, cubic=False) if isinstance(term, JointSpring) else term
-        for term in model.terms
-    )
     shares = model.having("cubic")
-    linear = replace(level, model=Model(model.chain, terms))
+    if not shares.any():
+        return start
+    linear = replace(level, model=model.without("cubic"))
     rows = tolerance_rows(linear, start[~shares], options)
     ahead = np.full(len(start), _LITTLE_SHARE)
     ahead[~shares] = solve(linear, start[~shares], rows, options.max_iterations, _GOOD_ENOUGH).x
@@ -209,9 +205,7 @@ def check_torques(model: Model, observations: Observations) -> None:
     Raises:
         CalibrationError: naming the joint.
     """
-    for term in model.terms:
-        if not isinstance(term, JointSpring):
-            continue
+    for term in filter(yields, model.terms):
         lacking = ~np.isfinite(observations.states.tau_Nm[:, term.joint - 1])
         if lacking.any():
             raise CalibrationError(
@@ -333,22 +327,11 @@ def _polish(
 def random_starts(model: Model, count: int, random_seed: int) -> list[Array]:
     """Draw starts: nominal geometry with usual springs first, then scattered ones.
 
-    Departures are scattered with five tolerances, stiffness over a decade. Springs start soft in
-    their cubic part: from a hard one the solver can run into a purely cubic spring, which is a
-    minimum too, but not the lowest.
+    Departures are scattered with five tolerances, stiffness over a decade, see `Term.scattered`.
     """
     generator = np.random.default_rng(random_seed)
     starts = []
     for number in range(count):
         spread = 0.0 if number == 0 else 1.0
-        parts = []
-        for term in model.terms:
-            if isinstance(term, JointSpring):
-                k_lin = 1e4 * 10.0 ** (spread * generator.uniform(-0.5, 0.5))
-                k_cub = 1e6 * 10.0 ** (spread * generator.uniform(-1.0, 1.0))
-                parts.append(term.solved(k_lin, k_cub))
-            else:
-                sizes = np.array([parameter.scale for parameter in term.parameters])
-                parts.append(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
-        starts.append(np.concatenate(parts))
+        starts.append(np.concatenate([term.scattered(generator, spread) for term in model.terms]))
     return starts

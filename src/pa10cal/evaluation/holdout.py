@@ -47,7 +47,7 @@ from pa10cal.observe.order import HeldOutPlaces, with_arrivals
 from pa10cal.results import evaluation as results
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.joint_spring import nominal
-from pa10cal.terms.of_campaign import OfPart, motion_of_base
+from pa10cal.terms.of_campaign import motion_of_base
 
 #: Kinds of poses that are repeated.
 _KINDS = ("grid", "holdout")
@@ -472,7 +472,7 @@ def parts_of(
     ends_m = model.model.predict(before, model.x)[:, :3, 3]
     bases = [np.eye(4)]
     for term in model.model.terms:
-        if isinstance(term, OfPart):
+        if term.holds == "part":
             small = np.zeros(6)
             small[[BASE.index(name) for name in term.coordinates]] = model.values_of(term)
             bases.append(motion_of_base(small))

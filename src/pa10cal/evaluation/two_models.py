@@ -28,8 +28,6 @@ from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.term import Offsets
-from pa10cal.terms.weights import Weights
 
 #: Models are said to differ where chance leaves so much in fewer than one of a hundred pairs.
 LEAST_CHANCE = 0.01
@@ -445,7 +443,6 @@ def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
         for term, parameter, value, std in model.every_reported()
         if std > 0.0
         and len(term.parameters) <= _MOST
-        and not isinstance(term, Weights)
-        and not (isinstance(term, Offsets) and term.of != "links")
+        and (term.holds == "campaign" or {"base", "tool", "weight"}.isdisjoint(term.roles))
     ]
     return results.DriftRows.model_validate(rows)

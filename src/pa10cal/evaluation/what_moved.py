@@ -18,7 +18,6 @@ from scipy.special import chdtrc
 
 from pa10cal.arm.chain import TOOL
 from pa10cal.arrays import Array
-from pa10cal.calibration.general.other_campaign import of_arm
 from pa10cal.calibration.general.placed import is_tool
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
@@ -35,11 +34,8 @@ from pa10cal.fit.moved import (
 from pa10cal.fit.problem import Disagreement
 from pa10cal.results.comparison import MovedThing, WhatMoved
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.of_campaign import OfCampaign, small_motion
-from pa10cal.terms.term import Offsets, Term, TermParameter
-from pa10cal.terms.weights import Weights
+from pa10cal.terms.of_campaign import small_motion
+from pa10cal.terms.term import Term, TermParameter
 
 #: What a frame may have moved by, in its unit.
 _MOTIONS = (1.0, 10.0, 100.0, 1000.0)
@@ -83,7 +79,7 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     along = vectors[:, seen].T @ (found.by[:arm] / scale)
     square, dof = float(np.sum(along**2 / values[seen])), int(np.count_nonzero(seen))
     mine, theirs = (
-        {f"{term.id} of {term.of}" for term in model.model.terms if isinstance(term, Effect)}
+        {f"{term.id} of {term.of}" for term in model.model.terms_of("effect")}
         for model in (first, second)
     )
     return WhatMoved(
@@ -219,10 +215,10 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
     others = {(term.id, term.of): term for term in second.model.terms}
     for term in first.model.terms:
         other = others.get((term.id, term.of))
-        if other is None or isinstance(term, Weights) or is_tool(term) or not of_arm(term):
+        if other is None or "weight" in term.roles or is_tool(term) or not term.stays_with_arm:
             continue
         a, b = first.model.parameter_indices(term), second.model.parameter_indices(other)
-        if isinstance(term, Offsets) and isinstance(other, Offsets):
+        if term.constant:
             names = [parameter.name for parameter in other.parameters]
             pairs = [
                 (k, names.index(parameter.name))
@@ -233,13 +229,7 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
             a, b = a[[k for k, _ in pairs]], b[[k for _, k in pairs]]
         elif term.parameters != other.parameters:
             continue
-        x, change = second.x[b], np.eye(len(b))
-        if isinstance(term, JointSpring) and isinstance(other, JointSpring):
-            # Both are solved at a reference torque of their own: the second's in that of the first.
-            report = other.report(x)
-            x = term.solved(float(report.values[0]), float(report.values[1]))
-            of_first = term.report(x).jacobian
-            change[:] = np.linalg.solve(of_first[: len(x)], report.jacobian[: len(x)])
+        x, change = term.restated(other, second.x[b])
         terms.append(term)
         mine.append(a)
         theirs.append(b)
@@ -277,15 +267,9 @@ def differences(first: FittedModel, second: FittedModel) -> Differences:
 
 def _gone(model: FittedModel, other: FittedModel) -> NDArray[np.intp]:
     """Return departures that the other model has not: it holds them at zero."""
-    theirs = {parameter.name for term in other.model.terms for parameter in term.parameters}
-    gone = [
-        k
-        for term in model.model.terms
-        if isinstance(term, Offsets) and not is_tool(term)
-        for k, parameter in zip(model.model.parameter_indices(term), term.parameters, strict=True)
-        if parameter.name not in theirs
-    ]
-    return np.array(gone, dtype=np.intp)
+    theirs = {parameter.name for parameter in other.model.parameters}
+    lacking = [parameter.name not in theirs for parameter in model.model.parameters]
+    return np.flatnonzero(model.model.having("link", "zero", "tilt") & np.array(lacking, bool))
 
 
 def _aligned(model: FittedModel, at: NDArray[np.intp], gone: NDArray[np.intp]) -> Array:
@@ -313,7 +297,7 @@ def _tools(
     columns = []
     for model in (first, second):
         term = next((term for term in model.model.terms if is_tool(term)), None)
-        if term is None or isinstance(term, OfCampaign):
+        if term is None or term.holds == "campaign":
             return none
         at = model.model.parameter_indices(term)
         values = dict(zip(term.coordinates, model.x[at], strict=True))

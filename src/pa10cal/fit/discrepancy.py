@@ -26,7 +26,6 @@ from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import Problem, possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import base_frame, fixed
 
@@ -171,7 +170,7 @@ class _HeldOut:
     @classmethod
     def of(cls, model: Fitted, poses: Observations) -> _HeldOut:
         """Return the rows of averaged poses, as modelled."""
-        maps = [term for term in model.model.terms if isinstance(term, JointErrorMap)]
+        maps = [term for term in model.model.terms if term.at_knots]
         terms = [
             fixed(term, model.values_of(term)) if term in maps else term
             for term in model.model.terms

@@ -26,7 +26,7 @@ from pa10cal.observe.quantities import Comparison, Deviations
 from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.results.record import CampaignIdentity, Part
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfCampaign, is_constant, of_campaign
+from pa10cal.terms.of_campaign import OfCampaign, of_campaign, of_one_campaign
 from pa10cal.terms.term import Report, Term, TermParameter
 
 if TYPE_CHECKING:
@@ -307,7 +307,7 @@ class Fitted:
         return {
             of_campaign(TOOL_FRAME, term.name): term
             for term in self.model.terms
-            if isinstance(term, OfCampaign) and set(term.coordinates) <= set(TOOL)
+            if of_one_campaign(term) and set(term.coordinates) <= set(TOOL)
         }
 
     @property
@@ -338,7 +338,7 @@ class Fitted:
         """
         zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
         unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
-        constant = [term for term in self.model.terms if is_constant(term)]
+        constant = [term for term in self.model.terms if term.constant]
         x, chain = self.x[self.model.parameter_indices(*constant)], self.model.chain
         at = Model(chain, tuple(constant)).chain_coordinates(unloaded, x)[0]
         if not tool:

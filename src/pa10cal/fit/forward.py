@@ -15,11 +15,10 @@ from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.weighed_arm import with_weights_by_log
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap, b_splines, b_splines_by_knots
+from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF
-from pa10cal.terms.term import Term, falsifies_log, shows_torque, yields
+from pa10cal.terms.term import Term, shows_torque, yields
 
 #: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
 #: fine as those of a gear they are good to nine digits.
@@ -144,7 +143,7 @@ class Forward:
             term
             for term in model.model.terms
             if term.of != "instrument"
-            and not falsifies_log(term)
+            and not term.falsifies_log
             and (term not in tools.values() or term is own)
         ]
         chosen = model.model.parameter_indices(*moving)
@@ -180,7 +179,7 @@ class Forward:
                     remedy="describe the masses and calibrate again",
                 )
             return replace(states, tau_Nm=np.zeros_like(q))
-        if not any(isinstance(term, Effect) for term in self.physical.terms):
+        if not self.physical.terms_of("effect"):
             return states
         # Effects that bend need the static loads; those of the nominal arm come first.
         rigid = Model(self.physical.chain, ())
@@ -274,8 +273,8 @@ class Forward:
     def position_covariance(self, states: PoseStates, end: EndPose) -> Array:
         """Return the covariance of the frame's position along base axes, (N, 3, 3) [m²]."""
         chain, terms = self.physical.chain, self.physical.terms
-        maps = [term for term in terms if isinstance(term, JointErrorMap)]
-        others = tuple(term for term in terms if not isinstance(term, JointErrorMap))
+        maps = [term for term in terms if is_error_map(term)]
+        others = tuple(term for term in terms if not is_error_map(term))
         dense = self.physical.parameter_indices(*others)
         without = Forward(
             self.whole, Model(chain, others), self.x[dense], dense, self.on_tool, self.T_end_frame

@@ -11,10 +11,8 @@ import numpy as np
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.statics import Payload, PoseStates, StaticLoads, Statics, statics
 from pa10cal.arrays import Array, Index
-from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
-from pa10cal.terms.weights import Weights
 
 S = TypeVar("S", Statics, StaticLoads)
 
@@ -45,7 +43,7 @@ def with_torques(
         return states, "none"
     # What springs give way by needs torques itself: those of the nominal arm, near enough.
     states = _under_weights(Model(chain, ()), np.zeros(0), states, payload)
-    own = tuple(term for term in model.terms if not isinstance(term, Effect))
+    own = tuple(term for term in model.terms if "effect" not in term.roles)
     if own:
         states = _under_weights(
             Model(chain, own), x[model.parameter_indices(*own)], states, payload
@@ -62,7 +60,7 @@ def blocks(count: int) -> Iterator[Index]:
 
 def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
     """Return states without the static loads where no term reads these: they are large."""
-    if any(isinstance(term, Effect | Weights) for term in terms):
+    if any("effect" in term.roles or "weight" in term.roles for term in terms):
         return states
     return replace(states, static_loads=None)
 

@@ -14,9 +14,8 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.term import Offsets, Term
+from pa10cal.terms.effects.effect import is_effect
+from pa10cal.terms.term import Term
 
 JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR, EVERYTHING = (
     "joint_zero",
@@ -83,6 +82,10 @@ def hypotheses(
     found: list[Hypothesis] = []
     rigid: list[int] = []
     first, count = 0, len(x)
+    zeros = {
+        f"{'d' if slides else 'theta'}_{joint}": (JOINT_ZERO, f"joint {joint}")
+        for joint, slides in enumerate(arm.prismatic.tolist(), start=1)
+    }
 
     def single(kind: str, of: str, column: int, size: float) -> Hypothesis:
         directions = np.zeros((count, 1))
@@ -92,20 +95,18 @@ def hypotheses(
     for term in terms:
         columns = np.arange(first, first + len(term.parameters))
         first += len(columns)
-        if isinstance(term, Offsets):
+        if term.constant:
             rigid += columns.tolist()
             for column, coordinate, parameter in zip(
                 columns.tolist(), term.coordinates, term.parameters, strict=True
             ):
-                kind, _, row = coordinate.rpartition("_")
-                zero = kind == ("d" if arm.prismatic[int(row) - 1] else "theta")
-                what = (JOINT_ZERO, f"joint {row}") if zero else (LINK, parameter.name)
+                what = zeros.get(coordinate, (LINK, parameter.name))
                 found.append(single(*what, column, parameter.scale))
-        elif isinstance(term, JointSpring):
+        elif "windup" in term.roles:
             rigid += columns.tolist()
-            softer = _SOFTER * float(x[columns[0]])
-            found.append(single(STIFFNESS, term.of, int(columns[0]), softer))
-        elif isinstance(term, Effect):
+            windup = int(columns[term.roles.index("windup")])
+            found.append(single(STIFFNESS, term.of, windup, _SOFTER * float(x[windup])))
+        elif is_effect(term):
             directions = np.zeros((count, term.linear))
             directions[columns[: term.linear]] = term.prior_factor
             found.append(Hypothesis(EFFECT, f"{term.id} of {term.of}", columns, directions, (1.0,)))

@@ -52,9 +52,10 @@ class Problem:
     # P poses, an orientation turned so that the tool's own is near that of the chain
     observations: Observations
 
-    def having(self, role: Role) -> Mask:
-        """Return which unknowns (k,) are of a kind."""
-        return np.append(self.model.having(role), np.full(len(self.places), role == "target"))
+    def having(self, *roles: Role) -> Mask:
+        """Return which unknowns (k,) are of some kinds."""
+        places = np.full(len(self.places), "target" in roles)
+        return np.append(self.model.having(*roles), places)
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:

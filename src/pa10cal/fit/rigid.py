@@ -14,8 +14,7 @@ from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, Fitted
 from pa10cal.fit.forward import T_flange_frame, pose_difference, predicted
 from pa10cal.observe.observations import Observations
 from pa10cal.options import Tolerances
-from pa10cal.terms.of_campaign import is_constant
-from pa10cal.terms.term import Offsets, link_departures
+from pa10cal.terms.term import link_departures
 
 #: Kinds of link parameters, their factor to the unit of the table, and that unit.
 _KINDS = {
@@ -153,7 +152,7 @@ def beyond_rigid(model: Fitted, observations: Observations) -> str:
 
 def terms_beyond_rigid(model: Fitted) -> str:
     """Return the terms of a model that rigid links cannot hold, in words; empty where none is."""
-    beyond = [term for term in model.model.terms if not is_constant(term)]
+    beyond = [term for term in model.model.terms if not term.constant]
     return ", ".join(f"{term.id} of {term.of}" for term in beyond)
 
 
@@ -187,7 +186,7 @@ def dh_text(
     chain, coordinates = part.chain, part.coordinates
     variance = np.full(len(coordinates), np.nan)
     for term in model.model.terms:
-        if isinstance(term, Offsets) and model.covariance is not None and not part.fitted:
+        if term.constant and model.covariance is not None and not part.fitted:
             own = np.diag(model.covariance)[model.model.columns_of(term)]
             variance[chain.columns(term.coordinates)] = own
     names = [f"{kind}_{what}_{unit}" for kind, (_, unit) in _KINDS.items() for what in _WHATS]

@@ -25,7 +25,7 @@ from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.model import Model
-from pa10cal.terms.weights import Weights, WeightSizes
+from pa10cal.terms.weights import Weights, WeightSizes, holds_weights
 
 #: Masses that a drawing program exports where nobody gave any [kg].
 _PLACEHOLDERS = (0.0, 1.0)
@@ -454,15 +454,14 @@ def with_uncertain_weights(model: F, payload: Payload) -> F:
     What it has found of some of them already is kept.
     """
     arm, terms = model.arm, model.model.terms
-    if any(isinstance(term, Weights) and 0 in term.columns for term in terms):
+    if any(0 in term.columns for term in filter(holds_weights, terms)):
         return model  # all of them are unknowns already
     weights = Weights.about(arm, weight_sizes(arm, payload))
     weights = replace(weights, unknown_tool=not payload.known)
     found: dict[int, float] = {}
-    for term in terms:
-        if isinstance(term, Weights):
-            found |= zip(term.columns, model.values_of(term), strict=True)
-    own = model.only(*(term for term in terms if not isinstance(term, Weights)))
+    for term in filter(holds_weights, terms):
+        found |= zip(term.columns, model.values_of(term), strict=True)
+    own = model.only(*(term for term in terms if not holds_weights(term)))
     values = np.array([found.get(column, 0.0) for column in weights.columns])
     covariance, at = own.covariance, len(own.x) + np.arange(len(values))
     if covariance is not None:
@@ -483,13 +482,13 @@ def with_weights_by_log(model: F, payload: Payload) -> F:
     Predictions take the torques of the weights, of which the fit knows nothing: with stated ones a
     tool of 1.4 kg for 2.4 moved them by 0.3 mm.
     """
-    known, terms = weights_known(model.arm), model.model.terms
-    if any(isinstance(term, Weights) for term in terms):
+    known = weights_known(model.arm)
+    if model.model.terms_of("weight"):
         return model
     found = with_uncertain_weights(model, payload)
     if known.by_log is None or payload.of_campaigns:
         return found
-    (weights,) = (term for term in found.model.terms if isinstance(term, Weights))
+    (weights,) = filter(holds_weights, found.model.terms)
     at = np.arange(len(found.x))[found.model.columns_of(weights)]
     columns, x, covariance = list(weights.columns), found.x.copy(), found.covariance
     x[at] = known.by_log.x[columns]
@@ -501,5 +500,4 @@ def with_weights_by_log(model: F, payload: Payload) -> F:
 
 def open_unknowns(model: Model) -> int:
     """Return how many parameters of a model nothing but the readings determines."""
-    weights = sum(len(term.parameters) for term in model.terms if isinstance(term, Weights))
-    return len(model.parameters) - weights
+    return int(np.count_nonzero(~model.having("weight")))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, TypeGuard
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import OPTIONAL, Report, Role, TermParameter, link_departures
+from pa10cal.terms.term import OPTIONAL, Report, Role, Term, TermParameter, Traits, link_departures
 
 #: Sizes by which the solver scales, near the uncertainties of a good campaign.
 _WINDUP_SCALE_RAD = 1e-5
@@ -47,7 +47,7 @@ def stiffness_by_solved(names: Sequence[str], x: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class JointSpring:
+class JointSpring(Traits):
     """A spring between motor and link of one joint, under the measured torque.
 
     Solved in its windup at a reference torque and the share of the cubic part there, which stay
@@ -61,6 +61,7 @@ class JointSpring:
     # windup to be expected; None where any is as likely
     plausible_rad: float | None = field(default=None, metadata={OPTIONAL: True})
     id: ClassVar[str] = "joint_spring"
+    yields: ClassVar[bool] = True
 
     @property
     def of(self) -> str:
@@ -125,6 +126,28 @@ class JointSpring:
         )
         return Report(names, values, jacobian[:, : len(x)], by_weights=values)
 
+    def only(self, names: Collection[str]) -> JointSpring:
+        """Return the spring, linear where its cubic share is not named."""
+        return replace(self, cubic=self.cubic and self.parameters[-1].name in names)
+
+    def restated(self, other: Term, x: Array) -> tuple[Array, Array]:
+        """Return the spring solved at another reference torque in that of this one."""
+        there = other.report(x)
+        here = self.solved(float(there.values[0]), float(there.values[1]))
+        by_here = self.report(here).jacobian[: len(x)]
+        change = np.linalg.solve(by_here, there.jacobian[: len(x)]).astype(np.float64, copy=False)
+        return here, change
+
+    def scattered(self, generator: np.random.Generator, spread: float) -> Array:
+        """Return a usual spring at spread 0; at 1 its stiffness is scattered over a decade.
+
+        It starts soft in its cubic part: from a hard one the solver can run into a purely cubic
+        spring, which is a minimum too, but not the lowest.
+        """
+        k_lin = 1e4 * 10.0 ** (spread * generator.uniform(-0.5, 0.5))
+        k_cub = 1e6 * 10.0 ** (spread * generator.uniform(-1.0, 1.0))
+        return self.solved(k_lin, k_cub)
+
     def solved(self, k_lin: float, k_cub: float) -> Array:
         """Return the solved parameters of a spring of known stiffness."""
         windup = float(deflection_rad(np.array([self.tau_ref_Nm]), k_lin, k_cub)[0])
@@ -133,6 +156,11 @@ class JointSpring:
     def _unit(self, states: PoseStates, x: Array) -> UnitDeflection:
         share = float(x[1]) if self.cubic else 0.0
         return unit_deflection(states.tau_Nm[:, self.joint - 1] / self.tau_ref_Nm, share)
+
+
+def is_spring(term: Term) -> TypeGuard[JointSpring]:
+    """Return whether a term is a spring of which something is unknown."""
+    return "windup" in term.roles
 
 
 # The paper's model: link departures and a spring on each flexible joint.

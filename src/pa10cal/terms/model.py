@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -63,6 +63,19 @@ class Model:
     def having(self, *roles: Role) -> Mask:
         """Return which parameters (k,) are unknowns of some kinds."""
         return np.array([role in roles for role in self.roles], dtype=bool)
+
+    def only(self, names: Collection[str]) -> Model:
+        """Return the model with the parameters that are named, see `Term.only`."""
+        return replace(self, terms=tuple(term.only(names) for term in self.terms))
+
+    def without(self, *roles: Role) -> Model:
+        """Return the model without the parameters that are unknowns of some kinds."""
+        every = zip(self.parameters, self.roles, strict=True)
+        return self.only({parameter.name for parameter, role in every if role not in roles})
+
+    def terms_of(self, *roles: Role) -> tuple[Term, ...]:
+        """Return the terms of which a parameter is an unknown of some kind."""
+        return tuple(term for term in self.terms if not set(roles).isdisjoint(term.roles))
 
     @property
     def scale(self) -> Array:
@@ -205,7 +218,7 @@ class Model:
         Of weights that nobody stated poses show the shape, and stiffness over weight; what is said
         of a stiffness alone is as uncertain as how heavy the arm is. 0 where weights are stated.
         """
-        return max((getattr(term, "u_scale", 0.0) for term in self.terms), default=0.0)
+        return max((term.u_scale for term in self.terms), default=0.0)
 
     def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
         """Return the chain coordinates (P, m) that the terms lead to."""
@@ -277,7 +290,7 @@ class Kept:
     def derivative(self, term: Term, states: PoseStates, x: Array) -> Array:
         """Return `term.derivative(states, x)`, from what is known where that is the same."""
         if not self._holds(term, states):
-            if getattr(term, "linear", None) != len(term.parameters):  # not proportional to all
+            if not term.proportional:
                 return term.derivative(states, x)
             watched = _Watched.of(states)
             found = term.derivative(watched, x)
@@ -294,6 +307,6 @@ class Kept:
 
     def _holds(self, term: Term, states: PoseStates) -> bool:
         """Return whether something is known, of states that hold the very same arrays."""
-        if not hasattr(type(term), "linear") or term not in self._known:
+        if not term.proportional or term not in self._known:
             return False
         return all(getattr(states, name) is of for name, of in self._known[term][1].items())

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,20 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import TermError
-from pa10cal.terms.term import Offsets, Report, Role, Term, TermParameter, shows_torque, yields
+from pa10cal.terms.term import Holds, Report, Role, Term, TermParameter, Traits
 
 #: Between the name of a parameter or target and that of its campaign, in no name of either.
 OF = "@"
 
 
-class _InSomePoses(ABC):
+class _InSomePoses(Traits):
     """Adds what another term does, in some poses alone."""
 
     term: Term  # the term; it neither yields to torques nor shows in them
     name: str  # of those poses, which the parameters bear
 
     def __post_init__(self) -> None:
-        if yields(self.term) or shows_torque(self.term):
+        if self.term.yields or self.term.shows_torque:
             raise TermError(
                 "a term of torques cannot belong to one campaign",
                 where=f"{self.term.id} of {self.term.of}",
@@ -56,6 +56,14 @@ class _InSomePoses(ABC):
     def coordinates(self) -> tuple[str, ...]:
         return self.term.coordinates
 
+    @property
+    def constant(self) -> bool:
+        return self.term.constant
+
+    @property
+    def stays_with_arm(self) -> bool:
+        return False
+
     def shift(self, states: PoseStates, x: Array) -> Array:
         return np.asarray(self._here(states)[:, None] * self.term.shift(states, x))
 
@@ -82,10 +90,10 @@ class OfCampaign(_InSomePoses):
     campaign: int  # number of the campaign in the group, from 0
     name: str  # its name, which the parameters bear
     id: ClassVar[str] = "of_campaign"
+    holds: ClassVar[Holds] = "campaign"
 
     def only(self, names: Collection[str]) -> OfCampaign:
-        """Return the parameters of a constant term that are named, see `Offsets.only`."""
-        assert isinstance(self.term, Offsets)
+        """Return the parameters that are named, see `Term.only`."""
         own = (parameter.name for parameter in self.term.parameters)
         kept = {name for name in own if of_campaign(name, self.name) in names}
         return replace(self, term=self.term.only(kept))
@@ -105,6 +113,7 @@ class OfPart(_InSomePoses):
     to_s: float  # and ends with this one; infinite of the last
     name: str  # its name, which the parameters bear
     id: ClassVar[str] = "of_part"
+    holds: ClassVar[Holds] = "part"
 
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:
         """Return which poses are of the part, (P,)."""
@@ -116,9 +125,9 @@ def of_campaign(name: str, campaign: str) -> str:
     return f"{name}{OF}{campaign}"
 
 
-def is_constant(term: Term) -> bool:
-    """Return whether a term is the same in every pose, or in every pose of a campaign."""
-    return isinstance(term.term if isinstance(term, OfCampaign | OfPart) else term, Offsets)
+def of_one_campaign(term: Term) -> TypeGuard[OfCampaign]:
+    """Return whether a term holds in one campaign of a group alone."""
+    return term.holds == "campaign"
 
 
 def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
@@ -132,7 +141,7 @@ def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
     for term in terms:
         columns = slice(first, first + len(term.parameters))
         first = columns.stop
-        if not (isinstance(term, OfCampaign | OfPart) and set(term.coordinates) <= set(BASE)):
+        if term.holds == "everywhere" or not set(term.coordinates) <= set(BASE):
             continue
         at = [BASE.index(name) for name in term.coordinates]
         whole = small.copy()

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
 from pa10cal.terms.joint_spring import JointSpring
-from pa10cal.terms.of_campaign import OfCampaign
+from pa10cal.terms.of_campaign import OfCampaign, of_one_campaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
 from pa10cal.terms.weights import FAULTS, Weights
 
@@ -28,7 +28,7 @@ def term_to_plain(term: Term) -> dict[str, Any]:
         `id`, `of`, and as `form` the fields of its class that shape it; `term_from_plain` gives it
         back.
     """
-    if isinstance(term, OfCampaign):
+    if of_one_campaign(term):
         own = {"campaign": term.campaign, "name": term.name, "term": term_to_plain(term.term)}
         return {"id": term.id, "of": term.of, "form": own}
     form: dict[str, Any] = _adapter(type(term)).dump_python(term, mode="json")

@@ -69,7 +69,80 @@ class Report:
         return found
 
 
-class Term(Protocol):
+#: In the poses of which a term holds: of all, of one campaign of a group, of a part of one.
+Holds = Literal["everywhere", "campaign", "part"]
+
+
+class Traits(Protocol):
+    """What any term is asked for, with the answer that most give; a class states another."""
+
+    #: Whether it turns a joint under the torque it carries, as `Yielding`.
+    yields: ClassVar[bool] = False
+    #: Whether it shows in the logged torques, as `TorqueTerm`.
+    shows_torque: ClassVar[bool] = False
+    #: In which poses it holds.
+    holds: ClassVar[Holds] = "everywhere"
+    #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: of
+    #: many parameters four matter in a pose.
+    at_knots: ClassVar[bool] = False
+
+    @property
+    def falsifies_log(self) -> bool:
+        """Return whether it shows in a log of joints or torques alone, and moves no robot."""
+        return False
+
+    @property
+    def constant(self) -> bool:
+        """Return whether it is the same in all poses in which it holds."""
+        return False
+
+    @property
+    def proportional(self) -> bool:
+        """Return whether it is proportional to all its parameters, where that is known."""
+        return False
+
+    @property
+    def stays_with_arm(self) -> bool:
+        """Return whether it stays with the arm from campaign to campaign, its size as well."""
+        return True
+
+    @property
+    def known_elsewhere(self) -> bool:
+        """Return whether one campaign tells its parameters in another, where it is there too."""
+        return True
+
+    def elsewhere(self: Term) -> Term | None:
+        """Return the term in another campaign of the arm; None where it plays no part there."""
+        return self if self.stays_with_arm else None
+
+    @property
+    def u_scale(self) -> float:
+        """Return the relative standard uncertainty of all weights together, see `Model.u_scale`."""
+        return 0.0
+
+    def only(self: Term, names: Collection[str]) -> Term:
+        """Return the term with the parameters that are named; whole, where it needs all of them."""
+        return self
+
+    def restated(self: Term, other: Term, x: Array) -> tuple[Array, Array]:
+        """Return the parameters of the same term of another model as this one is solved in them.
+
+        Args:
+            other: the term there, of as many parameters.
+            x: (k,) its parameters.
+
+        Returns:
+            (k,) parameters of this one; (k, k) their derivative by x.
+        """
+        return x, identity(len(x))
+
+    def scattered(self: Term, generator: np.random.Generator, spread: float) -> Array:
+        """Return parameters (k,) to start from, nominal ones at spread 0, to search from at 1."""
+        sizes = np.array([parameter.scale for parameter in self.parameters])
+        return np.asarray(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
+
+
+class Term(Traits, Protocol):
     """A part of the model that adds to chain coordinates."""
 
     @property
@@ -133,20 +206,12 @@ class TorqueTerm(Term, Protocol):
 
 def yields(term: Term) -> TypeGuard[Yielding]:
     """Return whether a term turns a joint under the torque it carries."""
-    return hasattr(type(term), "by_torque")
+    return term.yields
 
 
 def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
     """Return whether a term shows in the logged torques."""
-    return hasattr(type(term), "torque_derivative")
-
-
-def falsifies_log(term: Term) -> bool:
-    """Return whether a term shows in a log of joints or torques alone, and moves no robot."""
-    if getattr(term, "of_log", False):
-        return True
-    of_calculated = getattr(term, "of_calculated", False)
-    return shows_torque(term) and not term.acts_on_joint and not of_calculated
+    return term.shows_torque
 
 
 def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:
@@ -157,9 +222,10 @@ def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:
 # What terms share that show in torques and move the arm by way of the springs alone.
 
 
-class TorqueOnly:
+class TorqueOnly(Traits):
     """A term that adds to no coordinate of the chain, and to torques in proportion to x."""
 
+    shows_torque = True
     coordinates: ClassVar[tuple[str, ...]] = ()
 
     def shift(self, states: PoseStates, x: Array) -> Array:
@@ -169,6 +235,15 @@ class TorqueOnly:
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return nothing, (P, 0, k)."""
         return np.zeros((len(states), 0, len(x)))
+
+    @property
+    @abstractmethod
+    def acts_on_joint(self) -> bool:
+        """Return whether the joint carries that torque; else only the log shows it."""
+
+    @property
+    def falsifies_log(self) -> bool:
+        return not self.acts_on_joint
 
     @abstractmethod
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
@@ -204,7 +279,7 @@ _ROLES: dict[str, Role] = {"theta": "zero", "beta": "tilt", "base": "base", "too
 
 
 @dataclass(frozen=True)
-class Offsets:
+class Offsets(Traits):
     """Adds each parameter to one chain coordinate, the same in every pose."""
 
     parameters: tuple[TermParameter, ...]  # k parameters
@@ -214,6 +289,11 @@ class Offsets:
     formula: ClassVar[str] = (
         "each parameter is added to the coordinate of the chain at its place in the list"
     )
+    constant: ClassVar[bool] = True
+
+    @property
+    def stays_with_arm(self) -> bool:
+        return self.of == "links"
 
     @property
     def roles(self) -> tuple[Role, ...]:
@@ -294,7 +374,7 @@ def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
 
 
 @dataclass(frozen=True, eq=False)
-class Fixed:
+class Fixed(Traits):
     """What a term adds at known parameters; nothing of it is unknown any more."""
 
     term: Term  # the term, whose effect on chain coordinates is kept
@@ -319,6 +399,10 @@ class Fixed:
     def coordinates(self) -> tuple[str, ...]:
         return self.term.coordinates
 
+    @property
+    def falsifies_log(self) -> bool:
+        return self.term.falsifies_log
+
     def shift(self, states: PoseStates, x: Array) -> Array:
         return self.term.shift(states, self.x_term)
 
@@ -334,6 +418,7 @@ class FixedTorque(Fixed):
     """What a term that shows in torques adds to them at known parameters."""
 
     term: TorqueTerm  # the term, whose effect on torques is kept too
+    shows_torque = True
 
     @property
     def acts_on_joint(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeGuard
 
 import numpy as np
 
@@ -77,8 +77,7 @@ class Weights(TorqueOnly):
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
     acts_on_joint: ClassVar[bool] = False  # calculated torques do not have it
-    #: Whether calculated torques alone are off by it: it plays a part wherever they are predicted.
-    of_calculated: ClassVar[bool] = True
+    falsifies_log: ClassVar[bool] = False  # it plays a part wherever torques are calculated
 
     @classmethod
     def about(cls, arm: Arm, sizes: WeightSizes, only: range | None = None) -> Weights:
@@ -185,6 +184,11 @@ class Weights(TorqueOnly):
         return f"{WEIGHT}{column // 4 + 1}_{part}", unit
 
 
+def holds_weights(term: Term) -> TypeGuard[Weights]:
+    """Return whether a term holds weights of which something is unknown."""
+    return "weight" in term.roles
+
+
 # Faults of a log as terms: what a whole log is wrong by, reported and never named as an effect.
 
 #: Part by which a load may well be misstated.
@@ -228,6 +232,10 @@ class WeightStated(TorqueOnly, LogFault):
     def acts_on_joint(self) -> bool:
         """Return whether the joints are known to carry it, by their log."""
         return not self.of_calculated
+
+    @property
+    def falsifies_log(self) -> bool:
+        return False
 
     @abstractmethod
     def per_unit(self, states: PoseStates) -> Array:

@@ -29,7 +29,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import BaseFrameRecord, CalibratedParameter, PriorPart
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Offsets
 
 #: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
 #: or not the readings show it.
@@ -112,12 +111,7 @@ def calibrate_general(
     by_masses = bool(springs) and source == "masses"
     if settled:
         kept = np.array([parameter.name not in settled for parameter in problem.parameters])
-        of_links, *others = problem.model.terms
-        assert isinstance(of_links, Offsets)
-        shown = {each.name for each in of_links.parameters} - settled.keys()
-        problem = replace(
-            problem, model=Model(problem.model.chain, (of_links.only(shown), *others))
-        )
+        problem = replace(problem, model=problem.model.without("tilt"))
         # Where the others go with the tilts at zero, to first order.
         covariance = found.covariance[np.ix_(~kept, ~kept)]
         follow = found.covariance[np.ix_(kept, ~kept)] @ np.linalg.inv(covariance)

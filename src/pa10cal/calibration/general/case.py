@@ -38,11 +38,9 @@ from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Start
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
-from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, about_moved_base, motion_of_base
 from pa10cal.terms.term import Report
-from pa10cal.terms.weights import Weights
 
 # Poses that a fit doubts, each with why; they stay in it, with less weight.
 
@@ -331,8 +329,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         openly -= {*names_of(parameters, windup & np.less(std, _SHOWN * fit.x))}
     if assumed or (payload is not None and payload.com_u_m is not None):
         # Neither is a spring that goes with them: the next campaign may do without it.
-        weights = [t for t in problem.model.terms if isinstance(t, Weights | JointSpring)]
-        hidden = frozenset(parameter.name for term in weights for parameter in term.parameters)
+        hidden = frozenset(names_of(parameters, problem.having("weight", "windup", "cubic")))
     root, jacobian = np.sqrt(fit.weights)[:, None, None], problem.rows(fit.x).jacobian
     measured = problem.observations.measured
     position_gram = uncertainty.gram(uncertainty.of_one_target(measured, jacobian))

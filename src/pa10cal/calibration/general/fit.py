@@ -20,7 +20,6 @@ from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, triangle_of
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, Solution
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
-from pa10cal.terms.weights import Weights
 
 #: A step this small, in standard uncertainties, ends the search ...
 _ARRIVED = 1e-4
@@ -218,7 +217,7 @@ class _WeightedProblem:
             self.weighted = weighted_rows(problem, rows, self.scatter, robust)
         else:
             self._renew(start)
-        valley = any(isinstance(t, Weights) and t.held is not None for t in problem.model.terms)
+        valley = problem.model.u_scale > 0.0  # of the weights only the shape is known
         #: How much longer than usual the last step may be.
         self.patience = _ALONG_A_VALLEY if valley else 1.0
 

@@ -51,18 +51,12 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import Moved, PriorPart
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint import ArrivalError
-from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OfCampaign
-from pa10cal.terms.term import Offsets, Term
-from pa10cal.terms.weights import Weights
+from pa10cal.terms.term import Term
+from pa10cal.terms.weights import Weights, holds_weights
 
 F = TypeVar("F", bound=Fitted)
 
-#: Where effects sit that may be others in another campaign: of its foundation and its tool.
-_OF_PLACE = ("base", "tool")
 #: Grades of calibrations that say nothing reliable of an arm.
 _UNSOUND = ("suspect_input", "not_converged")
 #: Variance of a parameter that its fit left at the end of its range, in squares of its scale.
@@ -134,25 +128,24 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     sizes: list[float] = []
     for term in model.model.terms:
         columns = model.model.parameter_indices(term).tolist()
-        if isinstance(term, ArrivalError):
-            term, columns = ArrivalError(term.of), [-1]
-        elif not of_arm(term):
+        there = term.elsewhere()
+        if there is None:
             continue
-        if isinstance(term, Weights):
+        if holds_weights(term):
             weights = _weights(term, arm, payload)
             if weights is None:
                 continue
             at = dict(zip(term.columns, columns, strict=True))
             shared = {column for column in term.columns if column <= 4 * (term.n - 1)}
             columns = [at[c] if c in shared else -1 for c in weights.columns]
-            term = weights
-        if isinstance(term, Effect) and term.of in _OF_PLACE:
-            columns = [-1] * len(columns)
-        terms.append(term)
+            there = weights
+        elif not term.known_elsewhere:
+            columns = [-1] * len(there.parameters)
+        terms.append(there)
         from_ += columns
         sizes += [
             _AT_BOUND * each.scale if each.plausible is None else each.plausible
-            for each in term.parameters
+            for each in there.parameters
         ]
     index, fresh = np.array(from_, dtype=np.intp), np.array(from_) < 0
     mean = np.where(fresh, 0.0, model.x[index])
@@ -170,7 +163,7 @@ def _at_bound(terms: Sequence[Term], held: Mask, variances: Array) -> Array:
     The poses that showed no windup there would have shown one as well as those of the other joints.
     """
     springs = np.array(
-        [isinstance(term, JointSpring) for term in terms for _ in term.parameters], dtype=bool
+        [role in ("windup", "cubic") for term in terms for role in term.roles], dtype=bool
     )
     others = springs & ~held
     if others.any():
@@ -206,18 +199,6 @@ def _refuse_another_arm(model: FittedModel, arm: Arm) -> None:
     else:
         return
     raise CalibrationError(what, where="prior", value=value, allowed=allowed, remedy=remedy)
-
-
-def of_arm(term: Term) -> bool:
-    """Return whether a term stays with the arm from campaign to campaign, its size as well."""
-    if isinstance(term, Offsets):
-        return term.of == "links"
-    if isinstance(term, OfCampaign | ArrivalError):
-        return False
-    if isinstance(term, Effect):
-        moved = term.of in _OF_PLACE and term.goes_with_time
-        return not moved and term.of != "instrument"
-    return True
 
 
 def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None:

@@ -30,9 +30,9 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OF, OfPart, about_moved_base, motion_of_base
+from pa10cal.terms.of_campaign import OfPart, about_moved_base, motion_of_base
 from pa10cal.terms.term import Term, fixed
-from pa10cal.terms.weights import Weights, WeightSizes
+from pa10cal.terms.weights import Weights, WeightSizes, holds_weights
 
 F = TypeVar("F", bound=Fitted)
 
@@ -74,7 +74,9 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     arm = model.model.chain.arm
     start = calibrate.find_start(arm, observations)
     unknowns = choose_unknowns(arm, Tolerances(), observations.measured, start)
-    arm_terms = [term for term in model.model.terms if not (is_tool(term) or OF in term.of)]
+    arm_terms = [
+        term for term in model.model.terms if term.holds == "everywhere" and not is_tool(term)
+    ]
     known = [fixed(term, model.values_of(term)) for term in arm_terms]
     of_arm = model.model.parameter_indices(*arm_terms)
     chain = model.model.chain
@@ -140,10 +142,10 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
     """
     away = model.falls_back
     if logged:
-        model = model.only(*(term for term in model.model.terms if not isinstance(term, Weights)))
+        model = model.only(*(term for term in model.model.terms if not holds_weights(term)))
     x, covariance = model.x.copy(), model.covariance
     for term in model.model.terms:
-        if payload is None or not isinstance(term, Weights):
+        if payload is None or not holds_weights(term):
             continue
         columns = model.model.parameter_indices(term)
         before = None if model.payload is None else weight_sizes(model.arm, model.payload)

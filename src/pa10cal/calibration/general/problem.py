@@ -22,7 +22,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
 from pa10cal.results.calibration import Redundant
-from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF, OfCampaign, OfPart
 from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame, link_departures, tool_frame
@@ -231,7 +231,7 @@ class GeneralProblem:
     def springs(self) -> tuple[int, ...]:
         """Return the joints with a spring."""
         terms = self.problem.model.terms
-        return tuple(term.joint for term in terms if isinstance(term, JointSpring))
+        return tuple(term.joint for term in terms if is_spring(term))
 
 
 def general_problem(

@@ -22,10 +22,9 @@ from pa10cal.fit.discrepancy import clusters_of, levers_m, stretches_of
 from pa10cal.fit.problem import Problem
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.order import along_a_path
-from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
-from pa10cal.terms.weights import Weights
 
 #: A joint counts as rigid at this windup [rad].
 _RIGID_RAD = 1e-9
@@ -136,10 +135,10 @@ def _whitened(
 
 def rigid_at(problem: Problem, joints: set[int]) -> tuple[Problem, Mask]:
     """Return the problem without the springs of some joints, and which unknowns are left."""
-    every = [term for term in problem.model.terms if isinstance(term, JointSpring)]
+    every = [term for term in problem.model.terms if is_spring(term)]
     off: list[Term] = [term for term in every if term.joint in joints]
     if len(off) == len(every):  # weights act by way of the springs alone
-        off += [term for term in problem.model.terms if isinstance(term, Weights)]
+        off += problem.model.terms_of("weight")
     terms = tuple(term for term in problem.model.terms if term not in off)
     gone = {parameter.name for term in off for parameter in term.parameters}
     kept = np.array([parameter.name not in gone for parameter in problem.parameters])

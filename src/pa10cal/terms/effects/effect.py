@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
 from types import ModuleType
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, TypeGuard
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms import effects
-from pa10cal.terms.term import Report, Role, Term, TermParameter, report_as_solved
+from pa10cal.terms.term import Report, Role, Term, TermParameter, Traits, report_as_solved
 
+#: Where effects sit that may be others in another campaign: of its foundation and its tool.
+_OF_PLACE = ("base", "tool")
 #: A joint that never carried this share of its rated torque cannot show how it winds up.
 _LOADED_SHARE = 0.01
 #: A joint that turned less shows no shape.
@@ -81,7 +83,7 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 
 
 @dataclass(frozen=True)
-class Effect(ABC):
+class Effect(Traits):
     """A term of the vocabulary; its parameters are zero where the effect is absent.
 
     A class says its `id`, where it `sits`, its form in `words`, what it does in `clauses`, the
@@ -115,8 +117,6 @@ class Effect(ABC):
     weights_power: ClassVar[float] = 0.0
     #: Whether it goes with time or temperature.
     goes_with_time: ClassVar[bool] = False
-    #: Whether the log of joints errs by it, and not the robot: it plays no part in predictions.
-    of_log: ClassVar[bool] = False
     #: Whether searches try it; else it is a name for what another form finds.
     sought: ClassVar[bool] = True
 
@@ -171,6 +171,19 @@ class Effect(ABC):
     def linear(self) -> int:
         """Return how many parameters, from the first, it is proportional to."""
         return len(self.parameters)
+
+    @property
+    def proportional(self) -> bool:
+        return self.linear == len(self.parameters)
+
+    @property
+    def stays_with_arm(self) -> bool:
+        moved = self.of in _OF_PLACE and self.goes_with_time
+        return not moved and self.of != "instrument"
+
+    @property
+    def known_elsewhere(self) -> bool:
+        return self.of not in _OF_PLACE
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -233,6 +246,11 @@ class AtJoint(Effect):
 @dataclass(frozen=True)
 class JointEffect(AtJoint):
     """An effect at a joint that is no periodic error of its angle."""
+
+
+def is_effect(term: Term) -> TypeGuard[Effect]:
+    """Return whether a term is an effect of which something is unknown."""
+    return "effect" in term.roles
 
 
 def turning_joints(context: CandidateContext) -> tuple[int, ...]:
@@ -347,7 +365,7 @@ def everywhere_but(
     kinds: Iterable[type[Effect]], context: CandidateContext, held: Iterable[Term]
 ) -> tuple[Effect, ...]:
     """Return effects of some kinds at every place where they may sit, but those held."""
-    there = {(term.id, term.of) for term in held if isinstance(term, Effect)}
+    there = {(term.id, term.of) for term in held}
     return tuple(
         effect
         for kind in kinds

@@ -71,6 +71,8 @@ class ArrivalError(effect.JointEffect):
         "{at} stop in other places for each direction that they come from",
     )
     words = "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
+    stays_with_arm = False
+    known_elsewhere = False
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -89,6 +91,10 @@ class ArrivalError(effect.JointEffect):
         moved = states.move_from_previous[:, self.joint - 1]
         return np.asarray(moved[:, None] * (campaign[:, None] == np.arange(len(self.reported))))
 
+    def elsewhere(self) -> ArrivalError:
+        """Return the same of one campaign: there it has another amount."""
+        return ArrivalError(self.of)
+
 
 @dataclass(frozen=True)
 class AlongMove(effect.Effect):
@@ -105,7 +111,7 @@ class AlongMove(effect.Effect):
     sits = "arm"
     words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
     reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
-    of_log = True
+    falsifies_log = True
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -348,6 +354,7 @@ class JointCompliance(effect.JointEffect):
     id = "joint_compliance"
     nouns = ("spring", "springs")
     clauses = ("{at} gives way under the arm's weight", "{at} give way under the arm's weight")
+    yields = True
     most_rad = WINDS_UP
     words = "theta_{0.joint} -= tau_{0.joint} / K"
     positive = True
@@ -387,6 +394,7 @@ class SoftWindup(effect.JointEffect):
     span_Nm: float  # largest torque that the joint carried
     id = "soft_windup"
     clauses = ("{at} is softer near zero torque", "{at} are softer near zero torque")
+    yields = True
     most_rad = WINDS_UP
     words = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
     positive = True

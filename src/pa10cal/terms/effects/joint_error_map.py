@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import TypeGuard
 
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, PPoly
@@ -12,7 +13,7 @@ from scipy.sparse import csr_array
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import JointEffect
-from pa10cal.terms.term import TermParameter
+from pa10cal.terms.term import Term, TermParameter
 
 # How large the harmonics of a joint's error are expected to be: its spectrum, a Gaussian prior.
 
@@ -102,6 +103,7 @@ class JointErrorMap(JointEffect):
         "{at} turns wrongly by an amount that depends on its angle",
         "{at} turn wrongly by amounts that depend on their angles",
     )
+    at_knots = True
     words = (
         "theta_{0.joint} += periodic cubic spline of q_{0.joint} through the knots, "
         "knot k at 2 pi k / {0.knots}"
@@ -157,6 +159,11 @@ class JointErrorMap(JointEffect):
         Of hundreds of waves some are always many times as large as was expected of them.
         """
         return float(np.sqrt(np.mean(x**2))) / _PLAUSIBLE_RAD
+
+
+def is_error_map(term: Term) -> TypeGuard[JointErrorMap]:
+    """Return whether a term is a spline of its joint's angle, solved in the errors at its knots."""
+    return term.at_knots
 
 
 def harmonic_orders(knots: int) -> Array:

@@ -100,6 +100,7 @@ class WindupMap(JointEffect):
 
     span_Nm: float  # largest torque that the joint carried
     id = "windup_map"
+    yields = True
     words = "theta_{0.joint} -= Legendre polynomials 1 to {0.degrees} of tau_{0.joint}"
     generic = True
     degrees = 5
@@ -129,6 +130,7 @@ class DirectionMap(JointEffect):
     span_Nm: float  # largest torque that the joint carried, 0 where it carried none
     span_rad: tuple[float, float]  # lowest and highest angle
     id = "direction_map"
+    yields = True
     words = "theta_{0.joint} += s_{0.joint} times Legendre polynomials of torque and angle"
     generic = True
 
