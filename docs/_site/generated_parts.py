@@ -6,8 +6,11 @@ import argparse
 import inspect
 import re
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
+import numpy as np
+from field_comments import comments
 from sphinx.application import Sphinx
 
 #: Of more parameters only the first and the last are listed.
@@ -99,12 +102,44 @@ def rivals() -> str:
     return "\n".join(["| id | meaning |", "| --- | --- |", *rows])
 
 
+#: How a comment on a number of `rules.py` is read: what it bounds [unit] (where it is from).
+RULE = re.compile(r"(?P<what>.*?)(?: \[(?P<unit>[^]]*)\])? \((?P<source>[^()]*)\)")
+
+
+def rules() -> str:
+    """Return a table of the numbers of every part of `discovery/rules.py`."""
+    from pa10cal.discovery.rules import RULES
+
+    parts = []
+    for section in fields(RULES):
+        of = getattr(RULES, section.name)
+        said = comments(type(of))
+        head = ["| number | value | what it bounds | from |", "| --- | --- | --- | --- |"]
+        rows = [_rule(each.name, getattr(of, each.name), said[each.name]) for each in fields(of)]
+        parts.append("\n".join([f"### {section.name}\n\n{_text(type(of))}\n", *head, *rows]))
+    return "\n\n".join(parts)
+
+
+def _rule(name: str, value: Any, said: str) -> str:
+    found = RULE.fullmatch(said)
+    assert found is not None, f"{name}: {said}"
+    numbers = np.ravel(np.array(value, dtype=object)).tolist()
+    shown = ", ".join(f"{number:.4g}" if number < 1e6 else str(number) for number in numbers)
+    unit = f" {found['unit']}" if found["unit"] else ""
+    return f"| `{name}` | {shown}{unit} | {found['what']} | {found['source']} |"
+
+
 def _text(kind: type) -> str:
     """Return a docstring without its list of attributes."""
     return inspect.cleandoc(kind.__doc__ or "").partition("\n\nAttributes:")[0]
 
 
-PARTS: dict[str, Callable[[], str]] = {"commands": commands, "effects": effects, "rivals": rivals}
+PARTS: dict[str, Callable[[], str]] = {
+    "commands": commands,
+    "effects": effects,
+    "rivals": rivals,
+    "rules": rules,
+}
 _MARK = re.compile(r"<!-- generated: (\w+) -->")
 
 

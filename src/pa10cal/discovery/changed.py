@@ -16,8 +16,8 @@ import numpy as np
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault
-from pa10cal.discovery.in_time import MOST_READINGS
 from pa10cal.discovery.preparation import by_pose_and_time
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.wander import Wander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
@@ -27,36 +27,6 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Offsets
 
 Kind = Literal["base", "beam", "target", "tool", "model"]
-
-#: Expected sizes: a length [m], a turn [rad], and for the model's parameters their own.
-_SIZE = 1e-3
-#: Times these sizes, that are tried.
-_SCALES = (0.1, 0.3, 1.0, 3.0, 10.0)
-#: The model itself is fitted to a mixture, and may be so many times its usual sizes off.
-_STATIC = 10.0
-#: Targets on the flange, as expected about where they were fitted [m].
-_TARGET_M = 3e-2
-#: Base and targets of another model are expected so far off [m, rad].
-_FRAMES_M = 3e-3
-#: Squares below this part of those without a change are not told apart: about a model that was
-#: fitted to a mixture rows are linear no better.
-_LINEAR = 1e-3
-#: Readings that there must be on either side.
-_LEAST_SIDE = 10
-#: Probability allowed of seeing a change where there is none, and log evidence by which it must be
-#: better than a step of the base, and up to which another kind is as good.
-_FALSE_RATE = 1e-3
-_BETTER = 9.0
-_AS_GOOD = 3.0
-#: Part of the squared error that it leaves at most: what goes with the pose goes with many a row a
-#: little.
-_LEFT = 0.5
-#: It counts from this part of the stated noise of a reading on.
-_LEAST_PART = 0.5
-#: Powers of time that it is held against: what grows comes on slowly.
-_COURSES = 3
-#: Another row of it may be worse by so much log evidence.
-_ROW_AS_GOOD = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +69,7 @@ class Change:
         begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
         later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
         size_mm = linear.rms(linear.error_mm(later.measured, self.shift(at, later)))
-        amount_mm = 1e3 * _SIZE * self.scale * self.amounts
+        amount_mm = 1e3 * RULES.change.size * self.scale * self.amounts
         names = poses.measured.target_names
         if self.kind == "target":
             name = names[self.target] if self.target < len(names) else "the target"
@@ -148,14 +118,21 @@ def change_of(
     """
     if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
         return None
-    shown = spread_over_time(poses, MOST_READINGS)
+    shown = spread_over_time(poses, RULES.motion.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
     rows, kinds = _Rows(at, poses, whitener), _kinds(at)
     tried = [(kind, b, *rows.best(_columns(kind, b, at, poses))) for kind, b in kinds]
     kind, target, best, row, scale, left = max(tried, key=lambda each: each[2])
-    needed = float(np.log(len(poses) * len(kinds) * len(_SCALES) / _FALSE_RATE))
+    needed = float(
+        np.log(len(poses) * len(kinds) * len(RULES.change.scales) / RULES.change.false_rate)
+    )
     of_base = tried[0][2]
-    if kind == "base" or best < needed or best < of_base + _BETTER or left > _LEFT:
+    if (
+        kind == "base"
+        or best < needed
+        or best < of_base + RULES.change.better_nats
+        or left > RULES.change.most_left_share
+    ):
         return None
     time_s = poses.states.time_s
     middle_s = 0.5 * (time_s[row - 1] + time_s[row])
@@ -165,10 +142,12 @@ def change_of(
     # Not where a smooth function of the pose does, nor where it comes on in the course of time.
     more = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
-    creeping = [columns * course**power for power in range(1, _COURSES + 1)]
-    beside = _Rows(at, poses, whitener, *more, *(_STATIC * each for each in creeping))
+    creeping = [columns * course**power for power in range(1, RULES.change.courses + 1)]
+    beside = _Rows(
+        at, poses, whitener, *more, *(RULES.change.static_sizes * each for each in creeping)
+    )
     gain, _, _, rest = beside.best(columns, np.array([row]))
-    if gain < needed or rest > _LEFT:
+    if gain < needed or rest > RULES.change.most_left_share:
         return None
     near = rows.as_good(columns, scale, row)
     rivals = [
@@ -182,7 +161,7 @@ def change_of(
     later = poses.take(np.flatnonzero(time_s > middle_s))
     size_mm = linear.rms(linear.error_mm(later.measured, found.shift(at, later)))
     stated_mm = linear.mean_error_of_noise_mm(later.measured, later.measured.stated_covariance)
-    return found if size_mm > _LEAST_PART * stated_mm else None
+    return found if size_mm > RULES.change.least_noise_ratio * stated_mm else None
 
 
 def rivals_of_steps(
@@ -195,7 +174,7 @@ def rivals_of_steps(
     found: dict[float, tuple[str, ...]] = {}
     if wander is None or poses.measured.campaigns or measured_again(poses):
         return found
-    shown = spread_over_time(poses, MOST_READINGS)
+    shown = spread_over_time(poses, RULES.motion.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
     time_s = poses.states.time_s
     for jump in wander.jumps:
@@ -234,13 +213,13 @@ _WORDS: dict[Kind, str] = {
 def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
     """Return how measured less predicted components follow a kind of change, (P, b, k)."""
     if kind == "base":
-        return _SIZE * linear.by_base(at, poses)
+        return RULES.change.size * linear.by_base(at, poses)
     of_targets = linear.by_targets(at, poses)
     if kind == "target":
-        return _SIZE * of_targets[:, :, 3 * target : 3 * target + 3]
+        return RULES.change.size * of_targets[:, :, 3 * target : 3 * target + 3]
     if kind == "tool":
         places_m = np.reshape(at.targets_m, (-1, 3))
-        return _SIZE * of_targets @ by_small_motion(places_m).reshape(-1, 6)
+        return RULES.change.size * of_targets @ by_small_motion(places_m).reshape(-1, 6)
     if kind == "beam":
         measured = poses.measured
         places_m = measured.places_m
@@ -248,10 +227,10 @@ def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> A
         along = (places_m / np.maximum(length_m, np.finfo(float).tiny)).reshape(len(poses), -1)
         column = np.zeros((*measured.components_seen.shape, 1))
         column[:, measured.position_columns, 0] = np.nan_to_num(along)
-        return _SIZE * column
+        return RULES.change.size * column
     terms = [term for term in at.model.terms if type(term) is Offsets and term.of != "base"]
     own = linear.by_own_terms(at, poses, terms)
-    frames = [_FRAMES_M * of_targets, _FRAMES_M * linear.by_base(at, poses)]
+    frames = [RULES.change.frames * of_targets, RULES.change.frames * linear.by_base(at, poses)]
     return np.concatenate([*own, *frames], axis=2)
 
 
@@ -260,8 +239,8 @@ class _Rows:
 
     def __init__(self, at: FittedModel, poses: Observations, whitener: Array, *more: Array) -> None:
         own = linear.by_own_terms(at, poses, at.model.terms)
-        held = [_STATIC * columns for columns in own]
-        held += [_TARGET_M * linear.by_targets(at, poses), *more]
+        held = [RULES.change.static_sizes * columns for columns in own]
+        held += [RULES.change.targets_m * linear.by_targets(at, poses), *more]
         white = whitener @ np.concatenate(held, axis=2)
         self._whitener, self._held = whitener, white
         self._data = whitener @ -linear.residual(at, poses)[:, :, None]
@@ -274,7 +253,9 @@ class _Rows:
         self._squares = float(np.sum(self._data**2) - np.sum(self._across**2))
         self._seen = int(poses.measured.components_seen.sum())
         self._apart = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
-        side = (self._apart >= _LEAST_SIDE) & (self._apart <= len(poses) - _LEAST_SIDE)
+        side = (self._apart >= RULES.change.least_side) & (
+            self._apart <= len(poses) - RULES.change.least_side
+        )
         self._apart = self._apart[side]
 
     def best(self, columns: Array, rows: Index | None = None) -> tuple[float, int, float, float]:
@@ -283,7 +264,7 @@ class _Rows:
         white = self._whitener @ columns
         for row in (self._apart if rows is None else rows).tolist():
             gram, moments = self._products(white, row)
-            for scale in _SCALES:
+            for scale in RULES.change.scales:
                 gain, left = self._gain(gram, moments, scale)
                 if gain > found[0]:
                     found = gain, row, scale, left
@@ -295,7 +276,9 @@ class _Rows:
         Few numbers against fewer is no reason; another model has the numbers of all other kinds.
         """
         misfit = 0.5 * self._seen * float(np.log(max(times, np.finfo(float).tiny)))
-        return worse < _AS_GOOD or (kind != "model" and misfit < _AS_GOOD)
+        return worse < RULES.change.as_good_nats or (
+            kind != "model" and misfit < RULES.change.as_good_nats
+        )
 
     def as_good(self, columns: Array, scale: float, row: int) -> Index:
         """Return the rows near the best one that are as good, in order."""
@@ -303,7 +286,7 @@ class _Rows:
         gains = [
             self._gain(*self._products(white, each), scale)[0] for each in self._apart.tolist()
         ]
-        good = self._apart[np.array(gains) > max(gains) - _ROW_AS_GOOD]
+        good = self._apart[np.array(gains) > max(gains) - RULES.change.row_nats]
         return good if len(good) else np.array([row])
 
     def amounts(self, columns: Array, scale: float, row: int) -> Array:
@@ -325,5 +308,5 @@ class _Rows:
         taken = scale**2 * float(moments @ np.linalg.solve(inner, moments))
         left = max(self._squares - taken, 0.0)
         determinant = float(np.linalg.slogdet(inner)[1])
-        left = max(left / max(self._squares, np.finfo(float).tiny), _LINEAR)
+        left = max(left / max(self._squares, np.finfo(float).tiny), RULES.change.same_squares)
         return -0.5 * (self._seen * float(np.log(left)) + determinant), left

@@ -30,6 +30,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup, computable, sought
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -48,17 +49,6 @@ from pa10cal.terms.weights import Weights, WeightStated, fault_candidates
 
 V = TypeVar("V", bound=Verdict[Any])
 
-#: A spring counts as none at this windup [rad].
-_RIGID_RAD = 1e-9
-#: No joint is named that gives way by less at its largest torque [rad].
-_LEAST_RAD = 1e-6
-#: Stretches of time whose poses may err alike, and the least poses in each.
-_STRETCHES, _LEAST_STRETCH = 40, 4
-#: A rival may be as large as is plausible, and some times larger.
-_SIZES = 3.0
-#: With more alternatives a name says nothing.
-_MOST_ALTERNATIVES = 6
-
 
 def with_compliance(found: V) -> V:
     """Return a verdict with the joints that give way under weights that nobody stated.
@@ -73,7 +63,8 @@ def with_compliance(found: V) -> V:
     springs = [
         term
         for term in at.model.terms
-        if isinstance(term, JointSpring) and at.x[at.model.columns_of(term).start] > _LEAST_RAD
+        if isinstance(term, JointSpring)
+        and at.x[at.model.columns_of(term).start] > RULES.springs.least_rad
     ]
     if not springs:
         return found
@@ -94,7 +85,7 @@ def with_compliance(found: V) -> V:
         rigid = rows.rigid(spring)
         rivals = _best_first(rows.rivals(rigid, rows.alike(spring), needed))
         others = tuple(dict.fromkeys((*instead, *rivals)))
-        if len(others) > _MOST_ALTERNATIVES:
+        if len(others) > RULES.springs.most_alternatives:
             continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
         if sag_rad - HALF_WIDTH_95 * sag_std > WINDS_UP[0]:
@@ -168,7 +159,7 @@ class _LinearProblem:
         """Return the problem with some joints rigid."""
         x = self.at.x.copy()
         for spring in springs:
-            x[self.at.model.columns_of(spring).start] = _RIGID_RAD
+            x[self.at.model.columns_of(spring).start] = RULES.springs.rigid_rad
         return replace(self, at=replace(self.at, x=x))
 
     @property
@@ -201,7 +192,7 @@ class _LinearProblem:
         for term in at.model.terms:
             column = at.model.columns_of(term).start
             # A joint that is all but rigid cannot give way the other way round: it is held.
-            if isinstance(term, JointSpring) and at.x[column] <= _LEAST_RAD:
+            if isinstance(term, JointSpring) and at.x[column] <= RULES.springs.least_rad:
                 jacobian[:, :, column] = 0.0
         white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
         return white * self.sizes, (self.whitener @ left[:, :, None]).ravel()
@@ -272,7 +263,7 @@ class _LinearProblem:
         for poses, size in zip(self.moments, sizes.ravel(), strict=True):
             parts = by_terms(at, poses, bending, found)
             moved = [part @ x for part, x in zip(parts, found, strict=True)]
-            of_weight.append(np.sum(moved, axis=0) / max(float(size), 1e-12))
+            of_weight.append(np.sum(moved, axis=0) / max(float(size), RULES.computing.no_size))
         for term in at.model.terms:
             if not isinstance(term, Weights):
                 continue
@@ -296,7 +287,9 @@ class _LinearProblem:
             parts = [own[:, :, : effect.linear]]
             if isinstance(effect, LinkEffect | BaseCompliance):
                 parts += [by_terms(self.at, poses, [effect], [start])[0] for poses in self.moments]
-            linear = np.concatenate([part @ (_SIZES * effect.prior_factor) for part in parts], 2)
+            linear = np.concatenate(
+                [part @ (RULES.springs.rival_sizes * effect.prior_factor) for part in parts], 2
+            )
             yield effect, (self.whitener @ linear).reshape(-1, linear.shape[2])
 
     def alike(self, spring: JointSpring) -> float:
@@ -315,7 +308,7 @@ class _LinearProblem:
         """Return that of all unknowns if poses are independent, and by stretches of time."""
         count, (columns, data) = len(self.poses), self.rows
         order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
-        stretches = min(_STRETCHES, max(count // _LEAST_STRETCH, 2))
+        stretches = min(RULES.springs.stretches, max(count // RULES.springs.stretch_poses, 2))
         stretch = np.repeat(order * stretches // count, self.whitener.shape[1])
         scores = columns * (data + columns @ self.step)[:, None]
         scale = np.outer(self.sizes, self.sizes)
@@ -386,14 +379,6 @@ def _moments(at: FittedModel, fitted: Observations) -> list[Observations]:
 # Where effects are judged by blocks, torques are no rows of the search: the springs take them from
 # the log, and a wrong load leaves no pose off. It stands in the torques, all the same.
 
-#: Gain in evidence that a fault needs: odds of 1000 to 1 ...
-_LEAST_NATS = 6.9
-#: ... and sum of squares, in those of the noise, that it must take away of either half alone.
-_OF_A_HALF = 4.0
-#: Part of its plausible size that it must have.
-_LEAST_SIZE = 0.3
-_REWEIGHTED, _LEAST_NM = 5, 1e-9
-
 
 def stated_wrongly(
     poses: Observations, baseline: FittedModel, setup: MeasurementSetup, context: CandidateContext
@@ -413,7 +398,7 @@ def stated_wrongly(
     for k in chosen:
         x, covariance, gain = rows.amounts(chosen, k)
         sizes = np.diag(faults[k].prior_factor)
-        if np.abs(x).max() > _LEAST_SIZE:
+        if np.abs(x).max() > RULES.torques.least_sizes:
             found.append(fault_of(faults[k], x * sizes, covariance * np.outer(sizes, sizes), gain))
     return tuple(found)
 
@@ -439,7 +424,7 @@ class _TorqueProducts:
         lesser = min(self.gain(chosen, fault, half) for half in range(_BOTH))
         _, covariance, _ = self.amounts([*chosen, fault], fault)
         nats = 0.5 * (self.gain(chosen, fault) + np.linalg.slogdet(covariance)[1])
-        return bool(nats > _LEAST_NATS and lesser > _OF_A_HALF)
+        return bool(nats > RULES.torques.fault_nats and lesser > RULES.torques.half_squares)
 
     def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
         """Return amounts of one of the chosen, in its sizes, their covariance, and its gain."""
@@ -474,7 +459,9 @@ def _rows(
     known = np.concatenate([by_weights, usual], axis=2)
     of_faults = [fault.per_unit(states) @ fault.prior_factor for fault in faults]
     columns = np.concatenate([known, *of_faults], axis=2)
-    noise_Nm, x = scatter_about(columns, left_Nm, _REWEIGHTED, _LEAST_NM)
+    noise_Nm, x = scatter_about(
+        columns, left_Nm, RULES.torques.reweighted, RULES.torques.least_noise_Nm
+    )
     off_Nm = np.clip(left_Nm - columns @ x, -EDGE * noise_Nm, EDGE * noise_Nm)
     white, data = columns / noise_Nm[:, None], (columns @ x + off_Nm) / noise_Nm
     # Loads and poses come in turn: a half by lot has its part of each.

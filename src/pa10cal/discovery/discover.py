@@ -19,15 +19,10 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import gap
 from pa10cal.discovery.gates import gated, harmless, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.noise import (
-    LEAST_DIFFERENCES,
-    LEAST_REPEATED,
-    mean_covariance,
-    noise_of_near_poses,
-    repeated,
-)
+from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.verdict import MAP, SearchVerdict, Verdict, is_named, label_of
 from pa10cal.errors import DiscoveryError
@@ -107,13 +102,6 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: CannotSearch
     )
 
 
-#: Components of different poses that there must be for every unknown of the model, where repeats
-#: are the judge: else the model's own parameters follow the poses wherever they are.
-_ROWS_AN_UNKNOWN = 1.25
-#: Orientations that are typically off by so much are no orientations of the arm [rad].
-_NO_ATTITUDE_RAD = 0.05
-#: Poses that carry a name alone and are left out, one after the other.
-_MOST_CARRIERS = 3
 #: A calibration that started from a model with maps, which searches would have to fit anew.
 _HAS_MAPS = CannotSearch(
     "the calibrated model has maps of joints already, of the model that it started from",
@@ -144,7 +132,7 @@ def discover(
     """
     campaign = prepared(every, model, setup, tuple(map(of_wrong_row, wrong)))
     found = _judged(campaign, model)
-    for _ in range(_MOST_CARRIERS):
+    for _ in range(RULES.judging.most_carriers):
         # A map is no name: it may well show at one pose.
         carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
         if not (carried and isinstance(found, SearchVerdict)):
@@ -202,7 +190,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> CannotSearch
         typical_rad = float(np.median(left_rad[seen]))
         variance = np.diagonal(readings.measured.stated_covariance, axis1=1, axis2=2)[:, at]
         stated_rad = float(np.sqrt(np.median(variance[seen])))
-        if typical_rad > max(_NO_ATTITUDE_RAD, stated_rad):
+        if typical_rad > max(RULES.judging.no_attitude_rad, stated_rad):
             return CannotSearch(
                 f"the orientations are {np.degrees(typical_rad):.0f} deg off those of the "
                 "calibrated model, typically",
@@ -215,24 +203,25 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> CannotSearch
 def judged_by_blocks(readings: Observations) -> bool:
     """Return whether effects are judged by blocks of poses held out, and not by repeats."""
     repeats = repeated(readings)
-    least = max(LEAST_DIFFERENCES, LEAST_REPEATED * len(readings))
+    least = max(RULES.noise.least_differences, RULES.noise.least_repeated_share * len(readings))
     return len(readings) >= LEAST_FOR_BLOCKS and repeats < least
 
 
 def too_little(readings: Observations, baseline: FittedModel) -> CannotSearch | None:
     """Return what a campaign lacks for a search that is judged by repeats; None for nothing."""
     repeats = repeated(readings)
-    if repeats < LEAST_DIFFERENCES:
+    if repeats < RULES.noise.least_differences:
         return CannotSearch(
             f"{len(readings)} readings of calibration poses are too few to hold out blocks of "
             f"them, and with {repeats} repeats the repeatability is not known",
             f"measure at least {LEAST_FOR_BLOCKS} calibration poses, or repeat at least "
-            f"{LEAST_DIFFERENCES} readings at the same pose, load and direction of arrival",
+            f"{RULES.noise.least_differences} readings at the same pose, load and direction of "
+            "arrival",
         )
     poses = len(np.unique(readings.pose))
     unknowns = open_unknowns(baseline.model) + 6 + len(baseline.targets_m)
     components = float(readings.measured.components_seen.sum(axis=1).mean())
-    needed = int(np.ceil(_ROWS_AN_UNKNOWN * unknowns / components))
+    needed = int(np.ceil(RULES.judging.rows_an_unknown * unknowns / components))
     if poses < needed:
         return CannotSearch(
             f"{poses} calibration poses are too few to separate an effect from the {unknowns} "
@@ -245,12 +234,6 @@ def too_little(readings: Observations, baseline: FittedModel) -> CannotSearch | 
 # Formulas proposed for what a verdict has no name for; the verdict stays as it is.
 
 V = TypeVar("V", bound=SearchVerdict[object])
-
-#: Poses by which forms are ruled out, where there are many more.
-_FEW_POSES = 800
-#: Parameters of maps and rivals that one form may stand for: fine maps of several joints are no one
-#: formula.
-_MOST_HELD = 400
 
 
 def with_proposals(found: V) -> V:
@@ -294,18 +277,15 @@ def _chosen(
     found: SearchVerdict[object], held: tuple[Effect, ...], forms: list[Form]
 ) -> FormulaProposal | None:
     """Return the shortest form that does as well as some effects without a name."""
-    if not forms or sum(effect.linear for effect in held) > _MOST_HELD:
+    if not forms or sum(effect.linear for effect in held) > RULES.forms.most_parameters:
         return None
-    few = found.comparison(held, _FEW_POSES)
+    few = found.comparison(held, RULES.forms.few_poses)
     many = len(few.states) < len(found.states)
     whole = partial(found.comparison, held) if many else None
     return choose(few, forms, held, found.error_rate, whole)
 
 
 # A map that is one line gets a name: `periodic_error`, where the joint was seen all around.
-
-#: Orders up to here have names of their own; so have those this near to twice the gear ratio.
-NAMED_ORDERS, NEAR_ORDER = 2, 0.5
 
 
 def with_lines_named(found: V) -> V:
@@ -328,11 +308,17 @@ def _named(found: V, proposal: FormulaProposal) -> V | None:
     of_one_map = len(held) == 1 and held[0].id == MAP and held[0].of == form.of
     if form.form != "harmonic" or not of_one_map or found.falls_back is not None:
         return None
-    if order is None or order <= NAMED_ORDERS or proposal.record.orders != (order, order):
+    if (
+        order is None
+        or order <= RULES.candidates.named_orders
+        or proposal.record.orders != (order, order)
+    ):
         return None
     joint = joint_of(form.of)
     gear = 2.0 * float(found.context.arm.gear_ratio[joint - 1])
-    if abs(order - gear) < NEAR_ORDER or not all_around(found.states.q_rad[:, joint - 1]):
+    if abs(order - gear) < RULES.candidates.near_order or not all_around(
+        found.states.q_rad[:, joint - 1]
+    ):
         return None
     line = PeriodicError(form.of, float(order))
     findings: tuple[Finding[object], ...] = found.findings

@@ -14,6 +14,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.linear import rms
+from pa10cal.discovery.rules import RULES
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -23,8 +24,6 @@ from pa10cal.results.discovery import LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.terms.effects.effect import Effect
-
-_LEVEL = 0.95
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class PairedErrors:
         half = 0.0
         if count > 1:
             spread = float(by_pose.std(ddof=1)) / np.sqrt(count)
-            half = float(stdtrit(count - 1, 0.5 + _LEVEL / 2.0)) * spread
+            half = float(stdtrit(count - 1, 0.5 + RULES.judging.gap_level / 2.0)) * spread
         return Reduction(mean_mm=mean, interval95_mm=(mean - half, mean + half), poses=count)
 
     def accuracies(self, rows: Mask | None) -> BeforeAfter | None:
@@ -293,10 +292,6 @@ def errors_of(model: FittedModel, poses: Observations, T_moved: Array | None = N
 # one, an effect may be masked by another. Shares sum to the whole. Errors without one are told as
 # no larger than those without any.
 
-#: Without an effect found, errors so many times as large as those of noise, root mean squares, are
-#: more than noise.
-_MORE_THAN_NOISE = 1.15
-
 
 def taken_away(
     finding: Finding[object],
@@ -333,7 +328,7 @@ def explained_by(
         over: what the poses are.
     """
     beyond = before_mm**2 - noise_mm**2
-    least = 1.0 if effects else _MORE_THAN_NOISE**2
+    least = 1.0 if effects else RULES.judging.more_than_noise**2
     if not beyond > (least - 1.0) * noise_mm**2 or not before_mm > 0.0:
         return None
     after_mm = effects[-1].after_mm if effects else before_mm

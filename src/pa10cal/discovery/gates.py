@@ -21,6 +21,7 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.verdict import SearchVerdict, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
@@ -39,24 +40,10 @@ from pa10cal.terms.weights import Weights
 
 V = TypeVar("V", bound=SearchVerdict[object])
 
-#: Parameters of a named effect are within so many plausible sizes.
-MOST_SIZES = 10.0
-#: Zero is outside of the region that holds them with this probability, see `holds_zero`.
-CONFIDENCE = 0.95
-#: With more alternatives than this a name says nothing.
-MOST_ALTERNATIVES = 6
-#: Error left, held-out error, repeatability and stated uncertainty agree within this factor.
-AGREE = 3.0
-#: Lack of fit of the torques, F, that is none: without a fault it is 0.8 to 1.1, wrong masses
-#: included, and one load of three stated 40 N for 44 makes 1.6.
-MOST_TORQUE_RATIO = 1.3
-SURELY = 1e-6
-#: Part of the error that weights other than described may leave, no more, before that is told.
-MOST_LEFT = 0.9
 #: Grades of the calibration with which `none` is not said.
 NO_COMFORT = ("suspect_input", "not_converged")
 #: Where repeats show the noise, a model that lacks something by them is no comfort either. Where
-#: they do not, only a stated uncertainty says so, which may be off by `AGREE`.
+#: they do not, only a stated uncertainty says so, which may be off by `names.agree_ratio`.
 NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
 
 
@@ -146,7 +133,7 @@ def with_pulls(found: V) -> V:
 def _alternative(found: V, finding: Finding[object]) -> V | None:
     """Return the verdict with the first alternative of a finding that passes in its place."""
     held = {one.effect for one in found.findings}
-    for other in finding.alternatives[:MOST_ALTERNATIVES]:
+    for other in finding.alternatives[: RULES.names.most_alternatives]:
         if not is_named(other) or other in held:
             continue
         rest = tuple(one for one in finding.alternatives if one != other)
@@ -190,7 +177,7 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
     white = x / scale
     square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
     each_counts = type(effect).report is Effect.report and not isinstance(effect, CmmScale)
-    if square < chi2.ppf(CONFIDENCE, effect.linear):
+    if square < chi2.ppf(RULES.names.confidence, effect.linear):
         yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
     elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
         names = ", ".join(each.name for each in effect.reported[linear])
@@ -218,12 +205,12 @@ def unfit(
             name, unit = effect.reported[0].name, effect.reported[0].unit
             yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
     size = effect.size(x)
-    if size > MOST_SIZES and effect.possible is None:
+    if size > RULES.names.most_sizes and effect.possible is None:
         yield f"it would be {size:.0f} times as large as is plausible"
     if effect.most_rad is not None and states is not None:
         yield from _turns_too_far(finding, model.values_of(effect), states)
     yield from holds_zero(effect, model)
-    if len(finding.alternatives) > MOST_ALTERNATIVES:
+    if len(finding.alternatives) > RULES.names.most_alternatives:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
 
 
@@ -235,7 +222,7 @@ def _turns_too_far(finding: Finding[object], x: Array, states: PoseStates) -> It
     value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
     turn_rad = effect.turn_rad(states, x)
     # The turn is proportional to the first parameter, or to its inverse, a stiffness.
-    least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, 1e-300))
+    least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, RULES.computing.tiny))
     if least_rad > most_rad:
         yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
@@ -246,7 +233,8 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     measured = train.poses.measured
     floor_mm = train.noise_floor_mm
     # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.
-    taken = min(open_unknowns(found.model.model) / max(int(measured.components_seen.sum()), 1), 0.9)
+    unknowns, components = open_unknowns(found.model.model), int(measured.components_seen.sum())
+    taken = min(unknowns / max(components, 1), RULES.names.most_taken_share)
     error_mm = train.after.mean_mm / np.sqrt(1.0 - taken)
     spread_mm = measured.spread_mm
     stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)
@@ -259,25 +247,36 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     # is seen, and nothing has to be.
     by_repeats = found.noise_floor_from is None
     for name, value_mm, expected_mm in compared:
-        below = by_repeats and value_mm < expected_mm / AGREE
-        if below or value_mm > AGREE * expected_mm:
+        below = by_repeats and value_mm < expected_mm / RULES.names.agree_ratio
+        if below or value_mm > RULES.names.agree_ratio * expected_mm:
             yield f"{name} is {value_mm:.3g} mm where the repeatability gives {expected_mm:.3g} mm"
-    too_large = stated_mm > most_stated(AGREE, from_touches=measured.from_touches) * floor_mm
-    if too_large or floor_mm > AGREE * np.hypot(stated_mm, joints_mm):
+    too_large = (
+        stated_mm
+        > most_stated(RULES.names.agree_ratio, from_touches=measured.from_touches) * floor_mm
+    )
+    if too_large or floor_mm > RULES.names.agree_ratio * np.hypot(stated_mm, joints_mm):
         yield (
             f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
             f"{stated_mm:.3g} mm"
         )
     weights = [term for term in found.model.model.terms if isinstance(term, Weights)]
     before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
-    if weights and after_mm < MOST_LEFT * before_mm and train.reduction.interval95_mm[0] > 0.0:
+    if (
+        weights
+        and after_mm < RULES.names.most_left_share * before_mm
+        and train.reduction.interval95_mm[0] > 0.0
+    ):
         yield (
             f"the error falls from {before_mm:.3g} to {after_mm:.3g} mm if the weights may differ "
             "from the description: they do, or an effect of gravity is present (such as "
             "encoder_eccentricity of a joint that lifts); logged torques would show which"
         )
     torque = found.torque_test
-    if torque is not None and torque.F > MOST_TORQUE_RATIO and torque.p_value < SURELY:
+    if (
+        torque is not None
+        and RULES.names.most_torque_ratio < torque.F
+        and torque.p_value < RULES.names.torque_p_value
+    ):
         yield (
             f"the logged torques differ from those of the weights: F = {torque.F:.3g}, "
             "as with wrong loads, masses or directions"
@@ -294,15 +293,6 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
 # predicts them worse by far more than its own uncertainty allows is contradicted, and is no name.
 # Of a group that holds in every campaign: what helps most of them and harms one is no effect of the
 # arm that they share.
-
-#: Errors larger than before by this factor are worse, whatever chance may do.
-WORSE = 1.02
-#: By this factor they speak against a name.
-MUCH_WORSE = 1.05
-#: Errors larger by less than this are the same, however sure it is.
-TRIFLING = 1.005
-#: Errors over what noise and the model's own uncertainty explain by which a name is contradicted.
-CONTRADICTED = 1.5
 
 
 def harmless(found: V) -> V:
@@ -355,7 +345,7 @@ def _without_contradicted(found: V, visited: AngleCoverage) -> V:
         every: Mask = np.ones(len(q_rad), dtype=bool)
         for rows in (~visited.inside(q_rad), every):
             harm = _harm(held_out, rows)
-            if harm is None or not _is_over(MUCH_WORSE, harm):
+            if harm is None or not _is_over(RULES.names.much_worse_ratio, harm):
                 continue
             if _beyond_uncertainty(found, held_out, rows):
                 break
@@ -448,7 +438,7 @@ def _is_harmed(found: SearchVerdict[object], campaign: str) -> bool:
             return False, False
         rows = gap.campaigns[campaign]
         harm, paired = gap.accuracies(rows), gap.reduction_of(rows)
-        over = harm is not None and _is_over(WORSE, harm)
+        over = harm is not None and _is_over(RULES.names.worse_ratio, harm)
         return over, over and paired.poses > 1 and paired.interval95_mm[1] < 0.0
 
     over, surely = worse(found.trusted_holdout)
@@ -464,9 +454,9 @@ def _harm(gap: PairedErrors, rows: Mask) -> BeforeAfter | None:
     if harm is None:
         return None
     paired = gap.reduction_of(rows)
-    worse = harm.after.mean_mm > TRIFLING * harm.before.mean_mm
+    worse = harm.after.mean_mm > RULES.names.trifling_ratio * harm.before.mean_mm
     surely = worse and paired.poses > 1 and paired.interval95_mm[1] < 0.0
-    return harm if _is_over(WORSE, harm) or surely else None
+    return harm if _is_over(RULES.names.worse_ratio, harm) or surely else None
 
 
 def _is_over(factor: float, harm: BeforeAfter) -> bool:
@@ -491,4 +481,4 @@ def _beyond_uncertainty(found: SearchVerdict[object], gap: PairedErrors, rows: M
     variance = np.trace(position_noise(poses.measured, spread), axis1=1, axis2=2)
     expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
     after_mm = summarise(gap.found_after, rows).rms_mm
-    return bool(after_mm > CONTRADICTED * expected_mm)
+    return bool(after_mm > RULES.names.contradicted_ratio * expected_mm)

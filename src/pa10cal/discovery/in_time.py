@@ -21,7 +21,8 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import by_pose_and_time
-from pa10cal.discovery.wander import STILL, WAVES, InTime, Jump, Wander, motions_along, sizes_of_six
+from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.wander import STILL, InTime, Jump, Wander, motions_along, sizes_of_six
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
@@ -39,41 +40,28 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 #: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
-_WALKS_M = np.geomspace(3e-6, 3e-3, 9)
-_JUMPS_M = (3e-5, 3e-4, 3e-3)
-#: Turns expected with a shift, or none [rad/m].
-_TURNS = (0.0, 1.0)
-#: Sizes of effects that are tried, in their plausible size.
-_SCALES = (0.1, 1.0, 3.0)
+_WALKS_M = np.geomspace(*RULES.motion.walks_m)
 #: Variances of the error that readings of a pose share, in those of one reading.
-_SHARED = (0.0, *np.geomspace(0.1, 1e4, 7))
-#: Probability allowed of seeing a motion where there is none.
-_FALSE_RATE = 1e-3
-#: Jumps that may be found, readings that there must be on either side, and times first scanned.
-_MOST_JUMPS = 4
-_LEAST_SIDE = 4
-_COARSE = 40
-#: A motion counts from this part of the noise of one reading on, root mean squares.
-_LEAST_PART = 0.5
-#: Noise is no less than this part of that by which rows are whitened: more columns than rows could
-#: else explain it all.
-_LEAST_NOISE = 0.3
-#: Log evidence by which another time of a jump may be worse.
-_AS_GOOD = 3.0
-#: A pause is so many times as long as readings are usually apart, and no less than this [s].
-_PAUSE, _PAUSE_S = 30.0, 600.0
-#: Log evidence from which a drift shows between the readings of a pose.
-_DRIFTS = 5.0
+_SHARED = (0.0, *np.geomspace(*RULES.motion.pose_variances))
 
 
 def _found(rows: _Rows, *, walks: bool) -> InTime:
     """Find how the base moves in the course of time; jumps alone, where no walk is sought."""
     poses = rows.poses
-    needed_jump = float(np.log(len(poses) * len(_JUMPS_M) * len(_TURNS) / _FALSE_RATE))
-    needed_walk = float(np.log(len(_WALKS_M) * len(_TURNS) / _FALSE_RATE))
+    needed_jump = float(
+        np.log(
+            len(poses)
+            * len(RULES.motion.jumps_m)
+            * len(RULES.motion.turns_rad_per_m)
+            / RULES.motion.false_rate
+        )
+    )
+    needed_walk = float(
+        np.log(len(_WALKS_M) * len(RULES.motion.turns_rad_per_m) / RULES.motion.false_rate)
+    )
     found = rows.in_pauses(needed_jump)
     best, paused = rows.about(found)[0], found.jumps
-    while not paused and len(found.jumps) < _MOST_JUMPS:
+    while not paused and len(found.jumps) < RULES.motion.most_jumps:
         value, more = rows.best_jump(found)
         beyond = value - best - needed_jump
         if walks and not found.walk_m:
@@ -89,7 +77,7 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
         if best - value < needed_jump - needed_walk:
             best, found = value, less
     static = rows.without_time()
-    drifts = rows.about(found)[0] - static.about(found)[0] > _DRIFTS
+    drifts = rows.about(found)[0] - static.about(found)[0] > RULES.motion.drift_nats
     if not found.jumps and not found.walk_m:
         return InTime(None, drifts)
     # Where no effect of time shows, what goes with time is that of the courses.
@@ -103,7 +91,7 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
     cov = np.asarray(np.linalg.inv(np.swapaxes(rows.whitener, 1, 2) @ rows.whitener))
     position = np.trace(linear.position_noise(poses.measured, cov), axis1=1, axis2=2)
     noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.about(found)[2]
-    if all_mm < _LEAST_PART * noise_mm:
+    if all_mm < RULES.motion.least_noise_ratio * noise_mm:
         return InTime(None, drifts)
     return InTime(replace(found, rms_mm=(all_mm, walk_mm)), drifts)
 
@@ -136,14 +124,14 @@ class _Rows:
         # The size of effects, in their plausible one, is chosen by the evidence.
         self._scale, self._with_time = 1.0, True
         found, still = [], Wander(self.times_s, ())
-        for scale in _SCALES:
+        for scale in RULES.motion.effect_sizes:
             self._scale = scale
             found.append(max(self.about(still)[0], self.best_walk(still)[0]))
-        self._scale = _SCALES[int(np.argmax(found))]
+        self._scale = RULES.motion.effect_sizes[int(np.argmax(found))]
 
     def best_walk(self, wander: Wander) -> tuple[float, Wander]:
         """Return the greatest log evidence with another walk, and jumps and walk."""
-        every = product(_WALKS_M.tolist(), _TURNS)
+        every = product(_WALKS_M.tolist(), RULES.motion.turns_rad_per_m)
         tried = [replace(wander, walk_m=size, walk_turn=turn) for size, turn in every]
         reduced = self._reduced(wander.jumps)
         values = [self.about(walk, reduced)[0] for walk in tried]
@@ -153,10 +141,15 @@ class _Rows:
         """Return the greatest log evidence with one more jump, and jumps and walk."""
         times_s = self.times_s
         apart = np.flatnonzero(np.diff(times_s) > 0.0)
-        apart = apart[(apart >= _LEAST_SIDE - 1) & (apart < len(times_s) - _LEAST_SIDE)]
+        apart = apart[
+            (apart >= RULES.motion.least_side - 1)
+            & (apart < len(times_s) - RULES.motion.least_side)
+        ]
         taken = {jump.time_s for jump in wander.jumps}
         best = (-np.inf, wander)
-        places = np.unique(np.linspace(0, len(apart) - 1, _COARSE).round().astype(int))
+        places = np.unique(
+            np.linspace(0, len(apart) - 1, RULES.motion.coarse_times).round().astype(int)
+        )
         for _ in range(2):
             gaps = [times_s[apart[k] : apart[k] + 2].tolist() for k in places if len(apart)]
             tried = [Jump(0.5 * (first + last), first, last) for first, last in gaps]
@@ -165,7 +158,7 @@ class _Rows:
                 break
             best = self.best_of(tried, wander)
             middle = int(np.searchsorted(times_s[apart], best[1].jumps[-1].time_s)) - 1
-            wide = -(-len(apart) // _COARSE)
+            wide = -(-len(apart) // RULES.motion.coarse_times)
             places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
         return best
 
@@ -176,27 +169,35 @@ class _Rows:
         then show no more than the step. Each must gain so much of log evidence.
         """
         gaps_s = np.diff(self.times_s)
-        long = gaps_s > max(_PAUSE * float(np.median(gaps_s)), _PAUSE_S)
-        long[: _LEAST_SIDE - 1], long[len(gaps_s) + 1 - _LEAST_SIDE :] = False, False
+        long = gaps_s > max(
+            RULES.motion.pause_ratio * float(np.median(gaps_s)), RULES.motion.pause_s
+        )
+        long[: RULES.motion.least_side - 1], long[len(gaps_s) + 1 - RULES.motion.least_side :] = (
+            False,
+            False,
+        )
         ends = zip(self.times_s[:-1][long].tolist(), self.times_s[1:][long].tolist(), strict=True)
         pauses = {Jump(0.5 * sum(each), *each, pause=True) for each in ends}
         static, still = self.without_time(), Wander(self.times_s, ())
         if not pauses:
             return still
         found, best = still, static.about(still)[0]
-        while pauses and len(found.jumps) < _MOST_JUMPS:
+        while pauses and len(found.jumps) < RULES.motion.most_jumps:
             value, more = static.best_of(sorted(pauses, key=lambda each: each.time_s), found)
             if value < best + needed:
                 break
             pauses = {each for each in pauses if each.time_s != more.jumps[-1].time_s}
             best, found = value, more
-        return found if best > self.about(still)[0] - _AS_GOOD else still
+        return found if best > self.about(still)[0] - RULES.motion.as_good_nats else still
 
     def best_of(self, tried: list[Jump], wander: Wander) -> tuple[float, Wander]:
         """Return the greatest log evidence with one of some jumps more, and jumps and walk."""
         values, sizes = self._scan(tried, wander)
         k = int(np.argmax(values))
-        close = [tried[other] for other in np.flatnonzero(values >= values[k] - _AS_GOOD)]
+        close = [
+            tried[other]
+            for other in np.flatnonzero(values >= values[k] - RULES.motion.as_good_nats)
+        ]
         first, last = (tried[k], tried[k]) if tried[k].pause else (close[0], close[-1])
         between_s = first.before_s, last.after_s
         more = Jump(tried[k].time_s, *between_s, *sizes[k], pause=tried[k].pause)
@@ -224,7 +225,7 @@ class _Rows:
             steps = every.in_sizes(sizes).without(at)  # of those tried, six of each
             for k in range(len(tried)):
                 one = steps.along(np.arange(6 * k, 6 * k + 6))
-                for size, turn in product(_JUMPS_M, _TURNS):
+                for size, turn in product(RULES.motion.jumps_m, RULES.motion.turns_rad_per_m):
                     value, _ = self._log(one.in_sizes(sizes_of_six(size, turn)))
                     if value > values[k]:
                         values[k], chosen[k] = value, (size, turn)
@@ -249,14 +250,16 @@ class _Rows:
     def _log(self, courses: Gaussian) -> tuple[float, float]:
         """Return the log evidence at the likeliest variance of the noise, and that."""
         alone = courses.without(np.arange(courses.unknowns))
-        variance = max(alone.squares / self._seen, _LEAST_NOISE**2)
+        variance = max(alone.squares / self._seen, RULES.motion.least_noise_share**2)
         logarithm = self._seen * float(np.log(variance)) + alone.squares / variance
         return -0.5 * (logarithm + alone.log_det), variance
 
     def _places(self, wander: Wander, more: int = 0) -> Index:
         """Return the places of jumps and walk among the unknowns, with so many jumps between."""
         of_jumps, first = np.arange(6 * len(wander.jumps)), 6 * (len(wander.jumps) + more)
-        of_walk = np.arange(first, first + 6 * WAVES) if wander.walk_m else of_jumps[:0]
+        of_walk = (
+            np.arange(first, first + 6 * RULES.motion.walk_waves) if wander.walk_m else of_jumps[:0]
+        )
         return np.concatenate([of_jumps, of_walk])
 
     def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[Gaussian]:
@@ -294,17 +297,6 @@ class _Rows:
         return found
 
 
-#: Motion of the base expected from load to load [m, rad], and places of targets.
-_BY_LOAD, _TARGET_M = 1e-3, 3e-2
-#: Of more readings so many, spread evenly over time, stand for all.
-MOST_READINGS = 1200
-#: Waves of the base's motion over the positions of a joint that goes with the order, that motion,
-#: and how often what is found of time is held against errors that go with more joints.
-_RIVAL_WAVES = 8
-_RIVAL_M = 1e-3
-_MOST_RIVALS = 4
-
-
 def in_time_of(
     at: FittedModel,
     poses: Observations,
@@ -329,16 +321,16 @@ def in_time_of(
     if not poses.states.tells_time or (once and not again and like_a_scan(poses)):
         return STILL
     poses = with_places(poses) if again else poses
-    if len(poses) > MOST_READINGS:
-        shown: Index = spread_over_time(poses, MOST_READINGS)
+    if len(poses) > RULES.motion.most_readings:
+        shown: Index = spread_over_time(poses, RULES.motion.most_readings)
         poses, whitener = poses.take(shown), whitener[shown]
     own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
     load_N = poses.states.load_N
     by_load = motions_along(linear.by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
     held = [
         *linear.by_own_terms(at, poses, own),
-        linear.by_targets(at, poses) * _TARGET_M,
-        _BY_LOAD * by_load,
+        linear.by_targets(at, poses) * RULES.motion.targets_m,
+        RULES.motion.by_load_m * by_load,
     ]
     static, of_time = by_pose_and_time(at, poses, effects, logged=logged, weights=weights)
 
@@ -353,7 +345,7 @@ def in_time_of(
     rivals: tuple[Parting, ...] = ()
     first_mm = 0.0 if shows.wander is None else shows.wander.rms_mm[0]
     prismatic = at.model.chain.arm.prismatic
-    for _ in range(_MOST_RIVALS):
+    for _ in range(RULES.motion.most_rivals):
         more = _rivals_of(shows, poses.states, prismatic)
         if not more:
             break
@@ -397,10 +389,10 @@ def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observation
         for rival in rivals
         if np.isfinite(rival.at)
     ]
-    waves = np.arange(1, _RIVAL_WAVES + 1)
+    waves = np.arange(1, RULES.motion.rival_waves + 1)
     for driver in dict.fromkeys(rival.driver for rival in rivals):
         rank = rankdata(driver.of(states)) / len(poses)
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     together = np.column_stack(courses)
-    six = np.tile(sizes_of_six(_RIVAL_M, 1.0), together.shape[1])
+    six = np.tile(sizes_of_six(RULES.motion.rival_m, 1.0), together.shape[1])
     return motions_along(linear.by_base(at, poses), together - np.mean(together, axis=0)) * six

@@ -15,6 +15,7 @@ from scipy.special import fdtrc
 from pa10cal.arrays import Array
 from pa10cal.discovery import linear
 from pa10cal.discovery.noise import whitener_of
+from pa10cal.discovery.rules import RULES
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results import analysis as records
@@ -23,9 +24,6 @@ from pa10cal.results.evaluation import Estimate
 # Weighted means and slopes whose uncertainty counts poses, not rows.
 #
 # Rows of a pose share its errors, so what scatters from pose to pose decides.
-
-#: What differs by a smaller part than this is the same.
-_ROUNDING = 1e-9
 
 
 def mean(values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate:
@@ -38,7 +36,7 @@ def drift(by: Array, values: Array, weight: Array, pose: NDArray[np.str_]) -> Es
 
     None where that quantity is the same in all of them, but for rounding, or not known.
     """
-    if not np.ptp(by) > _ROUNDING * np.abs(by).max():
+    if not np.ptp(by) > RULES.computing.same_share * np.abs(by).max():
         return None
     columns = np.column_stack([np.ones(len(by)), (by - by.mean()) / np.ptp(by)])
     return _last_coefficient(columns, values, weight, pose)
@@ -62,18 +60,6 @@ def _last_coefficient(
 # A picture of where to look, not a test: the angles of one cell are found from six numbers, so an
 # error that no joint makes shows in several of them.
 
-#: Joint error thought possible, a standard deviation: where a pose cannot separate joints (at a
-#: singular wrist, or with more joints than six) it decides, and the error found is that uncertain.
-POSSIBLE_RAD = 1e-3
-_LEAST_ORDER = 0.5
-#: Highest order of the periodogram, in gear ratios of the joint.
-_MOST_RATIOS = 2.5
-#: Gear ratio by which that is counted where the arm's own is not known.
-_USUAL_RATIO = 100.0
-#: Steps of the periodogram within the width of a peak, one over the turns that the joint made.
-_STEPS_A_PEAK = 5
-_LARGEST_STEP = 0.25
-
 
 def joint_errors(jacobian: Array, white_residual: Array) -> tuple[Array, Array]:
     """Return errors of the joints by least squares, (C, n) [rad, m], and their standard deviations.
@@ -82,7 +68,9 @@ def joint_errors(jacobian: Array, white_residual: Array) -> tuple[Array, Array]:
     predicted, are whitened by the noise of each cell, as is their Jacobian by the joints (C, b, n).
     """
     across = jacobian.transpose(0, 2, 1)
-    covariance = np.linalg.inv(across @ jacobian + np.eye(jacobian.shape[2]) / POSSIBLE_RAD**2)
+    covariance = np.linalg.inv(
+        across @ jacobian + np.eye(jacobian.shape[2]) / RULES.places.possible_rad**2
+    )
     std_rad: Array = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     return (covariance @ (across @ white_residual))[:, :, 0], std_rad
 
@@ -99,12 +87,12 @@ def periodogram(
     """
     turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
     known = (gear_ratio, 2.0 * gear_ratio) if np.isfinite(gear_ratio) else ()
-    highest = _MOST_RATIOS * max(gear_ratio if known else _USUAL_RATIO, 1.0)
+    highest = RULES.places.most_ratios * max(gear_ratio if known else RULES.places.usual_ratio, 1.0)
     # An arc that is a small part of the finest cycle contains no information on any cycle.
     if turns * highest < 1.0:
         return None
-    step = min(_LARGEST_STEP, 1.0 / (_STEPS_A_PEAK * turns))
-    orders = np.arange(_LEAST_ORDER, highest + step, step)
+    step = min(RULES.places.largest_step, 1.0 / (RULES.places.steps_a_peak * turns))
+    orders = np.arange(RULES.places.least_order, highest + step, step)
     marked = tuple(sorted({1.0, 2.0, *map(float, known)}))
     share = weight / weight.sum()
     centred = error_rad - share @ error_rad
@@ -137,10 +125,6 @@ def _explained_variance(q_rad: Array, centred: Array, share: Array, orders: Arra
 
 
 AXES = ("x", "y", "z")
-#: Of more cells only so many, spread evenly over time, stand for all where each is looked at.
-MOST_CELLS = 1200
-#: Digits of what is there to be drawn.
-_DIGITS = 6
 
 
 def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> records.PureErrorTest:
@@ -213,7 +197,7 @@ def _part(of: str, squares: Array, noise: Array) -> records.ErrorPart:
 
 def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
     """Yield what is left as an error of each joint, its torque besides."""
-    last, most = len(residuals.cells) - 1, min(len(residuals.cells), MOST_CELLS)
+    last, most = len(residuals.cells) - 1, min(len(residuals.cells), RULES.places.most_cells)
     shown = np.unique(np.linspace(0, last, most).round().astype(int))
     cells, arm = residuals.cells.take(shown), residuals.at.arm
     white = whitener_of(residuals.cov[shown])
@@ -250,7 +234,7 @@ def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
 
 def rounded(values: Array) -> Array:
     """Return numbers rounded to what a picture shows."""
-    flat = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values).tolist()]
+    flat = [float(f"{value:.{RULES.places.digits}g}") for value in np.ravel(values).tolist()]
     return np.array(flat).reshape(np.shape(values))
 
 

@@ -23,45 +23,13 @@ from scipy.special import bdtrc
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.linear import by_every_joint
+from pa10cal.discovery.rules import RULES
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.maps import Agreement, MotorRipple
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
-#: Probability allowed of one false line in a whole search.
-FALSE_RATE = 0.01
-#: Multiples of the gear ratio at which lines are sought, and ratios thought possible.
-MOST_ORDERS = 40
-RATIOS = (30.0, 260.0)
-#: Poses that a joint must have moved to.
-LEAST_POSES = 100
-#: Turns over which poses are gridded, and cells of that grid: orders go in steps of a quarter.
-_TURNS = 4
-_CELLS = 2**17
-#: Lowest and highest order sought; below it are the joint's own errors by its angle.
-_LOWEST, _HIGHEST = 40, 4096
-#: Shares of the error with which lines are sought, and between which the best one is.
-_SHARES = (0.0, 0.5, 1.0, 1.5)
-_ALPHAS = np.linspace(-0.5, 2.0, 51)
-#: Turn of the motor by a torque of one standard deviation, at most, and its steps in phase [rad].
-_MOST_TURN_RAD = 1e-3
-_PHASE_STEP_RAD = 0.25
-#: Phase by which the joint's error turns the highest line, at least, for the line to say anything.
-_LEAST_TURN_RAD = 0.25
-#: Steps of order over which the background of a spectrum is taken: many times as many as a line
-#: has where the joint turned by a small part of a turn.
-_BACKGROUND = 2048
-_MOST_LINES = 12
-#: Lines this near are one, at a multiple k of a ratio k times as near [cycles a turn].
-_SAME = 0.5
-_SAME_RATIO = 0.02
-#: Steps of ratio that are tried for the greatest common divisor.
-_RATIO_STEP = 0.04
-#: Part of the larger of two ratios by which one may miss a multiple of the other.
-_COMMENSURATE = 0.01
-#: Half of what twice the log-likelihood may fall within a 95 % interval.
-_CHI2_95_HALF = 1.92
-_TINY = 1e-300
+_ALPHAS = np.linspace(*RULES.ripple.share_grid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +53,7 @@ class JointSeries:
     @property
     def centred_rad(self) -> Array:
         """Return what the model leaves less its weighted mean."""
-        total = max(float(self.weight.sum()), _TINY)
+        total = max(float(self.weight.sum()), RULES.computing.tiny)
         return self.left_rad - float(self.weight @ self.left_rad) / total
 
     def motor_rad(self, share: float) -> Array:
@@ -122,7 +90,7 @@ def witnesses(
         ratio = common or common_ratio(own)
         if not np.isnan(stated):  # unless the data have one that is no multiple or part of it
             times = 1.0 if ratio is None else max(ratio / stated, stated / ratio)
-            if ratio is None or abs(times - round(times)) < _COMMENSURATE * times:
+            if ratio is None or abs(times - round(times)) < RULES.ripple.commensurate_share * times:
                 ratio = stated
         if not series or ratio is None:
             said.append(None)
@@ -132,7 +100,7 @@ def witnesses(
 
 
 def _long_enough(series: Sequence[JointSeries]) -> list[JointSeries]:
-    return [part for part in series if len(part) >= LEAST_POSES]
+    return [part for part in series if len(part) >= RULES.ripple.least_poses]
 
 
 def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> list[SpectralLine]:
@@ -142,21 +110,29 @@ def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> li
     all orders. How many joints are searched decides the rate of false lines.
     """
     if ratio is None:
-        orders = np.arange(_LOWEST, _HIGHEST, 1.0 / _TURNS)
-        tests = float(_HIGHEST - _LOWEST) * _TURNS
+        orders = np.arange(
+            RULES.ripple.orders[0], RULES.ripple.orders[1], 1.0 / RULES.ripple.grid_turns
+        )
+        tests = float(RULES.ripple.orders[1] - RULES.ripple.orders[0]) * RULES.ripple.grid_turns
     else:
-        orders = ratio * np.arange(1, MOST_ORDERS + 1)
-        orders = orders[orders < _HIGHEST - 1]
+        orders = ratio * np.arange(1, RULES.ripple.most_orders + 1)
+        orders = orders[orders < RULES.ripple.orders[1] - 1]
         tests = float(len(orders))
-    at = np.round(orders * _TURNS).astype(int)
-    needed = float(np.log(tests * len(_SHARES) * joints / FALSE_RATE))
+    at = np.round(orders * RULES.ripple.grid_turns).astype(int)
+    needed = float(
+        np.log(tests * len(RULES.ripple.error_shares) * joints / RULES.ripple.false_rate)
+    )
     found: list[SpectralLine] = []
     left = list(series)
-    while len(found) < _MOST_LINES:
-        nats = np.stack([_spectrum(left, share)[at] for share in _SHARES])
+    while len(found) < RULES.ripple.most_lines:
+        nats = np.stack([_spectrum(left, share)[at] for share in RULES.ripple.error_shares])
         share, k = np.unravel_index(int(np.argmax(nats)), nats.shape)
-        line = SpectralLine(float(orders[k]), _SHARES[share], float(nats[share, k]))
-        if line.nats < needed or any(abs(line.order - each.order) < _SAME for each in found):
+        line = SpectralLine(
+            float(orders[k]), RULES.ripple.error_shares[share], float(nats[share, k])
+        )
+        if line.nats < needed or any(
+            abs(line.order - each.order) < RULES.ripple.same_order for each in found
+        ):
             break
         found.append(line)
         left = [_without(each, line) for each in left]
@@ -170,22 +146,24 @@ def common_ratio(found: Sequence[SpectralLine]) -> float | None:
     """
     orders = np.array([line.order for line in found])
     octaves = np.log2(orders)
-    orders = orders[np.abs(orders - 2.0 ** np.round(octaves)) > 2.0 * _SAME]
+    orders = orders[np.abs(orders - 2.0 ** np.round(octaves)) > 2.0 * RULES.ripple.same_order]
     if len(orders) < 2:
         return None
-    ratios = np.arange(RATIOS[0], RATIOS[1], _RATIO_STEP)
+    ratios = np.arange(RULES.ripple.ratios[0], RULES.ripple.ratios[1], RULES.ripple.ratio_step)
     multiple = np.maximum(np.round(orders / ratios[:, None]), 1.0)
-    reach = _SAME + _SAME_RATIO * multiple
+    reach = RULES.ripple.same_order + RULES.ripple.same_ratio * multiple
     near = np.abs(orders - multiple * ratios[:, None]) < reach
     chance = np.minimum(2.0 * reach.mean(axis=1) / ratios, 1.0)
-    log_p = np.log(np.maximum(bdtrc(near.sum(axis=1) - 1.0, len(orders), chance), _TINY))
+    log_p = np.log(
+        np.maximum(bdtrc(near.sum(axis=1) - 1.0, len(orders), chance), RULES.computing.tiny)
+    )
     best = int(np.argmin(log_p))
-    if -log_p[best] < np.log(len(ratios) / FALSE_RATE):
+    if -log_p[best] < np.log(len(ratios) / RULES.ripple.false_rate):
         return None
     times = multiple[best, near[best]]
     ratio = float(times @ orders[near[best]] / (times @ times))
     whole = float(round(ratio))
-    return whole if abs(ratio - whole) * times.max() < _SAME else ratio
+    return whole if abs(ratio - whole) * times.max() < RULES.ripple.same_order else ratio
 
 
 def _of_motor(found: Sequence[SpectralLine], joint: Sequence[JointSeries]) -> list[SpectralLine]:
@@ -194,8 +172,8 @@ def _of_motor(found: Sequence[SpectralLine], joint: Sequence[JointSeries]) -> li
     if not stood or not found:
         return list(found)
     nats = _spectrum(stood, 0.0)
-    least = float(np.log(3 * len(found) / FALSE_RATE))
-    at = [round(line.order * _TURNS) for line in found]
+    least = float(np.log(3 * len(found) / RULES.ripple.false_rate))
+    at = [round(line.order * RULES.ripple.grid_turns) for line in found]
     return [line for line, k in zip(found, at, strict=True) if nats[k - 1 : k + 2].max() <= least]
 
 
@@ -206,14 +184,18 @@ def _witness(
     found = sorted(own, key=lambda line: line.order)
     orders = [line.order for line in found]
     error_rad = max(float(np.std(each.error_rad)) for each in series)
-    if not orders or orders[-1] * error_rad < _LEAST_TURN_RAD:
+    if not orders or orders[-1] * error_rad < RULES.ripple.least_turn_rad:
         return None
     spread_Nm = max(float(np.std(each.torque_Nm)) for each in series)
     turns = np.zeros(1)
     # A torque that hardly varies turns the motor by a constant, which is the line's own phase.
-    if spread_Nm > 1e-3 * max(float(np.abs(each.torque_Nm).max()) for each in series):
-        count = int(np.ceil(_MOST_TURN_RAD * orders[-1] / _PHASE_STEP_RAD))
-        turns = np.linspace(-_MOST_TURN_RAD, _MOST_TURN_RAD, 2 * count + 1) / spread_Nm
+    largest_Nm = max(float(np.abs(each.torque_Nm).max()) for each in series)
+    if spread_Nm > RULES.ripple.varying_share * largest_Nm:
+        count = int(np.ceil(RULES.ripple.most_turn_rad * orders[-1] / RULES.ripple.phase_step_rad))
+        turns = (
+            np.linspace(-RULES.ripple.most_turn_rad, RULES.ripple.most_turn_rad, 2 * count + 1)
+            / spread_Nm
+        )
     gains = np.zeros((len(_ALPHAS), len(turns)))
     for each in series:
         for line in found:  # each beside the others
@@ -244,7 +226,10 @@ def _witness(
 
 def _spectrum(series: Sequence[JointSeries], share: float) -> Array:
     """Return minus the log probability of lines at orders k/4 by chance, (K,)."""
-    gained = sum((_gained(part, share) for part in series), np.zeros(_HIGHEST * _TURNS))
+    gained = sum(
+        (_gained(part, share) for part in series),
+        np.zeros(RULES.ripple.orders[1] * RULES.ripple.grid_turns),
+    )
     # Of Gamma(c) with c campaigns, in closed form.
     terms = sum((gained**k / factorial(k) for k in range(len(series))), np.zeros_like(gained))
     return np.asarray(gained - np.log(terms))
@@ -256,21 +241,28 @@ def _gained(series: JointSeries, share: float) -> Array:
     In its background: where the residual's distribution is wider than its weights say, chance
     gains more.
     """
-    part = np.mod(series.motor_rad(share) / (2.0 * np.pi * _TURNS), 1.0) * _CELLS
+    part = (
+        np.mod(series.motor_rad(share) / (2.0 * np.pi * RULES.ripple.grid_turns), 1.0)
+        * RULES.ripple.grid_cells
+    )
     cell = part.astype(np.intp)
     beyond = part - cell
 
     def transformed(values: Array) -> Array:
-        grid = np.bincount(cell, values * (1.0 - beyond), _CELLS)
-        grid += np.bincount((cell + 1) % _CELLS, values * beyond, _CELLS)
+        grid = np.bincount(cell, values * (1.0 - beyond), RULES.ripple.grid_cells)
+        grid += np.bincount(
+            (cell + 1) % RULES.ripple.grid_cells, values * beyond, RULES.ripple.grid_cells
+        )
         return np.asarray(np.fft.rfft(grid))
 
-    count, weight = _HIGHEST * _TURNS, series.weight
+    count, weight = RULES.ripple.orders[1] * RULES.ripple.grid_turns, series.weight
     of_left = transformed(weight * series.centred_rad)[:count]
     of_weight = transformed(weight)
     gained = _explained(of_left, of_weight[:count], of_weight[: 2 * count : 2], float(weight.sum()))
-    windows = gained[: count // _BACKGROUND * _BACKGROUND].reshape(-1, _BACKGROUND)
-    middle = (np.arange(len(windows)) + 0.5) * _BACKGROUND
+    windows = gained[
+        : count // RULES.ripple.background_steps * RULES.ripple.background_steps
+    ].reshape(-1, RULES.ripple.background_steps)
+    middle = (np.arange(len(windows)) + 0.5) * RULES.ripple.background_steps
     usual = np.interp(np.arange(count), middle, np.median(windows, axis=1)) / np.log(2.0)
     return np.asarray(gained / np.maximum(usual, 1.0))
 
@@ -285,7 +277,7 @@ def _explained(of_left: Array, of_weight: Array, of_double: Array, total: float)
     ss = 0.5 * (total - of_double.real) - of_weight.imag**2 / total
     cs = -0.5 * of_double.imag + of_weight.real * of_weight.imag / total
     c, s = of_left.real, -of_left.imag
-    determinant = np.maximum(cc * ss - cs**2, 1e-9 * total**2)
+    determinant = np.maximum(cc * ss - cs**2, RULES.computing.least_determinant * total**2)
     return np.asarray(0.5 * (c * c * ss - 2.0 * c * s * cs + s * s * cc) / determinant)
 
 
@@ -316,22 +308,16 @@ def _gains(series: JointSeries, order: float, turns: Array) -> Array:
 
 def _interval(below: Array) -> tuple[float, float]:
     """Return the 95 % interval about the best of all shares tried (A,), by log-likelihoods."""
-    inside = np.flatnonzero(below > -_CHI2_95_HALF)
+    inside = np.flatnonzero(below > -RULES.ripple.half_chi2_95)
     first, last = int(inside[0]), int(inside[-1])
     rises = slice(max(first - 1, 0), first + 1)
     falls = np.arange(last, min(last + 2, len(below)))[::-1]
-    ends = (np.interp(-_CHI2_95_HALF, below[at], _ALPHAS[at]) for at in (rises, falls))
+    ends = (np.interp(-RULES.ripple.half_chi2_95, below[at], _ALPHAS[at]) for at in (rises, falls))
     low, high = map(float, ends)
     return low, high
 
 
 # What a model leaves of each joint's angle, pose by pose, as the ripple of its motor needs it.
-
-#: Scatter of a joint's angle to begin with [rad], and rounds in which variances are found.
-_JOINT_RAD = 5e-5
-_ROUNDS = 20
-#: A torque that varies by less than this part of the rated one does not turn the motor.
-_LEAST_LOADED = 0.02
 
 
 def joint_series(
@@ -356,7 +342,8 @@ def joint_series(
             values = at.x[at.model.columns_of(term)]
             error_rad[:, term.joint - 1] += term.shift(states, values)[:, 0]
     torque_Nm = np.where(
-        states.tau_Nm.std(axis=0) > _LEAST_LOADED * arm.rated_Nm(np.abs(states.tau_Nm).max(axis=0)),
+        states.tau_Nm.std(axis=0)
+        > RULES.ripple.least_loaded_share * arm.rated_Nm(np.abs(states.tau_Nm).max(axis=0)),
         states.tau_Nm,
         np.nan,
     )
@@ -382,10 +369,10 @@ def _scores(screws: Array, left: Array, seen: Mask) -> tuple[Array, Array]:
     predicted (P, b), and which were seen (P, b).
     """
     count = max(int(seen.sum()), 1)
-    joint, reading = np.full(screws.shape[2], _JOINT_RAD**2), 1.0
+    joint, reading = np.full(screws.shape[2], RULES.ripple.joint_rad**2), 1.0
     across = screws.transpose(0, 2, 1)
     unit = np.eye(left.shape[1])
-    for _ in range(_ROUNDS):
+    for _ in range(RULES.ripple.variance_rounds):
         precision = np.linalg.inv((screws * joint) @ across + reading * unit)
         pulled = (precision @ left[:, :, None])[:, :, 0]
         score = (across @ pulled[:, :, None])[:, :, 0]
@@ -395,16 +382,12 @@ def _scores(screws: Array, left: Array, seen: Mask) -> tuple[Array, Array]:
         reading = float(
             np.sum(seen * ((reading * pulled) ** 2 + reading - reading**2 * alone)) / count
         )
-    usual = np.sum(score**2, axis=0) / np.maximum(np.sum(weight, axis=0), 1e-300)
-    weight = np.maximum(weight, 1e-12 * weight.max())
+    usual = np.sum(score**2, axis=0) / np.maximum(np.sum(weight, axis=0), RULES.computing.tiny)
+    weight = np.maximum(weight, RULES.computing.least_weight * weight.max())
     return score / usual, weight / usual
 
 
 # Whether campaigns, or turns of a joint, agree on its error by its angle.
-
-#: Arcs of a turn over which errors are averaged, and poses that each must have.
-_ARCS = 120
-_LEAST_POSES = 2
 
 
 def agreement(series: Sequence[JointSeries]) -> Agreement | None:
@@ -441,15 +424,15 @@ def _by_turn(series: JointSeries) -> list[tuple[Array, Array]]:
     """Return mean error and its variance in every arc, turn by turn; nan for none."""
     turns = series.q_rad / (2.0 * np.pi)
     turn = np.floor(turns).astype(int)
-    arc = np.minimum(((turns - turn) * _ARCS).astype(int), _ARCS - 1)
+    arc = np.minimum(((turns - turn) * RULES.ripple.arcs).astype(int), RULES.ripple.arcs - 1)
     found = []
     for number in np.unique(turn):
         here = turn == number
-        weight = np.bincount(arc[here], series.weight[here], _ARCS)
+        weight = np.bincount(arc[here], series.weight[here], RULES.ripple.arcs)
         error_rad = (series.left_rad + series.error_rad)[here]
-        total = np.bincount(arc[here], series.weight[here] * error_rad, _ARCS)
-        enough = np.bincount(arc[here], minlength=_ARCS) >= _LEAST_POSES
-        mean, variance = np.full((2, _ARCS), np.nan)
+        total = np.bincount(arc[here], series.weight[here] * error_rad, RULES.ripple.arcs)
+        enough = np.bincount(arc[here], minlength=RULES.ripple.arcs) >= RULES.ripple.arc_poses
+        mean, variance = np.full((2, RULES.ripple.arcs), np.nan)
         mean[enough], variance[enough] = total[enough] / weight[enough], 1.0 / weight[enough]
         found.append((mean, variance))
     return found

@@ -18,7 +18,6 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.evidence.problem import (
-    SIZES,
     EvidenceFit,
     EvidenceProblem,
     NoiseModel,
@@ -29,6 +28,7 @@ from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.discovery.wander import InTime
 from pa10cal.errors import DiscoveryError
@@ -47,28 +47,8 @@ from pa10cal.terms.term import shows_torque
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
 
-#: A pair that the best poses bring apart by less (odds of 20 to 1) counts as one that poses cannot
-#: distinguish.
-LEAST_NATS = 3.0
 #: Any size is granted to an effect that is not in the fit.
-_ANY_SIZE = SIZES[-1]
-_POOL, _MOST_PAIRS = 1024, 8
-_MOST_SWEEPS = 2
-#: Poses that separate rivals are sought for models of so many parameters: with maps of six joints,
-#: of a knot for each degree, they would take many times as long as the search itself.
-MOST_UNKNOWNS = 400
-#: Of more poses that were measured, these stand for all.
-_MOST_MEASURED = 1000
-
-
-#: Part of each joint's range kept clear at either end.
-_LIMIT_MARGIN = 0.05
-#: The end keeps within the box of the measured places, widened to every side by
-#: half its size, and at least by so much [m].
-_LEAST_MARGIN_M = 0.3
-#: End and targets stay so far above the base's origin, and so far off its axis, unless poses were
-#: measured nearer; targets so far off the line from joint to joint [m].
-_FLOOR_M, _COLUMN_M, _CLEARANCE_M = 0.15, 0.25, 0.15
+_ANY_SIZE = RULES.evidence.sizes[-1]
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -83,16 +63,16 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
     end = room.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
-    room_m = np.maximum(0.5 * (highest - lowest), _LEAST_MARGIN_M)
+    room_m = np.maximum(0.5 * (highest - lowest), RULES.next_poses.box_margin_m)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
     constraints = {
         "near the measured poses": room.end_within(room.Box(lowest - room_m, highest + room_m)),
-        "above the floor": room.above(min(_FLOOR_M, float(lowest[2]))),
-        "off the column": room.off_column(min(_COLUMN_M, off_axis_m)),
-        "off the links": room.off_links(_CLEARANCE_M),
+        "above the floor": room.above(min(RULES.next_poses.floor_m, float(lowest[2]))),
+        "off the column": room.off_column(min(RULES.next_poses.column_m, off_axis_m)),
+        "off the links": room.off_links(RULES.next_poses.clearance_m),
     }
     low, high = chain.arm.limits_rad.T
-    margin = _LIMIT_MARGIN * (high - low)
+    margin = RULES.next_poses.limit_share * (high - low)
     ranges = low + margin, high - margin
     found = room.draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
@@ -124,7 +104,7 @@ def unresolved(
         for hidden in not_testable
         if hidden.by_these_poses and not hidden.effect.generic
     ]
-    return (*rivals, *alone)[:_MOST_PAIRS]
+    return (*rivals, *alone)[: RULES.next_poses.most_pairs]
 
 
 def separating_poses(
@@ -153,11 +133,13 @@ def separating_poses(
     for pair in pairs:
         greedy_order(pair, count)
     possible = every.values
-    sought = np.flatnonzero(possible - before >= LEAST_NATS).tolist()
+    sought = np.flatnonzero(possible - before >= RULES.next_poses.apart_nats).tolist()
     order = np.zeros(0, dtype=np.intp)
     if sought:
         closest = Combined([pairs[k] for k in sought])
-        chosen = exchange(closest, greedy_order(closest, count), most_sweeps=_MOST_SWEEPS).chosen
+        chosen = exchange(
+            closest, greedy_order(closest, count), most_sweeps=RULES.next_poses.most_sweeps
+        ).chosen
         order = greedy_order(closest, count, among=chosen)
     every.restart()
     steps = [every.values]
@@ -199,7 +181,7 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
     A spring that is soft near zero torque shows without load, all else that yields shows with it.
     All are read at the end of the campaign.
     """
-    q_rad = draw_near(problem, _POOL, random_seed)
+    q_rad = draw_near(problem, RULES.next_poses.pool, random_seed)
     rng, measured = np.random.default_rng(random_seed), problem.readings.states
     count, last = len(q_rad), int(np.argmax(measured.time_s))
     loads_N = np.array([measured.load_N.min(), measured.load_N.max()])
@@ -236,7 +218,7 @@ def _separations(
         np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
     )
     by_effect = dict(zip(effects, others, strict=True))
-    granted = {effect: SIZES[size] for effect, size in found.size_of.items()}
+    granted = {effect: RULES.evidence.sizes[size] for effect, size in found.size_of.items()}
     sized = {  # at the size that is granted to it
         effect: by_effect[effect] @ factor * granted.get(effect, _ANY_SIZE)
         for effect, factor in zip(effects, factors, strict=True)
@@ -412,7 +394,11 @@ def without_repeats(
     poses some stand for all.
     """
     count = len(survey.poses)
-    rows = np.linspace(0, count - 1, min(count, _MOST_MEASURED)).round().astype(np.intp)
+    rows = (
+        np.linspace(0, count - 1, min(count, RULES.next_poses.most_measured))
+        .round()
+        .astype(np.intp)
+    )
     survey = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     poses = survey.poses
     joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
@@ -428,13 +414,11 @@ def without_repeats(
     problem = EvidenceProblem(
         base, setup, poses, poses, cov, noise, pose, None, none_Nm, context, logged, in_time
     )
-    sizes, variance = (SIZES.index(1.0),) * len(found.effects), max(scatter - 1.0, 0.0)
+    sizes, variance = (
+        (RULES.evidence.sizes.index(1.0),) * len(found.effects),
+        max(scatter - 1.0, 0.0),
+    )
     return problem, EvidenceFit(found.effects, found.at, found.converged, sizes, variance, 0.0)
-
-
-#: Poses drawn to find some at angles not seen.
-_DRAWN = 2000
-_TURN = 2.0 * np.pi
 
 
 def poses_at_unseen_angles(
@@ -447,17 +431,17 @@ def poses_at_unseen_angles(
     reach were seen, or no pose is admissible.
     """
     whole = (  # its turn was seen; prismatic joints do not count
-        not turns or (len(stretches) == 1 and np.ptp(stretches[0]) >= _TURN)
+        not turns or (len(stretches) == 1 and np.ptp(stretches[0]) >= 2.0 * np.pi)
         for turns, stretches in zip(seen.turns, seen.intervals, strict=True)
     )
     if not count or all(whole):
         return ()
     try:
-        q_rad = draw_near(measured, _DRAWN, random_seed)
+        q_rad = draw_near(measured, RULES.next_poses.drawn, random_seed)
     except DiscoveryError:
         return ()
     new = ~seen.each(q_rad) & np.array(seen.turns)
-    place = np.floor(np.mod(q_rad, _TURN) / (2.0 * WITHIN_RAD)).astype(np.intp)
+    place = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * WITHIN_RAD)).astype(np.intp)
     load_N = float(measured.cells.states.load_N.min())
     chosen: list[SuggestedPose] = []
     while len(chosen) < count and new.any():

@@ -15,12 +15,14 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault, Untestable, faults_of_input
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
+from pa10cal.discovery.rules import RULES
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
 from pa10cal.fit.weighed_arm import with_uncertain_weights
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.order import reversed_joints, slow_joints, with_arrivals
+from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
@@ -30,13 +32,6 @@ from pa10cal.terms.term import Term, shows_torque
 from pa10cal.terms.weights import LogFault, Weights, fault_candidates
 
 # What a campaign can show of an effect: settled before residuals are looked at.
-
-#: Part of an effect that must remain after the model's own parameters took what they can.
-LEAST_SHARE = 0.02
-#: An effect of its largest plausible size must come to this many standard deviations in all.
-LEAST_SIGNAL = 4.0
-#: The largest plausible size, in the usual one.
-_LARGEST = 10.0
 
 
 def sought(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
@@ -94,21 +89,14 @@ def why_hidden(share: float, signal: float) -> str | None:
     By the part of it that remains after the model's own parameters took what they can, and what
     that is of its usual size, in standard deviations.
     """
-    if share < LEAST_SHARE:
+    if share < RULES.candidates.least_share:
         return f"{100 * share:.1f} % remains beside the model's own parameters"
-    if signal * _LARGEST < LEAST_SIGNAL:
+    if signal * RULES.candidates.largest_sizes < RULES.candidates.least_signal:
         return "ten times its plausible size would not rise above the noise"
     return None
 
 
 # How readings follow what goes with the pose, beside which something is sought in time.
-
-#: Effects of time are expected to be so many plausible sizes large: theirs is what they explain.
-_SIZES = 3.0
-#: Waves of a joint's error a turn, and their size, that are taken out where poses are read once;
-#: more of a joint that moves little from one pose to the next.
-_WAVES = (8, 24)
-_WAVE_RAD = 3e-4
 
 
 def by_pose_and_time(
@@ -128,7 +116,7 @@ def by_pose_and_time(
     with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
     with_time = np.repeat(with_time, [each.shape[2] for each in columns])
     every = np.concatenate(columns, axis=2)
-    static, of_time = every[..., ~with_time], _SIZES * every[..., with_time]
+    static, of_time = every[..., ~with_time], RULES.candidates.sizes_of_time * every[..., with_time]
     if len(np.unique(poses.pose)) == len(poses):
         waves = _waves(at, poses, slow_joints(poses.states))
         static = np.concatenate([static, waves], axis=2)
@@ -143,15 +131,13 @@ def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
     q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
     columns = [np.zeros((*screws.shape[:2], 0))]
     for k, joint in enumerate(joints):
-        angle = q_rad[:, k, None] * np.arange(1, _WAVES[int(slow[joint - 1])] + 1)
+        angle = q_rad[:, k, None] * np.arange(1, RULES.candidates.waves[int(slow[joint - 1])] + 1)
         waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
         columns.append(screws[:, :, k, None] * waves[:, None])
-    return np.asarray(_WAVE_RAD * np.concatenate(columns, axis=2))
+    return np.asarray(RULES.candidates.wave_rad * np.concatenate(columns, axis=2))
 
 
 # What the search needs to know of a campaign, from its description and the settings.
-
-MM = 1e-3
 
 
 def setup_of(
@@ -181,7 +167,8 @@ class MeasurementSetup:
     # instrument that measures poses, and where they are unknowns of the calibration
     p_ee_targets_m: Array
     reference_temperature_C: float  # temperature at which lengths are nominal
-    apparatus_m: float = 5e-6  # standard uncertainty of a target's place on the apparatus, per axis
+    # standard uncertainty of a target's place on the apparatus, per axis
+    apparatus_m: float = RULES.candidates.apparatus_m
     # standard uncertainties of what else repeats cannot show, and how to search
     options: DiscoveryOptions = field(default_factory=DiscoveryOptions)
     commanded: bool = False  # whether joint positions are those commanded, and not read back

@@ -19,12 +19,12 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import (
-    MEDIAN_TO_SIGMA,
     compared,
     noise_of_repeats,
     pose_weights,
     whitener_of,
 )
+from pa10cal.discovery.rules import RULES
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit import robust_weights
 from pa10cal.fit.fitted_model import FittedModel
@@ -33,11 +33,6 @@ from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import FaultKind
-
-#: Labels are exchanged where another order leaves so little of what is left.
-_EXCHANGED_LEFT = 0.25
-#: Targets whose orders are all tried.
-_MOST_TARGETS = 5
 
 
 @dataclass(frozen=True)
@@ -132,8 +127,8 @@ def _of_readings(
     some, names = readings.take(rows), readings.measured.target_names
     # The order of the targets that explains each reading, where another does than theirs.
     order_of: dict[int, tuple[int, ...]] = {}
-    if 2 <= len(names) <= _MOST_TARGETS:
-        least = _EXCHANGED_LEFT * np.linalg.norm(residual(model, some), axis=1)
+    if 2 <= len(names) <= RULES.rows.most_targets:
+        least = RULES.rows.exchanged_left_share * np.linalg.norm(residual(model, some), axis=1)
         for order in permutations(range(len(names))):
             other = replace(some, measured=some.measured.in_order(order))
             left = np.linalg.norm(residual(model, other), axis=1)
@@ -162,22 +157,6 @@ def _of_readings(
 # is none, by the calibrated model, and only beyond what heavy tails of its errors make. Touched
 # balls are judged as all else is: each touch was within its ball, and the ball may have been
 # another place.
-
-#: Probability that any reading is excluded where none is wrong and errors are normal.
-EXCLUDED_RATE = 0.1
-#: Readings before and after one that are looked at: where most of them are off as well, something
-#: happened in time, and the reading is no single one.
-_NEIGHBOURS = 5
-#: Relative error of a scatter that is found from one deviate, by its median, twice.
-_OF_SCALE = 2.3
-#: Means of poses have lighter tails than readings: as `tails.ACCUSED_RATE`, and standard errors by
-#: which their tails may be heavier than found.
-_OF_POSES_RATE = 1e-3
-_OF_POSES_SURELY = 1.6
-#: More readings than this are no gross errors.
-_MOST_BEYOND = 0.1
-#: Scatter is no less than this part of the noise found: rounding is none.
-_LEAST_NOISE = 0.1
 
 
 @dataclass(frozen=True)
@@ -243,8 +222,8 @@ def _off_repeats(
             own[at] = max(robust_weights.Tails.of(first[:, at][here]).scale, least)
         scale *= own
         components = np.maximum(seen.sum(axis=1), 1)
-        limit = np.sqrt(chdtri(components, EXCLUDED_RATE / count))
-        limit *= 1.0 + _OF_SCALE / np.sqrt(float(seen[~(alone | without)].sum()))
+        limit = np.sqrt(chdtri(components, RULES.rows.excluded_rate / count))
+        limit *= 1.0 + RULES.rows.scale_error / np.sqrt(float(seen[~(alone | without)].sum()))
         while True:
             distance = np.linalg.norm(from_others(out), axis=1)
             far = np.flatnonzero(~out & (distance > limit))
@@ -271,7 +250,7 @@ def _off_repeats(
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
-        found = exclude_gross_errors(whitener, found.excluded, _LEAST_NOISE)
+        found = exclude_gross_errors(whitener, found.excluded, RULES.rows.least_noise_share)
     apart, _ = _less_others(left, group, seen, found.excluded)
     return replace(found, off_mm=_position_mm(readings, apart))
 
@@ -293,9 +272,9 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
     far = np.zeros(len(labels), dtype=bool)
     for _, at in averages.measured.component_kinds:
         tails = robust_weights.Tails.of(
-            white[:, at][robust_weights.components_seen(averages, at)], _OF_POSES_SURELY
+            white[:, at][robust_weights.components_seen(averages, at)], RULES.rows.of_poses_errors
         )
-        far |= np.any(np.abs(white[:, at]) > tails.largest(_OF_POSES_RATE), axis=1)
+        far |= np.any(np.abs(white[:, at]) > tails.largest(RULES.rows.of_poses_rate), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
     far &= _above_noise(averages, left, white)
     times = _times_usual(white, averages)
@@ -329,7 +308,7 @@ def _beyond_tails(
             bulk = white[:, at][seen & (usual & ~beyond)[:, None]]
             limit = robust_weights.Tails.of(bulk).largest(robust_weights.ACCUSED_RATE)
             found |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
-        if not (found & ~beyond).any() or found.mean() > _MOST_BEYOND:
+        if not (found & ~beyond).any() or found.mean() > RULES.rows.most_beyond_share:
             break
         beyond = found
     return beyond
@@ -353,10 +332,10 @@ def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Ar
 def _in_time(off: Mask, time_s: Array) -> Mask:
     """Return (P,) readings that are off in a stretch of time in which most readings are."""
     order = np.argsort(time_s, kind="stable")
-    window = np.ones(2 * _NEIGHBOURS + 1)
+    window = np.ones(2 * RULES.rows.neighbours + 1)
     if len(off) < len(window):
         return np.zeros(len(off), dtype=bool)
-    most = np.convolve(off[order], window, mode="same") - off[order] > _NEIGHBOURS
+    most = np.convolve(off[order], window, mode="same") - off[order] > RULES.rows.neighbours
     together = np.zeros(len(off), dtype=bool)
     together[order] = np.convolve(most & off[order], window, mode="same") > 0.5
     return together & off
@@ -385,9 +364,6 @@ def _position_mm(readings: Observations, apart: Array) -> Array:
 
 # What moved between repeats, by running medians: gross errors do not sway it.
 
-#: Readings over which a median runs.
-_WINDOW = 11
-
 
 def moved_between_repeats(readings: Observations, left: Array, group: Index) -> Array:
     """Return by how much the components of readings moved with time, (P, b).
@@ -397,20 +373,22 @@ def moved_between_repeats(readings: Observations, left: Array, group: Index) -> 
     """
     found = np.zeros_like(left)
     several = np.bincount(group)[group] > 1
-    if np.count_nonzero(several) <= _WINDOW:
+    if np.count_nonzero(several) <= RULES.rows.median_readings:
         return found
     apart = np.empty_like(left)  # less the median of the group
     for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
         apart[own] = left[own] - np.median(left[own], axis=0)
     rows = np.flatnonzero(several)
     rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
-    running_median = median_filter(apart[rows], size=(_WINDOW, 1), mode="nearest")
+    running_median = median_filter(
+        apart[rows], size=(RULES.rows.median_readings, 1), mode="nearest"
+    )
     for _, at in readings.measured.component_kinds:
         seen = readings.measured.components_seen[rows, at]
         moved, rest = running_median[:, at], apart[rows, at] - running_median[:, at]
         if not seen.any():
             continue
-        scatter = MEDIAN_TO_SIGMA * float(np.median(np.abs(rest[seen])))
+        scatter = RULES.noise.median_to_sigma * float(np.median(np.abs(rest[seen])))
         if float(np.sqrt(np.mean(moved[seen] ** 2))) > scatter:
             found[rows, at] = np.where(seen, moved, 0.0)
     return found
@@ -421,17 +399,6 @@ def moved_between_repeats(readings: Observations, left: Array, group: Index) -> 
 # Torques, and joints that give way, tell the load of a reading apart from what is stated. Where a
 # few readings tell the load of another configuration while all others tell their own, the loads
 # were exchanged.
-
-#: What a reading tells of its load is within this part of the difference from the other load, and
-#: known to so many times better.
-_NEAR = 0.25
-_APART = 3.0
-#: It is so many times its uncertainty from the load stated, and the other load leaves no more than
-#: this part of the squared error.
-_SURELY = 8.0
-_LEFT = 0.25
-#: More of the readings than this are no slip: then a load is misstated, or a torque wrong.
-_MOST = 0.1
 
 
 def loads_exchanged(
@@ -456,7 +423,7 @@ def loads_exchanged(
         rows = np.flatnonzero(readings.pose == pose)
         if len(np.unique(stated_N[rows])) > 1:
             alone[rows] -= np.median(left[rows], axis=0)
-    scale = MEDIAN_TO_SIGMA * np.median(np.abs(alone), axis=0)
+    scale = RULES.noise.median_to_sigma * np.median(np.abs(alone), axis=0)
     known = scale > 0.0
     if not known.any():
         return nothing
@@ -464,16 +431,20 @@ def loads_exchanged(
     information = np.sum(columns**2, axis=1)
     told_N = np.sum(columns * white, axis=1) / np.maximum(information, np.finfo(float).tiny)
     # A posture that hardly feels the load says little of it.
-    usual = MEDIAN_TO_SIGMA * float(np.median(np.abs(told_N) * np.sqrt(information)))
+    usual = RULES.noise.median_to_sigma * float(np.median(np.abs(told_N) * np.sqrt(information)))
     u_N = usual / np.sqrt(np.maximum(information, np.finfo(float).tiny))
     before = np.sum(white**2, axis=1)
     found = stated_N.copy()
     for load_N in loads_N:
         apart = load_N - stated_N
-        allowed_N = _NEAR * np.abs(apart)
+        allowed_N = RULES.rows.near_load_share * np.abs(apart)
         after = np.sum((white - columns * apart[:, None]) ** 2, axis=1)
-        nearer = (np.abs(told_N - apart) < allowed_N) & (_APART * u_N < allowed_N)
-        nearer &= (np.abs(told_N) > _SURELY * u_N) & (after < _LEFT * before)
+        nearer = (np.abs(told_N - apart) < allowed_N) & (
+            RULES.rows.load_known_times * u_N < allowed_N
+        )
+        nearer &= (np.abs(told_N) > RULES.rows.load_errors * u_N) & (
+            after < RULES.rows.load_left_share * before
+        )
         found[nearer & (apart != 0.0)] = load_N
     # Loads are exchanged between two readings. One that tells another load alone is merely off.
     told = found.copy()
@@ -482,7 +453,7 @@ def loads_exchanged(
         if not np.any(told[there] == stated_N[row]):
             found[row] = stated_N[row]
     wrong = found != stated_N
-    if not wrong.any() or wrong.mean() > _MOST:
+    if not wrong.any() or wrong.mean() > RULES.rows.most_slips_share:
         return nothing
     instead = white - columns * (found - stated_N)[:, None]
     gain = np.sum(white**2 - instead**2, axis=1) / np.sum(white**2)

@@ -12,6 +12,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.finding import effect_parameters, name_of
 from pa10cal.discovery.linear import standard_error
+from pa10cal.discovery.rules import RULES
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 from pa10cal.terms.effects.effect import Effect
@@ -105,25 +106,6 @@ def _each_with(columns: Array, others: Array) -> Array:
     return np.asarray(columns.transpose(1, 2, 0) @ others.transpose(1, 0, 2))
 
 
-#: Standard errors over blocks by which a form must help, and the part of what is over the noise.
-_SURELY, _MOST_OF_IT = 3.0, 0.8
-#: Standard errors within which forms do equally well: the best of many is so by chance, too.
-_ALIKE = 2.0
-#: What a squared error is expected to differ by between two forms that are both right, in squares
-#: of the noise.
-_CHANCE = 2.0
-#: How much more than noise alone may be left where there is no map to do as well as.
-_OVER_NOISE = 1.1
-#: Forms that are looked at between their neighbours, times, and at how many places.
-_REFINED, _ROUNDS, _BETWEEN = 12, 2, 9
-#: Forms whose columns are made at once, and those that few poses do not rule out.
-_AT_ONCE, _KEPT = 256, 48
-#: Standard errors within which a form must do as well in some of the poses, to be tried in all.
-_FEW = 3.0
-#: Other forms that are listed as doing as well.
-_MOST_OTHERS = 6
-
-
 @dataclass(frozen=True, eq=False)
 class FormulaProposal:
     """A formula for what has no name; it changes nothing of what is named."""
@@ -167,8 +149,8 @@ class _Judge:
     def all_of(self, forms: Sequence[Form]) -> list[_Tried]:
         """Return what blocks left out come to with each of many forms."""
         found: list[_Tried] = []
-        for first in range(0, len(forms), _AT_ONCE):
-            some = forms[first : first + _AT_ONCE]
+        for first in range(0, len(forms), RULES.forms.at_once):
+            some = forms[first : first + RULES.forms.at_once]
             found += map(_Tried, some, self.comparison.squares(self.comparison.columns_of(some)))
         return found
 
@@ -180,12 +162,16 @@ class _Judge:
             least = max(noise, float(held.sum()))
         gain = self.nothing - tried.squares
         over_noise = float(self.nothing.sum()) - least
-        enough = max(self.needed, _SURELY * standard_error(gain), _MOST_OF_IT * over_noise)
+        enough = max(
+            self.needed,
+            RULES.forms.standard_errors * standard_error(gain),
+            RULES.forms.least_explained_share * over_noise,
+        )
         if float(gain.sum()) <= enough / errors:
             return False
         if held is not None:
             return no_worse(tried.squares, held, errors)
-        return tried.total <= _OVER_NOISE * noise * errors
+        return tried.total <= RULES.forms.over_noise * noise * errors
 
 
 def choose(
@@ -205,22 +191,24 @@ def choose(
     judge = _Judge.of(comparison, 2.0 * float(np.log(len(forms) / error_rate)))
     tried = judge.all_of(forms)
     tried += judge.all_of(further([each.form for each in _ranked(tried)], comparison.states))
-    for _ in range(_ROUNDS):
+    for _ in range(RULES.forms.refined_rounds):
         tried += judge.all_of(_closer(tried))
     if whole is not None:
-        if not any(judge.passes(each, _FEW) for each in tried):
+        if not any(judge.passes(each, RULES.forms.few_errors) for each in tried):
             return None
         judge = _Judge.of(whole(), judge.needed)
         ranked = _ranked(tried)  # the best, and the best of every kind
         kinds = {each.form.form: each for each in reversed(ranked)}
-        best_of_kind = [each for each in kinds.values() if each not in ranked[:_KEPT]]
-        tried = judge.all_of([each.form for each in (*ranked[:_KEPT], *best_of_kind)])
+        best_of_kind = [each for each in kinds.values() if each not in ranked[: RULES.forms.kept]]
+        tried = judge.all_of([each.form for each in (*ranked[: RULES.forms.kept], *best_of_kind)])
     good = [
         each
         for each in _ranked(tried)
         if judge.passes(each) and not _one_is_enough(each, tried, judge.needed)
     ]
-    good = [each for each in good if no_worse(each.squares, good[0].squares, _ALIKE)]
+    good = [
+        each for each in good if no_worse(each.squares, good[0].squares, RULES.forms.tie_errors)
+    ]
     if not good:
         return None
     best = min(good, key=lambda one: (one.form.length, one.total))
@@ -232,7 +220,9 @@ def choose(
     for one in good:
         if form.form != "harmonic" or one.form.form != "two_harmonics":
             other_kinds.setdefault(one.form.form, one.form)
-    others = [other for other in other_kinds.values() if other is not form][:_MOST_OTHERS]
+    others = [other for other in other_kinds.values() if other is not form][
+        : RULES.forms.most_others
+    ]
     # Fitted to all poses.
     (columns,) = comparison.columns_of([form])
     amounts, covariance = comparison.fitted(columns)
@@ -266,7 +256,7 @@ def choose(
 def no_worse(squares: Array, than: Array, errors: float = 1.0) -> bool:
     """Return whether squared errors of blocks are no larger, to so many standard errors."""
     lost = squares - than
-    return bool(lost.sum() <= errors * np.hypot(standard_error(lost), _CHANCE))
+    return bool(lost.sum() <= errors * np.hypot(standard_error(lost), RULES.forms.chance_squares))
 
 
 def _one_is_enough(two: _Tried, tried: Sequence[_Tried], needed: float) -> bool:
@@ -293,14 +283,17 @@ def _closer(tried: Sequence[_Tried]) -> list[Form]:
     known = {each.form for each in tried}
     found: list[Form] = []
     for form in [each.form for each in _ranked(tried) if each.form.shape.between is not None][
-        :_REFINED
+        : RULES.forms.refined
     ]:
         value = form.between
         same = [other for other in known if other.form == form.form]
         alike = {other.between for other in same if other.at(value) == form}
         below = max((other for other in alike if other < value), default=value)
         above = min((other for other in alike if other > value), default=value)
-        closer = [form.at(other) for other in np.linspace(below, above, _BETWEEN).tolist()]
+        closer = [
+            form.at(other)
+            for other in np.linspace(below, above, RULES.forms.refined_places).tolist()
+        ]
         found += [each for each in closer if each not in known]
         known.update(closer)
     return found

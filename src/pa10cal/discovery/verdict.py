@@ -37,6 +37,7 @@ from pa10cal.discovery.gap import (
 from pa10cal.discovery.linear import ModelWithEffects, rms
 from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
@@ -69,10 +70,6 @@ from pa10cal.terms.weights import LogFault
 P_co = TypeVar("P_co", covariant=True)
 
 MAP = "joint_error_map"
-#: A parameter known no better than this part of what is possible is not identified by the data.
-_IDENTIFIED = 1.0 / 3.0
-#: Of more effects only the first are shown where a verdict is printed.
-_MOST_SHOWN = 8
 
 
 @dataclass(frozen=True)
@@ -217,8 +214,8 @@ class Verdict(ABC, Generic[P_co]):
             return self.why, self.remedy
         found = [f"{label_of(e.effect, None)}: {sized(e.parameters)}" for e in self.effects]
         found += [f"proposed, no name: {each.form.formula}" for each in self.proposed]
-        more = len(found) - _MOST_SHOWN
-        found[_MOST_SHOWN:] = [f"and {more} more"] if more > 0 else []
+        more = len(found) - RULES.places.most_shown
+        found[RULES.places.most_shown :] = [f"and {more} more"] if more > 0 else []
         found += [
             f"{name}: {gap.before.mean_mm:.4f} mm → {gap.after.mean_mm:.4f} mm in the mean"
             for name, gap in self.gap.items()
@@ -365,6 +362,7 @@ class Verdict(ABC, Generic[P_co]):
             arrival_from_order=self.prepared.arrivals_from_order,
             seconds=None,
             by_campaign=self.by_campaign(),
+            rules=RULES.decisions(),
         )
 
     def extended_record(self, verdict: VerdictRecord, robot: str, load: str) -> ExtendedRecord:
@@ -404,7 +402,9 @@ class Verdict(ABC, Generic[P_co]):
         baseline, covariance, k = self.baseline, self.covariance, len(self.extended.at.x)
         own, base = slice(len(baseline.x)), slice(k - 6, k)
         report = baseline.model.report(self.model.x[own])
-        known = np.sqrt(np.diag(covariance))[own] < _IDENTIFIED * possible_sizes(baseline.model)
+        known = np.sqrt(np.diag(covariance))[own] < RULES.judging.identified_share * possible_sizes(
+            baseline.model
+        )
         # Small motions of the base are along its own axes, its origin along the instrument's.
         along = np.eye(6)
         along[:3, :3] = baseline.T_instr_base[:3, :3]

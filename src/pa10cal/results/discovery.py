@@ -416,6 +416,12 @@ class VerdictKeys(record.Part):
         return tuple(found)
 
 
+#: Numbers that a verdict hangs on, by the part of discovery that they belong to.
+Rules = Mapping[
+    Annotated[str, record.Key("part")], Mapping[Annotated[str, record.Key("number")], JsonValue]
+]
+
+
 @record.filed("pa10cal-verdict/1", "discovery/verdict.json", by="discover")
 class VerdictRecord(VerdictKeys, record.MeasuredRecord):
     """`discovery/verdict.json`."""
@@ -425,6 +431,14 @@ class VerdictRecord(VerdictKeys, record.MeasuredRecord):
     seconds: float | None
     # of a group, every effect found as each campaign alone has it
     by_campaign: tuple[EffectByCampaign, ...] | None = record.optional()
+    # every number that the verdict hangs on, as in docs/discovery.md
+    rules: (
+        Mapping[
+            Annotated[str, record.Key("part")],
+            Mapping[Annotated[str, record.Key("number")], JsonValue],
+        ]
+        | None
+    ) = record.optional()
 
 
 @record.filed("pa10cal-extended/1", "discovery/extended.json", by="discover")

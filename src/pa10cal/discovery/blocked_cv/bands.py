@@ -19,9 +19,10 @@ from scipy.linalg import block_diag, lapack
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv import search
 from pa10cal.discovery.blocked_cv.family import Candidate, solve
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, Products
+from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
+from pa10cal.discovery.rules import RULES
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,
@@ -33,16 +34,6 @@ from pa10cal.terms.effects.joint_error_map import (
     harmonic_orders,
     harmonics_at_knots,
 )
-
-#: Highest order that decides about a spectrum, in cycles a turn: beyond it there is the floor.
-_HIGHEST = 107
-#: Tenths of a joint's visited angles that are left out: both of few joints, one each of many.
-_TENTHS = (2, 7)
-_FEW = 3
-#: Weights of orientations that are tried, in their scatter.
-_SHARES = (1.0, 0.5, 0.25)
-#: Size of waves that a map has no knots for [rad].
-_NONE_RAD = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +75,7 @@ def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     None where no map of what the search found is as fine as helps, or the bands predict no better.
     """
     maps = search.maps_among(fine.members)
-    if not maps or max(each.knots for each in maps) < search.FINER_KNOTS[0]:
+    if not maps or max(each.knots for each in maps) < RULES.maps.finer_knots[0]:
         return None
     shaped = tuple(member.shaped for member in fine.members if not member.is_map)
     rows = replace(rows, shaped=shaped)
@@ -92,7 +83,7 @@ def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     waves = _Waves(rows, maps)
     splines: list[Products] = []  # of all blocks, of positions and of other rows
     by_kind = []
-    for b in range(BLOCKS):
+    for b in range(RULES.blocks.blocks):
         kinds = rows.products_by_kind(b, *search.joints_and_knots(members))
         splines = [*map(add, splines, kinds)] if splines else [*kinds]
         by_kind.append([waves.of(each) for each in kinds])
@@ -136,7 +127,7 @@ def _attitudes(by_kind: Sequence[Sequence[Products]], waves: _Waves, maps: int) 
     """
     sizes = waves.sizes([TYPICAL] * maps, [], 1.0)
     best, least = 1.0, np.inf
-    for share in _SHARES:
+    for share in RULES.maps.attitude_weights:
         blocks = [_weighed(kinds, share) for kinds in by_kind]
         total = reduce(add, blocks)
         left = np.array(
@@ -168,10 +159,10 @@ class _Waves:
 
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         self._dense = rows.dense
-        self._free = np.ones(rows.dense + 2 * _HIGHEST * len(maps), dtype=bool)
+        self._free = np.ones(rows.dense + 2 * RULES.maps.highest_band * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.at_bound
-        self.orders = harmonic_orders(2 * _HIGHEST + 1)[1:]
-        waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * _HIGHEST]
+        self.orders = harmonic_orders(2 * RULES.maps.highest_band + 1)[1:]
+        waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * RULES.maps.highest_band]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
 
     @property
@@ -196,7 +187,7 @@ class _Waves:
             assert spectrum is not None
             sizes = spectrum.sizes_rad(self.orders) / scatter
             if before and spectrum == before[k].spectrum:
-                sizes[2.0 * self.orders > before[k].knots] = _NONE_RAD
+                sizes[2.0 * self.orders > before[k].knots] = RULES.computing.no_waves_rad
             found.append(sizes)
         return np.concatenate(found)
 
@@ -219,7 +210,11 @@ def _stretches(
     for k, each in enumerate(maps):
         angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
         tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
-        for chosen in _TENTHS if len(maps) <= _FEW else _TENTHS[k % 2 :][:1]:
+        for chosen in (
+            RULES.maps.tenths_left_out
+            if len(maps) <= RULES.maps.few_joints
+            else RULES.maps.tenths_left_out[k % 2 :][:1]
+        ):
             survey = replace(rows.survey, block=np.where(tenth == chosen, 0, -1))
             chosen_rows = replace(rows, survey=survey)
             kinds = chosen_rows.products_by_kind(0, *search.joints_and_knots(members))
@@ -236,17 +231,10 @@ def _stretches(
 
 #: Standard deviation, in logarithms, by which the numbers of a band may differ from typical
 #: ones, and by which those of a joint may differ from the arm's.
-_ANYWHERE = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 1.0])
-_OF_A_JOINT = np.array([0.5, 0.4, 0.3, 0.2, 0.15, 0.2, 0.6])
+_ANYWHERE = np.array(RULES.maps.band_std)
+_OF_A_JOINT = np.array(RULES.maps.band_std_of_joint)
 #: Numbers of a band.
 _NUMBERS = len(_ANYWHERE)
-_MOST_STEPS = 40
-#: Longest step of a logarithm, and the least damping after one that led downhill.
-_LONGEST = 1.0
-_LEAST_DAMPING = 0.1
-#: Gain of twice the log-likelihood below which the climb ends.
-_SETTLED = 0.1
-_DIFFERENCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,16 +353,17 @@ class _Cost:
 def _climb(cost: _Cost, start: Array) -> _Point:
     """Return the most likely point from a start, by steps of the expected curvature (Fisher)."""
     here, damping = cost(start), 0.0
-    for _ in range(_MOST_STEPS):
+    for _ in range(RULES.computing.band_steps):
         damped = here.curvature + damping * np.diag(np.diag(here.curvature))
         step = -np.linalg.solve(damped, here.gradient)
-        step *= min(1.0, _LONGEST / float(np.abs(step).max()))
+        step *= min(1.0, RULES.computing.band_longest / float(np.abs(step).max()))
         ahead = cost(here.at + step)
         if ahead.value > here.value:
-            damping = max(10.0 * damping, _LEAST_DAMPING)
+            damping = max(RULES.computing.damping_up * damping, RULES.computing.band_damping)
             continue
-        gained, here, damping = here.value - ahead.value, ahead, 0.1 * damping
-        if gained < _SETTLED:
+        gained, here = here.value - ahead.value, ahead
+        damping *= RULES.computing.damping_down
+        if gained < RULES.computing.band_settled:
             break
     return here
 
@@ -414,6 +403,6 @@ def _log_sizes(logs: Array, orders: Array) -> Array:
 
 def _slopes(logs: Array, orders: Array) -> Array:
     """Return how the logarithms of sizes follow those of the numbers, (M, k)."""
-    steps = _DIFFERENCE * np.eye(_NUMBERS)
+    steps = RULES.computing.band_difference * np.eye(_NUMBERS)
     ahead = [_log_sizes(logs + step, orders) - _log_sizes(logs - step, orders) for step in steps]
-    return np.stack(ahead, axis=1) / (2.0 * _DIFFERENCE)
+    return np.stack(ahead, axis=1) / (2.0 * RULES.computing.band_difference)

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
-from pa10cal.discovery.blocked_cv.family import SPACINGS, computable_shapes
+from pa10cal.discovery.blocked_cv.family import computable_shapes
 from pa10cal.discovery.blocked_cv.refit import (
     PartialFits,
     Refit,
@@ -23,17 +23,14 @@ from pa10cal.discovery.blocked_cv.refit import (
     refit,
     seen_by_maps,
 )
-from pa10cal.discovery.blocked_cv.search import LEAST_SHARE, STANDARD_ERRORS
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, Survey, survey
+from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of
-from pa10cal.discovery.gates import WORSE
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
 from pa10cal.discovery.next_poses import (
-    MOST_UNKNOWNS,
     poses_at_unseen_angles,
     separating_poses,
     unresolved,
@@ -41,6 +38,7 @@ from pa10cal.discovery.next_poses import (
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
@@ -57,9 +55,6 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import GearError, JointErrorMap, SensorError
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights
-
-#: Most of the squared error that parameters are thought to take up by chance.
-_MOST_BY_CHANCE = 0.9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -95,11 +90,11 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
         search = SearchByBlocks(
             candidates=self.candidates,
             error_rate=self.error_rate,
-            blocks=BLOCKS,
+            blocks=RULES.blocks.blocks,
             needed=Needed(
-                standard_errors=STANDARD_ERRORS,
+                standard_errors=RULES.blocks.standard_errors,
                 sum_of_squares=self.least_gain,
-                part_of_remaining_error_over_noise=LEAST_SHARE,
+                part_of_remaining_error_over_noise=RULES.blocks.least_share,
             ),
             poses_down_weighted=int(np.sum(self.extended.weights.weight < 1.0)),
             refit_converged=bool(self.extended.converged),
@@ -232,7 +227,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         # What is ambiguous comes first; else joints go to angles not seen.
         rivals, separations = unresolved(self.effects), None
-        few = len(self.extended.at.x) <= MOST_UNKNOWNS
+        few = len(self.extended.at.x) <= RULES.next_poses.most_parameters
         if rivals and few and not self.survey.poses.measured.campaigns:
             problem, found = without_repeats(self.survey, self.extended, self.noise)
             try:
@@ -363,8 +358,8 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
         return found
     still = replace(found, survey=replace(found.survey, wander=None)).with_findings(found.findings)
     components = max(int(found.survey.poses.measured.components_seen.sum()), 1)
-    by_chance = min(2.0 * len(found.extended.x) / components, _MOST_BY_CHANCE)
-    least_mm = np.sqrt(1.0 - by_chance) / WORSE * found.train.after.rms_mm
+    by_chance = min(2.0 * len(found.extended.x) / components, RULES.blocks.most_by_chance)
+    least_mm = np.sqrt(1.0 - by_chance) / RULES.names.worse_ratio * found.train.after.rms_mm
     if still.train.after.rms_mm > least_mm:
         return found
     return still.with_nuisances_of(found)
@@ -373,7 +368,7 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
 # Maps whose cause the motor's ripple says, under the name of that cause.
 
 #: Knots of a map that follows ten waves a turn and more.
-_FINE_KNOTS = SPACINGS[1][0]
+_FINE_KNOTS = RULES.maps.spacings[1][0]
 _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
 
 

@@ -21,11 +21,9 @@ from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEff
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
+from pa10cal.discovery.rules import RULES
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap, harmonic_orders
-
-#: Part of a parameter's own certainty that stands for a prior where it has none.
-_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +241,9 @@ def no_wider_than(normal: Array, prior: Array) -> Array:
     The prior precision (k, k) is in them; it has a row of zeros for a parameter without.
     """
     bare = np.diag(prior) == 0.0
-    root = np.linalg.cholesky(prior + np.diag(np.where(bare, _ROUNDING * np.diag(normal), 0.0)))
+    root = np.linalg.cholesky(
+        prior + np.diag(np.where(bare, RULES.computing.least_precision * np.diag(normal), 0.0))
+    )
     within = np.linalg.solve(root, np.linalg.solve(root, normal).T)
     values, vectors = np.linalg.eigh(0.5 * (within + within.T))
     vectors = np.linalg.solve(root.T, vectors)
@@ -260,18 +260,13 @@ def _inverse(gram: Array, sizes: Array) -> Array:
 #
 # All of it is settled before residuals are looked at.
 
-#: Spacings and smoothnesses of maps that are tried: knots a turn, with the order at which half as
-#: much is expected; and sizes [rad].
-SPACINGS = ((36, 4.0), (72, 10.0), (144, 25.0))
-SIZES_RAD = (3e-5, 1e-4, 3e-4)
-#: Standard errors by which positions or orientations may come out worse for an effect.
-_SURELY_WORSE = 2.0
-
 
 def map_candidates(rows: BlockedRows) -> list[Candidate]:
     """Return maps of every revolute joint in all spacings, smoothnesses and sizes."""
     found = []
-    for joint, (knots, half_order), size_rad in product(rows.joints, SPACINGS, SIZES_RAD):
+    for joint, (knots, half_order), size_rad in product(
+        rows.joints, RULES.maps.spacings, RULES.maps.sizes_rad
+    ):
         spectrum = FadingPrior(size_rad, half_order)
         # Of the highest order of an even number of knots only one part is there.
         harmonics = knots - (1 if knots == rows.knots else 2)
@@ -309,7 +304,7 @@ def as_good(squares: Array, than: Array) -> bool:
 
 def surely_worse(gain: Array) -> bool:
     """Return whether a sum over blocks is below zero by more than its scatter between them."""
-    return float(gain.sum()) < -_SURELY_WORSE * standard_error(gain)
+    return float(gain.sum()) < -RULES.blocks.worse_errors * standard_error(gain)
 
 
 def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[Untestable, ...]]:
@@ -328,11 +323,6 @@ def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[U
         tuple(ShapedEffect(each, shape) for each in known for shape in range(len(each.starts))),
         tuple(each for each in refused if not is_fault(each.effect)),
     )
-
-
-#: Directions of an effect's parameters that are tried, and the part of them that may be hidden.
-_DIRECTIONS = 1000
-_RARELY = 0.05
 
 
 @dataclass(frozen=True)
@@ -404,9 +394,9 @@ def _nearly_always(left: Array) -> float:
     Poses may show one parameter well and another hardly. Products of columns (k, k) are in sizes.
     """
     values = np.maximum(np.linalg.eigvalsh(left), 0.0)
-    drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, len(values))) ** 2
+    drawn = np.random.default_rng(0).standard_normal((RULES.blocks.directions, len(values))) ** 2
     shares = drawn / drawn.mean(axis=1, keepdims=True)
-    return float(np.quantile(shares @ values, _RARELY))
+    return float(np.quantile(shares @ values, RULES.blocks.hidden_share))
 
 
 def _hidden(rows: BlockedRows, candidate: Candidate, whole: Array, left: Array) -> str | None:

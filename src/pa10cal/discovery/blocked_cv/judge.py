@@ -18,7 +18,6 @@ from scipy.stats import median_abs_deviation
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.family import (
-    SPACINGS,
     Candidate,
     Columns,
     EffectSet,
@@ -30,15 +29,8 @@ from pa10cal.discovery.blocked_cv.family import (
     within_bounds,
 )
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
-from pa10cal.discovery.blocked_cv.search import (
-    LEAST_SHARE,
-    STANDARD_ERRORS,
-    Level,
-    Search,
-    level,
-    refine_maps,
-)
-from pa10cal.discovery.blocked_cv.survey import BLOCKS, BlockedRows, ShapedEffect, Survey
+from pa10cal.discovery.blocked_cv.search import Level, Search, level, refine_maps
+from pa10cal.discovery.blocked_cv.survey import BlockedRows, ShapedEffect, Survey
 from pa10cal.discovery.finding import MayHaveCarrier, Untestable, carrier_of
 from pa10cal.discovery.linear import (
     by_effects,
@@ -50,6 +42,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.observe.order import like_a_scan
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
@@ -59,13 +52,6 @@ from pa10cal.terms.effects.joint import ArrivalError, Backlash
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.effects.unnamed import DirectionMap
-
-#: The remaining error counts as more than noise where it is so many times as large.
-_OVER_FLOOR = 1.15
-#: Standard errors over blocks by which it has to be larger.
-_SURELY = 3.0
-#: Standard error of the median of normal deviates over that of their mean: sqrt(pi / 2).
-_OF_MEDIAN = 1.2533
 
 
 class BlockPrediction(BlockedCrossValidation, MayHaveCarrier):
@@ -92,7 +78,7 @@ def prediction(
     return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
-        blocks=BLOCKS,
+        blocks=RULES.blocks.blocks,
         improved=int(np.sum(gain > 0.0)),
         gain=part,
         gain_std=std,
@@ -114,7 +100,7 @@ def judged_members(
     )
     count = rows.survey.block.size
     errors_mm, squares = np.empty((2, count, len(solutions)))
-    for b in range(BLOCKS):
+    for b in range(RULES.blocks.blocks):
         x = np.zeros((len(chosen.total.projection), len(solutions)))
         x[chosen.at] = solutions[:, b].T
         here = rows.survey.block == b
@@ -145,8 +131,11 @@ def remaining_error(
     rows: BlockedRows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
 ) -> Remaining:
     """Return the position error of held-out blocks, against noise, and what was tried on it."""
-    means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS)])
-    mean_mm, std_mm = float(errors_mm.mean()), float(means.std(ddof=1) / np.sqrt(BLOCKS))
+    means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(RULES.blocks.blocks)])
+    mean_mm, std_mm = (
+        float(errors_mm.mean()),
+        float(means.std(ddof=1) / np.sqrt(RULES.blocks.blocks)),
+    )
     return Remaining(
         mean_mm=mean_mm,
         std_mm=std_mm,
@@ -163,13 +152,18 @@ def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
     By their mean and its standard error, or by their median and what the median of normal deviates
     scatters by, taken from their median absolute deviation.
     """
-    if mean_mm <= _OVER_FLOOR * floor_mm:
+    if mean_mm <= RULES.blocks.over_floor * floor_mm:
         return False
     root = np.sqrt(len(means_mm))
     middle_mm = float(np.median(means_mm))
-    usual_mm = _OF_MEDIAN * float(median_abs_deviation(means_mm, scale="normal")) / root
-    surely = mean_mm - floor_mm > _SURELY * means_mm.std(ddof=1) / root
-    middle = middle_mm > _OVER_FLOOR * floor_mm and middle_mm - floor_mm > _SURELY * usual_mm
+    usual_mm = (
+        RULES.blocks.median_errors * float(median_abs_deviation(means_mm, scale="normal")) / root
+    )
+    surely = mean_mm - floor_mm > RULES.blocks.over_floor_errors * means_mm.std(ddof=1) / root
+    middle = (
+        middle_mm > RULES.blocks.over_floor * floor_mm
+        and middle_mm - floor_mm > RULES.blocks.over_floor_errors * usual_mm
+    )
     return bool(surely or middle)
 
 
@@ -293,7 +287,7 @@ class HoldoutCheck:
     def __init__(self, survey: Survey, found: Refit, least_gain: float) -> None:
         """Take a survey, its model, and the sum of squares by which anything must help at least."""
         self._survey, self._at, self._least_gain = survey, found.at, least_gain
-        self._block = np.arange(len(survey.poses)) % BLOCKS
+        self._block = np.arange(len(survey.poses)) % RULES.blocks.blocks
         self._whiten, self._left = found.weights.whiteners(), -survey.net_residual(found.at)
         terms = found.model.terms
         own = [term for term in terms if not isinstance(term, JointErrorMap | BaseDrift)]
@@ -319,7 +313,9 @@ class HoldoutCheck:
         kinds = (white[:, kind] ** 2 for kind in (of_positions, ~of_positions))
         left_m = np.asarray(np.linalg.solve(self._whiten, white[:, :, None]), np.float64)[:, :, 0]
         return Squares(
-            np.stack([np.bincount(self._block, kind.sum(axis=1), BLOCKS) for kind in kinds]),
+            np.stack(
+                [np.bincount(self._block, kind.sum(axis=1), RULES.blocks.blocks) for kind in kinds]
+            ),
             rms(error_mm(measured, left_m)),
         )
 
@@ -330,12 +326,16 @@ class HoldoutCheck:
         share of noise is taken off.
         """
         gain = float((before.total - after.total).sum())
-        return gain > LEAST_SHARE * float(after.kinds[0].sum()) and self.matters(before, after)
+        return gain > RULES.blocks.least_share * float(after.kinds[0].sum()) and self.matters(
+            before, after
+        )
 
     def matters(self, before: Squares, after: Squares) -> bool:
         """Return whether they come out better by more than chance makes of it."""
         gain = before.total - after.total
-        return float(gain.sum()) > max(self._least_gain, STANDARD_ERRORS * standard_error(gain))
+        return float(gain.sum()) > max(
+            self._least_gain, RULES.blocks.standard_errors * standard_error(gain)
+        )
 
 
 def proof_of(before: Squares, after: Squares) -> BlockPrediction:
@@ -350,22 +350,17 @@ def proof_of(before: Squares, after: Squares) -> BlockPrediction:
 # in turn. The search's blocks are stretches of time, which see hardly more of it than a constant
 # rate.
 
-#: Cosines along each axis: a drift that turns back more often is a wander.
-WAVES = 6
-#: Part of the readings that must have a time of their own.
-_OWN_TIMES = 0.95
-
 
 def slow_drift(survey: Survey, held: HoldoutCheck, there: Sequence[Effect]) -> tuple[Judged, ...]:
     """Return a slow drift beside the effects found, where it helps."""
     poses = survey.poses
     time_s = poses.states.time_s
-    timed = len(np.unique(time_s)) > _OWN_TIMES * len(poses)
+    timed = len(np.unique(time_s)) > RULES.blocks.own_times_share * len(poses)
     if survey.wander is not None or poses.states.campaign is not None or not timed:
         return ()
     if like_a_scan(poses) or not poses.states.tells_time:
         return ()
-    drift = BaseDrift("base", float(time_s.min()), float(time_s.max()), WAVES)
+    drift = BaseDrift("base", float(time_s.min()), float(time_s.max()), RULES.blocks.drift_waves)
     without, with_drift = held.squares(), held.squares([drift])
     if not held.helps(without, with_drift):
         return ()
@@ -419,7 +414,9 @@ class SearchOutcome:
 
 def found_in(survey: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
     """Search a survey."""
-    found = _with_nuisance_amounts(_searched(weighted_rows(survey, shaped, SPACINGS[-1][0])))
+    found = _with_nuisance_amounts(
+        _searched(weighted_rows(survey, shaped, RULES.maps.spacings[-1][0]))
+    )
     if survey.context.commanded:
         added = arrivals(survey, found.holdout_check, found.extended.effects)
         found = with_effects_added(found, added)
@@ -510,9 +507,6 @@ def with_effects_added(found: SearchOutcome, more: Sequence[Judged]) -> SearchOu
 # another that is missing. Nothing else goes with the way that a joint came, and a controller
 # drives all joints: what all of them gain together has to be that part, and each has to matter.
 
-#: Part of what one gains that positions or orientations may lose by it.
-_MOST_LOST = 0.1
-
 
 def arrivals(survey: Survey, held: HoldoutCheck, there: Sequence[Effect]) -> tuple[Judged, ...]:
     """Return the arrival errors beside the effects found that help together."""
@@ -543,7 +537,7 @@ def by_arrival(effect: Effect | EffectName) -> bool:
 def _stays(held: HoldoutCheck, without: Squares, every: Squares) -> bool:
     """Return whether one matters beside the others, and neither kind loses much of the gain."""
     gains = without.kinds - every.kinds
-    most_lost = -_MOST_LOST * float(gains.sum())
+    most_lost = -RULES.blocks.most_lost_share * float(gains.sum())
     contradict = any(surely_worse(gain) and float(gain.sum()) < most_lost for gain in gains)
     return held.matters(without, every) and not contradict
 

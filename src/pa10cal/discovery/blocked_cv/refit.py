@@ -15,7 +15,6 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
-    BLOCKS,
     BlockedRows,
     Products,
     ShapedEffect,
@@ -25,6 +24,7 @@ from pa10cal.discovery.blocked_cv.survey import (
 from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
+from pa10cal.discovery.rules import RULES
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
@@ -45,14 +45,7 @@ from pa10cal.terms.term import Report, Term
 
 # Rows weighed by what a model leaves that lacks nothing of the vocabulary.
 
-_REWEIGHTED = 2
-#: Maps of all joints by which poses are weighed: of middle spacing and smoothness.
-_KNOTS = 72
-_FADING = FadingPrior(1e-4, 10.0)
-#: Part of the readings that what is fitted may take up; what is left of more says little of noise.
-_MOST_TAKEN = 0.6
-#: Size of a parameter that is not to be fitted.
-_NONE = 1e-9
+_FADING = FadingPrior(*RULES.maps.weighing_prior)
 
 
 def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> BlockedRows:
@@ -64,12 +57,12 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
-    rows = BlockedRows(survey, unweighted(measured), named, _KNOTS)
+    rows = BlockedRows(survey, unweighted(measured), named, RULES.maps.weighing_knots)
     weights = pose_weights(
         linear.residual(rows.place, survey.poses), float(len(rows.own)), measured
     )
-    for _ in range(_REWEIGHTED):
-        rows = BlockedRows(survey, weights, named, _KNOTS)
+    for _ in range(RULES.maps.reweighted):
+        rows = BlockedRows(survey, weights, named, RULES.maps.weighing_knots)
         weights = pose_weights(*_left_by_everything(rows), measured)
     return BlockedRows(survey, weights, shaped, knots)
 
@@ -93,23 +86,16 @@ def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
     seen = rows.survey.poses.measured.components_seen
     for fitted in (every, every - len(harmonics), own):
         sizes = np.concatenate([np.ones(every - len(harmonics)), harmonics])
-        sizes[fitted:] *= _NONE
+        sizes[fitted:] *= RULES.computing.not_fitted
         prior = np.diag(sizes**-2.0)
         taken = float(np.trace(solve(total.gram, total.gram, prior)))
-        if taken <= _MOST_TAKEN * seen.sum():
+        if taken <= RULES.maps.most_taken_share * seen.sum():
             break
     x = solve(total.gram, total.projection, prior)
     remaining = np.empty(seen.shape)
-    for b in range(BLOCKS):
+    for b in range(RULES.blocks.blocks):
         remaining[rows.survey.block == b] = rows.block_residual(b, x[:, None])[:, :, 0]
     return remaining, taken
-
-
-_MOST_STEPS = 6
-#: Damping that hardly shortens a step.
-_HARDLY = 1e-3
-#: A step this small, in standard uncertainties, ends the fit.
-_ARRIVED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,18 +136,21 @@ def refit(
     def arrived(_: Array, taken: Step) -> bool:
         free = ~taken.held
         std = np.sqrt(np.maximum(np.diag(before)[free], np.finfo(float).tiny))
-        return taken.damping < _HARDLY and float(np.abs(taken.step[free] / std).max()) < _ARRIVED
+        return (
+            taken.damping < RULES.computing.refit_damping
+            and float(np.abs(taken.step[free] / std).max()) < RULES.computing.refit_arrived
+        )
 
     found = minimise(
         bounds.clip(x),
         lambda x: fit.equations(x, counts),
         lambda x, step: bounds.clip(x + step),
         arrived,
-        most_steps=_MOST_STEPS,
+        most_steps=RULES.computing.refit_steps,
         held=bounds.held,
         cost=lambda x: fit.cost(x, counts),
         reweighted=reweighted,
-        no_worse=1e-9,
+        no_worse=RULES.computing.refit_no_worse,
     )
     held = bounds.held(found.at, found.equations.gradient)
     covariance = _inverse(found.equations.normal, fit.prior, ~held)
@@ -275,10 +264,6 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
 
 # How far models are from measured poses: what a fit has seen, and name by name.
 
-#: A fit that sets out nearby ends where a step gains no more than this part of what is left.
-_SETTLED = 1e-4
-_MOST_STEPS_NEARBY = 20
-
 
 def compare(
     campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float
@@ -347,8 +332,8 @@ class PartialFits:
             bounds.clip(x[free]),
             equations,
             lambda values, step: bounds.clip(values + step),
-            lambda _, taken: taken.gained <= _SETTLED * taken.before.cost,
-            most_steps=_MOST_STEPS_NEARBY,
+            lambda _, taken: taken.gained <= RULES.computing.nearby_settled * taken.before.cost,
+            most_steps=RULES.computing.nearby_steps,
             held=bounds.held,
             beyond=bounds.beyond,
         )
@@ -363,14 +348,7 @@ class PartialFits:
 # is the joint's zero. Neighbouring angles go together, so uncertainties are by leaving out arcs.
 
 #: Angles of a turn at which errors are compared.
-ANGLES_RAD = np.radians(np.arange(360.0))
-#: An angle was visited by a campaign with so many poses within so much of it.
-_LEAST_POSES, _WITHIN_RAD = 10, np.radians(1.5)
-#: Arc that is left out at a time, and arcs without which no interval is given.
-_ARC_RAD = np.radians(7.5)
-_LEAST_ARCS = 3
-#: Correlations are kept from one, where their transform has no end.
-_MOST = 1.0 - 1e-9
+ANGLES_RAD = np.radians(np.arange(float(RULES.maps.angles_a_turn)))
 
 
 def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign, ...]:
@@ -432,9 +410,11 @@ def visited(q_rad: Array) -> Mask:
     turn = 2.0 * np.pi
     sorted_rad = np.sort(np.mod(q_rad, turn))
     around = np.concatenate([sorted_rad - turn, sorted_rad, sorted_rad + turn])
-    first = np.searchsorted(around, ANGLES_RAD - _WITHIN_RAD)
-    last = np.searchsorted(around, ANGLES_RAD + _WITHIN_RAD, side="right")
-    return np.asarray(last - first >= _LEAST_POSES)
+    first = np.searchsorted(around, ANGLES_RAD - np.radians(RULES.maps.compared_within_deg))
+    last = np.searchsorted(
+        around, ANGLES_RAD + np.radians(RULES.maps.compared_within_deg), side="right"
+    )
+    return np.asarray(last - first >= RULES.maps.compared_poses)
 
 
 def pair_of(
@@ -444,10 +424,10 @@ def pair_of(
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
     x, y = a.error_mrad[both], b.error_mrad[both]
-    arc = (ANGLES_RAD[both] // _ARC_RAD).astype(int)
+    arc = (ANGLES_RAD[both] // np.radians(RULES.maps.compared_arc_deg)).astype(int)
     arcs = np.unique(arc)
     named: dict[str, Any] = {"first": one, "second": two, "share_of_turn": float(both.mean())}
-    if len(arcs) < _LEAST_ARCS or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
+    if len(arcs) < RULES.maps.compared_arcs or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
         return records.CampaignsAgree(
             **(dict.fromkeys(records.CampaignsAgree.model_fields) | named)
         )
@@ -476,7 +456,13 @@ def pair_of(
 
 
 def _correlation(x: Array, y: Array) -> float:
-    return float(np.clip(np.corrcoef(x, y)[0, 1], -_MOST, _MOST))
+    return float(
+        np.clip(
+            np.corrcoef(x, y)[0, 1],
+            -RULES.computing.most_correlation,
+            RULES.computing.most_correlation,
+        )
+    )
 
 
 def _slope(x: Array, y: Array) -> float:

@@ -23,6 +23,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import Noise, PoseWeights, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.wander import Wander
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
@@ -35,12 +36,8 @@ from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joint
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots
 from pa10cal.terms.term import Term
 
-#: Blocks of poses, each held out in turn.
-BLOCKS = 10
-#: A block of fewer poses says too little of how well it is predicted.
-_LEAST_POSES = 10
 #: Poses below which blocks of them cannot be held out.
-LEAST_FOR_BLOCKS = BLOCKS * _LEAST_POSES
+LEAST_FOR_BLOCKS = RULES.blocks.blocks * RULES.blocks.least_poses
 
 
 @dataclass(frozen=True)
@@ -77,11 +74,11 @@ class Survey:
 
         Between poses on either side a wander is known; past a stretch of time it is not.
         """
-        return replace(self, wander=wander, block=np.arange(len(self.poses)) % BLOCKS)
+        return replace(self, wander=wander, block=np.arange(len(self.poses)) % RULES.blocks.blocks)
 
     def changing(self, change: Change) -> Survey:
         """Return the survey of what changed at a row, in blocks of every tenth pose."""
-        return replace(self, change=change, block=np.arange(len(self.poses)) % BLOCKS)
+        return replace(self, change=change, block=np.arange(len(self.poses)) % RULES.blocks.blocks)
 
     def net_residual(self, at: FittedModel, poses: Observations | None = None) -> Array:
         """Return predicted minus measured components, (P, b), without motion, change or lag.
@@ -172,7 +169,7 @@ def _stretches(poses: Observations) -> Index:
     campaign = poses.states.campaign
     for own in [None] if campaign is None else np.unique(campaign):
         rows = np.arange(len(poses)) if own is None else np.flatnonzero(campaign == own)
-        block[rows] = np.arange(len(rows)) * BLOCKS // len(rows)
+        block[rows] = np.arange(len(rows)) * RULES.blocks.blocks // len(rows)
     return block
 
 
@@ -195,11 +192,6 @@ def _as_springs_take_them(poses: Observations) -> Observations:
 # those commanded both look alike in orientations, so what orientations alone say of arrivals counts
 # for nothing.
 
-#: What orientations are expected to lag by [rad].
-_LAG_RAD = 1e-4
-#: Joints are told whose way counts for this part of the largest.
-_TOLD = 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class AttitudeLag:
@@ -212,14 +204,14 @@ class AttitudeLag:
     @property
     def sizes(self) -> Array:
         """Return the size expected of each amount [rad]."""
-        return np.full(self.campaigns * len(self.joints), _LAG_RAD)
+        return np.full(self.campaigns * len(self.joints), RULES.blocks.lag_rad)
 
     def columns(self, at: FittedModel, poses: Observations) -> Array:
         """Return how components follow the amounts, (P, b, k)."""
         turned = by_joints(at, poses, self.joints)
         turned[:, poses.measured.position_columns] = 0.0
         came = poses.states.move_from_previous[:, [joint - 1 for joint in self.joints]]
-        turned = turned * came[:, None, :] * _LAG_RAD
+        turned = turned * came[:, None, :] * RULES.blocks.lag_rad
         campaign = poses.states.campaign
         if campaign is None:
             return np.asarray(turned)
@@ -238,7 +230,7 @@ class AttitudeLag:
         said = " and ".join(
             f"joint {joint} ({1e6 * lag_rad:.0f} µrad)"
             for joint, lag_rad in zip(self.joints, lags_rad.tolist(), strict=True)
-            if lag_rad > _TOLD * lags_rad.max()
+            if lag_rad > RULES.blocks.told_share * lags_rad.max()
         )
         why = (
             f"orientations go with the way that {said} came, and positions do not: it is the "
@@ -264,9 +256,6 @@ def attitude_lag(context: CandidateContext, poses: Observations) -> AttitudeLag 
 # predicted, needs these products and no row. Maps of joint errors are kept as what turning the
 # joint does and four B-splines of its angle: each pose touches four of a map's many columns.
 
-#: Rows are left out where no more than this part of them was seen.
-_WORTHWHILE = 0.75
-
 
 @dataclass(frozen=True, eq=False)
 class Products:
@@ -285,7 +274,9 @@ class Products:
         """Return the products of weighed rows: data (R,), columns (R, d), B-splines (R, K)."""
         d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
         seen = np.asarray(dense.any(axis=1))
-        if np.count_nonzero(seen) < _WORTHWHILE * len(seen):  # components of other campaigns
+        if np.count_nonzero(seen) < RULES.blocks.seen_share * len(
+            seen
+        ):  # components of other campaigns
             data, dense, maps = data[seen], dense[seen], maps[np.flatnonzero(seen)]
         gram = np.empty((total, total))
         gram[:d, :d] = dense.T @ dense
@@ -351,10 +342,6 @@ def map_columns(screws: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
     indices = np.broadcast_to(columns[:, None], data.shape)
     starts = np.arange(count * rows + 1) * 4 * joints
     return csr_array((data.ravel(), indices.ravel(), starts), shape=(count * rows, first[-1]))
-
-
-#: What is expected of weights stands among the rows, and not beside them.
-_NOT_TWICE = 100.0
 
 
 @dataclass(frozen=True)
@@ -431,7 +418,7 @@ class BlockedRows:
     def own_sizes(self) -> Array:
         """Return the sizes expected of the model's own parameters, beside what rows say of them."""
         sizes = np.ones(len(self.own))
-        sizes[self.of_weights] = _NOT_TWICE
+        sizes[self.of_weights] = RULES.blocks.sizes_not_twice
         return sizes
 
     @property
@@ -457,9 +444,12 @@ class BlockedRows:
         """Return the products of all columns, block by block."""
         knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
         total = self.dense + len(self.joints) * (self.knots - 1)
-        gram = np.empty((2, BLOCKS, total, total))
-        projection, squares = np.empty((2, BLOCKS, total)), np.empty((2, BLOCKS))
-        for b in range(BLOCKS):
+        gram = np.empty((2, RULES.blocks.blocks, total, total))
+        projection, squares = (
+            np.empty((2, RULES.blocks.blocks, total)),
+            np.empty((2, RULES.blocks.blocks)),
+        )
+        for b in range(RULES.blocks.blocks):
             for kind, rows in enumerate(self.products_by_kind(b, self.joints, knots)):
                 found = rows.in_terms_of(self.dense, bases)
                 gram[kind, b], projection[kind, b] = found.gram, found.projection
@@ -469,7 +459,7 @@ class BlockedRows:
         # What is known of the weights is told like readings, some in every block: what they would
         # have to be to explain an error counts against them.
         told = np.zeros(total)
-        told[self.of_weights] = 1.0 / BLOCKS
+        told[self.of_weights] = 1.0 / RULES.blocks.blocks
         every = np.arange(total)
         gram[1][:, every, every] += told
         measured, positions = self.survey.poses.measured, None

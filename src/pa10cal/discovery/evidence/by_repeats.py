@@ -48,6 +48,7 @@ from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.row_faults import moved_between_repeats
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
@@ -62,12 +63,6 @@ from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.of_campaign import motion_of_base
-
-_ROUNDS_OF_TIME = 2
-#: Blocks of poses that are left out in turn, where short forms compete.
-_FOLDS = 9
-#: Standard uncertainty that readings have at least, in what is stated, where they are compared.
-_OF_STATED = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -164,7 +159,7 @@ class VerdictByRepeats(SearchVerdict[Confirmation]):
         return FormComparison(
             data=rows.data,
             own=np.delete(rows.own, of_held, axis=1),
-            block=(pose % _FOLDS)[rows.cell],
+            block=(pose % RULES.evidence.form_folds)[rows.cell],
             held=rows.own[:, of_held] if held else None,
             columns_of=columns_of,
             states=problem.cells.states,
@@ -268,13 +263,13 @@ def _with_time(
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), (0.0, 0.0))
     every, found = preparation.sought(problem.context, baseline.model.terms), STILL
-    for _ in range(_ROUNDS_OF_TIME):
+    for _ in range(RULES.evidence.rounds_of_time):
         # A jump in few repeats may leave directions without noise: a little of what is stated.
         stated = problem.readings.measured.stated_covariance
         found = in_time_of(
             start.at,
             problem.readings,
-            whitener_of(problem.noise.cov + _OF_STATED**2 * stated),
+            whitener_of(problem.noise.cov + RULES.evidence.least_uncertainty_share**2 * stated),
             every,
             logged=problem.torques_logged,
             weights=problem.torque is not None,
@@ -331,9 +326,6 @@ def model_with(
 
 # Where a fit and the data disagree, tested against pure error.
 
-#: Rows with less of the shared error than this compare cells of a pose with each other.
-_NO_PART = 1e-9
-
 
 def evidence_lack_of_fit(problem: EvidenceProblem, found: EvidenceFit) -> LackOfFit:
     """Compute where a fit and the data disagree.
@@ -378,10 +370,10 @@ def channel_tests(
         pure, dof, shares = (
             problem.noise.differences * values.shape[1],
             1.0 - taken,
-            channel.shared_size > _NO_PART,
+            channel.shared_size > RULES.computing.no_part,
         )
         test, variance, freedom = None, 0.0, float(dof[shares].sum())
-        if freedom > _NO_PART:
+        if freedom > RULES.computing.no_part:
             test = pure_error_test(float((rows[shares, 0] ** 2).sum()), freedom, pure)
             beyond = max(test.chi_square - test.dof, 0.0)
             variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
@@ -399,10 +391,6 @@ def _left_over(model: NoiseModel, rows: Array, shared_variance: float) -> Array:
 
 # The model fitted with effects that are given, weighed as the evidence weighs them.
 
-_MOST_ROUNDS = 4
-#: Index in `SIZES` of the size first expected of an effect: the usual one.
-_USUAL = 1
-
 
 def fit_given(
     problem: EvidenceProblem, effects: tuple[Effect, ...]
@@ -416,9 +404,9 @@ def fit_given(
         The campaign made ready about the fit, and the fit.
     """
     current = fit(problem, (), (), (0.0, 0.0))
-    sizes = (_USUAL,) * len(effects)
+    sizes = (RULES.evidence.usual_size,) * len(effects)
     settled: tuple[object, ...] = ()
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(RULES.evidence.rounds_of_sizes):
         evidence = evidence_about(problem, current, effects)
         chosen = resized(evidence, tuple(enumerate(sizes)))
         score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)

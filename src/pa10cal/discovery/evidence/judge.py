@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.likelihood import CandidateRows, Score
 from pa10cal.discovery.evidence.problem import (
-    SIZES,
     EvidenceFit,
     EvidenceProblem,
     NoiseModel,
@@ -36,17 +35,12 @@ from pa10cal.discovery.evidence.search import (
 from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in, is_fault
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats, Unexplained
 from pa10cal.terms.effects.effect import Effect
-
-FLIPS = 999
-#: Probability allowed that chance makes as much of the family, by sign flips over poses.
-FLIP_RATE = 0.05
-_FOLDS = 9
-_SEED = 20080427
 
 
 class Confirmation(EvidenceByRepeats, MayHaveCarrier):
@@ -79,14 +73,18 @@ def confirm(
     unturned = weighed_rows(problem, found, found.fit.effects, turned=False)
     labels, pose = np.unique(problem.cells.pose, return_inverse=True)
     loads, load = np.unique(problem.cells.states.load_N, return_inverse=True)
-    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], (FLIPS, int(pose.max()) + 1))
+    signs = np.random.default_rng(RULES.evidence.flips_seed).choice(
+        [-1.0, 1.0], (RULES.evidence.flips, int(pose.max()) + 1)
+    )
     return tuple(
         Confirmation(
             lost_without_it_nats=found.score.log_evidence - without.log_evidence,
             needed_nats=needed,
             p_sign_flips_max_t=_flipped(rows, k, pose, signs),
-            p_needed=FLIP_RATE,
-            cross_validation_over_poses=_cross_validation(rows, k, pose % _FOLDS, pose),
+            p_needed=RULES.evidence.false_rate,
+            cross_validation_over_poses=_cross_validation(
+                rows, k, pose % RULES.evidence.folds, pose
+            ),
             cross_validation_over_loads=_cross_validation(unturned, k, load, pose)
             if len(loads) > 1
             else None,
@@ -133,7 +131,7 @@ def weighed_rows(
     known = Whitening.of(np.ones(len(own)), own[:, uncertain])
     own = known(own[:, ~uncertain])
     of_members = [
-        known(block(blocks[effect], SIZES[found.fit.size_of[effect]]))
+        known(block(blocks[effect], RULES.evidence.sizes[found.fit.size_of[effect]]))
         for effect in found.fit.effects
     ]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
@@ -167,7 +165,7 @@ def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
         np.add.at(scores, of_row, columns * data)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         values = np.maximum(values, 0.0)
-        sizes = np.array(SIZES)[:, None] ** 2
+        sizes = np.array(RULES.evidence.sizes)[:, None] ** 2
         explained = (signs @ scores @ vectors) ** 2 @ (sizes / (1.0 + sizes * values)).T
         best: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
         return best
@@ -214,15 +212,6 @@ def _cross_validation(
 
 # From the set the search found to a verdict: names, alternatives, the remaining error.
 
-#: Probability allowed that the truth is missing among an effect and its alternatives.
-MISSED_RATE = 0.03
-#: A map of a joint's error can always do what a named form does: it is a rival of one only where
-#: the name has no odds of 20 to 1.
-_BY_NAME = float(np.log(20.0))
-#: What linear evidence may be wrong by where it picks rivals to refit.
-_MARGIN = 4.0
-_MOST_REFITS = 12
-
 
 @dataclass(frozen=True)
 class Judgement:
@@ -241,7 +230,7 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
     covariance = covariance_of(found.problem, found.fit)
     findings = []
     for effect in found.fit.effects:
-        if effect.generic or confirmations[effect].p_sign_flips_max_t > FLIP_RATE:
+        if effect.generic or confirmations[effect].p_sign_flips_max_t > RULES.evidence.false_rate:
             continue
         x, of_x = found.fit.reported(effect, covariance)
         findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
@@ -271,7 +260,11 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[Effect, ...]:
         for rival, score in _refitted(found, effect, family)
         for each in rival.effects
         if each not in found.fit.effects
-        and not (is_named(effect) and each.id == MAP and score.log_evidence < here - _BY_NAME)
+        and not (
+            is_named(effect)
+            and each.id == MAP
+            and score.log_evidence < here - float(np.log(RULES.evidence.odds_over_map))
+        )
     ]
     place = found.family.index(effect)
     same = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
@@ -284,9 +277,9 @@ def _refitted(
     """Return full refits with another effect in one's place that are about as good, best first.
 
     If a rival is the truth, the chance that it falls behind by more than `worse` is below
-    `MISSED_RATE` for the whole family (Markov, as for the search).
+    `missed_rate` for the whole family (Markov, as for the search).
     """
-    worse = threshold(effects_in(found.family), MISSED_RATE)
+    worse = threshold(effects_in(found.family), RULES.evidence.missed_rate)
     place = found.fit.effects.index(effect)
     kept = less(found.chosen, place)
     candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
@@ -296,10 +289,10 @@ def _refitted(
     close = [
         (without + gain, candidate, size)
         for (gain, size), candidate in zip(gains, candidates, strict=True)
-        if without + gain >= here - worse - _MARGIN
+        if without + gain >= here - worse - RULES.evidence.refit_margin_nats
     ]
     refits = []
-    for _, candidate, size in sorted(close, reverse=True)[:_MOST_REFITS]:
+    for _, candidate, size in sorted(close, reverse=True)[: RULES.evidence.most_refits]:
         effects = tuple(found.family[k] for k in (*(k for k, _ in kept), candidate))
         sizes = (*(size for _, size in kept), size)
         refit = fit(found.problem, effects, sizes, found.score.variances, found.fit)
@@ -321,7 +314,11 @@ def _unexplained(
     for effect, without in zip(found.fit.effects, found.without, strict=True):
         shared_mm = shared_error_mm(problem, without.pose_variance)
         counts = shared_mm > floor or without.torque_variance > of_averages
-        if effect.generic and counts and confirmations[effect].p_sign_flips_max_t <= FLIP_RATE:
+        if (
+            effect.generic
+            and counts
+            and confirmations[effect].p_sign_flips_max_t <= RULES.evidence.false_rate
+        ):
             places.append(smooth_unknown(effect, shared_mm, "it"))
     left_mm = shared_error_mm(problem, found.score.pose_variance)
     if not places and left_mm > floor:
@@ -343,7 +340,7 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     place = found.fit.effects.index(effect)
     whole = evidence.score(chosen).log_evidence
     without = evidence.score(less(chosen, place)).log_evidence
-    return whole - without < threshold(effects_in(found.family), MISSED_RATE)
+    return whole - without < threshold(effects_in(found.family), RULES.evidence.missed_rate)
 
 
 def shared_error_mm(problem: EvidenceProblem, variance: float) -> float:

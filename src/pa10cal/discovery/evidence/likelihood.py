@@ -19,12 +19,11 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.evidence.problem import SIZES, NoiseModel
+from pa10cal.discovery.evidence.problem import NoiseModel
+from pa10cal.discovery.rules import RULES
 from pa10cal.numerics.gaussian import Gaussian
 
-#: Variances looked at between the neighbours of the best one tried, where a spline is laid.
-_BETWEEN = 129
-#: A set of candidates: the number of each in the family, and the index in `SIZES` of its size.
+#: A set of candidates: the number of each in the family, and the index of its size.
 CandidateSet = tuple[tuple[int, int], ...]
 
 
@@ -64,7 +63,7 @@ class _Given:
     taken: Array  # (V, m, w) what the set takes of each column
 
     def gains(self, own: Index, grams: Array) -> Array:
-        """Return the gain in evidence of c candidates at each of `SIZES`, (sizes, c).
+        """Return the gain in evidence of c candidates at each of the sizes tried, (sizes, c).
 
         At the best variance, by their columns (c, k), all among the w, and the products of these
         before the set took its part, (V, c, k, k).
@@ -72,7 +71,7 @@ class _Given:
         own = self.place[own]
         taken = self.taken[:, :, own].transpose(0, 2, 3, 1)
         grams = grams - taken @ taken.swapaxes(2, 3)
-        sizes = np.array(SIZES)[:, None, None, None]
+        sizes = np.array(RULES.evidence.sizes)[:, None, None, None]
         twice = _minus_twice_log(
             grams * sizes[..., None] ** 2, self.projection[:, own] * sizes, self.constant[:, None]
         )
@@ -139,7 +138,7 @@ class SetEvidence:
         poses = self._given(columns, scale, every, at_h0, candidates)
         showing = [k for k in candidates if self._shows_in_torque[k]]
         torques = self._given(columns, scale, at_g0, every, showing) if showing else None
-        gains = np.empty((len(SIZES), len(candidates)))
+        gains = np.empty((len(RULES.evidence.sizes), len(candidates)))
         widths = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
         for width in np.unique(widths):
             at = np.flatnonzero(widths == width)
@@ -151,7 +150,7 @@ class SetEvidence:
             if torques and shows.any():  # their shared error is then chosen anew as well
                 again = torques.gains(own[shows], of_pose[at_g0, shows] + of_torque[:, shows])
                 gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
-        best, cost = np.argmax(gains, axis=0), float(np.log(len(SIZES)))
+        best, cost = np.argmax(gains, axis=0), float(np.log(len(RULES.evidence.sizes)))
         found = [(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
         self._additions[key] = found
         return found
@@ -219,7 +218,7 @@ class SetEvidence:
             h = int(np.argmin(over_torque(g)))
             over_g = over_pose(h)
             g = int(np.argmin(over_g))
-            if not over_g[g] < last - 1e-9:
+            if not over_g[g] < last - RULES.computing.same_nats:
                 break
             last = float(over_g[g])
         over_h = over_torque(g)
@@ -227,7 +226,7 @@ class SetEvidence:
         torque_gain, torque_variance = _refined_by_spline(over_h, h)
         return Score(
             log_evidence=-0.5 * (float(over_g[g]) - pose_gain - torque_gain)
-            - float(np.log(len(SIZES))) * len(members),
+            - float(np.log(len(RULES.evidence.sizes))) * len(members),
             pose_variance=pose_variance,
             torque_variance=torque_variance,
             grid_index=(g, h),
@@ -237,7 +236,8 @@ class SetEvidence:
         """Return the columns of a set and the size by which each is scaled."""
         columns = [self._columns[k] for k, _ in chosen]
         scale = [
-            np.full(len(own), SIZES[size]) for own, (_, size) in zip(columns, chosen, strict=True)
+            np.full(len(own), RULES.evidence.sizes[size])
+            for own, (_, size) in zip(columns, chosen, strict=True)
         ]
         return (
             np.concatenate([np.zeros(0, dtype=np.intp), *columns]),
@@ -279,7 +279,7 @@ def _refined_by_spline(values: Array, least: int) -> tuple[float, float]:
 def _spline_below(least: int) -> tuple[Array, Array]:
     """Return variances (V,) about one of those tried, and the spline by its knots (V, G-1)."""
     logarithm = np.log(SHARED_VARIANCES[1:])
-    near = np.linspace(logarithm[least - 2], logarithm[least], _BETWEEN)
+    near = np.linspace(logarithm[least - 2], logarithm[least], RULES.evidence.variances_between)
     return np.exp(near), np.asarray(CubicSpline(logarithm, np.eye(len(logarithm)))(near))
 
 
@@ -289,9 +289,7 @@ def _spline_below(least: int) -> tuple[Array, Array]:
 
 #: Variances of the shared error tried, in those of one reading: from none to some 300 times the
 #: noise in size.
-SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 15)])
-#: Rows with less of the shared error than this have none.
-_NO_PART = 1e-9
+SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(*RULES.evidence.pose_variances)])
 
 
 @dataclass(frozen=True)
@@ -326,7 +324,7 @@ def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Red
     k, c = own.shape[1], channel.common.shape[1]
     rows = np.concatenate([channel.common, own, columns, data[:, None]], axis=1)
     # Most rows have no part in the shared error: their products are the same for all variances.
-    shared = channel.shared_size > _NO_PART
+    shared = channel.shared_size > RULES.computing.no_part
     always = rows[~shared].T @ rows[~shared]
     rows, size = rows[shared], channel.shared_size[shared]
     grams, projections, constants = [], [], []

@@ -29,6 +29,7 @@ from pa10cal.discovery.noise import (
     whitener_of,
 )
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
+from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.wander import STILL, InTime
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -36,6 +37,7 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.weighed_arm import unknown_tool
 from pa10cal.numerics.least_squares import Bounds, Equations, minimise
 from pa10cal.observe.observations import Observations, average_groups
+from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.model import Kept
@@ -47,12 +49,9 @@ from pa10cal.terms.term import shows_torque
 # the unit of evidence: cells of a pose share whatever is wrong there, and `SharedByCells` is the
 # covariance of an error of unknown cause that they share.
 
-#: Readings a cell at most: a drift shows between the cells of a longer row of repeats.
-READINGS_A_CELL = 4
-
 
 def gather(
-    readings: Observations, cov: Array, most: int = READINGS_A_CELL
+    readings: Observations, cov: Array, most: int = RULES.evidence.readings_a_cell
 ) -> tuple[Observations, Array]:
     """Average readings into C cells, ordered by pose, load, direction and time.
 
@@ -194,9 +193,6 @@ class Whitening:
         return weighed
 
 
-MM = 1e-3
-
-
 @dataclass(frozen=True)
 class EvidenceProblem:
     """Everything that the search weighs effects by."""
@@ -250,9 +246,9 @@ def prepare(
         left = left + moved_between_repeats
     noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
     # Readings stay alone in their cells where time shows between them.
-    few = np.bincount(same_circumstances(readings)).max() <= READINGS_A_CELL
+    few = np.bincount(same_circumstances(readings)).max() <= RULES.evidence.readings_a_cell
     alone = in_time.wander is not None or (in_time.drifts and few)
-    cells, cell_cov = gather(readings, noise.cov, 1 if alone else READINGS_A_CELL)
+    cells, cell_cov = gather(readings, noise.cov, 1 if alone else RULES.evidence.readings_a_cell)
     cells = complete_about(cells, baseline, about, setup)
     # A log that never scatters was calculated, and tells nothing of the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
@@ -362,20 +358,12 @@ def _common_torques(
 
 # The full non-linear fit of the model with some effects, weighed as the evidence weighs.
 
-#: Standard deviations of an effect that are tried, in its plausible size. Trying them costs the
-#: logarithm of their number, which keeps the bound of `likelihood`.
-SIZES = (0.1, 1.0, 10.0)
-#: A step that lowers the sum of squares by less than this part is the last.
-_PRECISION = 1e-8
-_MOST_STEPS = 50
-_FIRST_DAMPING = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class EvidenceFit(ModelWithEffects):
     """The calibrated model with effects, fitted as the evidence weighs."""
 
-    sizes: tuple[int, ...]  # index in `SIZES` of the size expected of each effect
+    sizes: tuple[int, ...]  # index in the sizes tried of that expected of each effect
     # pose_variance and torque_variance: shared errors by which it was weighed
     pose_variance: float
     torque_variance: float
@@ -427,12 +415,15 @@ def fit(
             bounds.clip(x_start),
             weighed.equations,
             lambda x, step: bounds.clip(x + step),
-            lambda _, taken: taken.gained <= _PRECISION * (1.0 + taken.before.cost - taken.gained),
-            most_steps=_MOST_STEPS,
+            lambda _, taken: (
+                taken.gained
+                <= RULES.computing.fit_precision * (1.0 + taken.before.cost - taken.gained)
+            ),
+            most_steps=RULES.computing.fit_steps,
             held=bounds.held,
             beyond=bounds.beyond,
             cost=weighed.cost,
-            first_damping=_FIRST_DAMPING,
+            first_damping=RULES.computing.fit_damping,
         )
         if best is None or found.equations.cost < best[0]:
             fitted = EvidenceFit(
@@ -489,7 +480,7 @@ class _Weighed:
         for effect, size in zip(effects, sizes, strict=True):
             at_effect = at.model.columns_of(effect)
             linear = slice(at_effect.start, at_effect.start + effect.linear)
-            rows[linear, linear] = np.linalg.inv(SIZES[size] * effect.prior_factor)
+            rows[linear, linear] = np.linalg.inv(RULES.evidence.sizes[size] * effect.prior_factor)
             middle[linear.stop : at_effect.stop] = x_start[linear.stop : at_effect.stop]
         self._expected, self._middle = rows, middle
         self._last_x: Array | None = None
