@@ -3,18 +3,15 @@
 import ast
 import re
 import tomllib
-from dataclasses import fields
 from functools import cache
 from pathlib import Path
 
 import pytest
 import yaml
 from benchmarks.pythons import SUPPORTED
-from field_comments import comments
 
 import pa10cal
 from pa10cal.commands.doctor import LEAST_PYTHON
-from pa10cal.discovery.rules import RULES
 from pa10cal.terms.plain import term_kinds
 from pa10cal_lab.cell.effects.vocabulary import all_effects
 
@@ -573,47 +570,3 @@ def test_the_picture_of_the_architecture_shows_every_package():
     shown = (packages - {"stages"}) | set(BESIDE)
     missing = [name for name in shown if f">{name}/<" not in picture]
     assert not missing, "draw it anew: python docs/_site/structure.py"
-
-
-#: Units, counts of components and halves; any other number of discovery bounds something.
-PLAIN_NUMBERS = {0, 1, 2, 3, 4, 6, 10, 100, 0.5, 1e3, 1e6, 3600}
-
-
-def test_numbers_of_discovery_stand_on_one_page():
-    found = [
-        f"{path.relative_to(SOURCE)}:{node.lineno}: {node.value}"
-        for path in MODULES
-        if path.is_relative_to(PACKAGE / "discovery") and path.name != "rules.py"
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Constant)
-        and type(node.value) in (int, float)
-        and node.value not in PLAIN_NUMBERS
-    ]
-    assert found == [], "a number that bounds something stands in discovery/rules.py"
-
-
-def test_no_module_of_discovery_has_a_number_of_its_own():
-    """A constant is a rule, whatever its value."""
-    found = [
-        f"{path.relative_to(SOURCE)}:{statement.lineno}"
-        for path in MODULES
-        if path.is_relative_to(PACKAGE / "discovery") and path.name != "rules.py"
-        for statement in ast.parse(path.read_text()).body
-        if isinstance(statement, ast.Assign | ast.AnnAssign)
-        and isinstance(statement.value, ast.Constant)
-        and type(statement.value.value) in (int, float)
-        and statement.value.value not in (0, 1, 2)  # places in a row of parts
-    ]
-    assert found == [], "a number that bounds something stands in discovery/rules.py"
-
-
-def test_every_rule_says_what_it_bounds_and_where_it_is_from():
-    sources = {"level", "statistics", "size", "trials", "vocabulary", "safety", "told", "computing"}
-    sources |= {"Cressie, Statistics for Spatial Data, 1993"}
-    for section in fields(RULES):
-        of = getattr(RULES, section.name)
-        said = comments(type(of))
-        for number in fields(of):
-            found = re.search(r"\(([^()]*)\)$", said[number.name])
-            assert found, f"{section.name}.{number.name}"
-            assert found[1] in sources, f"{section.name}.{number.name}: {found[1]}"
