@@ -33,12 +33,16 @@ def ended(poses=40, unknowns=6, told=None, named="delta_a", at_bound=None, steps
     flat = white[:, :, :told].reshape(-1, told)
     covariance = np.zeros((unknowns, unknowns))
     covariance[:told, :told] = np.linalg.inv(flat.T @ flat)
+    roles = ["weight" if named == "weight" else "link"] * unknowns
+    departures = {f"delta_a_{k}": f"a_{k}" for k in range(1, unknowns + 1)}
     if at_bound is not None:
         parameters = (replace(parameters[0], name=at_bound), *parameters[1:])
+        roles[0] = at_bound.partition("_")[0]
     held, stopped = np.arange(unknowns) < (at_bound is not None), steps or "settled"
     made = FitSummary(
         Solution(1e-4 * held, held, 0.0, 5, steps is None, stopped),
-        np.arange(len(white)).astype(str), parameters, covariance, found, white, gram(position),
+        np.arange(len(white)).astype(str), parameters, tuple(roles), departures,
+        covariance, found, white, gram(position),
         not_identifiable(found, parameters),
     )  # fmt: skip
     return replace(made, **changes)
@@ -196,7 +200,9 @@ def mastered(off_rad):
     x = np.zeros(len(made.parameters))
     x[0] = off_rad
     parameters = (first, *made.parameters[1:])
-    return replace(made, parameters=parameters, solution=replace(made.solution, x=x))
+    of = {"delta_theta_4": "theta_4"}
+    solution = replace(made.solution, x=x)
+    return replace(made, parameters=parameters, departures=of, solution=solution)
 
 
 def test_departures_that_held_out_poses_confirm_are_what_was_found():

@@ -88,7 +88,7 @@ def test_a_flexible_joint_must_exist():
 def test_solved_springs_correlate_as_their_stiffness_does():
     names = ["delta_a_1", "windup_3", "cubic_share_3", "windup_10"]
     x = np.array([1e-4, 2e-3, 0.2, 1e-3])
-    by_solved = stiffness_by_solved(names, x)
+    by_solved = stiffness_by_solved(("link", "windup", "cubic", "windup"), x)
     step = 1e-6 * x
     for column in range(4):
         moved = [x.copy(), x.copy()]

@@ -16,7 +16,7 @@ from pa10cal.fit.problem import Solution
 from pa10cal.numerics.exchange import Information, greedy_order
 from pa10cal.results import calibration as records
 from pa10cal.terms.joint_spring import stiffness_by_solved
-from pa10cal.terms.term import TermParameter
+from pa10cal.terms.term import Role, TermParameter
 
 #: Pairs of parameters that a record lists: those of which the correlation is above this are nearly
 #: inseparable.
@@ -30,6 +30,8 @@ class FitSummary:
     solution: Solution  # where it ended
     pose: NDArray[np.str_]  # (P,) labels of the poses fitted
     parameters: tuple[TermParameter, ...]  # the k parameters it was solved in
+    roles: tuple[Role, ...]  # (k,) what each is an unknown of
+    departures: dict[str, str]  # chain coordinates of departures, see `Model.departures`
     covariance: Array  # (k, k) theirs
     identifiability: Identifiability  # rank of the rows
     white: Array  # (P, b, k) rows of unit variance
@@ -47,6 +49,10 @@ class FitSummary:
         """Return the names of the parameters at the end of their physical range."""
         return names_of(self.parameters, self.solution.at_bound)
 
+    def having(self, *roles: Role) -> tuple[str, ...]:
+        """Return the names of the parameters that are unknowns of some kinds."""
+        return names_of(self.parameters, np.array([role in roles for role in self.roles], bool))
+
 
 # Pairs of parameters that correlate.
 
@@ -58,7 +64,7 @@ def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
         (np.diag(ended.covariance) > 0)
         & np.array([name not in ended.not_identifiable for name in solved])
     )
-    by_solved = stiffness_by_solved(solved, ended.solution.x)
+    by_solved = stiffness_by_solved(ended.roles, ended.solution.x)
     covariance = by_solved @ ended.covariance @ by_solved.T
     std = np.sqrt(np.diag(covariance))
     names = list(map(reported_name, solved))

@@ -387,8 +387,9 @@ def _departures(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
         and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
     ]
     for size, value, each in sorted(far, key=lambda each: -each[0]):
+        of = ended.departures.get(each.name, "")
         yield records.InputFinding(
-            what=_departed(each, value, size) + _looks_like(evidence.arm, each.name, value),
+            what=_departed(each, of, value, size) + _looks_like(evidence.arm, of, value),
             where=each.name,
             remedy="check this value in the description of the arm, and the zero of its joint in "
             "the log",
@@ -396,24 +397,19 @@ def _departures(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
         )
 
 
-_ZERO = "delta_theta_"
-
-
-def _departed(parameter: TermParameter, value: float, tolerances: float) -> str:
+def _departed(parameter: TermParameter, of: str, value: float, tolerances: float) -> str:
     """Return a departure as people say it: angles in degrees, lengths in millimetres."""
-    name, unit = parameter.name, parameter.unit
+    unit, (kind, _, joint) = parameter.unit, of.rpartition("_")
     off = f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{1e3 * value:.3g} mm"
-    if unit == "rad" and name.startswith(_ZERO):
+    if kind == "theta":
         off = f"{np.degrees(abs(value)):.3g} deg"
-        return (
-            f"joint {name.removeprefix(_ZERO)} was mastered {off} off ({tolerances:.0f} tolerances)"
-        )
+        return f"joint {joint} was mastered {off} off ({tolerances:.0f} tolerances)"
     return f"{off} from nominal ({tolerances:.0f} tolerances)"
 
 
-def _looks_like(arm: Arm | None, name: str, value: float) -> str:
+def _looks_like(arm: Arm | None, of: str, value: float) -> str:
     """Return what a departure looks like: whole turns of a motor, or the wrong sign of a length."""
-    kind, _, number = name.removeprefix("delta_").rpartition("_")
+    kind, _, number = of.rpartition("_")
     if arm is None or kind not in ("theta", "a", "d"):
         return ""
     row = int(number) - 1
@@ -504,7 +500,7 @@ def _few(evidence: GradeEvidence) -> str:
     if not np.isfinite(evidence.u_model_mm):
         return f"{told}; measure at least {-(-unknowns // 2)} poses, well spread"
     if names:
-        weights = all(name.startswith("weight_") for name in names)
+        weights = {*names} <= {*evidence.ended.having("weight")}
         remedy = (
             "state the mass of the tool and its centre (tool in campaign.yaml), or measure under "
             "loads: joints as stiff as these hardly show weights"
@@ -537,7 +533,8 @@ def _uncertain(evidence: GradeEvidence) -> str:
 def _remarks(evidence: GradeEvidence) -> Iterator[str]:
     """Return what a reader should know besides."""
     # A linear spring at its bound is a joint as rigid as the readings can show: no remark.
-    held = tuple(name for name in evidence.ended.at_bound if not name.startswith("windup"))
+    rigid = evidence.ended.having("windup")
+    held = tuple(name for name in evidence.ended.at_bound if name not in rigid)
     if held:
         yield f"{_listed(held)} at the end of the physical range"
     if evidence.weights:

@@ -184,14 +184,16 @@ def _evidence(
     level, solution, whole = cubic.level, cubic.solution, cubic.problem
     used, jacobian = level.observations, cubic.jacobian
     x, model = np.concatenate([solution.x, np.zeros(6)]), cubic.model(None)
-    hidden, last = _hidden(whole, x), f"_{level.model.chain.arm.n}"
+    hidden, last = _hidden(whole, x), str(level.model.chain.arm.n)
     # The departures of the last row hold how the apparatus is mounted as well.
-    names = (each.name for each in level.parameters)
-    of_row = {each for each in names if each.startswith("delta_") and each.endswith(last)}
+    departures = level.model.departures
+    of_row = {name for name, of in departures.items() if of.rpartition("_")[2] == last}
     ended = FitSummary(
         solution=replace(solution, x=x, at_bound=np.append(solution.at_bound, np.zeros(6, bool))),
         pose=used.pose,
         parameters=whole.parameters,
+        roles=whole.roles,
+        departures=departures,
         covariance=cubic.covariance,
         identifiability=cubic.identifiability,
         white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,

@@ -53,6 +53,7 @@ from pa10cal.results.discovery import sized
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
+from pa10cal.terms.term import Role
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +154,8 @@ def calibrate_with(
     kept = np.ones(len(every_parameter), dtype=bool)
     kept[: len(fitted.model.parameters)] = ~fitted.model.having("weight")
     parameters = tuple(each for each, stays in zip(every_parameter, kept, strict=True) if stays)
+    of_target: Role = "target"
+    roles = (*fitted.model.roles, *(of_target for _ in used.measured.target_parameters))
     jacobian, x = jacobian[:, :, kept], fitted.x[: len(kept)][kept]
     white = whitener @ jacobian
     scale = np.array([parameter.scale for parameter in parameters])
@@ -163,6 +166,8 @@ def calibrate_with(
         Solution(x, free, 0.0, 0, fitted.converged, why),
         pose=used.pose,
         parameters=parameters,
+        roles=tuple(role for role, stays in zip(roles, kept, strict=True) if stays),
+        departures=fitted.model.departures,
         covariance=covariance[np.ix_(kept, kept)],
         identifiability=rank,
         white=white,

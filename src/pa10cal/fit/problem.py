@@ -52,10 +52,15 @@ class Problem:
     # P poses, an orientation turned so that the tool's own is near that of the chain
     observations: Observations
 
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        """Return what each of the unknowns is one of, those of the model first."""
+        of_target: Role = "target"
+        return (*self.model.roles, *(of_target for _ in self.places))
+
     def having(self, *roles: Role) -> Mask:
         """Return which unknowns (k,) are of some kinds."""
-        places = np.full(len(self.places), "target" in roles)
-        return np.append(self.model.having(*roles), places)
+        return np.array([role in roles for role in self.roles], dtype=bool)
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:

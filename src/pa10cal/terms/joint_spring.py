@@ -27,20 +27,17 @@ _SOFTEST_RAD = 0.1
 _LARGEST_SHARE = 0.95
 
 
-def stiffness_by_solved(names: Sequence[str], x: Array) -> Array:
+def stiffness_by_solved(roles: Sequence[Role], x: Array) -> Array:
     """Return the derivative (k, k) of the parameters, springs as stiffness, by the solved ones.
 
-    Up to the reference torques, which correlations do not show. Names and values (k,) are those of
-    the solved ones.
+    Up to the reference torques, which correlations do not show. Roles and values (k,) are those of
+    the solved ones, of a spring with its cubic share after its windup.
     """
-    derivative = np.eye(len(names))
-    for row, name in enumerate(names):
-        kind, _, joint = name.rpartition("_")
-        if kind != "windup" or not joint.isdigit():
-            continue
-        share = f"cubic_share_{joint}"
-        rows = [row, *([names.index(share)] if share in names else [])]
-        spring = JointSpring(int(joint), 1.0, cubic=len(rows) > 1)
+    derivative = np.eye(len(roles))
+    for row in (row for row, role in enumerate(roles) if role == "windup"):
+        cubic = roles[row + 1 : row + 2] == ("cubic",)
+        rows = [row, row + 1] if cubic else [row]
+        spring = JointSpring(1, 1.0, cubic)  # of whichever joint
         by_solved = spring.report(x[rows]).jacobian[: len(rows)]
         derivative[np.ix_(rows, rows)] = by_solved
     return derivative
@@ -124,7 +121,8 @@ class JointSpring(Traits):
                 [-3.0 * share / windup**4, 1.0 / windup**3],
             ]
         )
-        return Report(names, values, jacobian[:, : len(x)], by_weights=values)
+        zero = frozenset[str]() if self.cubic else frozenset({names[1].name})
+        return Report(names, values, jacobian[:, : len(x)], by_weights=values, zero=zero)
 
     def only(self, names: Collection[str]) -> JointSpring:
         """Return the spring, linear where its cubic share is not named."""

@@ -64,6 +64,16 @@ class Model:
         """Return which parameters (k,) are unknowns of some kinds."""
         return np.array([role in roles for role in self.roles], dtype=bool)
 
+    @property
+    def departures(self) -> dict[str, str]:
+        """Return the chain coordinate that each constant parameter is added to, by its name."""
+        return {
+            parameter.name: coordinate
+            for term in self.terms
+            if term.constant and term.holds == "everywhere"
+            for parameter, coordinate in zip(term.parameters, term.coordinates, strict=True)
+        }
+
     def only(self, names: Collection[str]) -> Model:
         """Return the model with the parameters that are named, see `Term.only`."""
         return replace(self, terms=tuple(term.only(names) for term in self.terms))
@@ -209,6 +219,7 @@ class Model:
                     for report in reports
                 ]
             ),
+            frozenset().union(*(report.zero for report in reports)),
         )
 
     @property

@@ -55,6 +55,8 @@ class Report:
     # (k',) change of the values for all weights heavier by their own size; None where they do not
     # go with the weights
     by_weights: Array | None = None
+    # names of those that are zero by the form of the term, as K_cub of a linear spring
+    zero: frozenset[str] = frozenset()
 
     def covariance(self, of_solved: Array, u_scale: float = 0.0) -> Array:
         """Return the covariance (k', k') of the reported parameters.

@@ -25,8 +25,6 @@ from pa10cal.terms.term import (
     report_as_solved,
 )
 
-#: Start of the names of its parameters.
-WEIGHT = "weight_"
 _PARTS = (("mass", "kg"), ("moment_x", "kg m"), ("moment_y", "kg m"), ("moment_z", "kg m"))
 
 
@@ -177,11 +175,11 @@ class Weights(TorqueOnly):
         """Return the name of a column's parameter, and its unit."""
         beyond = column - 4 * self.n
         if beyond == 0:
-            return f"{WEIGHT}tool_mass", "kg"
+            return "weight_tool_mass", "kg"
         if beyond > 0:
-            return f"{WEIGHT}level_{beyond}", "rad"
+            return f"weight_level_{beyond}", "rad"
         part, unit = _PARTS[column % 4]
-        return f"{WEIGHT}{column // 4 + 1}_{part}", unit
+        return f"weight_{column // 4 + 1}_{part}", unit
 
 
 def holds_weights(term: Term) -> TypeGuard[Weights]:

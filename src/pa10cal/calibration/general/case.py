@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -137,7 +137,10 @@ def general_case(
     flagged[np.flatnonzero(rows)[[doubt.row for doubt in doubts]]] = True
     trusted = np.flatnonzero(rows & ~flagged)
     group = per_campaign_fits(full.problem, full.fit)
-    findings = case.findings if group is None else (*case.findings, *contradictions(group))
+    findings = case.findings
+    if group is not None:
+        zeros = names_of(full.problem.parameters, full.problem.having("zero"))
+        findings = (*findings, *contradictions(group, zeros))
     rigid_left = fitted(geometry).deviations(grid)
     of_nominal = fitted(nominal).deviations(grid)
     readings = single.take(case.rows(single.states.load_N))
@@ -258,7 +261,7 @@ def _parameters(
     )
     first = len(found.x) - len(problem.places)
     places = Report(problem.parameters[first:], found.x[first:], np.eye(len(problem.places)))
-    linear = {name: each for name, each in of_model.items() if not name.startswith("K_cub")}
+    linear = {name: each for name, each in of_model.items() if name not in report.zero}
     # Of a distance only the fixed point's place is known, not the orientation of the base.
     whole = len(problem.model.terms[-1].coordinates) == len(BASE)
     base = base_parameters(
@@ -337,6 +340,8 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         solution=fit,
         pose=problem.observations.pose,
         parameters=parameters,
+        roles=problem.roles,
+        departures=problem.model.departures,
         covariance=fit.covariance,
         identifiability=fit.identifiability,
         white=(root * fit.whitener) @ jacobian,
@@ -359,15 +364,19 @@ _DETERMINED = 0.1
 #: differs from campaign to campaign by more than chance, and is not better for that.
 _BY_CHANCE = 1e-3
 _MATTERS = 0.1
-_JOINT_ZERO = "delta_theta_"
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 
 
-def contradictions(group: records.GroupOfCampaigns) -> tuple[InputFinding, ...]:
+def contradictions(
+    group: records.GroupOfCampaigns, zeros: Collection[str]
+) -> tuple[InputFinding, ...]:
     """Return which campaign contradicts the others, in which parameter and by how much.
 
     Of several the one from which most of the error comes: a changed arm changes one campaign
     against all others, and every other against those.
+
+    Args:
+        zeros: names of the parameters that are zeros of joints.
     """
     found = {name: each for name, each in group.campaigns.items() if each.contradicts}
     if not found:
@@ -385,7 +394,7 @@ def contradictions(group: records.GroupOfCampaigns) -> tuple[InputFinding, ...]:
             "parameter alone): the arm was changed between them",
             where=worst.name,
             remedy="calibrate the campaigns before and after the change apart, and compare them",
-            kind="joint_zero" if worst.name.startswith(_JOINT_ZERO) else "campaigns",
+            kind="joint_zero" if worst.name in zeros else "campaigns",
         ),
     )
 

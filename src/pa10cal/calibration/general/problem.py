@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain
+from pa10cal.arm.chain import TOOL, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
@@ -24,7 +24,7 @@ from pa10cal.options import Tolerances
 from pa10cal.results.calibration import Redundant
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import OF, OfCampaign, OfPart
+from pa10cal.terms.of_campaign import OfCampaign, OfPart, of_one_campaign
 from pa10cal.terms.term import Offsets, Term, TermParameter, base_frame, link_departures, tool_frame
 from pa10cal.terms.weights import Weights
 
@@ -297,7 +297,7 @@ def with_unknown_frames(
         start.T_instr_base,
         observations.turned(start.R_ee_target),
     )
-    of_frames = [_start_of(each.name, start) for frame in frames for each in frame.parameters]
+    of_frames = [x for frame in frames for x in _start_of(frame, start)]
     return problem, problem.start(np.concatenate([x_arm, of_frames]))
 
 
@@ -353,16 +353,13 @@ def loaded_joints(arm: Arm, tau_Nm: Array, share: float) -> tuple[int, ...]:
     )
 
 
-def _start_of(parameter: str, start: Start) -> float:
-    """Return where a coordinate of a tool is thought to be [m], of a campaign's own by its name.
-
-    Zero for any other parameter.
-    """
-    name, _, campaign = parameter.partition(OF)
-    if name not in ("tool_x", "tool_y", "tool_z"):
-        return 0.0
-    p_ee_target_m = start.p_ee_targets_of_m.get(campaign, start.p_ee_target_m)
-    return float(p_ee_target_m["xyz".index(name[-1])])
+def _start_of(frame: Term, start: Start) -> list[float]:
+    """Return where the coordinates of a frame are thought to be: places of tools [m], else zero."""
+    p_ee_target_m = start.p_ee_target_m
+    if of_one_campaign(frame):
+        p_ee_target_m = start.p_ee_targets_of_m.get(frame.name, p_ee_target_m)
+    place_m = dict(zip(TOOL[:3], p_ee_target_m.tolist(), strict=True))
+    return [place_m.get(coordinate, 0.0) for coordinate in frame.coordinates]
 
 
 def check_enough(problem: Problem, *, known: int = 0) -> None:
