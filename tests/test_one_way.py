@@ -11,6 +11,7 @@ from benchmarks.fuzz.corpus import CAMPAIGNS as SMALL
 
 import pa10cal
 from pa10cal.commands.command_line import run_command
+from pa10cal.discovery.verdict_records import extended_record, verdict_record
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.results.codec import write
 from pa10cal.settings_reading import parse_section
@@ -85,11 +86,11 @@ def by_python(raw: Path, place: Path) -> Path:
     model = pa10cal.calibrate(campaign, options.calibration, base_frame=options.base_frame)
     found = pa10cal.discover(campaign, model, options.discovery, options.calibration)
     ahead = found.next_poses(options.discovery.suggestions, options.discovery.random_seed)
-    record = found.record(campaign.description, ahead)
+    record = verdict_record(found, campaign.description, ahead)
     (out / "discovery").mkdir(parents=True)
     write(record, out / "discovery/verdict.json")
     write(
-        found.extended_record(record, campaign.description.robot, "combined"),
+        extended_record(found, record, campaign.description.robot, "combined"),
         out / "discovery/extended.json",
     )
     return out

@@ -11,6 +11,12 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.preparation import setup_of
+from pa10cal.discovery.verdict_records import (
+    analysis_record,
+    verdict_keys,
+    verdict_record,
+    warnings_of,
+)
 from pa10cal.files.arms import load_arm
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.discovery import VerdictKeys
@@ -117,8 +123,8 @@ def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
         for entry in verdict.not_testable
         if entry.effect.id == "friction_torque"
     )
-    assert isinstance(verdict.record(read.description, verdict.next_poses(3)), VerdictKeys)
-    assert len(verdict.analysis(read.description).gap.train) == 60
+    assert isinstance(verdict_record(verdict, read.description, verdict.next_poses(3)), VerdictKeys)
+    assert len(analysis_record(verdict, read.description).gap.train) == 60
 
 
 @pytest.mark.slow
@@ -137,8 +143,8 @@ def test_gross_errors_of_single_readings_change_no_name(campaign, hidden):
     assert verdict.verdict == (clean.verdict if hidden else "check_the_log")
     assert [fault.kind for fault in verdict.faults] == ["outlier"] * len(wrong)
     excluded = f"{len(wrong)} readings are excluded"
-    assert excluded in " ".join(verdict.verdict_keys().warnings)
-    assert "excluded" not in " ".join(clean.verdict_keys().warnings)
+    assert excluded in " ".join(warnings_of(verdict_keys(verdict)))
+    assert "excluded" not in " ".join(warnings_of(verdict_keys(clean)))
     # Two of 60 poses were read once less: the mean floor is higher by 0.41 of 2 in 60.
     assert verdict.noise_floor_mm == pytest.approx(clean.noise_floor_mm, rel=0.03)
     assert verdict.train.after.mean_mm == pytest.approx(clean.train.after.mean_mm, rel=0.03)

@@ -10,6 +10,7 @@ from pa10cal.discovery.discover import attitudes_off, discover, too_little
 from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import errors_of
 from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.verdict_records import analysis_record, extended_record, verdict_record
 from pa10cal.observe.observations import reading_groups
 from pa10cal.stages.discover import verdict_lines
 
@@ -114,13 +115,13 @@ class TestVerdict:
         # The covariance of the made-up baseline is not known; that of a calibrated one is.
         known = replace(found.calibrated, covariance=1e-12 * np.eye(len(found.calibrated.x) + 6))
         whole = replace(found, calibrated=known, covariance=known.covariance)
-        record = whole.record(Campaign())
-        extended = whole.extended_record(record, Campaign.robot, "combined")
+        record = verdict_record(whole, Campaign())
+        extended = extended_record(whole, record, Campaign.robot, "combined")
         assert record.verdict == extended.verdict == "not_sought"
         assert tuple(verdict_lines(record)) == (
             f"effects were not sought: {found.why}; {found.remedy}",
         )
-        assert len(whole.analysis(Campaign()).naming) == 1
+        assert len(analysis_record(whole, Campaign()).naming) == 1
         own = known.model.report(known.x)
         for parameter, value in zip(own.parameters, own.values, strict=True):
             assert extended.parameters[parameter.name].value == pytest.approx(value)

@@ -13,18 +13,13 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.calibration.levels import report_base
-from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import (
     DiagnosedFault,
     Finding,
     GivesWay,
     Untestable,
     fault_of,
-    name_of,
-    steps_told,
     to_check,
-    with_a_name,
 )
 from pa10cal.discovery.gap import (
     ErrorsByName,
@@ -42,27 +37,19 @@ from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FallBack
-from pa10cal.fit.fitted_model import FittedModel, model_to_plain
-from pa10cal.fit.problem import possible_sizes
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.analysis import AnalysisRecord, GapField, LackOfFit, PureErrorTest
+from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import (
-    AllUnexplained,
-    ExtendedRecord,
-    Gap,
     Separation,
     SuggestedPose,
     Unexplained,
-    VerdictKeys,
-    VerdictRecord,
     sized,
 )
 from pa10cal.results.discovery import Verdict as Word
-from pa10cal.results.evaluation import Parameter
 from pa10cal.results.explained import Explained
-from pa10cal.results.maps import FallsBack, JointWitness
-from pa10cal.results.record import CampaignIdentity
+from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.weights import LogFault
@@ -81,6 +68,9 @@ class Plan:
     # one for each pair of effects that the data cannot separate; None where effects are judged by
     # blocks and none is ambiguous
     separations: tuple[Separation, ...] | None = None
+
+
+NOTHING_PLANNED = Plan(())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -252,7 +242,7 @@ class Verdict(ABC, Generic[P_co]):
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return configurations to measure next, at most so many, drawn with a seed."""
         del count, random_seed
-        return Plan(())
+        return NOTHING_PLANNED
 
     def of_its_method(self) -> dict[str, Any]:
         """Return the keys of the verdict's record that the way of judging has, as `search`."""
@@ -312,110 +302,6 @@ class Verdict(ABC, Generic[P_co]):
         for effect, without in self.errors_by_name.without.items():
             effects.append(taken_away(findings[effect], without.distance_mm[rows], after_mm))
         return explained_by(effects, before_mm, gap.noise_rms_mm, over)
-
-    # As it is written.
-
-    def verdict_keys(self, ahead: Plan = Plan(())) -> VerdictKeys:
-        """Return the verdict as it is written, and what to measure next."""
-        # Maps say where an error is, and not why: they are what has no name, where nothing else is.
-        places = self.unexplained or tuple(
-            Unexplained(of=each.of, form=MAP, shared_error_mm=None, why="cause not known")
-            for each in self.effects
-            if each.id == MAP
-        )
-        away, below, holdout = self.falls_back, self.below_detection_limit, self.holdout
-        return VerdictKeys(
-            verdict=self.verdict,
-            why=self.why,
-            remedy=self.remedy,
-            method=self.method,
-            explained=self.explained,
-            effects=tuple(
-                finding.record(self.witness(finding.effect))
-                for finding in (*self.gives_way, *self.effects)
-            ),
-            faults=self.faults,
-            unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,
-            proposed=tuple(proposal.record for proposal in self.proposed) or None,
-            not_testable=with_a_name(self.not_testable),
-            below_detection_limit=None if below is None else with_a_name(below),
-            indistinguishable=tuple(tuple(map(name_of, group)) for group in self.indistinguishable),
-            gap=Gap(
-                noise_floor_mm=self.noise_floor_mm,
-                noise_floor_from=self.noise_floor_from,
-                train=self.train.record(),
-                holdout=None if holdout is None else holdout.record(self.prepared.suspected),
-            ),
-            **self.of_its_method(),
-            angles_seen=None if self.seen is None else self.seen.record,
-            falls_back=None if away is None else FallsBack(within=away.within.record, why=away.why),
-            suggested_poses=ahead.poses,
-            separations=ahead.separations,
-        )
-
-    def record(self, campaign: CampaignIdentity, ahead: Plan = Plan(())) -> VerdictRecord:
-        """Return `verdict.json` of a campaign, with what to measure next."""
-        return VerdictRecord(
-            **dict(self.verdict_keys(ahead)),
-            campaign=campaign.name,
-            provenance=campaign.provenance,
-            arrival_from_order=self.prepared.arrivals_from_order,
-            seconds=None,
-            by_campaign=self.by_campaign(),
-            rules=RULES.decisions(),
-        )
-
-    def extended_record(self, verdict: VerdictRecord, robot: str, load: str) -> ExtendedRecord:
-        """Return `extended.json`, by `verdict.json`, the arm, and the load case it began with."""
-        return ExtendedRecord(
-            campaign=verdict.campaign,
-            provenance=verdict.provenance,
-            parameters=self.parameters,
-            T_instr_base=self.model.T_instr_base,
-            fitted_model=model_to_plain(self.model),
-            angles_seen=verdict.angles_seen,
-            robot=robot,
-            calibration=load,
-            verdict=verdict.verdict,
-            arrival_from_order=verdict.arrival_from_order,
-            steps_s=steps_told(self.faults) or None,
-            named=verdict.effects,
-            warnings=verdict.warnings,
-        )
-
-    def analysis(self, campaign: CampaignIdentity) -> AnalysisRecord:
-        """Return `analysis.json` of a campaign: what the figures show."""
-        before, after = self.lack_of_fit()
-        rows = {name: gap and gap.rows(self.baseline) for name, gap in self.gap.items()}
-        return AnalysisRecord(
-            campaign=campaign.name,
-            provenance=campaign.provenance,
-            before=before,
-            after=after,
-            naming=self.errors_by_name.steps,
-            gap=GapField(**rows),
-        )
-
-    @property
-    def parameters(self) -> dict[str, Parameter]:
-        """Return the parameters of the calibrated model as they are with the effects."""
-        baseline, covariance, k = self.baseline, self.covariance, len(self.extended.at.x)
-        own, base = slice(len(baseline.x)), slice(k - 6, k)
-        report = baseline.model.report(self.model.x[own])
-        known = np.sqrt(np.diag(covariance))[own] < RULES.judging.identified_share * possible_sizes(
-            baseline.model
-        )
-        # Small motions of the base are along its own axes, its origin along the instrument's.
-        along = np.eye(6)
-        along[:3, :3] = baseline.T_instr_base[:3, :3]
-        of_base = along @ covariance[base, base] @ along.T
-        of_own = reported_keys(report, covariance[own, own], baseline.model.u_scale)
-        of_frame = reported_keys(report_base(self.model.T_instr_base), of_base)
-        told = [*(known[row].all() for row in report.jacobian != 0.0), *[True] * len(of_frame)]
-        return {
-            name: Parameter(**keys, identifiable=bool(identifiable))
-            for (name, keys), identifiable in zip((of_own | of_frame).items(), told, strict=True)
-        }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

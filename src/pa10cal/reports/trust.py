@@ -16,6 +16,7 @@ from pa10cal.reports.pictures import plane_drawings, poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.terms.wording import sag
 
 
 def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:
@@ -126,7 +127,15 @@ def _evidence(effect: discovery.FoundEffect) -> str:
     """Describe what decided about an effect, in words."""
     found = effect.evidence
     if isinstance(found, discovery.EvidenceOfSag):
-        return found.words
+        rigid_mm, now_mm, which = found.rigid_mm, found.gives_way_mm, "poses fitted"
+        if found.held_out_rigid_mm is not None and found.held_out_gives_way_mm is not None:
+            rigid_mm, now_mm = found.held_out_rigid_mm, found.held_out_gives_way_mm
+            which = "held-out poses"
+        return (
+            f"{sag(found)} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
+            f"rms of {which}, as it is {now_mm:.3f} mm; log evidence "
+            f"{found.lost_without_it_nats:.3g} nats, {found.needed_nats:.3g} needed"
+        )
     if isinstance(found, discovery.EvidenceByBlocks):
         blocks = found.cross_validation_over_blocks
         return (

@@ -84,25 +84,6 @@ class EvidenceOfSag(record.Part):
     # of held-out poses, or else of those fitted, with all joints rigid that give way [mm]
     all_rigid_mm: float
 
-    @property
-    def sag(self) -> str:
-        """Return how far the joint sags: what poses show, however heavy the arm is."""
-        u_mrad = record.HALF_WIDTH_95 * self.sag_u_mrad
-        return f"sags by up to {self.sag_mrad:.2f} ± {u_mrad:.2g} mrad"
-
-    @property
-    def words(self) -> str:
-        """Return it in words: how far the joint sags, and what is left with it rigid."""
-        rigid_mm, now_mm, which = self.rigid_mm, self.gives_way_mm, "poses fitted"
-        if self.held_out_rigid_mm is not None and self.held_out_gives_way_mm is not None:
-            rigid_mm, now_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
-            which = "held-out poses"
-        return (
-            f"{self.sag} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
-            f"rms of {which}, as it is {now_mm:.3f} mm; log evidence "
-            f"{self.lost_without_it_nats:.3g} nats, {self.needed_nats:.3g} needed"
-        )
-
 
 class NamedEffect(record.EffectName):
     """An effect that was named."""
@@ -391,29 +372,6 @@ class VerdictKeys(record.Part):
         return tuple(
             sorted(self.effects, key=lambda each: known.get((each.id, each.of), len(places)))
         )
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Return what a reader should know before trusting the extended model."""
-        found = [
-            f"{effect.id} of {effect.of} is indistinguishable from {', '.join(effect.rivals)}"
-            for effect in self.effects
-            if effect.alternatives
-        ]
-        if self.verdict == "unexplained" and self.unexplained is not None:
-            place = self.unexplained.of or "unknown place"
-            found.append(
-                f"an unidentified effect of {place} is missing: uncertainties do not cover it"
-            )
-        found += map(str, self.faults)
-        if self.falls_back is not None:
-            found.append(self.falls_back.why)
-        if isinstance(self.search, SearchByRepeats) and (count := self.search.readings_excluded):
-            found.append(
-                f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the model "
-                "and from all others of the pose: a gross error"
-            )
-        return tuple(found)
 
 
 #: Numbers that a verdict hangs on, by the part of discovery that they belong to.

@@ -45,6 +45,12 @@ def discover(
     from pa10cal.campaign.table import read_findings
     from pa10cal.discovery import discover as search
     from pa10cal.discovery.preparation import setup_of
+    from pa10cal.discovery.verdict_records import (
+        analysis_record,
+        extended_record,
+        verdict_record,
+        warnings_of,
+    )
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fit.covariance_file import covariance_path, write_covariance
     from pa10cal.results.codec import write
@@ -58,9 +64,9 @@ def discover(
     setup = setup_of(campaign, arm, options, settings)
     found = search.discover(every, fitted, setup, read_findings(poses))
     ahead = found.next_poses(settings.suggestions, settings.random_seed)
-    judged = found.record(campaign, ahead)
-    model = found.extended_record(judged, campaign.robot, record.load)
-    shown = found.analysis(campaign)
+    judged = verdict_record(found, campaign, ahead)
+    model = extended_record(found, judged, campaign.robot, record.load)
+    shown = analysis_record(found, campaign)
     table_text = suggestion_table(ahead.poses, arm.n, with_sides=ahead.separations is not None)
     outputs = (suggested, covariance_path(extended), extended, analysis, verdict)
     with whole_files(*outputs) as besides:
@@ -72,7 +78,7 @@ def discover(
         write(judged, verdict_beside)
     for line in verdict_lines(judged):
         print(f"{campaign.name}: {line}")
-    for warning in judged.warnings:
+    for warning in warnings_of(judged):
         print(f"{campaign.name}: note: {warning}", file=sys.stderr)
     print(f"{campaign.name}: {time.perf_counter() - began:.1f} s")
 
@@ -80,7 +86,7 @@ def discover(
 def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
     """Yield a verdict in a few lines; in one where effects were not sought."""
     from pa10cal.results.discovery import EvidenceOfSag, sized
-    from pa10cal.terms.wording import headline, sentences
+    from pa10cal.terms.wording import headline, sag, sentences
 
     word, lead = verdict.verdict, verdict.explained
     if word == "not_sought":
@@ -95,7 +101,7 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
         values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
         line = f"  {effect.id} of {effect.of}: {values}"
         if isinstance(effect.evidence, EvidenceOfSag):
-            line += f"; {effect.evidence.sag}"
+            line += f"; {sag(effect.evidence)}"
         if effect.alternatives:
             line += f"; indistinguishable from {' or '.join(effect.rivals)}"
         if effect.witness is not None and (ripple := effect.witness.ripple) is not None:

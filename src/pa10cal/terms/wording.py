@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from pa10cal.results.discovery import EvidenceOfSag
 from pa10cal.results.explained import Explained, ExplainedEffect
-from pa10cal.results.record import EffectName
+from pa10cal.results.record import HALF_WIDTH_95, EffectName
 from pa10cal.terms.effects.effect import Effect, every_effect
 from pa10cal.terms.weights import FAULTS
 
@@ -35,6 +36,12 @@ def percent(share: float) -> str:
     if 0.99 < share < 1.0:
         return "more than 99 %"
     return f"{100.0 * share:.0f} %"
+
+
+def sag(evidence: EvidenceOfSag) -> str:
+    """Return how far a joint sags: what poses show, however heavy the arm is."""
+    u_mrad = HALF_WIDTH_95 * evidence.sag_u_mrad
+    return f"sags by up to {evidence.sag_mrad:.2f} ± {u_mrad:.2g} mrad"
 
 
 def noun_of(effect: str, *, many: bool = False) -> str:

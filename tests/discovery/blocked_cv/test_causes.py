@@ -12,6 +12,7 @@ from pa10cal.discovery.blocked_cv.family import Candidate
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
+from pa10cal.discovery.verdict_records import verdict_keys, verdict_record
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.settings_reading import parse_section
@@ -65,12 +66,12 @@ def test_a_sensor_that_errs_is_named(found):
 
 @pytest.mark.slow
 def test_it_is_told_and_written(found, campaign):
-    keys = found.verdict_keys()
+    keys = verdict_keys(found)
     witness = keys.effects[0].witness
     assert witness.ripple.orders == (4, 10, 20)
     assert witness.ripple.profile_nats.max() == 0.0
     assert "its motor followed" in " ".join(verdict_lines(keys))
-    assert found.record(campaign.description).effects[0].witness == witness
+    assert verdict_record(found, campaign.description).effects[0].witness == witness
     back = model_from_plain(model_to_plain(found.model), where="model.yaml")
     assert back.model.terms == found.model.model.terms
 
@@ -120,7 +121,7 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     assert (member.effect.knots, member.effect.spectrum) == (360, banded.found.bands[0])
     before, after = (banded.of_time.sum(axis=0) + banded.of_angles.sum(axis=0)).tolist()
     assert after < before
-    keys = replace(found, bands=banded).verdict_keys()
+    keys = verdict_keys(replace(found, bands=banded))
     (of_joint,) = keys.bands.maps
     assert (of_joint.of, keys.bands.shared) == ("joint 3", True)
     assert 0.0 < of_joint.log_std["level_rad"] < 0.5

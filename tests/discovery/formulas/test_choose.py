@@ -8,6 +8,7 @@ from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.discover import with_proposals
 from pa10cal.discovery.short_forms import FormComparison, choose
+from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.stages.discover import verdict_lines
 from pa10cal.terms.forms.form import AngleForm
 
@@ -106,7 +107,7 @@ def test_a_lag_that_goes_with_the_torque_comes_back_as_its_formula():
     (lag,) = formula.record.parameters.values()
     assert abs(lag.value - 4e-6) < 4.0 * lag.std
     assert found.proposed == ()  # the verdict it was made of stays as it was
-    lines = verdict_lines(with_proposals(found).verdict_keys())
+    lines = verdict_lines(verdict_keys(with_proposals(found)))
     (line,) = (each for each in lines if "proposed" in each)
     assert line.startswith("  proposed for joint 2, no name: theta_2 += h s_2 |tau_2|, h = ")
 

@@ -1,0 +1,158 @@
+"""A verdict as it is written: `verdict.json`, `extended.json` and `analysis.json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pa10cal.calibration.levels import report_base
+from pa10cal.calibration.uncertainty import reported_keys
+from pa10cal.discovery.finding import name_of, steps_told, with_a_name
+from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.verdict import MAP, NOTHING_PLANNED, Plan, Verdict
+from pa10cal.fit.fitted_model import model_to_plain
+from pa10cal.fit.problem import possible_sizes
+from pa10cal.results.analysis import AnalysisRecord, GapField
+from pa10cal.results.discovery import (
+    AllUnexplained,
+    ExtendedRecord,
+    Gap,
+    SearchByRepeats,
+    Unexplained,
+    VerdictKeys,
+    VerdictRecord,
+)
+from pa10cal.results.evaluation import Parameter
+from pa10cal.results.maps import FallsBack
+from pa10cal.results.record import CampaignIdentity
+
+
+def verdict_keys(found: Verdict[Any], ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
+    """Return the verdict as it is written, and what to measure next."""
+    # Maps say where an error is, and not why: they are what has no name, where nothing else is.
+    places = found.unexplained or tuple(
+        Unexplained(of=each.of, form=MAP, shared_error_mm=None, why="cause not known")
+        for each in found.effects
+        if each.id == MAP
+    )
+    away, below, holdout = found.falls_back, found.below_detection_limit, found.holdout
+    return VerdictKeys(
+        verdict=found.verdict,
+        why=found.why,
+        remedy=found.remedy,
+        method=found.method,
+        explained=found.explained,
+        effects=tuple(
+            finding.record(found.witness(finding.effect))
+            for finding in (*found.gives_way, *found.effects)
+        ),
+        faults=found.faults,
+        unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,
+        proposed=tuple(proposal.record for proposal in found.proposed) or None,
+        not_testable=with_a_name(found.not_testable),
+        below_detection_limit=None if below is None else with_a_name(below),
+        indistinguishable=tuple(tuple(map(name_of, group)) for group in found.indistinguishable),
+        gap=Gap(
+            noise_floor_mm=found.noise_floor_mm,
+            noise_floor_from=found.noise_floor_from,
+            train=found.train.record(),
+            holdout=None if holdout is None else holdout.record(found.prepared.suspected),
+        ),
+        **found.of_its_method(),
+        angles_seen=None if found.seen is None else found.seen.record,
+        falls_back=None if away is None else FallsBack(within=away.within.record, why=away.why),
+        suggested_poses=ahead.poses,
+        separations=ahead.separations,
+    )
+
+
+def verdict_record(
+    found: Verdict[Any], campaign: CampaignIdentity, ahead: Plan = NOTHING_PLANNED
+) -> VerdictRecord:
+    """Return `verdict.json` of a campaign, with what to measure next."""
+    return VerdictRecord(
+        **dict(verdict_keys(found, ahead)),
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        arrival_from_order=found.prepared.arrivals_from_order,
+        seconds=None,
+        by_campaign=found.by_campaign(),
+        rules=RULES.decisions(),
+    )
+
+
+def extended_record(
+    found: Verdict[Any], verdict: VerdictRecord, robot: str, load: str
+) -> ExtendedRecord:
+    """Return `extended.json`, by `verdict.json`, the arm, and the load case it began with."""
+    return ExtendedRecord(
+        campaign=verdict.campaign,
+        provenance=verdict.provenance,
+        parameters=extended_parameters(found),
+        T_instr_base=found.model.T_instr_base,
+        fitted_model=model_to_plain(found.model),
+        angles_seen=verdict.angles_seen,
+        robot=robot,
+        calibration=load,
+        verdict=verdict.verdict,
+        arrival_from_order=verdict.arrival_from_order,
+        steps_s=steps_told(found.faults) or None,
+        named=verdict.effects,
+        warnings=warnings_of(verdict),
+    )
+
+
+def analysis_record(found: Verdict[Any], campaign: CampaignIdentity) -> AnalysisRecord:
+    """Return `analysis.json` of a campaign: what the figures show."""
+    before, after = found.lack_of_fit()
+    rows = {name: gap and gap.rows(found.baseline) for name, gap in found.gap.items()}
+    return AnalysisRecord(
+        campaign=campaign.name,
+        provenance=campaign.provenance,
+        before=before,
+        after=after,
+        naming=found.errors_by_name.steps,
+        gap=GapField(**rows),
+    )
+
+
+def extended_parameters(found: Verdict[Any]) -> dict[str, Parameter]:
+    """Return the parameters of the calibrated model as they are with the effects."""
+    baseline, covariance, k = found.baseline, found.covariance, len(found.extended.at.x)
+    own, base = slice(len(baseline.x)), slice(k - 6, k)
+    report = baseline.model.report(found.model.x[own])
+    possible = RULES.judging.identified_share * possible_sizes(baseline.model)
+    known = np.sqrt(np.diag(covariance))[own] < possible
+    # Small motions of the base are along its own axes, its origin along the instrument's.
+    along = np.eye(6)
+    along[:3, :3] = baseline.T_instr_base[:3, :3]
+    of_base = along @ covariance[base, base] @ along.T
+    of_own = reported_keys(report, covariance[own, own], baseline.model.u_scale)
+    of_frame = reported_keys(report_base(found.model.T_instr_base), of_base)
+    told = [*(known[row].all() for row in report.jacobian != 0.0), *[True] * len(of_frame)]
+    return {
+        name: Parameter(**keys, identifiable=bool(identifiable))
+        for (name, keys), identifiable in zip((of_own | of_frame).items(), told, strict=True)
+    }
+
+
+def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
+    """Return what a reader should know before trusting the extended model."""
+    found = [
+        f"{effect.id} of {effect.of} is indistinguishable from {', '.join(effect.rivals)}"
+        for effect in verdict.effects
+        if effect.alternatives
+    ]
+    if verdict.verdict == "unexplained" and verdict.unexplained is not None:
+        place = verdict.unexplained.of or "unknown place"
+        found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
+    found += map(str, verdict.faults)
+    if verdict.falls_back is not None:
+        found.append(verdict.falls_back.why)
+    if isinstance(verdict.search, SearchByRepeats) and (count := verdict.search.readings_excluded):
+        found.append(
+            f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the model "
+            "and from all others of the pose: a gross error"
+        )
+    return tuple(found)
