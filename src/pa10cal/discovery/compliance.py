@@ -40,12 +40,11 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import CandidateContext, Effect
+from pa10cal.terms.effects.effect import CandidateContext, Effect, is_effect
 from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance
-from pa10cal.terms.effects.structure import BaseCompliance, LinkEffect
-from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.model import Model
-from pa10cal.terms.weights import Weights, WeightStated, fault_candidates
+from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
 
 V = TypeVar("V", bound=Verdict[Any])
 
@@ -63,8 +62,7 @@ def with_compliance(found: V) -> V:
     springs = [
         term
         for term in at.model.terms
-        if isinstance(term, JointSpring)
-        and at.x[at.model.columns_of(term).start] > RULES.springs.least_rad
+        if is_spring(term) and at.x[at.model.columns_of(term).start] > RULES.springs.least_rad
     ]
     if not springs:
         return found
@@ -192,7 +190,7 @@ class _LinearProblem:
         for term in at.model.terms:
             column = at.model.columns_of(term).start
             # A joint that is all but rigid cannot give way the other way round: it is held.
-            if isinstance(term, JointSpring) and at.x[column] <= RULES.springs.least_rad:
+            if is_spring(term) and at.x[column] <= RULES.springs.least_rad:
                 jacobian[:, :, column] = 0.0
         white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
         return white * self.sizes, (self.whitener @ left[:, :, None]).ravel()
@@ -252,7 +250,7 @@ class _LinearProblem:
     def _by_moments(self, shape: tuple[int, ...]) -> Array:
         """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
         at, added = self.at, np.zeros(shape)
-        bending = [t for t in at.model.terms if isinstance(t, LinkEffect | BaseCompliance)]
+        bending = [t for t in filter(is_effect, at.model.terms) if t.bends]
         if not bending:
             return added
         found = [at.x[at.model.columns_of(term)] for term in bending]
@@ -265,7 +263,7 @@ class _LinearProblem:
             moved = [part @ x for part, x in zip(parts, found, strict=True)]
             of_weight.append(np.sum(moved, axis=0) / max(float(size), RULES.computing.no_size))
         for term in at.model.terms:
-            if not isinstance(term, Weights):
+            if not holds_weights(term):
                 continue
             first = at.model.columns_of(term).start
             for k, column in enumerate(term.columns):
@@ -285,7 +283,7 @@ class _LinearProblem:
         columns = by_terms(self.at, self.poses, effects, starts)
         for effect, start, own in zip(effects, starts, columns, strict=True):
             parts = [own[:, :, : effect.linear]]
-            if isinstance(effect, LinkEffect | BaseCompliance):
+            if effect.bends:
                 parts += [by_terms(self.at, poses, [effect], [start])[0] for poses in self.moments]
             linear = np.concatenate(
                 [part @ (RULES.springs.rival_sizes * effect.prior_factor) for part in parts], 2

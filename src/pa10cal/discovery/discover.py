@@ -32,7 +32,7 @@ from pa10cal.observe.observations import Observations, average_repeats, reading_
 from pa10cal.results.analysis import LackOfFit
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
 from pa10cal.terms.effects.joint import PeriodicError
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.forms.catalogue import all_around, forms_at
 from pa10cal.terms.forms.form import Form
 
@@ -157,7 +157,7 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
     """Return the verdict on a campaign made ready, before its gates."""
     if wrong_attitudes := attitudes_off(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, wrong_attitudes)
-    if any(isinstance(term, JointErrorMap) for term in model.model.terms):
+    if any(is_error_map(term) for term in model.model.terms):
         return not_sought(campaign, model, _HAS_MAPS)
     if judged_by_blocks(campaign.trusted):
         from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks

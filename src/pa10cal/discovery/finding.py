@@ -19,7 +19,7 @@ from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.maps import JointWitness, MapForm
 from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import BandPrior, JointErrorMap
+from pa10cal.terms.effects.joint_error_map import BandPrior, is_error_map
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import LogFault
 
@@ -92,7 +92,7 @@ class Finding(Generic[P_co]):
     def record(self, witness: JointWitness | None = None) -> discovery.FoundEffect:
         """Return it as it is written, with what says whose error an error by angle is."""
         proof, form = self.proof, None
-        if isinstance(self.effect, JointErrorMap) and self.effect.spectrum is not None:
+        if is_error_map(self.effect) and self.effect.spectrum is not None:
             kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
             form = MapForm.model_validate(keys)

@@ -35,8 +35,8 @@ from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect, JointEffect
 from pa10cal.terms.effects.joint import ArrivalError, Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.structure import BaseDrift, CmmScale, FalseReading
-from pa10cal.terms.weights import Weights
+from pa10cal.terms.effects.structure import BaseDrift
+from pa10cal.terms.weights import holds_weights
 
 V = TypeVar("V", bound=SearchVerdict[object])
 
@@ -151,9 +151,9 @@ def _of_the_robot(found: V, finding: Finding[object]) -> V:
     Between both it is never the instrument's: no prediction has that, and the geometry fitted
     beside it would move the robot by what it took away.
     """
-    if not isinstance(finding.effect, FalseReading):
+    if not finding.effect.falsifies_readings:
         return found
-    robots = [one for one in finding.alternatives if not isinstance(one, FalseReading)]
+    robots = [one for one in finding.alternatives if not one.falsifies_readings]
     others = [one for one in finding.alternatives if one not in robots]
     first = replace(finding, alternatives=(*robots, *others, finding.effect))
     return _alternative(found, first) or found
@@ -176,7 +176,7 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     white = x / scale
     square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
-    each_counts = type(effect).report is Effect.report and not isinstance(effect, CmmScale)
+    each_counts = type(effect).report is Effect.report and not effect.by_differences
     if square < chi2.ppf(RULES.names.confidence, effect.linear):
         yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
     elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
@@ -259,7 +259,7 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
             f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
             f"{stated_mm:.3g} mm"
         )
-    weights = [term for term in found.model.model.terms if isinstance(term, Weights)]
+    weights = [term for term in found.model.model.terms if holds_weights(term)]
     before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
     if (
         weights

@@ -52,7 +52,13 @@ from pa10cal.results.calibration import (
 from pa10cal.results.discovery import sized
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.record import CampaignIdentity
-from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
+from pa10cal.terms.effects.effect import (
+    CandidateContext,
+    Effect,
+    every_effect,
+    everywhere_but,
+    is_effect,
+)
 from pa10cal.terms.term import Role
 
 
@@ -236,7 +242,7 @@ def calibrated_with(
     suspected = {(each.pose, each.load_N) for each in outliers}
     used = every.take(np.flatnonzero(fitted))
     found = calibrate_with(used, model, setup, effects, suspected, options.wanted_uncertainty_mm)
-    if not any(isinstance(term, Effect) for term in found.model.model.terms):
+    if not found.model.model.terms_of("effect"):
         return record.model_copy(update={"warnings": (*record.warnings, *found.without)})
     return with_effects(record, found, case.campaign)
 
@@ -336,7 +342,7 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
         of_term = uncertainty.calibrated_parameters(
             report, covariance, held, u_scale=model.model.u_scale
         )
-        place = f"{term.id}_{term.of.removeprefix('joint ')}_" if isinstance(term, Effect) else ""
+        place = f"{term.id}_{term.of.removeprefix('joint ')}_" if is_effect(term) else ""
         parameters |= {f"{place}{name}": each for name, each in of_term.items()}
     R = model.T_instr_base[:3, :3]
     return parameters | base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)

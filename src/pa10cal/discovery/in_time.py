@@ -37,7 +37,7 @@ from pa10cal.observe.order import (
     with_places,
 )
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.joint_error_map import is_error_map
 
 #: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
 _WALKS_M = np.geomspace(*RULES.motion.walks_m)
@@ -324,7 +324,7 @@ def in_time_of(
     if len(poses) > RULES.motion.most_readings:
         shown: Index = spread_over_time(poses, RULES.motion.most_readings)
         poses, whitener = poses.take(shown), whitener[shown]
-    own = [term for term in at.model.terms if not isinstance(term, JointErrorMap)]
+    own = [term for term in at.model.terms if not is_error_map(term)]
     load_N = poses.states.load_N
     by_load = motions_along(linear.by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
     held = [

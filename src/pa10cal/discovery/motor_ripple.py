@@ -27,7 +27,7 @@ from pa10cal.discovery.rules import RULES
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.maps import Agreement, MotorRipple
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.joint_error_map import is_error_map
 
 _ALPHAS = np.linspace(*RULES.ripple.share_grid)
 
@@ -338,7 +338,7 @@ def joint_series(
     states, arm = poses.states, at.arm
     error_rad = np.zeros_like(score)
     for term in at.model.terms:
-        if isinstance(term, JointErrorMap):
+        if is_error_map(term):
             values = at.x[at.model.columns_of(term)]
             error_rad[:, term.joint - 1] += term.shift(states, values)[:, 0]
     torque_Nm = np.where(

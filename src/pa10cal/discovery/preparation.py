@@ -25,11 +25,11 @@ from pa10cal.observe.order import reversed_joints, slow_joints, with_arrivals
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.joint_spring import JointSpring
+from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, shows_torque
-from pa10cal.terms.weights import LogFault, Weights, fault_candidates
+from pa10cal.terms.weights import fault_candidates, holds_weights, is_fault
 
 # What a campaign can show of an effect: settled before residuals are looked at.
 
@@ -38,11 +38,6 @@ def sought(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect
     """Return what is sought: effects and faults of the log, wherever each may sit."""
     held = tuple(held)
     return (*candidates(context, held), *fault_candidates(context, held))
-
-
-def is_fault(effect: Effect) -> bool:
-    """Return whether something sought is a fault of the log, and no effect."""
-    return isinstance(effect, LogFault)
 
 
 def effects_in(family: Iterable[Effect]) -> int:
@@ -106,7 +101,7 @@ def by_pose_and_time(
     known = [
         effect
         for effect in effects
-        if not (isinstance(effect, JointErrorMap) or (effect.generic and effect.goes_with_time))
+        if not (is_error_map(effect) or (effect.generic and effect.goes_with_time))
         and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
     ]
     shapes = [effect for effect in known for _ in effect.starts]
@@ -268,7 +263,7 @@ def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup
     """Add to the states of poses what they carry and how they were read."""
     states = poses.states
     if setup.payload is not None:
-        if any(isinstance(term, Effect | Weights) for term in baseline.model.terms):
+        if baseline.model.terms_of("effect", "weight"):
             # Such terms need what the arm carries as it stands nominally first.
             rigid = Model(baseline.model.chain, ())
             nominal = statics_of(rigid, np.zeros(0), states, setup.payload)
@@ -302,13 +297,13 @@ def context_of(
     campaigns = cells.measured.campaigns
     parts = [part for _, part in campaigns] or [cells.measured]
     source: TorqueSource = "none"
-    if any(isinstance(term, Weights) for term in terms):
+    if any(holds_weights(term) for term in terms):
         source = "masses"
     elif states.static_loads is not None and np.isfinite(states.tau_Nm).all():
         source = "logged"
     return CandidateContext(
         arm=baseline.model.chain.arm,
-        flexible_joints=tuple(term.joint for term in terms if isinstance(term, JointSpring)),
+        flexible_joints=tuple(term.joint for term in terms if is_spring(term)),
         reference_temperature_C=setup.reference_temperature_C,
         tau_span_Nm=np.abs(
             states.tau_Nm if states.static_loads is None else states.static_loads.joint_Nm

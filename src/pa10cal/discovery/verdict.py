@@ -51,8 +51,8 @@ from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.explained import Explained
 from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.weights import LogFault
+from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.weights import is_fault
 
 P_co = TypeVar("P_co", covariant=True)
 
@@ -129,7 +129,7 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def effects(self) -> tuple[Finding[P_co], ...]:
         """Return the effects of the vocabulary that were found, in the order found."""
-        return tuple(found for found in self.findings if not isinstance(found.effect, LogFault))
+        return tuple(found for found in self.findings if not is_fault(found.effect))
 
     @property
     def faults(self) -> tuple[DiagnosedFault, ...]:
@@ -137,7 +137,7 @@ class Verdict(ABC, Generic[P_co]):
         of_all = (
             fault_of(found.effect, found.x, found.covariance, found.gain)
             for found in self.findings
-            if isinstance(found.effect, LogFault)
+            if is_fault(found.effect)
         )
         return (*self.prepared.faults, *self.faults_of_rows, *of_all)
 
@@ -159,7 +159,7 @@ class Verdict(ABC, Generic[P_co]):
     @property
     def without_name(self) -> tuple[Effect, ...]:
         """Return the maps found, whatever made them, and the rivals that the search held."""
-        maps = (e.effect for e in self.effects if isinstance(e.effect, JointErrorMap))
+        maps = (e.effect for e in self.effects if is_error_map(e.effect))
         return (*maps, *self.nameless)
 
     @property
@@ -402,4 +402,4 @@ def word_of(findings: Sequence[Finding[object]], unexplained: Sequence[Unexplain
 
 def is_named(effect: Effect) -> bool:
     """Return whether an effect says what is wrong, and not only where."""
-    return not (effect.generic or effect.id == MAP or isinstance(effect, LogFault))
+    return not (effect.generic or effect.id == MAP or is_fault(effect))

@@ -210,10 +210,16 @@ class LogFault(Effect):
     """A fault of the whole log, such as a load that is stated wrongly."""
 
     kind: ClassVar[FaultKind]
+    fault = True
 
     @abstractmethod
     def fault_text(self, x: Array, std: Array) -> FaultText:
         """Return it in words, by its reported parameters and their standard uncertainties."""
+
+
+def is_fault(effect: Effect) -> TypeGuard[LogFault]:
+    """Return whether something sought is a fault of the log, and no effect."""
+    return effect.fault
 
 
 @dataclass(frozen=True)

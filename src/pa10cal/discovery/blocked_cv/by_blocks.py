@@ -51,10 +51,15 @@ from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
-from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import GearError, JointErrorMap, SensorError
+from pa10cal.terms.effects.effect import Effect, is_effect
+from pa10cal.terms.effects.joint_error_map import (
+    GearError,
+    JointErrorMap,
+    SensorError,
+    is_error_map,
+)
 from pa10cal.terms.model import Model
-from pa10cal.terms.weights import Weights
+from pa10cal.terms.weights import holds_weights
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -80,7 +85,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
     @cached_property
     @override
     def scatter(self) -> PoseDeviations | None:
-        if not any(isinstance(effect, JointErrorMap) for effect in self.extended.effects):
+        if not any(is_error_map(effect) for effect in self.extended.effects):
             return None
         at, poses = self.extended.at, self.survey.poses
         return scatter_of(at, poses, self.survey.net_residual(at))
@@ -130,7 +135,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
 
     @override
     def witness(self, effect: Effect) -> JointWitness | None:
-        cause = self.causes.get(effect.joint) if isinstance(effect, JointErrorMap) else None
+        cause = self.causes.get(effect.joint) if is_error_map(effect) else None
         return cause if cause is not None and (cause.ripple or cause.agreement) else None
 
     @override
@@ -155,11 +160,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
             points = [there.get(effect, effect.starts[0]) for effect in effects]
             return flat(linear.by_effects(at, poses, effects, points, whiten))
 
-        fitted = [
-            term
-            for term in at.model.terms
-            if not isinstance(term, JointErrorMap) and term not in held
-        ]
+        fitted = [term for term in at.model.terms if not is_error_map(term) and term not in held]
         own = flat(linear.by_own_terms(at, poses, fitted, whiten))
         sizes = possible_sizes(at.model, poses.measured)
         targets = whiten @ linear.by_targets(at, poses) * sizes[len(at.x) :]
@@ -168,7 +169,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
             1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2
         )
         for term, columns in zip(fitted, own, strict=True):
-            if isinstance(term, Weights):  # expected about what is described, not about the fit
+            if holds_weights(term):  # expected about what is described, not about the fit
                 data = data + columns @ (at.values_of(term) / sizes[at.model.columns_of(term)])
         of_held = columns_of(held)
         for effect, columns in zip(held, of_held, strict=True):
@@ -276,7 +277,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     else:
         # What is named of time already is one explanation among those of a base that moved.
         terms = fitted.at.model.terms
-        in_time_too = [each for each in terms if isinstance(each, Effect) and each.goes_with_time]
+        in_time_too = [each for each in terms if is_effect(each) and each.goes_with_time]
         known = replace(fitted.at, covariance=None)
         still = known.only(*(each for each in terms if each not in in_time_too))
         in_time = in_time_of(still, about.poses, whiteners, every, logged=logged, weights=True)
@@ -384,7 +385,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
     names: dict[Effect, Effect] = {}
     alternatives: dict[Effect, tuple[Effect, ...]] = {}
     for effect in found.extended.effects:
-        if not isinstance(effect, JointErrorMap):
+        if not is_error_map(effect):
             continue
         cause = causes[effect.joint]
         heard = None if cause.ripple is None else cause.ripple.likely
@@ -402,7 +403,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
 
 def _causes(found: VerdictByBlocks) -> dict[int, JointWitness]:
     """Return what is known of the cause of every map, by joint."""
-    joints = [each.joint for each in found.extended.effects if isinstance(each, JointErrorMap)]
+    joints = [each.joint for each in found.extended.effects if is_error_map(each)]
     if not joints:
         return {}
     survey, at = found.survey, found.extended.at

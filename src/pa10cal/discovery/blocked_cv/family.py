@@ -20,10 +20,16 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEffect, Survey
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import standard_error
-from pa10cal.discovery.preparation import computable, is_fault, sought, why_hidden
+from pa10cal.discovery.preparation import computable, sought, why_hidden
 from pa10cal.discovery.rules import RULES
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap, harmonic_orders
+from pa10cal.terms.effects.joint_error_map import (
+    FadingPrior,
+    JointErrorMap,
+    harmonic_orders,
+    is_error_map,
+)
+from pa10cal.terms.weights import is_fault
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +59,7 @@ class Candidate(Columns):
     @property
     def is_map(self) -> bool:
         """Whether it knows the place and not the cause."""
-        return isinstance(self.effect, JointErrorMap)
+        return self.effect.at_knots
 
     @property
     def is_named(self) -> bool:
@@ -314,7 +320,7 @@ def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[U
     """
     every = sought(survey.context, survey.baseline.model.terms)
     known, refused = computable(
-        (each for each in every if not isinstance(each, JointErrorMap)),
+        (each for each in every if not is_error_map(each)),
         survey.poses.states,
         logged=survey.torques_logged,
         weights=True,
@@ -418,4 +424,4 @@ def _why_silent(states: PoseStates, shaped: ShapedEffect) -> str:
 
 def _plain(effect: Effect) -> Effect:
     """Return the map of a joint in its usual form, whatever its spacing; others as they are."""
-    return JointErrorMap(effect.of) if isinstance(effect, JointErrorMap) else effect
+    return JointErrorMap(effect.of) if is_error_map(effect) else effect

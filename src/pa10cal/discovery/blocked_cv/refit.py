@@ -35,12 +35,12 @@ from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     FadingPrior,
-    JointErrorMap,
     b_splines,
     b_splines_by_knots,
     harmonic_orders,
+    is_error_map,
 )
-from pa10cal.terms.of_campaign import OfCampaign, motion_of_base
+from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal.terms.term import Report, Term
 
 # Rows weighed by what a model leaves that lacks nothing of the vocabulary.
@@ -174,13 +174,11 @@ class _NormalFit:
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
         self._model = linear.with_base_term(survey.baseline, effects)
-        self._maps = [each for each in effects if isinstance(each, JointErrorMap)]
+        self._maps = [each for each in effects if is_error_map(each)]
         own, measured = survey.baseline, survey.poses.measured
         sizes = possible_sizes(self._model, measured)
         columns, first = np.arange(len(sizes)), len(self._model.parameters)
-        self._dense: list[Term] = [
-            term for term in self._model.terms if not isinstance(term, JointErrorMap)
-        ]
+        self._dense: list[Term] = [term for term in self._model.terms if not is_error_map(term)]
         of_dense, of_maps = (
             [columns[self._model.columns_of(term)] for term in terms]
             for terms in (self._dense, self._maps)
@@ -279,7 +277,7 @@ def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage
     """Return the joint positions from which maps have learnt an error; None without a map."""
     order = np.zeros(campaign.context.arm.n)
     for effect in effects:
-        if isinstance(effect, JointErrorMap):
+        if is_error_map(effect):
             order[effect.joint - 1] = max(order[effect.joint - 1], effect.finest_order)
     return angles_seen(campaign.poses.states.q_rad, order) if order.any() else None
 
@@ -310,7 +308,7 @@ class PartialFits:
             shapes = columns.start + effect.linear
             if effect not in some:
                 x[columns.start : shapes] = 0.0
-            known = effect in some and not isinstance(effect, JointErrorMap)
+            known = effect in some and not is_error_map(effect)
             fitted[shapes if known else columns.start : columns.stop] = False
         there = np.flatnonzero(fitted[fit.dense_at])
         free, own = fit.dense_at[there], np.ix_(there, there)
@@ -354,8 +352,7 @@ ANGLES_RAD = np.radians(np.arange(float(RULES.maps.angles_a_turn)))
 def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign, ...]:
     """Return every effect as each campaign of a group alone has it; none of a single campaign."""
     campaign = survey.poses.states.campaign
-    shared = [each for each in found.effects if not isinstance(each, OfCampaign)]
-    if campaign is None or not shared:
+    if campaign is None or not found.effects:
         return ()
     rows = {
         name: np.flatnonzero(campaign == number)
@@ -365,10 +362,10 @@ def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign,
     alone = {name: one_step(survey, found, own) for name, own in rows.items()}
     u_scale = found.at.model.u_scale
     each = []
-    for effect in shared:
+    for effect in found.effects:
         at = found.columns_of(effect)
         curves: dict[str, records.JointErrorAlone] = {}
-        if isinstance(effect, JointErrorMap):
+        if is_error_map(effect):
             unit = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
             for name, (x, _) in alone.items():
                 q_rad = survey.poses.states.q_rad[rows[name], effect.joint - 1]

@@ -30,10 +30,15 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEffect
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.linear import standard_error
-from pa10cal.discovery.preparation import is_fault
 from pa10cal.discovery.rules import RULES
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, b_splines_by_knots
+from pa10cal.terms.effects.joint_error_map import (
+    JointErrorMap,
+    Spectrum,
+    b_splines_by_knots,
+    is_error_map,
+)
+from pa10cal.terms.weights import is_fault
 
 
 class Search:
@@ -176,7 +181,7 @@ class Search:
     def _names_at(self, chosen: EffectSet, effect: Effect) -> list[Candidate]:
         """Return the named candidates that may do the work of a map or a rival."""
         names = [other for other in self.others(chosen) if other.is_named]
-        if isinstance(effect, JointErrorMap):
+        if is_error_map(effect):
             return [other for other in names if other.effect.coordinates == effect.coordinates]
         return [other for other in names if other.effect.of == effect.of]
 
@@ -275,13 +280,13 @@ def joints_and_knots(members: Sequence[Candidate]) -> tuple[list[int], list[int]
 
 def maps_among(members: Sequence[Candidate]) -> list[JointErrorMap]:
     """Return the maps among members, in their order."""
-    return [member.effect for member in members if isinstance(member.effect, JointErrorMap)]
+    return [member.effect for member in members if is_error_map(member.effect)]
 
 
 def _amounts(shaped: ShapedEffect, found: Array) -> Array:
     """Return the parameters of an effect for what was found of its columns."""
     effect = shaped.effect
-    if isinstance(effect, JointErrorMap):
+    if is_error_map(effect):
         knots = np.linalg.solve(b_splines_by_knots(effect.knots), found)
         return np.asarray(knots, dtype=np.float64)
     x = shaped.start.copy()
@@ -292,13 +297,13 @@ def _amounts(shaped: ShapedEffect, found: Array) -> Array:
 def _has_finest(member: Candidate) -> bool:
     """Return whether a member is a map as fine as the search has them."""
     effect = member.effect
-    return isinstance(effect, JointErrorMap) and effect.knots >= RULES.maps.spacings[-1][0]
+    return is_error_map(effect) and effect.knots >= RULES.maps.spacings[-1][0]
 
 
 def with_form(member: Candidate, knots: int, spectrum: Spectrum | None = None) -> Candidate:
     """Return a map with so many knots, and with a spectrum if one is given; others as they are."""
     effect = member.effect
-    if not isinstance(effect, JointErrorMap):
+    if not is_error_map(effect):
         return member
     effect = replace(effect, knots=knots, spectrum=spectrum or effect.spectrum)
     return replace(member, shaped=ShapedEffect(effect))

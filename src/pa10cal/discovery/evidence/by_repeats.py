@@ -63,6 +63,7 @@ from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.of_campaign import motion_of_base
+from pa10cal.terms.weights import is_fault
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -231,7 +232,7 @@ def discover_by_repeats(campaign: preparation.Prepared) -> VerdictByRepeats:
             if effect.generic and (effect.id, effect.of) in places
         ),
         over_noise=any(place.form is None for place in judgement.unexplained),
-        not_testable=tuple(one for one in refused if not preparation.is_fault(one.effect)),
+        not_testable=tuple(one for one in refused if not is_fault(one.effect)),
         indistinguishable=tuple(tuple(family[k] for k in group) for group in groups),
         extended=extended,
         covariance=covariance_of(problem, extended),

@@ -34,13 +34,14 @@ from pa10cal.discovery.evidence.search import (
 )
 from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
-from pa10cal.discovery.preparation import effects_in, is_fault
+from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.rules import RULES
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats, Unexplained
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.weights import is_fault
 
 
 class Confirmation(EvidenceByRepeats, MayHaveCarrier):

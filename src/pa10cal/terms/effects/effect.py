@@ -115,6 +115,14 @@ class Effect(Traits):
     most_rad: ClassVar[tuple[float, str] | None] = None
     #: Power of the weights with which its reported parameters go: -1 of a compliance.
     weights_power: ClassVar[float] = 0.0
+    #: Whether the structure bends by it under the weights.
+    bends: ClassVar[bool] = False
+    #: Whether the instrument reads falsely by it, and the robot has nothing of it.
+    falsifies_readings: ClassVar[bool] = False
+    #: Whether its amounts are known by their differences: the arm's lengths take up what is common.
+    by_differences: ClassVar[bool] = False
+    #: Whether it is a fault of the whole log, reported and never named as an effect.
+    fault: ClassVar[bool] = False
     #: Whether it goes with time or temperature.
     goes_with_time: ClassVar[bool] = False
     #: Whether searches try it; else it is a name for what another form finds.

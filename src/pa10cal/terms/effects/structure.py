@@ -49,6 +49,7 @@ class LinkEffect(Effect):
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Names of the links at which it may sit.
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
+    bends = True
     weights_power = -1.0
     # An aluminium tube of 60 mm and 3 mm wall, 0.4 m long, twists by 0.035 mrad per N m (L / G J):
     # 100 N m, for which no arm would have it, make 3.5 mrad.
@@ -139,6 +140,7 @@ class BaseCompliance(Effect):
     # moment at which a plausible tilt is reached, where weights are assumed; None where they are
     # stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
+    bends = True
     id = "base_compliance"
     clauses = ("the base tilts under the arm's weight",)
     sits = "base"
@@ -295,6 +297,7 @@ class FalseReading(Effect):
     The model predicts what is read: the end moves by what the field makes of the fitted pose.
     """
 
+    falsifies_readings = True
     sits = "instrument"
     coordinates = TOOL
 
@@ -317,6 +320,7 @@ class CmmScale(FalseReading):
     Only a machine that moves along three axes has a scale to each; see `Scale`.
     """
 
+    by_differences = True
     id = "cmm_scale"
     clauses = ("the scales of the instrument's axes are off",)
     words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
