@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -108,15 +108,18 @@ RULE = re.compile(r"(?P<what>.*?)(?: \[(?P<unit>[^]]*)\])? \((?P<source>[^()]*)\
 
 def rules() -> str:
     """Return a table of the numbers of every part of `discovery/rules.py`."""
-    from pa10cal.discovery.rules import RULES
+    from pa10cal.discovery.rules import SECTIONS
 
+    return _sections(SECTIONS)
+
+
+def _sections(sections: Mapping[str, Any]) -> str:
     parts = []
-    for section in fields(RULES):
-        of = getattr(RULES, section.name)
+    for name, of in sections.items():
         said = comments(type(of))
         head = ["| number | value | what it bounds | from |", "| --- | --- | --- | --- |"]
         rows = [_rule(each.name, getattr(of, each.name), said[each.name]) for each in fields(of)]
-        parts.append("\n".join([f"### {section.name}\n\n{_text(type(of))}\n", *head, *rows]))
+        parts.append("\n".join([f"### {name}\n\n{_text(type(of))}\n", *head, *rows]))
     return "\n\n".join(parts)
 
 

@@ -15,7 +15,7 @@ from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
 from pa10cal.discovery.gates import gated, holds_zero, reasons_against_none, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import pure_error_test
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import GearRatioError
@@ -87,7 +87,7 @@ def test_a_size_that_is_not_plausible_is_no_name(wave):
     x = model.values_of(finding.effect)
     sizes = np.abs(np.linalg.solve(finding.effect.prior_factor, x)).max()
     for times, passes in ((0.99, True), (1.01, False)):
-        factor = times * RULES.names.most_sizes / sizes
+        factor = times * NAMES.most_sizes / sizes
         reasons = [*unfit(*made(wave.discovery, factor))]
         assert (reasons == []) == passes
     assert "10 times as large as is plausible" in reasons[0]
@@ -161,9 +161,9 @@ def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing
 def test_too_many_alternatives_are_no_name(wave):
     finding, model = made(wave.discovery)
     others = [effect for effect in wave.family if effect != finding.effect and not effect.generic]
-    for count in (RULES.names.most_alternatives, RULES.names.most_alternatives + 1):
+    for count in (NAMES.most_alternatives, NAMES.most_alternatives + 1):
         reasons = [*unfit(replace(finding, alternatives=tuple(others[:count])), model)]
-        assert (reasons == []) == (count == RULES.names.most_alternatives)
+        assert (reasons == []) == (count == NAMES.most_alternatives)
     assert reasons == ["7 other effects explain the data as well"]
 
 

@@ -21,7 +21,7 @@ from pa10cal.discovery.next_poses import (
     separating_poses,
 )
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import EVIDENCE, NEXT_POSES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
@@ -114,16 +114,14 @@ def names(found):
 def behind(found, effect):
     """Return how much less likely the data are with one effect alone than with what was found."""
     k = found.family.index(effect)
-    alone = [
-        found.evidence.score(((k, size),)).log_evidence for size in range(len(RULES.evidence.sizes))
-    ]
+    alone = [found.evidence.score(((k, size),)).log_evidence for size in range(len(EVIDENCE.sizes))]
     return found.score.log_evidence - max(alone)
 
 
 def gain(measured, effect):
     """Return what one effect adds to the evidence of the baseline."""
     evidence = evidence_about(measured.problem, measured.start, (effect,))
-    alone = [evidence.score(((0, size),)).log_evidence for size in range(len(RULES.evidence.sizes))]
+    alone = [evidence.score(((0, size),)).log_evidence for size in range(len(EVIDENCE.sizes))]
     return max(alone) - evidence.score(()).log_evidence
 
 
@@ -160,9 +158,9 @@ def test_what_was_not_testable_shows_where_suggested(measure):
     first = measure(*WINDUP)
     effect = first.effect(*WINDUP[:2])
     assert effect in first.refused
-    assert gain(first, effect) < RULES.next_poses.apart_nats
+    assert gain(first, effect) < NEXT_POSES.apart_nats
     poses, separation = first.apart(first.start, (effect, None), 4)
-    assert separation.before_nats < RULES.next_poses.apart_nats
+    assert separation.before_nats < NEXT_POSES.apart_nats
     assert separation.can_be_split
     again = measure(*WINDUP, further=poses)
     effect = again.effect(*WINDUP[:2])
@@ -182,7 +180,7 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
         poses, separation = first.apart(there, (effect, rival), 10)
         assert poses == ()
         assert not separation.can_be_split
-        assert separation.possible_nats < RULES.next_poses.apart_nats
+        assert separation.possible_nats < NEXT_POSES.apart_nats
 
 
 def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first):
@@ -225,8 +223,8 @@ def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypa
     end, low, high = drawn.p_base_end, *(f(measured.p_base_end, axis=0) for f in (np.min, np.max))
     assert np.all((end > low - 0.3) & (end < high + 0.3))
     assert np.ptp(end, axis=0) == pytest.approx(high - low + 0.6, rel=0.1)
-    far = replace(RULES, next_poses=replace(RULES.next_poses, clearance_m=5.0))
-    monkeypatch.setattr("pa10cal.discovery.next_poses.RULES", far)
+    far = replace(NEXT_POSES, clearance_m=5.0)
+    monkeypatch.setattr("pa10cal.discovery.next_poses.NEXT_POSES", far)
     with pytest.raises(DiscoveryError, match="no configuration"):
         draw_near(ratio.problem, 10, 0)
 

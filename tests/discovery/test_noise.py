@@ -8,7 +8,7 @@ import pytest
 from made_up_poses import measured_poses
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.noise import noise_of_repeats, same_circumstances
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import NOISE
 from pa10cal.errors import DiscoveryError
 
 POSES, LOADS_N, REPEATS = 40, (0.0, 44.0), 8
@@ -112,14 +112,14 @@ def test_torques_that_were_not_logged_have_no_noise_to_tell(made):
 
 
 def test_too_few_repeats_are_refused():
-    readings, deviation, screws = readings_of(poses=RULES.noise.least_differences // 2, repeats=3)
+    readings, deviation, screws = readings_of(poses=NOISE.least_differences // 2, repeats=3)
     enough = noise_of_repeats(readings, deviation, screws)
-    assert enough.differences == RULES.noise.least_differences
+    assert enough.differences == NOISE.least_differences
     fewer = slice(1, None)  # leaves one pair without its first reading
     with pytest.raises(DiscoveryError, match="too few repeats") as refused:
         noise_of_repeats(readings.take(fewer), deviation[fewer], screws[fewer])
-    assert refused.value.value.startswith(f"{RULES.noise.least_differences - 1} pairs")
-    assert refused.value.allowed == f"at least {RULES.noise.least_differences}"
+    assert refused.value.value.startswith(f"{NOISE.least_differences - 1} pairs")
+    assert refused.value.allowed == f"at least {NOISE.least_differences}"
     assert refused.value.remedy == "measure poses repeatedly"
 
 
@@ -132,6 +132,6 @@ def test_where_no_side_comes_twice_repeats_from_any_side_are_compared():
     lost_rad = 40.0 * JOINT_RAD * np.array([1.0, 0.02])
     lost = np.einsum("pij,pj->pi", screws, lost_rad * sides)
     found = noise_of_repeats(shuffled, deviation + lost, screws)
-    assert found.differences > 2 * RULES.noise.least_differences
+    assert found.differences > 2 * NOISE.least_differences
     np.testing.assert_allclose(found.joint_rad, steady.joint_rad, rtol=0.3)
     assert found.instrument == pytest.approx(steady.instrument, rel=0.2)

@@ -9,7 +9,7 @@ import pytest
 from field_comments import comments
 
 import pa10cal.discovery
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS, MAPS, SECTIONS, decisions
 
 DISCOVERY = Path(pa10cal.discovery.__path__[0])
 MODULES = [path for path in sorted(DISCOVERY.rglob("*.py")) if path.name != "rules.py"]
@@ -45,17 +45,17 @@ def test_numbers_that_bound_something_stand_on_one_page(path):
     assert [number for number in found if number[0] in alone and number[1] not in (0, 1, 2)] == []
 
 
-@pytest.mark.parametrize("section", fields(RULES), ids=lambda section: section.name)
+@pytest.mark.parametrize("section", SECTIONS)
 def test_every_number_says_what_it_bounds_and_where_it_is_from(section):
-    of = getattr(RULES, section.name)
+    of = type(SECTIONS[section])
     for number in fields(of):
-        found = re.search(r"\(([^()]*)\)$", comments(type(of))[number.name])
+        found = re.search(r"\(([^()]*)\)$", comments(of)[number.name])
         assert found, number.name
         assert found[1] in SOURCES, number.name
 
 
 def test_a_verdict_carries_those_that_decide():
-    carried = RULES.decisions()
-    assert set(carried) == {section.name for section in fields(RULES)} - {"computing"}
-    assert carried["blocks"]["least_share"] == RULES.blocks.least_share
-    assert carried["maps"]["spacings"] == [list(pair) for pair in RULES.maps.spacings]
+    carried = decisions()
+    assert set(carried) == set(SECTIONS) - {"computing"}
+    assert carried["blocks"]["least_share"] == BLOCKS.least_share
+    assert carried["maps"]["spacings"] == [list(pair) for pair in MAPS.spacings]

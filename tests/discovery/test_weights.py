@@ -8,7 +8,7 @@ import pytest
 from made_up_survey import ATTITUDE_RAD, POSITION_M, observe
 from pa10cal.discovery.linear import mean_length
 from pa10cal.discovery.noise import nearly_same, noise_of_near_poses, pose_weights, unweighted
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import NOISE
 from pa10cal.observe.pose import Pose
 
 POSES = 2000
@@ -115,7 +115,7 @@ def test_along_a_path_noise_is_what_differences_go_to_at_the_same_pose():
 def test_without_pairs_noise_is_what_the_instrument_states():
     poses = observe(poses=200, held_out=0).readings
     found = noise_of_near_poses(poses, np.zeros((200, 6)))
-    assert found.differences == 0 < RULES.noise.least_differences
+    assert found.differences == 0 < NOISE.least_differences
     np.testing.assert_allclose(
         np.diagonal(found.cov[0]), [POSITION_M**2] * 3 + [ATTITUDE_RAD**2] * 3
     )

@@ -17,7 +17,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.preparation import by_pose_and_time
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.discovery.wander import Wander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
@@ -69,7 +69,7 @@ class Change:
         begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
         later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
         size_mm = linear.rms(linear.error_mm(later.measured, self.shift(at, later)))
-        amount_mm = 1e3 * RULES.change.size * self.scale * self.amounts
+        amount_mm = 1e3 * CHANGE.size * self.scale * self.amounts
         names = poses.measured.target_names
         if self.kind == "target":
             name = names[self.target] if self.target < len(names) else "the target"
@@ -118,20 +118,18 @@ def change_of(
     """
     if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
         return None
-    shown = spread_over_time(poses, RULES.motion.most_readings)
+    shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
     rows, kinds = _Rows(at, poses, whitener), _kinds(at)
     tried = [(kind, b, *rows.best(_columns(kind, b, at, poses))) for kind, b in kinds]
     kind, target, best, row, scale, left = max(tried, key=lambda each: each[2])
-    needed = float(
-        np.log(len(poses) * len(kinds) * len(RULES.change.scales) / RULES.change.false_rate)
-    )
+    needed = float(np.log(len(poses) * len(kinds) * len(CHANGE.scales) / CHANGE.false_rate))
     of_base = tried[0][2]
     if (
         kind == "base"
         or best < needed
-        or best < of_base + RULES.change.better_nats
-        or left > RULES.change.most_left_share
+        or best < of_base + CHANGE.better_nats
+        or left > CHANGE.most_left_share
     ):
         return None
     time_s = poses.states.time_s
@@ -142,12 +140,10 @@ def change_of(
     # Not where a smooth function of the pose does, nor where it comes on in the course of time.
     more = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
-    creeping = [columns * course**power for power in range(1, RULES.change.courses + 1)]
-    beside = _Rows(
-        at, poses, whitener, *more, *(RULES.change.static_sizes * each for each in creeping)
-    )
+    creeping = [columns * course**power for power in range(1, CHANGE.courses + 1)]
+    beside = _Rows(at, poses, whitener, *more, *(CHANGE.static_sizes * each for each in creeping))
     gain, _, _, rest = beside.best(columns, np.array([row]))
-    if gain < needed or rest > RULES.change.most_left_share:
+    if gain < needed or rest > CHANGE.most_left_share:
         return None
     near = rows.as_good(columns, scale, row)
     rivals = [
@@ -161,7 +157,7 @@ def change_of(
     later = poses.take(np.flatnonzero(time_s > middle_s))
     size_mm = linear.rms(linear.error_mm(later.measured, found.shift(at, later)))
     stated_mm = linear.mean_error_of_noise_mm(later.measured, later.measured.stated_covariance)
-    return found if size_mm > RULES.change.least_noise_ratio * stated_mm else None
+    return found if size_mm > CHANGE.least_noise_ratio * stated_mm else None
 
 
 def rivals_of_steps(
@@ -174,7 +170,7 @@ def rivals_of_steps(
     found: dict[float, tuple[str, ...]] = {}
     if wander is None or poses.measured.campaigns or measured_again(poses):
         return found
-    shown = spread_over_time(poses, RULES.motion.most_readings)
+    shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
     time_s = poses.states.time_s
     for jump in wander.jumps:
@@ -213,13 +209,13 @@ _WORDS: dict[Kind, str] = {
 def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
     """Return how measured less predicted components follow a kind of change, (P, b, k)."""
     if kind == "base":
-        return RULES.change.size * linear.by_base(at, poses)
+        return CHANGE.size * linear.by_base(at, poses)
     of_targets = linear.by_targets(at, poses)
     if kind == "target":
-        return RULES.change.size * of_targets[:, :, 3 * target : 3 * target + 3]
+        return CHANGE.size * of_targets[:, :, 3 * target : 3 * target + 3]
     if kind == "tool":
         places_m = np.reshape(at.targets_m, (-1, 3))
-        return RULES.change.size * of_targets @ by_small_motion(places_m).reshape(-1, 6)
+        return CHANGE.size * of_targets @ by_small_motion(places_m).reshape(-1, 6)
     if kind == "beam":
         measured = poses.measured
         places_m = measured.places_m
@@ -227,10 +223,10 @@ def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> A
         along = (places_m / np.maximum(length_m, np.finfo(float).tiny)).reshape(len(poses), -1)
         column = np.zeros((*measured.components_seen.shape, 1))
         column[:, measured.position_columns, 0] = np.nan_to_num(along)
-        return RULES.change.size * column
+        return CHANGE.size * column
     terms = [term for term in at.model.terms if type(term) is Offsets and term.of != "base"]
     own = linear.by_own_terms(at, poses, terms)
-    frames = [RULES.change.frames * of_targets, RULES.change.frames * linear.by_base(at, poses)]
+    frames = [CHANGE.frames * of_targets, CHANGE.frames * linear.by_base(at, poses)]
     return np.concatenate([*own, *frames], axis=2)
 
 
@@ -239,8 +235,8 @@ class _Rows:
 
     def __init__(self, at: FittedModel, poses: Observations, whitener: Array, *more: Array) -> None:
         own = linear.by_own_terms(at, poses, at.model.terms)
-        held = [RULES.change.static_sizes * columns for columns in own]
-        held += [RULES.change.targets_m * linear.by_targets(at, poses), *more]
+        held = [CHANGE.static_sizes * columns for columns in own]
+        held += [CHANGE.targets_m * linear.by_targets(at, poses), *more]
         white = whitener @ np.concatenate(held, axis=2)
         self._whitener, self._held = whitener, white
         self._data = whitener @ -linear.residual(at, poses)[:, :, None]
@@ -253,9 +249,7 @@ class _Rows:
         self._squares = float(np.sum(self._data**2) - np.sum(self._across**2))
         self._seen = int(poses.measured.components_seen.sum())
         self._apart = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
-        side = (self._apart >= RULES.change.least_side) & (
-            self._apart <= len(poses) - RULES.change.least_side
-        )
+        side = (self._apart >= CHANGE.least_side) & (self._apart <= len(poses) - CHANGE.least_side)
         self._apart = self._apart[side]
 
     def best(self, columns: Array, rows: Index | None = None) -> tuple[float, int, float, float]:
@@ -264,7 +258,7 @@ class _Rows:
         white = self._whitener @ columns
         for row in (self._apart if rows is None else rows).tolist():
             gram, moments = self._products(white, row)
-            for scale in RULES.change.scales:
+            for scale in CHANGE.scales:
                 gain, left = self._gain(gram, moments, scale)
                 if gain > found[0]:
                     found = gain, row, scale, left
@@ -276,9 +270,7 @@ class _Rows:
         Few numbers against fewer is no reason; another model has the numbers of all other kinds.
         """
         misfit = 0.5 * self._seen * float(np.log(max(times, np.finfo(float).tiny)))
-        return worse < RULES.change.as_good_nats or (
-            kind != "model" and misfit < RULES.change.as_good_nats
-        )
+        return worse < CHANGE.as_good_nats or (kind != "model" and misfit < CHANGE.as_good_nats)
 
     def as_good(self, columns: Array, scale: float, row: int) -> Index:
         """Return the rows near the best one that are as good, in order."""
@@ -286,7 +278,7 @@ class _Rows:
         gains = [
             self._gain(*self._products(white, each), scale)[0] for each in self._apart.tolist()
         ]
-        good = self._apart[np.array(gains) > max(gains) - RULES.change.row_nats]
+        good = self._apart[np.array(gains) > max(gains) - CHANGE.row_nats]
         return good if len(good) else np.array([row])
 
     def amounts(self, columns: Array, scale: float, row: int) -> Array:
@@ -308,5 +300,5 @@ class _Rows:
         taken = scale**2 * float(moments @ np.linalg.solve(inner, moments))
         left = max(self._squares - taken, 0.0)
         determinant = float(np.linalg.slogdet(inner)[1])
-        left = max(left / max(self._squares, np.finfo(float).tiny), RULES.change.same_squares)
+        left = max(left / max(self._squares, np.finfo(float).tiny), CHANGE.same_squares)
         return -0.5 * (self._seen * float(np.log(left)) + determinant), left

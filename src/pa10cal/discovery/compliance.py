@@ -30,7 +30,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup, computable, sought
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, SPRINGS, TORQUES
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -62,7 +62,7 @@ def with_compliance(found: V) -> V:
     springs = [
         term
         for term in at.model.terms
-        if is_spring(term) and at.x[at.model.columns_of(term).start] > RULES.springs.least_rad
+        if is_spring(term) and at.x[at.model.columns_of(term).start] > SPRINGS.least_rad
     ]
     if not springs:
         return found
@@ -83,7 +83,7 @@ def with_compliance(found: V) -> V:
         rigid = rows.rigid(spring)
         rivals = _best_first(rows.rivals(rigid, rows.alike(spring), needed))
         others = tuple(dict.fromkeys((*instead, *rivals)))
-        if len(others) > RULES.springs.most_alternatives:
+        if len(others) > SPRINGS.most_alternatives:
             continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
         if sag_rad - HALF_WIDTH_95 * sag_std > WINDS_UP[0]:
@@ -157,7 +157,7 @@ class _LinearProblem:
         """Return the problem with some joints rigid."""
         x = self.at.x.copy()
         for spring in springs:
-            x[self.at.model.columns_of(spring).start] = RULES.springs.rigid_rad
+            x[self.at.model.columns_of(spring).start] = SPRINGS.rigid_rad
         return replace(self, at=replace(self.at, x=x))
 
     @property
@@ -190,7 +190,7 @@ class _LinearProblem:
         for term in at.model.terms:
             column = at.model.columns_of(term).start
             # A joint that is all but rigid cannot give way the other way round: it is held.
-            if is_spring(term) and at.x[column] <= RULES.springs.least_rad:
+            if is_spring(term) and at.x[column] <= SPRINGS.least_rad:
                 jacobian[:, :, column] = 0.0
         white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
         return white * self.sizes, (self.whitener @ left[:, :, None]).ravel()
@@ -261,7 +261,7 @@ class _LinearProblem:
         for poses, size in zip(self.moments, sizes.ravel(), strict=True):
             parts = by_terms(at, poses, bending, found)
             moved = [part @ x for part, x in zip(parts, found, strict=True)]
-            of_weight.append(np.sum(moved, axis=0) / max(float(size), RULES.computing.no_size))
+            of_weight.append(np.sum(moved, axis=0) / max(float(size), COMPUTING.no_size))
         for term in at.model.terms:
             if not holds_weights(term):
                 continue
@@ -286,7 +286,7 @@ class _LinearProblem:
             if effect.bends:
                 parts += [by_terms(self.at, poses, [effect], [start])[0] for poses in self.moments]
             linear = np.concatenate(
-                [part @ (RULES.springs.rival_sizes * effect.prior_factor) for part in parts], 2
+                [part @ (SPRINGS.rival_sizes * effect.prior_factor) for part in parts], 2
             )
             yield effect, (self.whitener @ linear).reshape(-1, linear.shape[2])
 
@@ -306,7 +306,7 @@ class _LinearProblem:
         """Return that of all unknowns if poses are independent, and by stretches of time."""
         count, (columns, data) = len(self.poses), self.rows
         order = np.argsort(np.argsort(self.poses.states.time_s, kind="stable"))
-        stretches = min(RULES.springs.stretches, max(count // RULES.springs.stretch_poses, 2))
+        stretches = min(SPRINGS.stretches, max(count // SPRINGS.stretch_poses, 2))
         stretch = np.repeat(order * stretches // count, self.whitener.shape[1])
         scores = columns * (data + columns @ self.step)[:, None]
         scale = np.outer(self.sizes, self.sizes)
@@ -396,7 +396,7 @@ def stated_wrongly(
     for k in chosen:
         x, covariance, gain = rows.amounts(chosen, k)
         sizes = np.diag(faults[k].prior_factor)
-        if np.abs(x).max() > RULES.torques.least_sizes:
+        if np.abs(x).max() > TORQUES.least_sizes:
             found.append(fault_of(faults[k], x * sizes, covariance * np.outer(sizes, sizes), gain))
     return tuple(found)
 
@@ -422,7 +422,7 @@ class _TorqueProducts:
         lesser = min(self.gain(chosen, fault, half) for half in range(_BOTH))
         _, covariance, _ = self.amounts([*chosen, fault], fault)
         nats = 0.5 * (self.gain(chosen, fault) + np.linalg.slogdet(covariance)[1])
-        return bool(nats > RULES.torques.fault_nats and lesser > RULES.torques.half_squares)
+        return bool(nats > TORQUES.fault_nats and lesser > TORQUES.half_squares)
 
     def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
         """Return amounts of one of the chosen, in its sizes, their covariance, and its gain."""
@@ -457,9 +457,7 @@ def _rows(
     known = np.concatenate([by_weights, usual], axis=2)
     of_faults = [fault.per_unit(states) @ fault.prior_factor for fault in faults]
     columns = np.concatenate([known, *of_faults], axis=2)
-    noise_Nm, x = scatter_about(
-        columns, left_Nm, RULES.torques.reweighted, RULES.torques.least_noise_Nm
-    )
+    noise_Nm, x = scatter_about(columns, left_Nm, TORQUES.reweighted, TORQUES.least_noise_Nm)
     off_Nm = np.clip(left_Nm - columns @ x, -EDGE * noise_Nm, EDGE * noise_Nm)
     white, data = columns / noise_Nm[:, None], (columns @ x + off_Nm) / noise_Nm
     # Loads and poses come in turn: a half by lot has its part of each.

@@ -22,7 +22,7 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.verdict import MAP, SearchVerdict, Verdict, is_named, label_of
 from pa10cal.errors import DiscoveryError
@@ -132,7 +132,7 @@ def discover(
     """
     campaign = prepared(every, model, setup, tuple(map(of_wrong_row, wrong)))
     found = _judged(campaign, model)
-    for _ in range(RULES.judging.most_carriers):
+    for _ in range(JUDGING.most_carriers):
         # A map is no name: it may well show at one pose.
         carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
         if not (carried and isinstance(found, SearchVerdict)):
@@ -190,7 +190,7 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> CannotSearch
         typical_rad = float(np.median(left_rad[seen]))
         variance = np.diagonal(readings.measured.stated_covariance, axis1=1, axis2=2)[:, at]
         stated_rad = float(np.sqrt(np.median(variance[seen])))
-        if typical_rad > max(RULES.judging.no_attitude_rad, stated_rad):
+        if typical_rad > max(JUDGING.no_attitude_rad, stated_rad):
             return CannotSearch(
                 f"the orientations are {np.degrees(typical_rad):.0f} deg off those of the "
                 "calibrated model, typically",
@@ -203,25 +203,25 @@ def attitudes_off(readings: Observations, baseline: FittedModel) -> CannotSearch
 def judged_by_blocks(readings: Observations) -> bool:
     """Return whether effects are judged by blocks of poses held out, and not by repeats."""
     repeats = repeated(readings)
-    least = max(RULES.noise.least_differences, RULES.noise.least_repeated_share * len(readings))
+    least = max(NOISE.least_differences, NOISE.least_repeated_share * len(readings))
     return len(readings) >= LEAST_FOR_BLOCKS and repeats < least
 
 
 def too_little(readings: Observations, baseline: FittedModel) -> CannotSearch | None:
     """Return what a campaign lacks for a search that is judged by repeats; None for nothing."""
     repeats = repeated(readings)
-    if repeats < RULES.noise.least_differences:
+    if repeats < NOISE.least_differences:
         return CannotSearch(
             f"{len(readings)} readings of calibration poses are too few to hold out blocks of "
             f"them, and with {repeats} repeats the repeatability is not known",
             f"measure at least {LEAST_FOR_BLOCKS} calibration poses, or repeat at least "
-            f"{RULES.noise.least_differences} readings at the same pose, load and direction of "
+            f"{NOISE.least_differences} readings at the same pose, load and direction of "
             "arrival",
         )
     poses = len(np.unique(readings.pose))
     unknowns = open_unknowns(baseline.model) + 6 + len(baseline.targets_m)
     components = float(readings.measured.components_seen.sum(axis=1).mean())
-    needed = int(np.ceil(RULES.judging.rows_an_unknown * unknowns / components))
+    needed = int(np.ceil(JUDGING.rows_an_unknown * unknowns / components))
     if poses < needed:
         return CannotSearch(
             f"{poses} calibration poses are too few to separate an effect from the {unknowns} "
@@ -277,9 +277,9 @@ def _chosen(
     found: SearchVerdict[object], held: tuple[Effect, ...], forms: list[Form]
 ) -> FormulaProposal | None:
     """Return the shortest form that does as well as some effects without a name."""
-    if not forms or sum(effect.linear for effect in held) > RULES.forms.most_parameters:
+    if not forms or sum(effect.linear for effect in held) > FORMS.most_parameters:
         return None
-    few = found.comparison(held, RULES.forms.few_poses)
+    few = found.comparison(held, FORMS.few_poses)
     many = len(few.states) < len(found.states)
     whole = partial(found.comparison, held) if many else None
     return choose(few, forms, held, found.error_rate, whole)
@@ -310,13 +310,13 @@ def _named(found: V, proposal: FormulaProposal) -> V | None:
         return None
     if (
         order is None
-        or order <= RULES.candidates.named_orders
+        or order <= CANDIDATES.named_orders
         or proposal.record.orders != (order, order)
     ):
         return None
     joint = joint_of(form.of)
     gear = 2.0 * float(found.context.arm.gear_ratio[joint - 1])
-    if abs(order - gear) < RULES.candidates.near_order or not all_around(
+    if abs(order - gear) < CANDIDATES.near_order or not all_around(
         found.states.q_rad[:, joint - 1]
     ):
         return None

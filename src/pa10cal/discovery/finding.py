@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import JUDGING
 from pa10cal.results import discovery
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.evaluation import EffectParameter
@@ -49,7 +49,7 @@ def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: floa
     By what of the whole that speaks for it is left without each of the poses (P,).
     """
     worst = int(left.argmin())
-    carried = left[worst] < min(needed, RULES.judging.carried_share * whole)
+    carried = left[worst] < min(needed, JUDGING.carried_share * whole)
     return str(labels[worst]) if carried else None
 
 

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.linear import rms
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import JUDGING
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -81,7 +81,7 @@ class PairedErrors:
         half = 0.0
         if count > 1:
             spread = float(by_pose.std(ddof=1)) / np.sqrt(count)
-            half = float(stdtrit(count - 1, 0.5 + RULES.judging.gap_level / 2.0)) * spread
+            half = float(stdtrit(count - 1, 0.5 + JUDGING.gap_level / 2.0)) * spread
         return Reduction(mean_mm=mean, interval95_mm=(mean - half, mean + half), poses=count)
 
     def accuracies(self, rows: Mask | None) -> BeforeAfter | None:
@@ -328,7 +328,7 @@ def explained_by(
         over: what the poses are.
     """
     beyond = before_mm**2 - noise_mm**2
-    least = 1.0 if effects else RULES.judging.more_than_noise**2
+    least = 1.0 if effects else JUDGING.more_than_noise**2
     if not beyond > (least - 1.0) * noise_mm**2 or not before_mm > 0.0:
         return None
     after_mm = effects[-1].after_mm if effects else before_mm

@@ -21,7 +21,7 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, NAMES
 from pa10cal.discovery.verdict import SearchVerdict, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
@@ -133,7 +133,7 @@ def with_pulls(found: V) -> V:
 def _alternative(found: V, finding: Finding[object]) -> V | None:
     """Return the verdict with the first alternative of a finding that passes in its place."""
     held = {one.effect for one in found.findings}
-    for other in finding.alternatives[: RULES.names.most_alternatives]:
+    for other in finding.alternatives[: NAMES.most_alternatives]:
         if not is_named(other) or other in held:
             continue
         rest = tuple(one for one in finding.alternatives if one != other)
@@ -177,7 +177,7 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
     white = x / scale
     square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
     each_counts = type(effect).report is Effect.report and not effect.by_differences
-    if square < chi2.ppf(RULES.names.confidence, effect.linear):
+    if square < chi2.ppf(NAMES.confidence, effect.linear):
         yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
     elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
         names = ", ".join(each.name for each in effect.reported[linear])
@@ -205,12 +205,12 @@ def unfit(
             name, unit = effect.reported[0].name, effect.reported[0].unit
             yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
     size = effect.size(x)
-    if size > RULES.names.most_sizes and effect.possible is None:
+    if size > NAMES.most_sizes and effect.possible is None:
         yield f"it would be {size:.0f} times as large as is plausible"
     if effect.most_rad is not None and states is not None:
         yield from _turns_too_far(finding, model.values_of(effect), states)
     yield from holds_zero(effect, model)
-    if len(finding.alternatives) > RULES.names.most_alternatives:
+    if len(finding.alternatives) > NAMES.most_alternatives:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
 
 
@@ -222,7 +222,7 @@ def _turns_too_far(finding: Finding[object], x: Array, states: PoseStates) -> It
     value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
     turn_rad = effect.turn_rad(states, x)
     # The turn is proportional to the first parameter, or to its inverse, a stiffness.
-    least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, RULES.computing.tiny))
+    least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, COMPUTING.tiny))
     if least_rad > most_rad:
         yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
@@ -234,7 +234,7 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     floor_mm = train.noise_floor_mm
     # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.
     unknowns, components = open_unknowns(found.model.model), int(measured.components_seen.sum())
-    taken = min(unknowns / max(components, 1), RULES.names.most_taken_share)
+    taken = min(unknowns / max(components, 1), NAMES.most_taken_share)
     error_mm = train.after.mean_mm / np.sqrt(1.0 - taken)
     spread_mm = measured.spread_mm
     stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)
@@ -247,14 +247,13 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     # is seen, and nothing has to be.
     by_repeats = found.noise_floor_from is None
     for name, value_mm, expected_mm in compared:
-        below = by_repeats and value_mm < expected_mm / RULES.names.agree_ratio
-        if below or value_mm > RULES.names.agree_ratio * expected_mm:
+        below = by_repeats and value_mm < expected_mm / NAMES.agree_ratio
+        if below or value_mm > NAMES.agree_ratio * expected_mm:
             yield f"{name} is {value_mm:.3g} mm where the repeatability gives {expected_mm:.3g} mm"
     too_large = (
-        stated_mm
-        > most_stated(RULES.names.agree_ratio, from_touches=measured.from_touches) * floor_mm
+        stated_mm > most_stated(NAMES.agree_ratio, from_touches=measured.from_touches) * floor_mm
     )
-    if too_large or floor_mm > RULES.names.agree_ratio * np.hypot(stated_mm, joints_mm):
+    if too_large or floor_mm > NAMES.agree_ratio * np.hypot(stated_mm, joints_mm):
         yield (
             f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
             f"{stated_mm:.3g} mm"
@@ -263,7 +262,7 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
     if (
         weights
-        and after_mm < RULES.names.most_left_share * before_mm
+        and after_mm < NAMES.most_left_share * before_mm
         and train.reduction.interval95_mm[0] > 0.0
     ):
         yield (
@@ -274,8 +273,8 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     torque = found.torque_test
     if (
         torque is not None
-        and RULES.names.most_torque_ratio < torque.F
-        and torque.p_value < RULES.names.torque_p_value
+        and NAMES.most_torque_ratio < torque.F
+        and torque.p_value < NAMES.torque_p_value
     ):
         yield (
             f"the logged torques differ from those of the weights: F = {torque.F:.3g}, "
@@ -345,7 +344,7 @@ def _without_contradicted(found: V, visited: AngleCoverage) -> V:
         every: Mask = np.ones(len(q_rad), dtype=bool)
         for rows in (~visited.inside(q_rad), every):
             harm = _harm(held_out, rows)
-            if harm is None or not _is_over(RULES.names.much_worse_ratio, harm):
+            if harm is None or not _is_over(NAMES.much_worse_ratio, harm):
                 continue
             if _beyond_uncertainty(found, held_out, rows):
                 break
@@ -438,7 +437,7 @@ def _is_harmed(found: SearchVerdict[object], campaign: str) -> bool:
             return False, False
         rows = gap.campaigns[campaign]
         harm, paired = gap.accuracies(rows), gap.reduction_of(rows)
-        over = harm is not None and _is_over(RULES.names.worse_ratio, harm)
+        over = harm is not None and _is_over(NAMES.worse_ratio, harm)
         return over, over and paired.poses > 1 and paired.interval95_mm[1] < 0.0
 
     over, surely = worse(found.trusted_holdout)
@@ -454,9 +453,9 @@ def _harm(gap: PairedErrors, rows: Mask) -> BeforeAfter | None:
     if harm is None:
         return None
     paired = gap.reduction_of(rows)
-    worse = harm.after.mean_mm > RULES.names.trifling_ratio * harm.before.mean_mm
+    worse = harm.after.mean_mm > NAMES.trifling_ratio * harm.before.mean_mm
     surely = worse and paired.poses > 1 and paired.interval95_mm[1] < 0.0
-    return harm if _is_over(RULES.names.worse_ratio, harm) or surely else None
+    return harm if _is_over(NAMES.worse_ratio, harm) or surely else None
 
 
 def _is_over(factor: float, harm: BeforeAfter) -> bool:
@@ -481,4 +480,4 @@ def _beyond_uncertainty(found: SearchVerdict[object], gap: PairedErrors, rows: M
     variance = np.trace(position_noise(poses.measured, spread), axis1=1, axis2=2)
     expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
     after_mm = summarise(gap.found_after, rows).rms_mm
-    return bool(after_mm > RULES.names.contradicted_ratio * expected_mm)
+    return bool(after_mm > NAMES.contradicted_ratio * expected_mm)

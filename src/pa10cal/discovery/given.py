@@ -29,7 +29,7 @@ from pa10cal.discovery.gates import holds_zero
 from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AngleCoverage
@@ -110,7 +110,7 @@ def calibrate_with(
     if judged_by_blocks(readings):
         judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
-        rows = weighted_rows(judged, computable_shapes(judged)[0], RULES.maps.spacings[-1][0])
+        rows = weighted_rows(judged, computable_shapes(judged)[0], MAPS.spacings[-1][0])
         fitted = found = refit(
             judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weights
         )

@@ -21,7 +21,7 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import by_pose_and_time
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import MOTION
 from pa10cal.discovery.wander import STILL, InTime, Jump, Wander, motions_along, sizes_of_six
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
@@ -40,28 +40,21 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 
 #: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
-_WALKS_M = np.geomspace(*RULES.motion.walks_m)
+_WALKS_M = np.geomspace(*MOTION.walks_m)
 #: Variances of the error that readings of a pose share, in those of one reading.
-_SHARED = (0.0, *np.geomspace(*RULES.motion.pose_variances))
+_SHARED = (0.0, *np.geomspace(*MOTION.pose_variances))
 
 
 def _found(rows: _Rows, *, walks: bool) -> InTime:
     """Find how the base moves in the course of time; jumps alone, where no walk is sought."""
     poses = rows.poses
     needed_jump = float(
-        np.log(
-            len(poses)
-            * len(RULES.motion.jumps_m)
-            * len(RULES.motion.turns_rad_per_m)
-            / RULES.motion.false_rate
-        )
+        np.log(len(poses) * len(MOTION.jumps_m) * len(MOTION.turns_rad_per_m) / MOTION.false_rate)
     )
-    needed_walk = float(
-        np.log(len(_WALKS_M) * len(RULES.motion.turns_rad_per_m) / RULES.motion.false_rate)
-    )
+    needed_walk = float(np.log(len(_WALKS_M) * len(MOTION.turns_rad_per_m) / MOTION.false_rate))
     found = rows.in_pauses(needed_jump)
     best, paused = rows.about(found)[0], found.jumps
-    while not paused and len(found.jumps) < RULES.motion.most_jumps:
+    while not paused and len(found.jumps) < MOTION.most_jumps:
         value, more = rows.best_jump(found)
         beyond = value - best - needed_jump
         if walks and not found.walk_m:
@@ -77,7 +70,7 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
         if best - value < needed_jump - needed_walk:
             best, found = value, less
     static = rows.without_time()
-    drifts = rows.about(found)[0] - static.about(found)[0] > RULES.motion.drift_nats
+    drifts = rows.about(found)[0] - static.about(found)[0] > MOTION.drift_nats
     if not found.jumps and not found.walk_m:
         return InTime(None, drifts)
     # Where no effect of time shows, what goes with time is that of the courses.
@@ -91,7 +84,7 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
     cov = np.asarray(np.linalg.inv(np.swapaxes(rows.whitener, 1, 2) @ rows.whitener))
     position = np.trace(linear.position_noise(poses.measured, cov), axis1=1, axis2=2)
     noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.about(found)[2]
-    if all_mm < RULES.motion.least_noise_ratio * noise_mm:
+    if all_mm < MOTION.least_noise_ratio * noise_mm:
         return InTime(None, drifts)
     return InTime(replace(found, rms_mm=(all_mm, walk_mm)), drifts)
 
@@ -124,14 +117,14 @@ class _Rows:
         # The size of effects, in their plausible one, is chosen by the evidence.
         self._scale, self._with_time = 1.0, True
         found, still = [], Wander(self.times_s, ())
-        for scale in RULES.motion.effect_sizes:
+        for scale in MOTION.effect_sizes:
             self._scale = scale
             found.append(max(self.about(still)[0], self.best_walk(still)[0]))
-        self._scale = RULES.motion.effect_sizes[int(np.argmax(found))]
+        self._scale = MOTION.effect_sizes[int(np.argmax(found))]
 
     def best_walk(self, wander: Wander) -> tuple[float, Wander]:
         """Return the greatest log evidence with another walk, and jumps and walk."""
-        every = product(_WALKS_M.tolist(), RULES.motion.turns_rad_per_m)
+        every = product(_WALKS_M.tolist(), MOTION.turns_rad_per_m)
         tried = [replace(wander, walk_m=size, walk_turn=turn) for size, turn in every]
         reduced = self._reduced(wander.jumps)
         values = [self.about(walk, reduced)[0] for walk in tried]
@@ -141,15 +134,10 @@ class _Rows:
         """Return the greatest log evidence with one more jump, and jumps and walk."""
         times_s = self.times_s
         apart = np.flatnonzero(np.diff(times_s) > 0.0)
-        apart = apart[
-            (apart >= RULES.motion.least_side - 1)
-            & (apart < len(times_s) - RULES.motion.least_side)
-        ]
+        apart = apart[(apart >= MOTION.least_side - 1) & (apart < len(times_s) - MOTION.least_side)]
         taken = {jump.time_s for jump in wander.jumps}
         best = (-np.inf, wander)
-        places = np.unique(
-            np.linspace(0, len(apart) - 1, RULES.motion.coarse_times).round().astype(int)
-        )
+        places = np.unique(np.linspace(0, len(apart) - 1, MOTION.coarse_times).round().astype(int))
         for _ in range(2):
             gaps = [times_s[apart[k] : apart[k] + 2].tolist() for k in places if len(apart)]
             tried = [Jump(0.5 * (first + last), first, last) for first, last in gaps]
@@ -158,7 +146,7 @@ class _Rows:
                 break
             best = self.best_of(tried, wander)
             middle = int(np.searchsorted(times_s[apart], best[1].jumps[-1].time_s)) - 1
-            wide = -(-len(apart) // RULES.motion.coarse_times)
+            wide = -(-len(apart) // MOTION.coarse_times)
             places = np.arange(max(middle - wide, 0), min(middle + wide + 1, len(apart)))
         return best
 
@@ -169,34 +157,28 @@ class _Rows:
         then show no more than the step. Each must gain so much of log evidence.
         """
         gaps_s = np.diff(self.times_s)
-        long = gaps_s > max(
-            RULES.motion.pause_ratio * float(np.median(gaps_s)), RULES.motion.pause_s
-        )
-        long[: RULES.motion.least_side - 1], long[len(gaps_s) + 1 - RULES.motion.least_side :] = (
-            False,
-            False,
-        )
+        long = gaps_s > max(MOTION.pause_ratio * float(np.median(gaps_s)), MOTION.pause_s)
+        long[: MOTION.least_side - 1], long[len(gaps_s) + 1 - MOTION.least_side :] = (False, False)
         ends = zip(self.times_s[:-1][long].tolist(), self.times_s[1:][long].tolist(), strict=True)
         pauses = {Jump(0.5 * sum(each), *each, pause=True) for each in ends}
         static, still = self.without_time(), Wander(self.times_s, ())
         if not pauses:
             return still
         found, best = still, static.about(still)[0]
-        while pauses and len(found.jumps) < RULES.motion.most_jumps:
+        while pauses and len(found.jumps) < MOTION.most_jumps:
             value, more = static.best_of(sorted(pauses, key=lambda each: each.time_s), found)
             if value < best + needed:
                 break
             pauses = {each for each in pauses if each.time_s != more.jumps[-1].time_s}
             best, found = value, more
-        return found if best > self.about(still)[0] - RULES.motion.as_good_nats else still
+        return found if best > self.about(still)[0] - MOTION.as_good_nats else still
 
     def best_of(self, tried: list[Jump], wander: Wander) -> tuple[float, Wander]:
         """Return the greatest log evidence with one of some jumps more, and jumps and walk."""
         values, sizes = self._scan(tried, wander)
         k = int(np.argmax(values))
         close = [
-            tried[other]
-            for other in np.flatnonzero(values >= values[k] - RULES.motion.as_good_nats)
+            tried[other] for other in np.flatnonzero(values >= values[k] - MOTION.as_good_nats)
         ]
         first, last = (tried[k], tried[k]) if tried[k].pause else (close[0], close[-1])
         between_s = first.before_s, last.after_s
@@ -225,7 +207,7 @@ class _Rows:
             steps = every.in_sizes(sizes).without(at)  # of those tried, six of each
             for k in range(len(tried)):
                 one = steps.along(np.arange(6 * k, 6 * k + 6))
-                for size, turn in product(RULES.motion.jumps_m, RULES.motion.turns_rad_per_m):
+                for size, turn in product(MOTION.jumps_m, MOTION.turns_rad_per_m):
                     value, _ = self._log(one.in_sizes(sizes_of_six(size, turn)))
                     if value > values[k]:
                         values[k], chosen[k] = value, (size, turn)
@@ -250,16 +232,14 @@ class _Rows:
     def _log(self, courses: Gaussian) -> tuple[float, float]:
         """Return the log evidence at the likeliest variance of the noise, and that."""
         alone = courses.without(np.arange(courses.unknowns))
-        variance = max(alone.squares / self._seen, RULES.motion.least_noise_share**2)
+        variance = max(alone.squares / self._seen, MOTION.least_noise_share**2)
         logarithm = self._seen * float(np.log(variance)) + alone.squares / variance
         return -0.5 * (logarithm + alone.log_det), variance
 
     def _places(self, wander: Wander, more: int = 0) -> Index:
         """Return the places of jumps and walk among the unknowns, with so many jumps between."""
         of_jumps, first = np.arange(6 * len(wander.jumps)), 6 * (len(wander.jumps) + more)
-        of_walk = (
-            np.arange(first, first + 6 * RULES.motion.walk_waves) if wander.walk_m else of_jumps[:0]
-        )
+        of_walk = np.arange(first, first + 6 * MOTION.walk_waves) if wander.walk_m else of_jumps[:0]
         return np.concatenate([of_jumps, of_walk])
 
     def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[Gaussian]:
@@ -321,16 +301,16 @@ def in_time_of(
     if not poses.states.tells_time or (once and not again and like_a_scan(poses)):
         return STILL
     poses = with_places(poses) if again else poses
-    if len(poses) > RULES.motion.most_readings:
-        shown: Index = spread_over_time(poses, RULES.motion.most_readings)
+    if len(poses) > MOTION.most_readings:
+        shown: Index = spread_over_time(poses, MOTION.most_readings)
         poses, whitener = poses.take(shown), whitener[shown]
     own = [term for term in at.model.terms if not is_error_map(term)]
     load_N = poses.states.load_N
     by_load = motions_along(linear.by_base(at, poses), load_N[:, None] == np.unique(load_N)[1:])
     held = [
         *linear.by_own_terms(at, poses, own),
-        linear.by_targets(at, poses) * RULES.motion.targets_m,
-        RULES.motion.by_load_m * by_load,
+        linear.by_targets(at, poses) * MOTION.targets_m,
+        MOTION.by_load_m * by_load,
     ]
     static, of_time = by_pose_and_time(at, poses, effects, logged=logged, weights=weights)
 
@@ -345,7 +325,7 @@ def in_time_of(
     rivals: tuple[Parting, ...] = ()
     first_mm = 0.0 if shows.wander is None else shows.wander.rms_mm[0]
     prismatic = at.model.chain.arm.prismatic
-    for _ in range(RULES.motion.most_rivals):
+    for _ in range(MOTION.most_rivals):
         more = _rivals_of(shows, poses.states, prismatic)
         if not more:
             break
@@ -389,10 +369,10 @@ def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observation
         for rival in rivals
         if np.isfinite(rival.at)
     ]
-    waves = np.arange(1, RULES.motion.rival_waves + 1)
+    waves = np.arange(1, MOTION.rival_waves + 1)
     for driver in dict.fromkeys(rival.driver for rival in rivals):
         rank = rankdata(driver.of(states)) / len(poses)
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     together = np.column_stack(courses)
-    six = np.tile(sizes_of_six(RULES.motion.rival_m, 1.0), together.shape[1])
+    six = np.tile(sizes_of_six(MOTION.rival_m, 1.0), together.shape[1])
     return motions_along(linear.by_base(at, poses), together - np.mean(together, axis=0)) * six

@@ -15,7 +15,7 @@ from scipy.special import fdtrc
 from pa10cal.arrays import Array
 from pa10cal.discovery import linear
 from pa10cal.discovery.noise import whitener_of
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, PLACES
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results import analysis as records
@@ -36,7 +36,7 @@ def drift(by: Array, values: Array, weight: Array, pose: NDArray[np.str_]) -> Es
 
     None where that quantity is the same in all of them, but for rounding, or not known.
     """
-    if not np.ptp(by) > RULES.computing.same_share * np.abs(by).max():
+    if not np.ptp(by) > COMPUTING.same_share * np.abs(by).max():
         return None
     columns = np.column_stack([np.ones(len(by)), (by - by.mean()) / np.ptp(by)])
     return _last_coefficient(columns, values, weight, pose)
@@ -69,7 +69,7 @@ def joint_errors(jacobian: Array, white_residual: Array) -> tuple[Array, Array]:
     """
     across = jacobian.transpose(0, 2, 1)
     covariance = np.linalg.inv(
-        across @ jacobian + np.eye(jacobian.shape[2]) / RULES.places.possible_rad**2
+        across @ jacobian + np.eye(jacobian.shape[2]) / PLACES.possible_rad**2
     )
     std_rad: Array = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     return (covariance @ (across @ white_residual))[:, :, 0], std_rad
@@ -87,12 +87,12 @@ def periodogram(
     """
     turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
     known = (gear_ratio, 2.0 * gear_ratio) if np.isfinite(gear_ratio) else ()
-    highest = RULES.places.most_ratios * max(gear_ratio if known else RULES.places.usual_ratio, 1.0)
+    highest = PLACES.most_ratios * max(gear_ratio if known else PLACES.usual_ratio, 1.0)
     # An arc that is a small part of the finest cycle contains no information on any cycle.
     if turns * highest < 1.0:
         return None
-    step = min(RULES.places.largest_step, 1.0 / (RULES.places.steps_a_peak * turns))
-    orders = np.arange(RULES.places.least_order, highest + step, step)
+    step = min(PLACES.largest_step, 1.0 / (PLACES.steps_a_peak * turns))
+    orders = np.arange(PLACES.least_order, highest + step, step)
     marked = tuple(sorted({1.0, 2.0, *map(float, known)}))
     share = weight / weight.sum()
     centred = error_rad - share @ error_rad
@@ -197,7 +197,7 @@ def _part(of: str, squares: Array, noise: Array) -> records.ErrorPart:
 
 def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
     """Yield what is left as an error of each joint, its torque besides."""
-    last, most = len(residuals.cells) - 1, min(len(residuals.cells), RULES.places.most_cells)
+    last, most = len(residuals.cells) - 1, min(len(residuals.cells), PLACES.most_cells)
     shown = np.unique(np.linspace(0, last, most).round().astype(int))
     cells, arm = residuals.cells.take(shown), residuals.at.arm
     white = whitener_of(residuals.cov[shown])
@@ -234,7 +234,7 @@ def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
 
 def rounded(values: Array) -> Array:
     """Return numbers rounded to what a picture shows."""
-    flat = [float(f"{value:.{RULES.places.digits}g}") for value in np.ravel(values).tolist()]
+    flat = [float(f"{value:.{PLACES.digits}g}") for value in np.ravel(values).tolist()]
     return np.array(flat).reshape(np.shape(values))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
@@ -216,7 +216,7 @@ def position_noise(measured: Instrument, cov: Array) -> Array:
 def mean_length(covariance: Array) -> Array:
     """Return the mean length of Gaussian vectors, (P,), for covariances (P, d, d)."""
     sizes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
-    draws = np.random.default_rng(0).standard_normal((RULES.computing.draws, covariance.shape[1]))
+    draws = np.random.default_rng(0).standard_normal((COMPUTING.draws, covariance.shape[1]))
     lengths: Array = np.sqrt((sizes[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2)).mean(axis=1)
     return lengths
 

@@ -23,13 +23,13 @@ from scipy.special import bdtrc
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.linear import by_every_joint
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, RIPPLE
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.maps import Agreement, MotorRipple
 from pa10cal.terms.effects.joint_error_map import is_error_map
 
-_ALPHAS = np.linspace(*RULES.ripple.share_grid)
+_ALPHAS = np.linspace(*RIPPLE.share_grid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class JointSeries:
     @property
     def centred_rad(self) -> Array:
         """Return what the model leaves less its weighted mean."""
-        total = max(float(self.weight.sum()), RULES.computing.tiny)
+        total = max(float(self.weight.sum()), COMPUTING.tiny)
         return self.left_rad - float(self.weight @ self.left_rad) / total
 
     def motor_rad(self, share: float) -> Array:
@@ -90,7 +90,7 @@ def witnesses(
         ratio = common or common_ratio(own)
         if not np.isnan(stated):  # unless the data have one that is no multiple or part of it
             times = 1.0 if ratio is None else max(ratio / stated, stated / ratio)
-            if ratio is None or abs(times - round(times)) < RULES.ripple.commensurate_share * times:
+            if ratio is None or abs(times - round(times)) < RIPPLE.commensurate_share * times:
                 ratio = stated
         if not series or ratio is None:
             said.append(None)
@@ -100,7 +100,7 @@ def witnesses(
 
 
 def _long_enough(series: Sequence[JointSeries]) -> list[JointSeries]:
-    return [part for part in series if len(part) >= RULES.ripple.least_poses]
+    return [part for part in series if len(part) >= RIPPLE.least_poses]
 
 
 def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> list[SpectralLine]:
@@ -110,28 +110,22 @@ def lines(series: Sequence[JointSeries], ratio: float | None, joints: int) -> li
     all orders. How many joints are searched decides the rate of false lines.
     """
     if ratio is None:
-        orders = np.arange(
-            RULES.ripple.orders[0], RULES.ripple.orders[1], 1.0 / RULES.ripple.grid_turns
-        )
-        tests = float(RULES.ripple.orders[1] - RULES.ripple.orders[0]) * RULES.ripple.grid_turns
+        orders = np.arange(RIPPLE.orders[0], RIPPLE.orders[1], 1.0 / RIPPLE.grid_turns)
+        tests = float(RIPPLE.orders[1] - RIPPLE.orders[0]) * RIPPLE.grid_turns
     else:
-        orders = ratio * np.arange(1, RULES.ripple.most_orders + 1)
-        orders = orders[orders < RULES.ripple.orders[1] - 1]
+        orders = ratio * np.arange(1, RIPPLE.most_orders + 1)
+        orders = orders[orders < RIPPLE.orders[1] - 1]
         tests = float(len(orders))
-    at = np.round(orders * RULES.ripple.grid_turns).astype(int)
-    needed = float(
-        np.log(tests * len(RULES.ripple.error_shares) * joints / RULES.ripple.false_rate)
-    )
+    at = np.round(orders * RIPPLE.grid_turns).astype(int)
+    needed = float(np.log(tests * len(RIPPLE.error_shares) * joints / RIPPLE.false_rate))
     found: list[SpectralLine] = []
     left = list(series)
-    while len(found) < RULES.ripple.most_lines:
-        nats = np.stack([_spectrum(left, share)[at] for share in RULES.ripple.error_shares])
+    while len(found) < RIPPLE.most_lines:
+        nats = np.stack([_spectrum(left, share)[at] for share in RIPPLE.error_shares])
         share, k = np.unravel_index(int(np.argmax(nats)), nats.shape)
-        line = SpectralLine(
-            float(orders[k]), RULES.ripple.error_shares[share], float(nats[share, k])
-        )
+        line = SpectralLine(float(orders[k]), RIPPLE.error_shares[share], float(nats[share, k]))
         if line.nats < needed or any(
-            abs(line.order - each.order) < RULES.ripple.same_order for each in found
+            abs(line.order - each.order) < RIPPLE.same_order for each in found
         ):
             break
         found.append(line)
@@ -146,24 +140,22 @@ def common_ratio(found: Sequence[SpectralLine]) -> float | None:
     """
     orders = np.array([line.order for line in found])
     octaves = np.log2(orders)
-    orders = orders[np.abs(orders - 2.0 ** np.round(octaves)) > 2.0 * RULES.ripple.same_order]
+    orders = orders[np.abs(orders - 2.0 ** np.round(octaves)) > 2.0 * RIPPLE.same_order]
     if len(orders) < 2:
         return None
-    ratios = np.arange(RULES.ripple.ratios[0], RULES.ripple.ratios[1], RULES.ripple.ratio_step)
+    ratios = np.arange(RIPPLE.ratios[0], RIPPLE.ratios[1], RIPPLE.ratio_step)
     multiple = np.maximum(np.round(orders / ratios[:, None]), 1.0)
-    reach = RULES.ripple.same_order + RULES.ripple.same_ratio * multiple
+    reach = RIPPLE.same_order + RIPPLE.same_ratio * multiple
     near = np.abs(orders - multiple * ratios[:, None]) < reach
     chance = np.minimum(2.0 * reach.mean(axis=1) / ratios, 1.0)
-    log_p = np.log(
-        np.maximum(bdtrc(near.sum(axis=1) - 1.0, len(orders), chance), RULES.computing.tiny)
-    )
+    log_p = np.log(np.maximum(bdtrc(near.sum(axis=1) - 1.0, len(orders), chance), COMPUTING.tiny))
     best = int(np.argmin(log_p))
-    if -log_p[best] < np.log(len(ratios) / RULES.ripple.false_rate):
+    if -log_p[best] < np.log(len(ratios) / RIPPLE.false_rate):
         return None
     times = multiple[best, near[best]]
     ratio = float(times @ orders[near[best]] / (times @ times))
     whole = float(round(ratio))
-    return whole if abs(ratio - whole) * times.max() < RULES.ripple.same_order else ratio
+    return whole if abs(ratio - whole) * times.max() < RIPPLE.same_order else ratio
 
 
 def _of_motor(found: Sequence[SpectralLine], joint: Sequence[JointSeries]) -> list[SpectralLine]:
@@ -172,8 +164,8 @@ def _of_motor(found: Sequence[SpectralLine], joint: Sequence[JointSeries]) -> li
     if not stood or not found:
         return list(found)
     nats = _spectrum(stood, 0.0)
-    least = float(np.log(3 * len(found) / RULES.ripple.false_rate))
-    at = [round(line.order * RULES.ripple.grid_turns) for line in found]
+    least = float(np.log(3 * len(found) / RIPPLE.false_rate))
+    at = [round(line.order * RIPPLE.grid_turns) for line in found]
     return [line for line, k in zip(found, at, strict=True) if nats[k - 1 : k + 2].max() <= least]
 
 
@@ -184,18 +176,15 @@ def _witness(
     found = sorted(own, key=lambda line: line.order)
     orders = [line.order for line in found]
     error_rad = max(float(np.std(each.error_rad)) for each in series)
-    if not orders or orders[-1] * error_rad < RULES.ripple.least_turn_rad:
+    if not orders or orders[-1] * error_rad < RIPPLE.least_turn_rad:
         return None
     spread_Nm = max(float(np.std(each.torque_Nm)) for each in series)
     turns = np.zeros(1)
     # A torque that hardly varies turns the motor by a constant, which is the line's own phase.
     largest_Nm = max(float(np.abs(each.torque_Nm).max()) for each in series)
-    if spread_Nm > RULES.ripple.varying_share * largest_Nm:
-        count = int(np.ceil(RULES.ripple.most_turn_rad * orders[-1] / RULES.ripple.phase_step_rad))
-        turns = (
-            np.linspace(-RULES.ripple.most_turn_rad, RULES.ripple.most_turn_rad, 2 * count + 1)
-            / spread_Nm
-        )
+    if spread_Nm > RIPPLE.varying_share * largest_Nm:
+        count = int(np.ceil(RIPPLE.most_turn_rad * orders[-1] / RIPPLE.phase_step_rad))
+        turns = np.linspace(-RIPPLE.most_turn_rad, RIPPLE.most_turn_rad, 2 * count + 1) / spread_Nm
     gains = np.zeros((len(_ALPHAS), len(turns)))
     for each in series:
         for line in found:  # each beside the others
@@ -227,8 +216,7 @@ def _witness(
 def _spectrum(series: Sequence[JointSeries], share: float) -> Array:
     """Return minus the log probability of lines at orders k/4 by chance, (K,)."""
     gained = sum(
-        (_gained(part, share) for part in series),
-        np.zeros(RULES.ripple.orders[1] * RULES.ripple.grid_turns),
+        (_gained(part, share) for part in series), np.zeros(RIPPLE.orders[1] * RIPPLE.grid_turns)
     )
     # Of Gamma(c) with c campaigns, in closed form.
     terms = sum((gained**k / factorial(k) for k in range(len(series))), np.zeros_like(gained))
@@ -242,27 +230,24 @@ def _gained(series: JointSeries, share: float) -> Array:
     gains more.
     """
     part = (
-        np.mod(series.motor_rad(share) / (2.0 * np.pi * RULES.ripple.grid_turns), 1.0)
-        * RULES.ripple.grid_cells
+        np.mod(series.motor_rad(share) / (2.0 * np.pi * RIPPLE.grid_turns), 1.0) * RIPPLE.grid_cells
     )
     cell = part.astype(np.intp)
     beyond = part - cell
 
     def transformed(values: Array) -> Array:
-        grid = np.bincount(cell, values * (1.0 - beyond), RULES.ripple.grid_cells)
-        grid += np.bincount(
-            (cell + 1) % RULES.ripple.grid_cells, values * beyond, RULES.ripple.grid_cells
-        )
+        grid = np.bincount(cell, values * (1.0 - beyond), RIPPLE.grid_cells)
+        grid += np.bincount((cell + 1) % RIPPLE.grid_cells, values * beyond, RIPPLE.grid_cells)
         return np.asarray(np.fft.rfft(grid))
 
-    count, weight = RULES.ripple.orders[1] * RULES.ripple.grid_turns, series.weight
+    count, weight = RIPPLE.orders[1] * RIPPLE.grid_turns, series.weight
     of_left = transformed(weight * series.centred_rad)[:count]
     of_weight = transformed(weight)
     gained = _explained(of_left, of_weight[:count], of_weight[: 2 * count : 2], float(weight.sum()))
-    windows = gained[
-        : count // RULES.ripple.background_steps * RULES.ripple.background_steps
-    ].reshape(-1, RULES.ripple.background_steps)
-    middle = (np.arange(len(windows)) + 0.5) * RULES.ripple.background_steps
+    windows = gained[: count // RIPPLE.background_steps * RIPPLE.background_steps].reshape(
+        -1, RIPPLE.background_steps
+    )
+    middle = (np.arange(len(windows)) + 0.5) * RIPPLE.background_steps
     usual = np.interp(np.arange(count), middle, np.median(windows, axis=1)) / np.log(2.0)
     return np.asarray(gained / np.maximum(usual, 1.0))
 
@@ -277,7 +262,7 @@ def _explained(of_left: Array, of_weight: Array, of_double: Array, total: float)
     ss = 0.5 * (total - of_double.real) - of_weight.imag**2 / total
     cs = -0.5 * of_double.imag + of_weight.real * of_weight.imag / total
     c, s = of_left.real, -of_left.imag
-    determinant = np.maximum(cc * ss - cs**2, RULES.computing.least_determinant * total**2)
+    determinant = np.maximum(cc * ss - cs**2, COMPUTING.least_determinant * total**2)
     return np.asarray(0.5 * (c * c * ss - 2.0 * c * s * cs + s * s * cc) / determinant)
 
 
@@ -308,11 +293,11 @@ def _gains(series: JointSeries, order: float, turns: Array) -> Array:
 
 def _interval(below: Array) -> tuple[float, float]:
     """Return the 95 % interval about the best of all shares tried (A,), by log-likelihoods."""
-    inside = np.flatnonzero(below > -RULES.ripple.half_chi2_95)
+    inside = np.flatnonzero(below > -RIPPLE.half_chi2_95)
     first, last = int(inside[0]), int(inside[-1])
     rises = slice(max(first - 1, 0), first + 1)
     falls = np.arange(last, min(last + 2, len(below)))[::-1]
-    ends = (np.interp(-RULES.ripple.half_chi2_95, below[at], _ALPHAS[at]) for at in (rises, falls))
+    ends = (np.interp(-RIPPLE.half_chi2_95, below[at], _ALPHAS[at]) for at in (rises, falls))
     low, high = map(float, ends)
     return low, high
 
@@ -343,7 +328,7 @@ def joint_series(
             error_rad[:, term.joint - 1] += term.shift(states, values)[:, 0]
     torque_Nm = np.where(
         states.tau_Nm.std(axis=0)
-        > RULES.ripple.least_loaded_share * arm.rated_Nm(np.abs(states.tau_Nm).max(axis=0)),
+        > RIPPLE.least_loaded_share * arm.rated_Nm(np.abs(states.tau_Nm).max(axis=0)),
         states.tau_Nm,
         np.nan,
     )
@@ -369,10 +354,10 @@ def _scores(screws: Array, left: Array, seen: Mask) -> tuple[Array, Array]:
     predicted (P, b), and which were seen (P, b).
     """
     count = max(int(seen.sum()), 1)
-    joint, reading = np.full(screws.shape[2], RULES.ripple.joint_rad**2), 1.0
+    joint, reading = np.full(screws.shape[2], RIPPLE.joint_rad**2), 1.0
     across = screws.transpose(0, 2, 1)
     unit = np.eye(left.shape[1])
-    for _ in range(RULES.ripple.variance_rounds):
+    for _ in range(RIPPLE.variance_rounds):
         precision = np.linalg.inv((screws * joint) @ across + reading * unit)
         pulled = (precision @ left[:, :, None])[:, :, 0]
         score = (across @ pulled[:, :, None])[:, :, 0]
@@ -382,8 +367,8 @@ def _scores(screws: Array, left: Array, seen: Mask) -> tuple[Array, Array]:
         reading = float(
             np.sum(seen * ((reading * pulled) ** 2 + reading - reading**2 * alone)) / count
         )
-    usual = np.sum(score**2, axis=0) / np.maximum(np.sum(weight, axis=0), RULES.computing.tiny)
-    weight = np.maximum(weight, RULES.computing.least_weight * weight.max())
+    usual = np.sum(score**2, axis=0) / np.maximum(np.sum(weight, axis=0), COMPUTING.tiny)
+    weight = np.maximum(weight, COMPUTING.least_weight * weight.max())
     return score / usual, weight / usual
 
 
@@ -424,15 +409,15 @@ def _by_turn(series: JointSeries) -> list[tuple[Array, Array]]:
     """Return mean error and its variance in every arc, turn by turn; nan for none."""
     turns = series.q_rad / (2.0 * np.pi)
     turn = np.floor(turns).astype(int)
-    arc = np.minimum(((turns - turn) * RULES.ripple.arcs).astype(int), RULES.ripple.arcs - 1)
+    arc = np.minimum(((turns - turn) * RIPPLE.arcs).astype(int), RIPPLE.arcs - 1)
     found = []
     for number in np.unique(turn):
         here = turn == number
-        weight = np.bincount(arc[here], series.weight[here], RULES.ripple.arcs)
+        weight = np.bincount(arc[here], series.weight[here], RIPPLE.arcs)
         error_rad = (series.left_rad + series.error_rad)[here]
-        total = np.bincount(arc[here], series.weight[here] * error_rad, RULES.ripple.arcs)
-        enough = np.bincount(arc[here], minlength=RULES.ripple.arcs) >= RULES.ripple.arc_poses
-        mean, variance = np.full((2, RULES.ripple.arcs), np.nan)
+        total = np.bincount(arc[here], series.weight[here] * error_rad, RIPPLE.arcs)
+        enough = np.bincount(arc[here], minlength=RIPPLE.arcs) >= RIPPLE.arc_poses
+        mean, variance = np.full((2, RIPPLE.arcs), np.nan)
         mean[enough], variance[enough] = total[enough] / weight[enough], 1.0 / weight[enough]
         found.append((mean, variance))
     return found

@@ -28,7 +28,7 @@ from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import EVIDENCE, NEXT_POSES
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.discovery.wander import InTime
 from pa10cal.errors import DiscoveryError
@@ -48,7 +48,7 @@ from pa10cal.terms.term import shows_torque
 Pair = tuple[Effect, Effect | None]
 
 #: Any size is granted to an effect that is not in the fit.
-_ANY_SIZE = RULES.evidence.sizes[-1]
+_ANY_SIZE = EVIDENCE.sizes[-1]
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -63,16 +63,16 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
     end = room.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
-    room_m = np.maximum(0.5 * (highest - lowest), RULES.next_poses.box_margin_m)
+    room_m = np.maximum(0.5 * (highest - lowest), NEXT_POSES.box_margin_m)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
     constraints = {
         "near the measured poses": room.end_within(room.Box(lowest - room_m, highest + room_m)),
-        "above the floor": room.above(min(RULES.next_poses.floor_m, float(lowest[2]))),
-        "off the column": room.off_column(min(RULES.next_poses.column_m, off_axis_m)),
-        "off the links": room.off_links(RULES.next_poses.clearance_m),
+        "above the floor": room.above(min(NEXT_POSES.floor_m, float(lowest[2]))),
+        "off the column": room.off_column(min(NEXT_POSES.column_m, off_axis_m)),
+        "off the links": room.off_links(NEXT_POSES.clearance_m),
     }
     low, high = chain.arm.limits_rad.T
-    margin = RULES.next_poses.limit_share * (high - low)
+    margin = NEXT_POSES.limit_share * (high - low)
     ranges = low + margin, high - margin
     found = room.draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
@@ -104,7 +104,7 @@ def unresolved(
         for hidden in not_testable
         if hidden.by_these_poses and not hidden.effect.generic
     ]
-    return (*rivals, *alone)[: RULES.next_poses.most_pairs]
+    return (*rivals, *alone)[: NEXT_POSES.most_pairs]
 
 
 def separating_poses(
@@ -133,12 +133,12 @@ def separating_poses(
     for pair in pairs:
         greedy_order(pair, count)
     possible = every.values
-    sought = np.flatnonzero(possible - before >= RULES.next_poses.apart_nats).tolist()
+    sought = np.flatnonzero(possible - before >= NEXT_POSES.apart_nats).tolist()
     order = np.zeros(0, dtype=np.intp)
     if sought:
         closest = Combined([pairs[k] for k in sought])
         chosen = exchange(
-            closest, greedy_order(closest, count), most_sweeps=RULES.next_poses.most_sweeps
+            closest, greedy_order(closest, count), most_sweeps=NEXT_POSES.most_sweeps
         ).chosen
         order = greedy_order(closest, count, among=chosen)
     every.restart()
@@ -181,7 +181,7 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
     A spring that is soft near zero torque shows without load, all else that yields shows with it.
     All are read at the end of the campaign.
     """
-    q_rad = draw_near(problem, RULES.next_poses.pool, random_seed)
+    q_rad = draw_near(problem, NEXT_POSES.pool, random_seed)
     rng, measured = np.random.default_rng(random_seed), problem.readings.states
     count, last = len(q_rad), int(np.argmax(measured.time_s))
     loads_N = np.array([measured.load_N.min(), measured.load_N.max()])
@@ -218,7 +218,7 @@ def _separations(
         np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
     )
     by_effect = dict(zip(effects, others, strict=True))
-    granted = {effect: RULES.evidence.sizes[size] for effect, size in found.size_of.items()}
+    granted = {effect: EVIDENCE.sizes[size] for effect, size in found.size_of.items()}
     sized = {  # at the size that is granted to it
         effect: by_effect[effect] @ factor * granted.get(effect, _ANY_SIZE)
         for effect, factor in zip(effects, factors, strict=True)
@@ -394,11 +394,7 @@ def without_repeats(
     poses some stand for all.
     """
     count = len(survey.poses)
-    rows = (
-        np.linspace(0, count - 1, min(count, RULES.next_poses.most_measured))
-        .round()
-        .astype(np.intp)
-    )
+    rows = np.linspace(0, count - 1, min(count, NEXT_POSES.most_measured)).round().astype(np.intp)
     survey = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     poses = survey.poses
     joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
@@ -414,10 +410,7 @@ def without_repeats(
     problem = EvidenceProblem(
         base, setup, poses, poses, cov, noise, pose, None, none_Nm, context, logged, in_time
     )
-    sizes, variance = (
-        (RULES.evidence.sizes.index(1.0),) * len(found.effects),
-        max(scatter - 1.0, 0.0),
-    )
+    sizes, variance = ((EVIDENCE.sizes.index(1.0),) * len(found.effects), max(scatter - 1.0, 0.0))
     return problem, EvidenceFit(found.effects, found.at, found.converged, sizes, variance, 0.0)
 
 
@@ -437,7 +430,7 @@ def poses_at_unseen_angles(
     if not count or all(whole):
         return ()
     try:
-        q_rad = draw_near(measured, RULES.next_poses.drawn, random_seed)
+        q_rad = draw_near(measured, NEXT_POSES.drawn, random_seed)
     except DiscoveryError:
         return ()
     new = ~seen.each(q_rad) & np.array(seen.turns)

@@ -22,7 +22,7 @@ from scipy.special import chdtri
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint, by_joints, position_m
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, NOISE
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted import TOOL_FRAME
 from pa10cal.fit.fitted_model import FittedModel
@@ -51,14 +51,14 @@ class Noise:
     # scatters, as in a log that was calculated)
     torque_Nm: Array = field(default_factory=lambda: np.zeros(0))
     # how far apart the poses of pairs that are no repeats may be [rad; m of a prismatic joint]
-    within: float = RULES.noise.same_pose
+    within: float = NOISE.same_pose
 
     @property
     def origin(self) -> str:
         """Return what noise that was not found from repeats was found from."""
         if not self.differences:
             return "the instrument's stated uncertainty: repeats do not show the noise"
-        carried_on = "" if self.within == RULES.noise.same_pose else ", carried on to the same pose"
+        carried_on = "" if self.within == NOISE.same_pose else ", carried on to the same pose"
         return (
             f"{self.differences} pairs of poses closer than {1e3 * self.within:g} mrad in every "
             f"joint{carried_on}"
@@ -75,13 +75,13 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         DiscoveryError: when too little is repeated, or repeats show no noise.
     """
     first, second = _pairs(readings)
-    if len(first) < RULES.noise.least_differences:
+    if len(first) < NOISE.least_differences:
         pairs = f"{len(first)} pairs of successive readings of one pose, load and direction"
         raise DiscoveryError(
             "too few repeats to determine the repeatability of the measurement",
             where="grid poses",
             value=pairs,
-            allowed=f"at least {RULES.noise.least_differences}",
+            allowed=f"at least {NOISE.least_differences}",
             remedy="measure poses repeatedly",
         )
     measured, states = readings.measured, readings.states
@@ -123,7 +123,7 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     # A joint whose log does not scatter, such as one that always reads zero, counts as scattering
     # by as much as the joint that scatters most: nothing else is known of it.
     n, torque_Nm = screws.shape[2], np.sqrt(np.mean(torque_difference**2, axis=0))
-    quiet = torque_Nm <= RULES.noise.rounded_torque_share * np.abs(states.tau_Nm).max()
+    quiet = torque_Nm <= NOISE.rounded_torque_share * np.abs(states.tau_Nm).max()
     return Noise(
         cov=_whole(np.einsum("k,pkij->pij", variances, sources), seen),
         differences=len(first),
@@ -142,13 +142,13 @@ def noise_of_near_poses(poses: Observations, residual: Array) -> Noise:
     lacks makes them differ the more the farther apart they are.
     """
     first, second = nearly_same(poses)
-    measured, within, apart = poses.measured, RULES.noise.same_pose, None
+    measured, within, apart = poses.measured, NOISE.same_pose, None
     seen, stated = measured.components_seen, measured.stated_covariance
     both = seen[first] & seen[second]
-    if both.any(axis=1).sum() < RULES.noise.least_differences:
+    if both.any(axis=1).sum() < NOISE.least_differences:
         first, second, apart = _near(poses)
-        both, within = seen[first] & seen[second], RULES.noise.near_pose
-        if both.any(axis=1).sum() < RULES.noise.near_steps * RULES.noise.least_differences:
+        both, within = seen[first] & seen[second], NOISE.near_pose
+        if both.any(axis=1).sum() < NOISE.near_steps * NOISE.least_differences:
             return Noise(stated, 0)
     difference = np.abs(residual[first] - residual[second]) / np.sqrt(2.0)
     variance = np.zeros(residual.shape[1])
@@ -173,12 +173,12 @@ def _variance(difference: Array, seen: Mask, apart: Array | None) -> float:
             a straight line over the distance, through medians, that never falls.
     """
     if apart is None:
-        return float(np.square(RULES.noise.median_to_sigma * np.median(difference[seen])))
-    steps = np.array_split(np.argsort(apart, kind="stable"), RULES.noise.near_steps)
+        return float(np.square(NOISE.median_to_sigma * np.median(difference[seen])))
+    steps = np.array_split(np.argsort(apart, kind="stable"), NOISE.near_steps)
     steps = [step for step in steps if seen[step].any()]
     square = [_variance(difference[step], seen[step], None) for step in steps]
     line = np.column_stack(
-        [np.ones(len(steps)), [apart[step].mean() / RULES.noise.near_pose for step in steps]]
+        [np.ones(len(steps)), [apart[step].mean() / NOISE.near_pose for step in steps]]
     )
     return float(nnls(line, np.array(square))[0][0])
 
@@ -186,10 +186,8 @@ def _variance(difference: Array, seen: Mask, apart: Array | None) -> float:
 def _near(poses: Observations) -> tuple[Index, Index, Array]:
     """Return the poses of pairs of near neighbours, and how far they are apart."""
     keys = np.column_stack([poses.states.q_rad, poses.states.load_N])
-    apart, other = map(
-        np.asarray, cKDTree(keys).query(keys, RULES.noise.most_neighbours + 1, p=np.inf)
-    )
-    first, k = np.nonzero(apart <= RULES.noise.near_pose)
+    apart, other = map(np.asarray, cKDTree(keys).query(keys, NOISE.most_neighbours + 1, p=np.inf))
+    first, k = np.nonzero(apart <= NOISE.near_pose)
     pairs = np.sort(np.column_stack([first, other[first, k]]), axis=1)
     pairs, at = np.unique(pairs, axis=0, return_index=True)
     apart, differ = apart[first, k][at], pairs[:, 0] != pairs[:, 1]
@@ -199,7 +197,7 @@ def _near(poses: Observations) -> tuple[Index, Index, Array]:
 def nearly_same(poses: Observations) -> tuple[Index, Index]:
     """Return the poses of pairs that are nearly the same, the nearest first, each pose once."""
     keys = np.column_stack([poses.states.q_rad, poses.states.load_N])
-    pairs = cKDTree(keys).query_pairs(RULES.noise.same_pose, p=np.inf, output_type="ndarray")
+    pairs = cKDTree(keys).query_pairs(NOISE.same_pose, p=np.inf, output_type="ndarray")
     apart = np.abs(keys[pairs[:, 0]] - keys[pairs[:, 1]]).max(axis=1, initial=0.0)
     taken = np.zeros(len(poses), dtype=bool)
     chosen = []
@@ -230,12 +228,12 @@ def compared(readings: Observations) -> Index:
     """Return (P,) a number for readings that are compared as repeats, from 0; see `repeated`."""
     same = same_circumstances(readings)
     pairs = len(readings) - len(np.unique(same))
-    if pairs >= RULES.noise.least_repeated_share * len(readings):
+    if pairs >= NOISE.least_repeated_share * len(readings):
         return same
     any_side = reading_groups(readings)
     return (
         any_side
-        if len(readings) - len(np.unique(any_side)) > RULES.noise.any_side_ratio * pairs
+        if len(readings) - len(np.unique(any_side)) > NOISE.any_side_ratio * pairs
         else same
     )
 
@@ -297,7 +295,7 @@ def _variance_components(difference: Array, sources: Array, seen: Mask) -> Array
         about = np.diag(np.sum(difference**2, axis=0) / np.maximum(seen.sum(axis=0), 1))
     expected = np.broadcast_to(about, (len(difference), *about.shape))
     variances = np.zeros(count)
-    for _ in range(RULES.noise.reweighted):
+    for _ in range(NOISE.reweighted):
         whiten = whitener_of(_whole(expected, seen))
         white = np.einsum("pij,pj->pi", whiten, difference)
         squares = np.einsum("pi,pj->pij", white, white)
@@ -336,11 +334,9 @@ def with_torque_noise(
     for j in range(states.n):
         of_weights = weights.joint_Nm[:, j], weights.by_weights[:, j]
         columns = np.column_stack([one, states.arrival[:, j], states.load_N, *of_weights])
-        x, _, rank, _ = np.linalg.lstsq(
-            columns, left_Nm[:, j], rcond=RULES.computing.least_singular
-        )
+        x, _, rank, _ = np.linalg.lstsq(columns, left_Nm[:, j], rcond=COMPUTING.least_singular)
         dof = len(states) - int(rank)
-        if dof >= RULES.noise.torques_a_weight * int(rank):
+        if dof >= NOISE.torques_a_weight * int(rank):
             torque_Nm[j] = np.sqrt(np.sum((left_Nm[:, j] - columns @ x) ** 2) / dof)
     turned_rad = np.zeros(states.q_rad.shape)
     for spring in springs:
@@ -410,14 +406,11 @@ def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeigh
     covariance = stated.copy()
     for _, kind in measured.component_kinds:
         here = seen[:, kind]
-        found = (
-            inflate
-            * (RULES.noise.median_to_sigma * np.median(np.abs(residual[:, kind][here]))) ** 2
-        )
+        found = inflate * (NOISE.median_to_sigma * np.median(np.abs(residual[:, kind][here]))) ** 2
         variances = np.diagonal(stated[:, kind, kind], axis1=1, axis2=2)
         said = float(np.median(variances[here]))
         if found < said:
-            shrink = max(np.sqrt(found / said), RULES.noise.least_shrink)
+            shrink = max(np.sqrt(found / said), NOISE.least_shrink)
             covariance[:, kind] *= shrink
             covariance[:, :, kind] *= shrink
         else:
@@ -425,7 +418,7 @@ def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeigh
             covariance[:, at, at] += (found - said) * here
     whitener = whitener_of(covariance)
     distance = np.linalg.norm((whitener @ residual[:, :, None])[:, :, 0], axis=1)
-    limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), RULES.noise.huber_tail))
+    limit = np.sqrt(chdtri(np.maximum(seen.sum(axis=1), 1), NOISE.huber_tail))
     return PoseWeights(whitener, np.minimum(1.0, limit / np.maximum(distance, limit)))
 
 
@@ -457,7 +450,7 @@ class PoseDeviations:
 
 def scatter_of(at: FittedModel, poses: Observations, left: Array) -> PoseDeviations:
     """Return what complete poses of its fit scatter by about a model that leaves (P, b) of them."""
-    every = max(1, len(poses) // RULES.noise.enough_poses)
+    every = max(1, len(poses) // NOISE.enough_poses)
     poses, left = poses.take(np.arange(0, len(poses), every)), left[::every]
     turned = by_joints(at, poses, range(1, at.arm.n + 1))
     parts = [own[:, :, None] * own[:, None, :] for own in np.moveaxis(turned, 2, 0)]
@@ -479,19 +472,17 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> PoseDeviati
         return float(value) / len(left), sizes * by_size / len(left)
 
     of_kinds = {  # half the mean square of each
-        name: max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), RULES.noise.variances[0])
+        name: max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), NOISE.variances[0])
         for name, kind in poses.measured.component_kinds
     }
-    start = np.log(
-        np.concatenate([np.full(at.arm.n, RULES.noise.first_variance), [*of_kinds.values()]])
-    )
+    start = np.log(np.concatenate([np.full(at.arm.n, NOISE.first_variance), [*of_kinds.values()]]))
     found = minimize(
         cost,
         start,
         jac=True,
         method="L-BFGS-B",
-        bounds=[(np.log(RULES.noise.variances[0]), np.log(RULES.noise.variances[1]))] * len(start),
-        options={"maxiter": RULES.computing.noise_steps},
+        bounds=[(np.log(NOISE.variances[0]), np.log(NOISE.variances[1]))] * len(start),
+        options={"maxiter": COMPUTING.noise_steps},
     )
     sizes = np.exp(0.5 * found.x)
     return PoseDeviations(

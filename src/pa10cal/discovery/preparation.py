@@ -15,7 +15,7 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault, Untestable, faults_of_input
 from pa10cal.discovery.row_faults import held_out_faults, row_faults
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
@@ -84,9 +84,9 @@ def why_hidden(share: float, signal: float) -> str | None:
     By the part of it that remains after the model's own parameters took what they can, and what
     that is of its usual size, in standard deviations.
     """
-    if share < RULES.candidates.least_share:
+    if share < CANDIDATES.least_share:
         return f"{100 * share:.1f} % remains beside the model's own parameters"
-    if signal * RULES.candidates.largest_sizes < RULES.candidates.least_signal:
+    if signal * CANDIDATES.largest_sizes < CANDIDATES.least_signal:
         return "ten times its plausible size would not rise above the noise"
     return None
 
@@ -111,7 +111,7 @@ def by_pose_and_time(
     with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
     with_time = np.repeat(with_time, [each.shape[2] for each in columns])
     every = np.concatenate(columns, axis=2)
-    static, of_time = every[..., ~with_time], RULES.candidates.sizes_of_time * every[..., with_time]
+    static, of_time = every[..., ~with_time], CANDIDATES.sizes_of_time * every[..., with_time]
     if len(np.unique(poses.pose)) == len(poses):
         waves = _waves(at, poses, slow_joints(poses.states))
         static = np.concatenate([static, waves], axis=2)
@@ -126,10 +126,10 @@ def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
     q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
     columns = [np.zeros((*screws.shape[:2], 0))]
     for k, joint in enumerate(joints):
-        angle = q_rad[:, k, None] * np.arange(1, RULES.candidates.waves[int(slow[joint - 1])] + 1)
+        angle = q_rad[:, k, None] * np.arange(1, CANDIDATES.waves[int(slow[joint - 1])] + 1)
         waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
         columns.append(screws[:, :, k, None] * waves[:, None])
-    return np.asarray(RULES.candidates.wave_rad * np.concatenate(columns, axis=2))
+    return np.asarray(CANDIDATES.wave_rad * np.concatenate(columns, axis=2))
 
 
 # What the search needs to know of a campaign, from its description and the settings.
@@ -163,7 +163,7 @@ class MeasurementSetup:
     p_ee_targets_m: Array
     reference_temperature_C: float  # temperature at which lengths are nominal
     # standard uncertainty of a target's place on the apparatus, per axis
-    apparatus_m: float = RULES.candidates.apparatus_m
+    apparatus_m: float = CANDIDATES.apparatus_m
     # standard uncertainties of what else repeats cannot show, and how to search
     options: DiscoveryOptions = field(default_factory=DiscoveryOptions)
     commanded: bool = False  # whether joint positions are those commanded, and not read back

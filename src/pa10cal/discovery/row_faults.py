@@ -24,7 +24,7 @@ from pa10cal.discovery.noise import (
     pose_weights,
     whitener_of,
 )
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit import robust_weights
 from pa10cal.fit.fitted_model import FittedModel
@@ -127,8 +127,8 @@ def _of_readings(
     some, names = readings.take(rows), readings.measured.target_names
     # The order of the targets that explains each reading, where another does than theirs.
     order_of: dict[int, tuple[int, ...]] = {}
-    if 2 <= len(names) <= RULES.rows.most_targets:
-        least = RULES.rows.exchanged_left_share * np.linalg.norm(residual(model, some), axis=1)
+    if 2 <= len(names) <= ROWS.most_targets:
+        least = ROWS.exchanged_left_share * np.linalg.norm(residual(model, some), axis=1)
         for order in permutations(range(len(names))):
             other = replace(some, measured=some.measured.in_order(order))
             left = np.linalg.norm(residual(model, other), axis=1)
@@ -222,8 +222,8 @@ def _off_repeats(
             own[at] = max(robust_weights.Tails.of(first[:, at][here]).scale, least)
         scale *= own
         components = np.maximum(seen.sum(axis=1), 1)
-        limit = np.sqrt(chdtri(components, RULES.rows.excluded_rate / count))
-        limit *= 1.0 + RULES.rows.scale_error / np.sqrt(float(seen[~(alone | without)].sum()))
+        limit = np.sqrt(chdtri(components, ROWS.excluded_rate / count))
+        limit *= 1.0 + ROWS.scale_error / np.sqrt(float(seen[~(alone | without)].sum()))
         while True:
             distance = np.linalg.norm(from_others(out), axis=1)
             far = np.flatnonzero(~out & (distance > limit))
@@ -250,7 +250,7 @@ def _off_repeats(
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
-        found = exclude_gross_errors(whitener, found.excluded, RULES.rows.least_noise_share)
+        found = exclude_gross_errors(whitener, found.excluded, ROWS.least_noise_share)
     apart, _ = _less_others(left, group, seen, found.excluded)
     return replace(found, off_mm=_position_mm(readings, apart))
 
@@ -272,9 +272,9 @@ def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[flo
     far = np.zeros(len(labels), dtype=bool)
     for _, at in averages.measured.component_kinds:
         tails = robust_weights.Tails.of(
-            white[:, at][robust_weights.components_seen(averages, at)], RULES.rows.of_poses_errors
+            white[:, at][robust_weights.components_seen(averages, at)], ROWS.of_poses_errors
         )
-        far |= np.any(np.abs(white[:, at]) > tails.largest(RULES.rows.of_poses_rate), axis=1)
+        far |= np.any(np.abs(white[:, at]) > tails.largest(ROWS.of_poses_rate), axis=1)
     far &= ~_in_time(far, averages.states.time_s)
     far &= _above_noise(averages, left, white)
     times = _times_usual(white, averages)
@@ -308,7 +308,7 @@ def _beyond_tails(
             bulk = white[:, at][seen & (usual & ~beyond)[:, None]]
             limit = robust_weights.Tails.of(bulk).largest(robust_weights.ACCUSED_RATE)
             found |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
-        if not (found & ~beyond).any() or found.mean() > RULES.rows.most_beyond_share:
+        if not (found & ~beyond).any() or found.mean() > ROWS.most_beyond_share:
             break
         beyond = found
     return beyond
@@ -332,10 +332,10 @@ def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Ar
 def _in_time(off: Mask, time_s: Array) -> Mask:
     """Return (P,) readings that are off in a stretch of time in which most readings are."""
     order = np.argsort(time_s, kind="stable")
-    window = np.ones(2 * RULES.rows.neighbours + 1)
+    window = np.ones(2 * ROWS.neighbours + 1)
     if len(off) < len(window):
         return np.zeros(len(off), dtype=bool)
-    most = np.convolve(off[order], window, mode="same") - off[order] > RULES.rows.neighbours
+    most = np.convolve(off[order], window, mode="same") - off[order] > ROWS.neighbours
     together = np.zeros(len(off), dtype=bool)
     together[order] = np.convolve(most & off[order], window, mode="same") > 0.5
     return together & off
@@ -373,22 +373,20 @@ def moved_between_repeats(readings: Observations, left: Array, group: Index) -> 
     """
     found = np.zeros_like(left)
     several = np.bincount(group)[group] > 1
-    if np.count_nonzero(several) <= RULES.rows.median_readings:
+    if np.count_nonzero(several) <= ROWS.median_readings:
         return found
     apart = np.empty_like(left)  # less the median of the group
     for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
         apart[own] = left[own] - np.median(left[own], axis=0)
     rows = np.flatnonzero(several)
     rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
-    running_median = median_filter(
-        apart[rows], size=(RULES.rows.median_readings, 1), mode="nearest"
-    )
+    running_median = median_filter(apart[rows], size=(ROWS.median_readings, 1), mode="nearest")
     for _, at in readings.measured.component_kinds:
         seen = readings.measured.components_seen[rows, at]
         moved, rest = running_median[:, at], apart[rows, at] - running_median[:, at]
         if not seen.any():
             continue
-        scatter = RULES.noise.median_to_sigma * float(np.median(np.abs(rest[seen])))
+        scatter = NOISE.median_to_sigma * float(np.median(np.abs(rest[seen])))
         if float(np.sqrt(np.mean(moved[seen] ** 2))) > scatter:
             found[rows, at] = np.where(seen, moved, 0.0)
     return found
@@ -423,7 +421,7 @@ def loads_exchanged(
         rows = np.flatnonzero(readings.pose == pose)
         if len(np.unique(stated_N[rows])) > 1:
             alone[rows] -= np.median(left[rows], axis=0)
-    scale = RULES.noise.median_to_sigma * np.median(np.abs(alone), axis=0)
+    scale = NOISE.median_to_sigma * np.median(np.abs(alone), axis=0)
     known = scale > 0.0
     if not known.any():
         return nothing
@@ -431,19 +429,17 @@ def loads_exchanged(
     information = np.sum(columns**2, axis=1)
     told_N = np.sum(columns * white, axis=1) / np.maximum(information, np.finfo(float).tiny)
     # A posture that hardly feels the load says little of it.
-    usual = RULES.noise.median_to_sigma * float(np.median(np.abs(told_N) * np.sqrt(information)))
+    usual = NOISE.median_to_sigma * float(np.median(np.abs(told_N) * np.sqrt(information)))
     u_N = usual / np.sqrt(np.maximum(information, np.finfo(float).tiny))
     before = np.sum(white**2, axis=1)
     found = stated_N.copy()
     for load_N in loads_N:
         apart = load_N - stated_N
-        allowed_N = RULES.rows.near_load_share * np.abs(apart)
+        allowed_N = ROWS.near_load_share * np.abs(apart)
         after = np.sum((white - columns * apart[:, None]) ** 2, axis=1)
-        nearer = (np.abs(told_N - apart) < allowed_N) & (
-            RULES.rows.load_known_times * u_N < allowed_N
-        )
-        nearer &= (np.abs(told_N) > RULES.rows.load_errors * u_N) & (
-            after < RULES.rows.load_left_share * before
+        nearer = (np.abs(told_N - apart) < allowed_N) & (ROWS.load_known_times * u_N < allowed_N)
+        nearer &= (np.abs(told_N) > ROWS.load_errors * u_N) & (
+            after < ROWS.load_left_share * before
         )
         found[nearer & (apart != 0.0)] = load_N
     # Loads are exchanged between two readings. One that tells another load alone is merely off.
@@ -453,7 +449,7 @@ def loads_exchanged(
         if not np.any(told[there] == stated_N[row]):
             found[row] = stated_N[row]
     wrong = found != stated_N
-    if not wrong.any() or wrong.mean() > RULES.rows.most_slips_share:
+    if not wrong.any() or wrong.mean() > ROWS.most_slips_share:
         return nothing
     instead = white - columns * (found - stated_N)[:, None]
     gain = np.sum(white**2 - instead**2, axis=1) / np.sum(white**2)

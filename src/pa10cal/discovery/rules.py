@@ -9,10 +9,13 @@ are; `safety`, room for the arm; `told`, how much is printed; `computing`, time 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import JsonValue
 from scipy.special import ndtri
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 @dataclass(frozen=True)
@@ -542,40 +545,54 @@ class Computing:
     least_weight: float = 1e-12  # least weight of a line, in the largest (computing)
 
 
-@dataclass(frozen=True)
-class Rules:
-    """All of them, by what they decide."""
+NOISE = Noise()
+JUDGING = Judging()
+CANDIDATES = Candidates()
+EVIDENCE = Evidence()
+BLOCKS = Blocks()
+MAPS = Maps()
+NAMES = Names()
+MOTION = Motion()
+CHANGE = Change()
+SPRINGS = Springs()
+TORQUES = Torques()
+ROWS = Rows()
+RIPPLE = Ripple()
+FORMS = Forms()
+NEXT_POSES = NextPoses()
+PLACES = Places()
+COMPUTING = Computing()
 
-    noise: Noise = Noise()
-    judging: Judging = Judging()
-    candidates: Candidates = Candidates()
-    evidence: Evidence = Evidence()
-    blocks: Blocks = Blocks()
-    maps: Maps = Maps()
-    names: Names = Names()
-    motion: Motion = Motion()
-    change: Change = Change()
-    springs: Springs = Springs()
-    torques: Torques = Torques()
-    rows: Rows = Rows()
-    ripple: Ripple = Ripple()
-    forms: Forms = Forms()
-    next_poses: NextPoses = NextPoses()
-    places: Places = Places()
-    computing: Computing = Computing()
+#: All of them, by what they decide.
+SECTIONS: dict[str, DataclassInstance] = {
+    "noise": NOISE,
+    "judging": JUDGING,
+    "candidates": CANDIDATES,
+    "evidence": EVIDENCE,
+    "blocks": BLOCKS,
+    "maps": MAPS,
+    "names": NAMES,
+    "motion": MOTION,
+    "change": CHANGE,
+    "springs": SPRINGS,
+    "torques": TORQUES,
+    "rows": ROWS,
+    "ripple": RIPPLE,
+    "forms": FORMS,
+    "next_poses": NEXT_POSES,
+    "places": PLACES,
+    "computing": COMPUTING,
+}
 
-    def decisions(self) -> dict[str, dict[str, JsonValue]]:
-        """Return all but those of computing, as they stand in `verdict.json`."""
-        parts = asdict(self)
-        del parts["computing"]
-        return {
-            part: {name: _plain(value) for name, value in numbers.items()}
-            for part, numbers in parts.items()
-        }
+
+def decisions() -> dict[str, dict[str, JsonValue]]:
+    """Return all but those of computing, as they stand in `verdict.json`."""
+    return {
+        name: {number: _plain(value) for number, value in asdict(section).items()}
+        for name, section in SECTIONS.items()
+        if section is not COMPUTING
+    }
 
 
 def _plain(value: Any) -> JsonValue:
     return [_plain(each) for each in value] if isinstance(value, tuple) else value
-
-
-RULES = Rules()

@@ -12,7 +12,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.finding import effect_parameters, name_of
 from pa10cal.discovery.linear import standard_error
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import FORMS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 from pa10cal.terms.effects.effect import Effect
@@ -149,8 +149,8 @@ class _Judge:
     def all_of(self, forms: Sequence[Form]) -> list[_Tried]:
         """Return what blocks left out come to with each of many forms."""
         found: list[_Tried] = []
-        for first in range(0, len(forms), RULES.forms.at_once):
-            some = forms[first : first + RULES.forms.at_once]
+        for first in range(0, len(forms), FORMS.at_once):
+            some = forms[first : first + FORMS.at_once]
             found += map(_Tried, some, self.comparison.squares(self.comparison.columns_of(some)))
         return found
 
@@ -164,14 +164,14 @@ class _Judge:
         over_noise = float(self.nothing.sum()) - least
         enough = max(
             self.needed,
-            RULES.forms.standard_errors * standard_error(gain),
-            RULES.forms.least_explained_share * over_noise,
+            FORMS.standard_errors * standard_error(gain),
+            FORMS.least_explained_share * over_noise,
         )
         if float(gain.sum()) <= enough / errors:
             return False
         if held is not None:
             return no_worse(tried.squares, held, errors)
-        return tried.total <= RULES.forms.over_noise * noise * errors
+        return tried.total <= FORMS.over_noise * noise * errors
 
 
 def choose(
@@ -191,24 +191,22 @@ def choose(
     judge = _Judge.of(comparison, 2.0 * float(np.log(len(forms) / error_rate)))
     tried = judge.all_of(forms)
     tried += judge.all_of(further([each.form for each in _ranked(tried)], comparison.states))
-    for _ in range(RULES.forms.refined_rounds):
+    for _ in range(FORMS.refined_rounds):
         tried += judge.all_of(_closer(tried))
     if whole is not None:
-        if not any(judge.passes(each, RULES.forms.few_errors) for each in tried):
+        if not any(judge.passes(each, FORMS.few_errors) for each in tried):
             return None
         judge = _Judge.of(whole(), judge.needed)
         ranked = _ranked(tried)  # the best, and the best of every kind
         kinds = {each.form.form: each for each in reversed(ranked)}
-        best_of_kind = [each for each in kinds.values() if each not in ranked[: RULES.forms.kept]]
-        tried = judge.all_of([each.form for each in (*ranked[: RULES.forms.kept], *best_of_kind)])
+        best_of_kind = [each for each in kinds.values() if each not in ranked[: FORMS.kept]]
+        tried = judge.all_of([each.form for each in (*ranked[: FORMS.kept], *best_of_kind)])
     good = [
         each
         for each in _ranked(tried)
         if judge.passes(each) and not _one_is_enough(each, tried, judge.needed)
     ]
-    good = [
-        each for each in good if no_worse(each.squares, good[0].squares, RULES.forms.tie_errors)
-    ]
+    good = [each for each in good if no_worse(each.squares, good[0].squares, FORMS.tie_errors)]
     if not good:
         return None
     best = min(good, key=lambda one: (one.form.length, one.total))
@@ -220,9 +218,7 @@ def choose(
     for one in good:
         if form.form != "harmonic" or one.form.form != "two_harmonics":
             other_kinds.setdefault(one.form.form, one.form)
-    others = [other for other in other_kinds.values() if other is not form][
-        : RULES.forms.most_others
-    ]
+    others = [other for other in other_kinds.values() if other is not form][: FORMS.most_others]
     # Fitted to all poses.
     (columns,) = comparison.columns_of([form])
     amounts, covariance = comparison.fitted(columns)
@@ -256,7 +252,7 @@ def choose(
 def no_worse(squares: Array, than: Array, errors: float = 1.0) -> bool:
     """Return whether squared errors of blocks are no larger, to so many standard errors."""
     lost = squares - than
-    return bool(lost.sum() <= errors * np.hypot(standard_error(lost), RULES.forms.chance_squares))
+    return bool(lost.sum() <= errors * np.hypot(standard_error(lost), FORMS.chance_squares))
 
 
 def _one_is_enough(two: _Tried, tried: Sequence[_Tried], needed: float) -> bool:
@@ -283,7 +279,7 @@ def _closer(tried: Sequence[_Tried]) -> list[Form]:
     known = {each.form for each in tried}
     found: list[Form] = []
     for form in [each.form for each in _ranked(tried) if each.form.shape.between is not None][
-        : RULES.forms.refined
+        : FORMS.refined
     ]:
         value = form.between
         same = [other for other in known if other.form == form.form]
@@ -291,8 +287,7 @@ def _closer(tried: Sequence[_Tried]) -> list[Form]:
         below = max((other for other in alike if other < value), default=value)
         above = min((other for other in alike if other > value), default=value)
         closer = [
-            form.at(other)
-            for other in np.linspace(below, above, RULES.forms.refined_places).tolist()
+            form.at(other) for other in np.linspace(below, above, FORMS.refined_places).tolist()
         ]
         found += [each for each in closer if each not in known]
         known.update(closer)

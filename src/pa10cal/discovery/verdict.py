@@ -32,7 +32,7 @@ from pa10cal.discovery.gap import (
 from pa10cal.discovery.linear import ModelWithEffects, rms
 from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import PLACES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
@@ -204,8 +204,8 @@ class Verdict(ABC, Generic[P_co]):
             return self.why, self.remedy
         found = [f"{label_of(e.effect, None)}: {sized(e.parameters)}" for e in self.effects]
         found += [f"proposed, no name: {each.form.formula}" for each in self.proposed]
-        more = len(found) - RULES.places.most_shown
-        found[RULES.places.most_shown :] = [f"and {more} more"] if more > 0 else []
+        more = len(found) - PLACES.most_shown
+        found[PLACES.most_shown :] = [f"and {more} more"] if more > 0 else []
         found += [
             f"{name}: {gap.before.mean_mm:.4f} mm → {gap.after.mean_mm:.4f} mm in the mean"
             for name, gap in self.gap.items()

@@ -9,7 +9,7 @@ import numpy as np
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import name_of, steps_told, with_a_name
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import JUDGING, decisions
 from pa10cal.discovery.verdict import MAP, NOTHING_PLANNED, Plan, Verdict
 from pa10cal.fit.fitted_model import model_to_plain
 from pa10cal.fit.problem import possible_sizes
@@ -78,7 +78,7 @@ def verdict_record(
         arrival_from_order=found.prepared.arrivals_from_order,
         seconds=None,
         by_campaign=found.by_campaign(),
-        rules=RULES.decisions(),
+        rules=decisions(),
     )
 
 
@@ -122,7 +122,7 @@ def extended_parameters(found: Verdict[Any]) -> dict[str, Parameter]:
     baseline, covariance, k = found.baseline, found.covariance, len(found.extended.at.x)
     own, base = slice(len(baseline.x)), slice(k - 6, k)
     report = baseline.model.report(found.model.x[own])
-    possible = RULES.judging.identified_share * possible_sizes(baseline.model)
+    possible = JUDGING.identified_share * possible_sizes(baseline.model)
     known = np.sqrt(np.diag(covariance))[own] < possible
     # Small motions of the base are along its own axes, its origin along the instrument's.
     along = np.eye(6)

@@ -15,7 +15,7 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
@@ -56,7 +56,7 @@ class Wander:
         def bare(at_s: Array) -> Array:
             steps = [(at_s > jump.time_s).astype(float) for jump in self.jumps]
             part = np.interp(at_s, self.times_s, np.linspace(0.0, 1.0, len(self.times_s)))
-            number = np.arange(1, RULES.motion.walk_waves + 1 if self.walk_m else 1)
+            number = np.arange(1, MOTION.walk_waves + 1 if self.walk_m else 1)
             waves = np.sqrt(2.0) * np.cos(np.pi * np.outer(part, number))
             return np.column_stack([*steps, waves])
 
@@ -67,7 +67,7 @@ class Wander:
         """Return the standard deviation expected of each motion of each course, (6 c,)."""
         parts = [sizes_of_six(jump.size_m, jump.turn) for jump in self.jumps]
         if self.walk_m:
-            waves = self.walk_m * np.sqrt(6.0) / (np.pi * np.arange(1, RULES.motion.walk_waves + 1))
+            waves = self.walk_m * np.sqrt(6.0) / (np.pi * np.arange(1, MOTION.walk_waves + 1))
             parts += [sizes_of_six(size, self.walk_turn) for size in waves]
         return np.concatenate([np.zeros(0), *parts])
 

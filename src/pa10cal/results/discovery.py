@@ -390,13 +390,7 @@ class VerdictRecord(VerdictKeys, record.MeasuredRecord):
     # of a group, every effect found as each campaign alone has it
     by_campaign: tuple[EffectByCampaign, ...] | None = record.optional()
     # every number that the verdict hangs on, as in docs/discovery.md
-    rules: (
-        Mapping[
-            Annotated[str, record.Key("part")],
-            Mapping[Annotated[str, record.Key("number")], JsonValue],
-        ]
-        | None
-    ) = record.optional()
+    rules: Rules | None = record.optional()
 
 
 @record.filed("pa10cal-extended/1", "discovery/extended.json", by="discover")

@@ -12,7 +12,7 @@ from pa10cal.discovery.evidence import search
 from pa10cal.discovery.evidence.problem import fit, prepare
 from pa10cal.discovery.evidence.search import indistinguishable, linearise
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.observe.kinds import instruments
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.effects.joint import TransmissionError
@@ -150,7 +150,7 @@ class TestTestable:
         entry = refused[kind("joint 2")]
         left, rest = entry.why.split(" % ")
         assert rest == "remains beside the model's own parameters"
-        assert float(left) < 100.0 * RULES.candidates.least_share
+        assert float(left) < 100.0 * CANDIDATES.least_share
         assert entry.by_these_poses
 
     @pytest.mark.parametrize(

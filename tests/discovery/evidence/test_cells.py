@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from made_up_poses import measured_poses
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence.problem import gather, shared_error
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import EVIDENCE
 
 
 def rows_of(pose, load_N, side, time_s, repeats=None):
@@ -50,7 +50,7 @@ def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
     held = cells.states.q_rad > 0.0
     assert (held.sum(axis=0) == 1).all()
     assert (held.sum(axis=1) == cells.readings).all()
-    assert cells.readings.max() <= RULES.evidence.readings_a_cell
+    assert cells.readings.max() <= EVIDENCE.readings_a_cell
     for k, members in enumerate(held):
         rows = readings.take(members)
         assert set(rows.pose) == {cells.pose[k]}
@@ -73,7 +73,7 @@ def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
         if keys[k] == keys[k - 1]:
             assert time_s[held[k - 1]].max() < time_s[held[k]].min()
             assert abs(int(cells.readings[k]) - int(cells.readings[k - 1])) <= 1
-            assert cells.readings[k] + cells.readings[k - 1] > RULES.evidence.readings_a_cell
+            assert cells.readings[k] + cells.readings[k - 1] > EVIDENCE.readings_a_cell
 
 
 def shapes_of(load_N, time_s, side):

@@ -9,7 +9,7 @@ from made_up_arm import forced, measure
 from pa10cal.discovery.evidence.judge import confirm
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.evidence.search import evidence_about
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import EVIDENCE
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def chance(null):
 
 def test_what_is_there_is_confirmed_every_way(wave):
     (found,) = confirm(wave.problem, wave.found)
-    assert found.p_sign_flips_max_t == 1.0 / (1 + RULES.evidence.flips)
+    assert found.p_sign_flips_max_t == 1.0 / (1 + EVIDENCE.flips)
     assert found.lost_without_it_nats == pytest.approx(
         wave.found.score.log_evidence - wave.found.without[0].log_evidence
     )
@@ -31,7 +31,7 @@ def test_what_is_there_is_confirmed_every_way(wave):
 
 def test_what_is_chance_is_not(null, chance):
     (found,) = confirm(null.problem, chance)
-    assert found.p_sign_flips_max_t > RULES.evidence.false_rate
+    assert found.p_sign_flips_max_t > EVIDENCE.false_rate
     assert found.cross_validation_over_poses.explained < 0.1
     assert found.cross_validation_over_poses.z < 3.0
     assert found.cross_validation_over_loads.explained < 0.1
@@ -56,9 +56,9 @@ def test_an_effect_is_confirmed_beside_another_that_is_not(wave):
         found = dict(
             zip(effects, confirm(wave.problem, forced(wave, effects, (1, 1))), strict=True)
         )
-        assert found[right].p_sign_flips_max_t == 1.0 / (1 + RULES.evidence.flips)
+        assert found[right].p_sign_flips_max_t == 1.0 / (1 + EVIDENCE.flips)
         assert found[right].cross_validation_over_poses.explained > 0.8
-        assert found[chance].p_sign_flips_max_t > RULES.evidence.false_rate
+        assert found[chance].p_sign_flips_max_t > EVIDENCE.false_rate
         assert found[chance].cross_validation_over_poses.explained < 0.1
         assert found[right].lost_without_it_nats > 100.0 > 10.0 > found[chance].lost_without_it_nats
 
@@ -66,7 +66,7 @@ def test_an_effect_is_confirmed_beside_another_that_is_not(wave):
 def test_friction_is_confirmed_by_the_torques_it_shows_in(rubbing):
     friction = rubbing.effect("friction_torque", "joint 3")
     (found,) = confirm(rubbing.problem, forced(rubbing, (friction,), (1,)))
-    assert found.p_sign_flips_max_t == 1.0 / (1 + RULES.evidence.flips)
+    assert found.p_sign_flips_max_t == 1.0 / (1 + EVIDENCE.flips)
     assert found.cross_validation_over_poses.explained > 0.9
 
 
@@ -97,7 +97,7 @@ def test_flips_hold_where_poses_are_off_for_no_reason(lawless):
     assert gains[best][0] > 5.0  # the evidence alone makes more of it than of noise
     there = forced(lawless, (lawless.family[best],), (gains[best][1],))
     (found,) = confirm(lawless.problem, there)
-    assert found.p_sign_flips_max_t > RULES.evidence.false_rate
+    assert found.p_sign_flips_max_t > EVIDENCE.false_rate
     # Were its readings independent, chance would not do as much.
     cells = lawless.problem.cells
     each = np.array([f"{pose}-{k}" for k, pose in enumerate(cells.pose)])

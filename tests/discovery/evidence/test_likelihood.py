@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, CandidateRows, SetEvidence
 from pa10cal.discovery.evidence.problem import NoiseModel, SharedByCells
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import EVIDENCE
 
 CELLS, OWN = 10, 3
 POSE = np.repeat(np.arange(5), 2)
@@ -74,11 +74,7 @@ class Made:
             covariance[at, at] = total + rows @ rows.T
         for k, size in zip(members, sizes, strict=True):
             block = self.blocks[k]
-            rows = (
-                np.concatenate([block.pose, block.torque])
-                @ block.factor
-                * RULES.evidence.sizes[size]
-            )
+            rows = np.concatenate([block.pose, block.torque]) @ block.factor * EVIDENCE.sizes[size]
             covariance += rows @ rows.T
         return float(multivariate_normal.logpdf(np.concatenate(data), cov=covariance))
 
@@ -101,7 +97,7 @@ CONSTANT = 0.5 * 3 * CELLS * np.log(2.0 * np.pi)
 
 def penalty(members):
     """What trying so many sizes of each member costs."""
-    return np.log(len(RULES.evidence.sizes)) * len(members)
+    return np.log(len(EVIDENCE.sizes)) * len(members)
 
 
 @pytest.mark.parametrize(("members", "sizes"), SETS)
@@ -143,7 +139,7 @@ def test_what_a_candidate_adds_is_the_difference_of_two_scores(made, members, si
     for k, (gain, size) in zip(candidates, evidence.additions(chosen, candidates), strict=True):
         scores = [
             evidence.score((*chosen, (k, each))).log_evidence - here
-            for each in range(len(RULES.evidence.sizes))
+            for each in range(len(EVIDENCE.sizes))
         ]
         assert gain == pytest.approx(scores[size], abs=0.3 if any(variances) else 0.02)
         assert scores[size] > max(scores) - 0.3
@@ -226,7 +222,7 @@ def test_chance_reaches_the_threshold_no_more_often_than_stated(made, by_chance)
 
 def test_what_explains_nothing_costs_the_more_the_larger_it_might_be(made):
     evidence = made.evidence(made.data(9))
-    gains = [evidence.score(((0, size),)).log_evidence for size in range(len(RULES.evidence.sizes))]
+    gains = [evidence.score(((0, size),)).log_evidence for size in range(len(EVIDENCE.sizes))]
     assert gains == sorted(gains, reverse=True)
     assert gains[2] < gains[0] - 2.0
 

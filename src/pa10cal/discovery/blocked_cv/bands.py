@@ -22,7 +22,7 @@ from pa10cal.discovery.blocked_cv.family import Candidate, solve
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS, COMPUTING, MAPS
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,
@@ -75,7 +75,7 @@ def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     None where no map of what the search found is as fine as helps, or the bands predict no better.
     """
     maps = search.maps_among(fine.members)
-    if not maps or max(each.knots for each in maps) < RULES.maps.finer_knots[0]:
+    if not maps or max(each.knots for each in maps) < MAPS.finer_knots[0]:
         return None
     shaped = tuple(member.shaped for member in fine.members if not member.is_map)
     rows = replace(rows, shaped=shaped)
@@ -83,7 +83,7 @@ def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     waves = _Waves(rows, maps)
     splines: list[Products] = []  # of all blocks, of positions and of other rows
     by_kind = []
-    for b in range(RULES.blocks.blocks):
+    for b in range(BLOCKS.blocks):
         kinds = rows.products_by_kind(b, *search.joints_and_knots(members))
         splines = [*map(add, splines, kinds)] if splines else [*kinds]
         by_kind.append([waves.of(each) for each in kinds])
@@ -127,7 +127,7 @@ def _attitudes(by_kind: Sequence[Sequence[Products]], waves: _Waves, maps: int) 
     """
     sizes = waves.sizes([TYPICAL] * maps, [], 1.0)
     best, least = 1.0, np.inf
-    for share in RULES.maps.attitude_weights:
+    for share in MAPS.attitude_weights:
         blocks = [_weighed(kinds, share) for kinds in by_kind]
         total = reduce(add, blocks)
         left = np.array(
@@ -159,10 +159,10 @@ class _Waves:
 
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         self._dense = rows.dense
-        self._free = np.ones(rows.dense + 2 * RULES.maps.highest_band * len(maps), dtype=bool)
+        self._free = np.ones(rows.dense + 2 * MAPS.highest_band * len(maps), dtype=bool)
         self._free[: len(rows.own)] = ~rows.at_bound
-        self.orders = harmonic_orders(2 * RULES.maps.highest_band + 1)[1:]
-        waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * RULES.maps.highest_band]
+        self.orders = harmonic_orders(2 * MAPS.highest_band + 1)[1:]
+        waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * MAPS.highest_band]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
 
     @property
@@ -187,7 +187,7 @@ class _Waves:
             assert spectrum is not None
             sizes = spectrum.sizes_rad(self.orders) / scatter
             if before and spectrum == before[k].spectrum:
-                sizes[2.0 * self.orders > before[k].knots] = RULES.computing.no_waves_rad
+                sizes[2.0 * self.orders > before[k].knots] = COMPUTING.no_waves_rad
             found.append(sizes)
         return np.concatenate(found)
 
@@ -211,9 +211,9 @@ def _stretches(
         angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
         tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
         for chosen in (
-            RULES.maps.tenths_left_out
-            if len(maps) <= RULES.maps.few_joints
-            else RULES.maps.tenths_left_out[k % 2 :][:1]
+            MAPS.tenths_left_out
+            if len(maps) <= MAPS.few_joints
+            else MAPS.tenths_left_out[k % 2 :][:1]
         ):
             survey = replace(rows.survey, block=np.where(tenth == chosen, 0, -1))
             chosen_rows = replace(rows, survey=survey)
@@ -231,8 +231,8 @@ def _stretches(
 
 #: Standard deviation, in logarithms, by which the numbers of a band may differ from typical
 #: ones, and by which those of a joint may differ from the arm's.
-_ANYWHERE = np.array(RULES.maps.band_std)
-_OF_A_JOINT = np.array(RULES.maps.band_std_of_joint)
+_ANYWHERE = np.array(MAPS.band_std)
+_OF_A_JOINT = np.array(MAPS.band_std_of_joint)
 #: Numbers of a band.
 _NUMBERS = len(_ANYWHERE)
 
@@ -353,17 +353,17 @@ class _Cost:
 def _climb(cost: _Cost, start: Array) -> _Point:
     """Return the most likely point from a start, by steps of the expected curvature (Fisher)."""
     here, damping = cost(start), 0.0
-    for _ in range(RULES.computing.band_steps):
+    for _ in range(COMPUTING.band_steps):
         damped = here.curvature + damping * np.diag(np.diag(here.curvature))
         step = -np.linalg.solve(damped, here.gradient)
-        step *= min(1.0, RULES.computing.band_longest / float(np.abs(step).max()))
+        step *= min(1.0, COMPUTING.band_longest / float(np.abs(step).max()))
         ahead = cost(here.at + step)
         if ahead.value > here.value:
-            damping = max(RULES.computing.damping_up * damping, RULES.computing.band_damping)
+            damping = max(COMPUTING.damping_up * damping, COMPUTING.band_damping)
             continue
         gained, here = here.value - ahead.value, ahead
-        damping *= RULES.computing.damping_down
-        if gained < RULES.computing.band_settled:
+        damping *= COMPUTING.damping_down
+        if gained < COMPUTING.band_settled:
             break
     return here
 
@@ -403,6 +403,6 @@ def _log_sizes(logs: Array, orders: Array) -> Array:
 
 def _slopes(logs: Array, orders: Array) -> Array:
     """Return how the logarithms of sizes follow those of the numbers, (M, k)."""
-    steps = RULES.computing.band_difference * np.eye(_NUMBERS)
+    steps = COMPUTING.band_difference * np.eye(_NUMBERS)
     ahead = [_log_sizes(logs + step, orders) - _log_sizes(logs - step, orders) for step in steps]
-    return np.stack(ahead, axis=1) / (2.0 * RULES.computing.band_difference)
+    return np.stack(ahead, axis=1) / (2.0 * COMPUTING.band_difference)

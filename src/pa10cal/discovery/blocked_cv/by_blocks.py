@@ -38,7 +38,7 @@ from pa10cal.discovery.next_poses import (
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, NEXT_POSES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
@@ -95,11 +95,11 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
         search = SearchByBlocks(
             candidates=self.candidates,
             error_rate=self.error_rate,
-            blocks=RULES.blocks.blocks,
+            blocks=BLOCKS.blocks,
             needed=Needed(
-                standard_errors=RULES.blocks.standard_errors,
+                standard_errors=BLOCKS.standard_errors,
                 sum_of_squares=self.least_gain,
-                part_of_remaining_error_over_noise=RULES.blocks.least_share,
+                part_of_remaining_error_over_noise=BLOCKS.least_share,
             ),
             poses_down_weighted=int(np.sum(self.extended.weights.weight < 1.0)),
             refit_converged=bool(self.extended.converged),
@@ -228,7 +228,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         # What is ambiguous comes first; else joints go to angles not seen.
         rivals, separations = unresolved(self.effects), None
-        few = len(self.extended.at.x) <= RULES.next_poses.most_parameters
+        few = len(self.extended.at.x) <= NEXT_POSES.most_parameters
         if rivals and few and not self.survey.poses.measured.campaigns:
             problem, found = without_repeats(self.survey, self.extended, self.noise)
             try:
@@ -359,8 +359,8 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
         return found
     still = replace(found, survey=replace(found.survey, wander=None)).with_findings(found.findings)
     components = max(int(found.survey.poses.measured.components_seen.sum()), 1)
-    by_chance = min(2.0 * len(found.extended.x) / components, RULES.blocks.most_by_chance)
-    least_mm = np.sqrt(1.0 - by_chance) / RULES.names.worse_ratio * found.train.after.rms_mm
+    by_chance = min(2.0 * len(found.extended.x) / components, BLOCKS.most_by_chance)
+    least_mm = np.sqrt(1.0 - by_chance) / NAMES.worse_ratio * found.train.after.rms_mm
     if still.train.after.rms_mm > least_mm:
         return found
     return still.with_nuisances_of(found)
@@ -369,7 +369,7 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
 # Maps whose cause the motor's ripple says, under the name of that cause.
 
 #: Knots of a map that follows ten waves a turn and more.
-_FINE_KNOTS = RULES.maps.spacings[1][0]
+_FINE_KNOTS = MAPS.spacings[1][0]
 _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
 
 

@@ -21,7 +21,7 @@ from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEff
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.preparation import computable, sought, why_hidden
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS, COMPUTING, MAPS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     FadingPrior,
@@ -248,7 +248,7 @@ def no_wider_than(normal: Array, prior: Array) -> Array:
     """
     bare = np.diag(prior) == 0.0
     root = np.linalg.cholesky(
-        prior + np.diag(np.where(bare, RULES.computing.least_precision * np.diag(normal), 0.0))
+        prior + np.diag(np.where(bare, COMPUTING.least_precision * np.diag(normal), 0.0))
     )
     within = np.linalg.solve(root, np.linalg.solve(root, normal).T)
     values, vectors = np.linalg.eigh(0.5 * (within + within.T))
@@ -270,9 +270,7 @@ def _inverse(gram: Array, sizes: Array) -> Array:
 def map_candidates(rows: BlockedRows) -> list[Candidate]:
     """Return maps of every revolute joint in all spacings, smoothnesses and sizes."""
     found = []
-    for joint, (knots, half_order), size_rad in product(
-        rows.joints, RULES.maps.spacings, RULES.maps.sizes_rad
-    ):
+    for joint, (knots, half_order), size_rad in product(rows.joints, MAPS.spacings, MAPS.sizes_rad):
         spectrum = FadingPrior(size_rad, half_order)
         # Of the highest order of an even number of knots only one part is there.
         harmonics = knots - (1 if knots == rows.knots else 2)
@@ -310,7 +308,7 @@ def as_good(squares: Array, than: Array) -> bool:
 
 def surely_worse(gain: Array) -> bool:
     """Return whether a sum over blocks is below zero by more than its scatter between them."""
-    return float(gain.sum()) < -RULES.blocks.worse_errors * standard_error(gain)
+    return float(gain.sum()) < -BLOCKS.worse_errors * standard_error(gain)
 
 
 def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[Untestable, ...]]:
@@ -400,9 +398,9 @@ def _nearly_always(left: Array) -> float:
     Poses may show one parameter well and another hardly. Products of columns (k, k) are in sizes.
     """
     values = np.maximum(np.linalg.eigvalsh(left), 0.0)
-    drawn = np.random.default_rng(0).standard_normal((RULES.blocks.directions, len(values))) ** 2
+    drawn = np.random.default_rng(0).standard_normal((BLOCKS.directions, len(values))) ** 2
     shares = drawn / drawn.mean(axis=1, keepdims=True)
-    return float(np.quantile(shares @ values, RULES.blocks.hidden_share))
+    return float(np.quantile(shares @ values, BLOCKS.hidden_share))
 
 
 def _hidden(rows: BlockedRows, candidate: Candidate, whole: Array, left: Array) -> str | None:

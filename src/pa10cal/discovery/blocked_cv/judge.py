@@ -42,7 +42,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.observe.order import like_a_scan
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
@@ -78,7 +78,7 @@ def prediction(
     return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
-        blocks=RULES.blocks.blocks,
+        blocks=BLOCKS.blocks,
         improved=int(np.sum(gain > 0.0)),
         gain=part,
         gain_std=std,
@@ -100,7 +100,7 @@ def judged_members(
     )
     count = rows.survey.block.size
     errors_mm, squares = np.empty((2, count, len(solutions)))
-    for b in range(RULES.blocks.blocks):
+    for b in range(BLOCKS.blocks):
         x = np.zeros((len(chosen.total.projection), len(solutions)))
         x[chosen.at] = solutions[:, b].T
         here = rows.survey.block == b
@@ -131,11 +131,8 @@ def remaining_error(
     rows: BlockedRows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
 ) -> Remaining:
     """Return the position error of held-out blocks, against noise, and what was tried on it."""
-    means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(RULES.blocks.blocks)])
-    mean_mm, std_mm = (
-        float(errors_mm.mean()),
-        float(means.std(ddof=1) / np.sqrt(RULES.blocks.blocks)),
-    )
+    means = np.array([errors_mm[rows.survey.block == b].mean() for b in range(BLOCKS.blocks)])
+    mean_mm, std_mm = (float(errors_mm.mean()), float(means.std(ddof=1) / np.sqrt(BLOCKS.blocks)))
     return Remaining(
         mean_mm=mean_mm,
         std_mm=std_mm,
@@ -152,17 +149,15 @@ def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
     By their mean and its standard error, or by their median and what the median of normal deviates
     scatters by, taken from their median absolute deviation.
     """
-    if mean_mm <= RULES.blocks.over_floor * floor_mm:
+    if mean_mm <= BLOCKS.over_floor * floor_mm:
         return False
     root = np.sqrt(len(means_mm))
     middle_mm = float(np.median(means_mm))
-    usual_mm = (
-        RULES.blocks.median_errors * float(median_abs_deviation(means_mm, scale="normal")) / root
-    )
-    surely = mean_mm - floor_mm > RULES.blocks.over_floor_errors * means_mm.std(ddof=1) / root
+    usual_mm = BLOCKS.median_errors * float(median_abs_deviation(means_mm, scale="normal")) / root
+    surely = mean_mm - floor_mm > BLOCKS.over_floor_errors * means_mm.std(ddof=1) / root
     middle = (
-        middle_mm > RULES.blocks.over_floor * floor_mm
-        and middle_mm - floor_mm > RULES.blocks.over_floor_errors * usual_mm
+        middle_mm > BLOCKS.over_floor * floor_mm
+        and middle_mm - floor_mm > BLOCKS.over_floor_errors * usual_mm
     )
     return bool(surely or middle)
 
@@ -287,7 +282,7 @@ class HoldoutCheck:
     def __init__(self, survey: Survey, found: Refit, least_gain: float) -> None:
         """Take a survey, its model, and the sum of squares by which anything must help at least."""
         self._survey, self._at, self._least_gain = survey, found.at, least_gain
-        self._block = np.arange(len(survey.poses)) % RULES.blocks.blocks
+        self._block = np.arange(len(survey.poses)) % BLOCKS.blocks
         self._whiten, self._left = found.weights.whiteners(), -survey.net_residual(found.at)
         terms = found.model.terms
         own = [term for term in terms if not isinstance(term, JointErrorMap | BaseDrift)]
@@ -313,9 +308,7 @@ class HoldoutCheck:
         kinds = (white[:, kind] ** 2 for kind in (of_positions, ~of_positions))
         left_m = np.asarray(np.linalg.solve(self._whiten, white[:, :, None]), np.float64)[:, :, 0]
         return Squares(
-            np.stack(
-                [np.bincount(self._block, kind.sum(axis=1), RULES.blocks.blocks) for kind in kinds]
-            ),
+            np.stack([np.bincount(self._block, kind.sum(axis=1), BLOCKS.blocks) for kind in kinds]),
             rms(error_mm(measured, left_m)),
         )
 
@@ -326,7 +319,7 @@ class HoldoutCheck:
         share of noise is taken off.
         """
         gain = float((before.total - after.total).sum())
-        return gain > RULES.blocks.least_share * float(after.kinds[0].sum()) and self.matters(
+        return gain > BLOCKS.least_share * float(after.kinds[0].sum()) and self.matters(
             before, after
         )
 
@@ -334,7 +327,7 @@ class HoldoutCheck:
         """Return whether they come out better by more than chance makes of it."""
         gain = before.total - after.total
         return float(gain.sum()) > max(
-            self._least_gain, RULES.blocks.standard_errors * standard_error(gain)
+            self._least_gain, BLOCKS.standard_errors * standard_error(gain)
         )
 
 
@@ -355,12 +348,12 @@ def slow_drift(survey: Survey, held: HoldoutCheck, there: Sequence[Effect]) -> t
     """Return a slow drift beside the effects found, where it helps."""
     poses = survey.poses
     time_s = poses.states.time_s
-    timed = len(np.unique(time_s)) > RULES.blocks.own_times_share * len(poses)
+    timed = len(np.unique(time_s)) > BLOCKS.own_times_share * len(poses)
     if survey.wander is not None or poses.states.campaign is not None or not timed:
         return ()
     if like_a_scan(poses) or not poses.states.tells_time:
         return ()
-    drift = BaseDrift("base", float(time_s.min()), float(time_s.max()), RULES.blocks.drift_waves)
+    drift = BaseDrift("base", float(time_s.min()), float(time_s.max()), BLOCKS.drift_waves)
     without, with_drift = held.squares(), held.squares([drift])
     if not held.helps(without, with_drift):
         return ()
@@ -414,9 +407,7 @@ class SearchOutcome:
 
 def found_in(survey: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
     """Search a survey."""
-    found = _with_nuisance_amounts(
-        _searched(weighted_rows(survey, shaped, RULES.maps.spacings[-1][0]))
-    )
+    found = _with_nuisance_amounts(_searched(weighted_rows(survey, shaped, MAPS.spacings[-1][0])))
     if survey.context.commanded:
         added = arrivals(survey, found.holdout_check, found.extended.effects)
         found = with_effects_added(found, added)
@@ -537,7 +528,7 @@ def by_arrival(effect: Effect | EffectName) -> bool:
 def _stays(held: HoldoutCheck, without: Squares, every: Squares) -> bool:
     """Return whether one matters beside the others, and neither kind loses much of the gain."""
     gains = without.kinds - every.kinds
-    most_lost = -RULES.blocks.most_lost_share * float(gains.sum())
+    most_lost = -BLOCKS.most_lost_share * float(gains.sum())
     contradict = any(surely_worse(gain) and float(gain.sum()) < most_lost for gain in gains)
     return held.matters(without, every) and not contradict
 

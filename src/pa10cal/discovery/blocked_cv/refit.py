@@ -24,7 +24,7 @@ from pa10cal.discovery.blocked_cv.survey import (
 from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.preparation import complete_about
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS, COMPUTING, MAPS
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
@@ -45,7 +45,7 @@ from pa10cal.terms.term import Report, Term
 
 # Rows weighed by what a model leaves that lacks nothing of the vocabulary.
 
-_FADING = FadingPrior(*RULES.maps.weighing_prior)
+_FADING = FadingPrior(*MAPS.weighing_prior)
 
 
 def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) -> BlockedRows:
@@ -57,12 +57,12 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     """
     measured = survey.poses.measured
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
-    rows = BlockedRows(survey, unweighted(measured), named, RULES.maps.weighing_knots)
+    rows = BlockedRows(survey, unweighted(measured), named, MAPS.weighing_knots)
     weights = pose_weights(
         linear.residual(rows.place, survey.poses), float(len(rows.own)), measured
     )
-    for _ in range(RULES.maps.reweighted):
-        rows = BlockedRows(survey, weights, named, RULES.maps.weighing_knots)
+    for _ in range(MAPS.reweighted):
+        rows = BlockedRows(survey, weights, named, MAPS.weighing_knots)
         weights = pose_weights(*_left_by_everything(rows), measured)
     return BlockedRows(survey, weights, shaped, knots)
 
@@ -86,14 +86,14 @@ def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
     seen = rows.survey.poses.measured.components_seen
     for fitted in (every, every - len(harmonics), own):
         sizes = np.concatenate([np.ones(every - len(harmonics)), harmonics])
-        sizes[fitted:] *= RULES.computing.not_fitted
+        sizes[fitted:] *= COMPUTING.not_fitted
         prior = np.diag(sizes**-2.0)
         taken = float(np.trace(solve(total.gram, total.gram, prior)))
-        if taken <= RULES.maps.most_taken_share * seen.sum():
+        if taken <= MAPS.most_taken_share * seen.sum():
             break
     x = solve(total.gram, total.projection, prior)
     remaining = np.empty(seen.shape)
-    for b in range(RULES.blocks.blocks):
+    for b in range(BLOCKS.blocks):
         remaining[rows.survey.block == b] = rows.block_residual(b, x[:, None])[:, :, 0]
     return remaining, taken
 
@@ -137,8 +137,8 @@ def refit(
         free = ~taken.held
         std = np.sqrt(np.maximum(np.diag(before)[free], np.finfo(float).tiny))
         return (
-            taken.damping < RULES.computing.refit_damping
-            and float(np.abs(taken.step[free] / std).max()) < RULES.computing.refit_arrived
+            taken.damping < COMPUTING.refit_damping
+            and float(np.abs(taken.step[free] / std).max()) < COMPUTING.refit_arrived
         )
 
     found = minimise(
@@ -146,11 +146,11 @@ def refit(
         lambda x: fit.equations(x, counts),
         lambda x, step: bounds.clip(x + step),
         arrived,
-        most_steps=RULES.computing.refit_steps,
+        most_steps=COMPUTING.refit_steps,
         held=bounds.held,
         cost=lambda x: fit.cost(x, counts),
         reweighted=reweighted,
-        no_worse=RULES.computing.refit_no_worse,
+        no_worse=COMPUTING.refit_no_worse,
     )
     held = bounds.held(found.at, found.equations.gradient)
     covariance = _inverse(found.equations.normal, fit.prior, ~held)
@@ -330,8 +330,8 @@ class PartialFits:
             bounds.clip(x[free]),
             equations,
             lambda values, step: bounds.clip(values + step),
-            lambda _, taken: taken.gained <= RULES.computing.nearby_settled * taken.before.cost,
-            most_steps=RULES.computing.nearby_steps,
+            lambda _, taken: taken.gained <= COMPUTING.nearby_settled * taken.before.cost,
+            most_steps=COMPUTING.nearby_steps,
             held=bounds.held,
             beyond=bounds.beyond,
         )
@@ -346,7 +346,7 @@ class PartialFits:
 # is the joint's zero. Neighbouring angles go together, so uncertainties are by leaving out arcs.
 
 #: Angles of a turn at which errors are compared.
-ANGLES_RAD = np.radians(np.arange(float(RULES.maps.angles_a_turn)))
+ANGLES_RAD = np.radians(np.arange(float(MAPS.angles_a_turn)))
 
 
 def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign, ...]:
@@ -407,11 +407,9 @@ def visited(q_rad: Array) -> Mask:
     turn = 2.0 * np.pi
     sorted_rad = np.sort(np.mod(q_rad, turn))
     around = np.concatenate([sorted_rad - turn, sorted_rad, sorted_rad + turn])
-    first = np.searchsorted(around, ANGLES_RAD - np.radians(RULES.maps.compared_within_deg))
-    last = np.searchsorted(
-        around, ANGLES_RAD + np.radians(RULES.maps.compared_within_deg), side="right"
-    )
-    return np.asarray(last - first >= RULES.maps.compared_poses)
+    first = np.searchsorted(around, ANGLES_RAD - np.radians(MAPS.compared_within_deg))
+    last = np.searchsorted(around, ANGLES_RAD + np.radians(MAPS.compared_within_deg), side="right")
+    return np.asarray(last - first >= MAPS.compared_poses)
 
 
 def pair_of(
@@ -421,10 +419,10 @@ def pair_of(
     (one, a), (two, b) = first, second
     both = a.visited & b.visited
     x, y = a.error_mrad[both], b.error_mrad[both]
-    arc = (ANGLES_RAD[both] // np.radians(RULES.maps.compared_arc_deg)).astype(int)
+    arc = (ANGLES_RAD[both] // np.radians(MAPS.compared_arc_deg)).astype(int)
     arcs = np.unique(arc)
     named: dict[str, Any] = {"first": one, "second": two, "share_of_turn": float(both.mean())}
-    if len(arcs) < RULES.maps.compared_arcs or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
+    if len(arcs) < MAPS.compared_arcs or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
         return records.CampaignsAgree(
             **(dict.fromkeys(records.CampaignsAgree.model_fields) | named)
         )
@@ -454,11 +452,7 @@ def pair_of(
 
 def _correlation(x: Array, y: Array) -> float:
     return float(
-        np.clip(
-            np.corrcoef(x, y)[0, 1],
-            -RULES.computing.most_correlation,
-            RULES.computing.most_correlation,
-        )
+        np.clip(np.corrcoef(x, y)[0, 1], -COMPUTING.most_correlation, COMPUTING.most_correlation)
     )
 
 

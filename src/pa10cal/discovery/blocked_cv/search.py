@@ -30,7 +30,7 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEffect
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.linear import standard_error
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     JointErrorMap,
@@ -68,7 +68,7 @@ class Search:
         """Search until the set stays."""
         chosen = self._nothing
         settled: list[ShapedEffect] | None = None
-        for _ in range(RULES.blocks.most_rounds):
+        for _ in range(BLOCKS.most_rounds):
             chosen = self._backward(self._forward(chosen))
             if settled == [candidate.shaped for candidate in chosen.members]:
                 break
@@ -82,8 +82,8 @@ class Search:
         total = float(gain.sum())
         left_over = max(float(after.sum()) - self.noise, 0.0)
         return total > max(
-            self.least_gain, RULES.blocks.least_share * left_over
-        ) and total > RULES.blocks.standard_errors * standard_error(gain)
+            self.least_gain, BLOCKS.least_share * left_over
+        ) and total > BLOCKS.standard_errors * standard_error(gain)
 
     def is_surely_found(self, gain: float) -> bool:
         """Return whether an expected gain helps enough in 95 of 100 campaigns.
@@ -91,8 +91,8 @@ class Search:
         A gain in squares of unit noise scatters by twice its root.
         """
         scatter = 2.0 * np.sqrt(gain)
-        least = max(self.least_gain, RULES.blocks.standard_errors * scatter)
-        return bool(gain - RULES.blocks.one_sided_deviates * scatter >= least)
+        least = max(self.least_gain, BLOCKS.standard_errors * scatter)
+        return bool(gain - BLOCKS.one_sided_deviates * scatter >= least)
 
     def others(self, chosen: EffectSet) -> list[Candidate]:
         """Return the candidates of which no form is in the set."""
@@ -157,9 +157,9 @@ class Search:
             np.concatenate([each.sizes for each in every]),
         )  # show first whether names can do its work at all
         lost = tried.with_each([together])[0] - chosen.squares
-        if lost.sum() > RULES.blocks.hopeless_errors * standard_error(lost):
+        if lost.sum() > BLOCKS.hopeless_errors * standard_error(lost):
             return None
-        for _ in range(RULES.blocks.most_names):
+        for _ in range(BLOCKS.most_names):
             names = self._names_at(tried, candidate.effect)
             if not names:
                 return None
@@ -215,7 +215,7 @@ def refine_maps(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
     """Make maps of the search's finest spacing finer, all at once, while held-out blocks gain."""
     rows = replace(rows, shaped=tuple(member.shaped for member in members if not member.is_map))
     best, left = _held_out(rows, members)
-    for knots in RULES.maps.finer_knots:
+    for knots in MAPS.finer_knots:
         if not any(_has_finest(member) for member in members):
             break
         ahead, after = _held_out(
@@ -236,8 +236,8 @@ def _held_out(rows: BlockedRows, members: tuple[Candidate, ...]) -> tuple[Level,
     """Return the level of members, and the squared error of each block held out, (B,)."""
     inside = products_of(rows, members)
     found = level_of(inside.summed(), rows, members)
-    squares, every = np.empty(RULES.blocks.blocks), np.arange(len(found.prior))
-    for b in range(RULES.blocks.blocks):
+    squares, every = np.empty(BLOCKS.blocks), np.arange(len(found.prior))
+    for b in range(BLOCKS.blocks):
         gram, projection = inside.gram[b], inside.projection[b]
         x = solve(found.total.gram - gram, found.total.projection - projection, found.prior)
         squares[b] = predicted_squares(inside, b, every, x)
@@ -262,7 +262,7 @@ def level_of(total: Products, rows: BlockedRows, members: tuple[Candidate, ...])
 def products_of(rows: BlockedRows, members: tuple[Candidate, ...]) -> Products:
     """Return the products of own parameters, effects, and B-splines of maps, block by block."""
     found = []
-    for b in range(RULES.blocks.blocks):
+    for b in range(BLOCKS.blocks):
         positions, others = rows.products_by_kind(b, *joints_and_knots(members))
         found.append(positions + others)
     return Products(
@@ -297,7 +297,7 @@ def _amounts(shaped: ShapedEffect, found: Array) -> Array:
 def _has_finest(member: Candidate) -> bool:
     """Return whether a member is a map as fine as the search has them."""
     effect = member.effect
-    return is_error_map(effect) and effect.knots >= RULES.maps.spacings[-1][0]
+    return is_error_map(effect) and effect.knots >= MAPS.spacings[-1][0]
 
 
 def with_form(member: Candidate, knots: int, spectrum: Spectrum | None = None) -> Candidate:

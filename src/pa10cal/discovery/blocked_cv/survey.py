@@ -23,7 +23,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import Noise, PoseWeights, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.wander import Wander
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
@@ -37,7 +37,7 @@ from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots,
 from pa10cal.terms.term import Term
 
 #: Poses below which blocks of them cannot be held out.
-LEAST_FOR_BLOCKS = RULES.blocks.blocks * RULES.blocks.least_poses
+LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ class Survey:
 
         Between poses on either side a wander is known; past a stretch of time it is not.
         """
-        return replace(self, wander=wander, block=np.arange(len(self.poses)) % RULES.blocks.blocks)
+        return replace(self, wander=wander, block=np.arange(len(self.poses)) % BLOCKS.blocks)
 
     def changing(self, change: Change) -> Survey:
         """Return the survey of what changed at a row, in blocks of every tenth pose."""
-        return replace(self, change=change, block=np.arange(len(self.poses)) % RULES.blocks.blocks)
+        return replace(self, change=change, block=np.arange(len(self.poses)) % BLOCKS.blocks)
 
     def net_residual(self, at: FittedModel, poses: Observations | None = None) -> Array:
         """Return predicted minus measured components, (P, b), without motion, change or lag.
@@ -169,7 +169,7 @@ def _stretches(poses: Observations) -> Index:
     campaign = poses.states.campaign
     for own in [None] if campaign is None else np.unique(campaign):
         rows = np.arange(len(poses)) if own is None else np.flatnonzero(campaign == own)
-        block[rows] = np.arange(len(rows)) * RULES.blocks.blocks // len(rows)
+        block[rows] = np.arange(len(rows)) * BLOCKS.blocks // len(rows)
     return block
 
 
@@ -204,14 +204,14 @@ class AttitudeLag:
     @property
     def sizes(self) -> Array:
         """Return the size expected of each amount [rad]."""
-        return np.full(self.campaigns * len(self.joints), RULES.blocks.lag_rad)
+        return np.full(self.campaigns * len(self.joints), BLOCKS.lag_rad)
 
     def columns(self, at: FittedModel, poses: Observations) -> Array:
         """Return how components follow the amounts, (P, b, k)."""
         turned = by_joints(at, poses, self.joints)
         turned[:, poses.measured.position_columns] = 0.0
         came = poses.states.move_from_previous[:, [joint - 1 for joint in self.joints]]
-        turned = turned * came[:, None, :] * RULES.blocks.lag_rad
+        turned = turned * came[:, None, :] * BLOCKS.lag_rad
         campaign = poses.states.campaign
         if campaign is None:
             return np.asarray(turned)
@@ -230,7 +230,7 @@ class AttitudeLag:
         said = " and ".join(
             f"joint {joint} ({1e6 * lag_rad:.0f} µrad)"
             for joint, lag_rad in zip(self.joints, lags_rad.tolist(), strict=True)
-            if lag_rad > RULES.blocks.told_share * lags_rad.max()
+            if lag_rad > BLOCKS.told_share * lags_rad.max()
         )
         why = (
             f"orientations go with the way that {said} came, and positions do not: it is the "
@@ -274,9 +274,7 @@ class Products:
         """Return the products of weighed rows: data (R,), columns (R, d), B-splines (R, K)."""
         d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
         seen = np.asarray(dense.any(axis=1))
-        if np.count_nonzero(seen) < RULES.blocks.seen_share * len(
-            seen
-        ):  # components of other campaigns
+        if np.count_nonzero(seen) < BLOCKS.seen_share * len(seen):  # components of other campaigns
             data, dense, maps = data[seen], dense[seen], maps[np.flatnonzero(seen)]
         gram = np.empty((total, total))
         gram[:d, :d] = dense.T @ dense
@@ -418,7 +416,7 @@ class BlockedRows:
     def own_sizes(self) -> Array:
         """Return the sizes expected of the model's own parameters, beside what rows say of them."""
         sizes = np.ones(len(self.own))
-        sizes[self.of_weights] = RULES.blocks.sizes_not_twice
+        sizes[self.of_weights] = BLOCKS.sizes_not_twice
         return sizes
 
     @property
@@ -444,12 +442,9 @@ class BlockedRows:
         """Return the products of all columns, block by block."""
         knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
         total = self.dense + len(self.joints) * (self.knots - 1)
-        gram = np.empty((2, RULES.blocks.blocks, total, total))
-        projection, squares = (
-            np.empty((2, RULES.blocks.blocks, total)),
-            np.empty((2, RULES.blocks.blocks)),
-        )
-        for b in range(RULES.blocks.blocks):
+        gram = np.empty((2, BLOCKS.blocks, total, total))
+        projection, squares = (np.empty((2, BLOCKS.blocks, total)), np.empty((2, BLOCKS.blocks)))
+        for b in range(BLOCKS.blocks):
             for kind, rows in enumerate(self.products_by_kind(b, self.joints, knots)):
                 found = rows.in_terms_of(self.dense, bases)
                 gram[kind, b], projection[kind, b] = found.gram, found.projection
@@ -459,7 +454,7 @@ class BlockedRows:
         # What is known of the weights is told like readings, some in every block: what they would
         # have to be to explain an error counts against them.
         told = np.zeros(total)
-        told[self.of_weights] = 1.0 / RULES.blocks.blocks
+        told[self.of_weights] = 1.0 / BLOCKS.blocks
         every = np.arange(total)
         gram[1][:, every, every] += told
         measured, positions = self.survey.poses.measured, None

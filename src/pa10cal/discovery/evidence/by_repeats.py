@@ -48,7 +48,7 @@ from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.row_faults import moved_between_repeats
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, EVIDENCE
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
@@ -160,7 +160,7 @@ class VerdictByRepeats(SearchVerdict[Confirmation]):
         return FormComparison(
             data=rows.data,
             own=np.delete(rows.own, of_held, axis=1),
-            block=(pose % RULES.evidence.form_folds)[rows.cell],
+            block=(pose % EVIDENCE.form_folds)[rows.cell],
             held=rows.own[:, of_held] if held else None,
             columns_of=columns_of,
             states=problem.cells.states,
@@ -264,13 +264,13 @@ def _with_time(
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), (0.0, 0.0))
     every, found = preparation.sought(problem.context, baseline.model.terms), STILL
-    for _ in range(RULES.evidence.rounds_of_time):
+    for _ in range(EVIDENCE.rounds_of_time):
         # A jump in few repeats may leave directions without noise: a little of what is stated.
         stated = problem.readings.measured.stated_covariance
         found = in_time_of(
             start.at,
             problem.readings,
-            whitener_of(problem.noise.cov + RULES.evidence.least_uncertainty_share**2 * stated),
+            whitener_of(problem.noise.cov + EVIDENCE.least_uncertainty_share**2 * stated),
             every,
             logged=problem.torques_logged,
             weights=problem.torque is not None,
@@ -371,10 +371,10 @@ def channel_tests(
         pure, dof, shares = (
             problem.noise.differences * values.shape[1],
             1.0 - taken,
-            channel.shared_size > RULES.computing.no_part,
+            channel.shared_size > COMPUTING.no_part,
         )
         test, variance, freedom = None, 0.0, float(dof[shares].sum())
-        if freedom > RULES.computing.no_part:
+        if freedom > COMPUTING.no_part:
             test = pure_error_test(float((rows[shares, 0] ** 2).sum()), freedom, pure)
             beyond = max(test.chi_square - test.dof, 0.0)
             variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
@@ -405,9 +405,9 @@ def fit_given(
         The campaign made ready about the fit, and the fit.
     """
     current = fit(problem, (), (), (0.0, 0.0))
-    sizes = (RULES.evidence.usual_size,) * len(effects)
+    sizes = (EVIDENCE.usual_size,) * len(effects)
     settled: tuple[object, ...] = ()
-    for _ in range(RULES.evidence.rounds_of_sizes):
+    for _ in range(EVIDENCE.rounds_of_sizes):
         evidence = evidence_about(problem, current, effects)
         chosen = resized(evidence, tuple(enumerate(sizes)))
         score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)

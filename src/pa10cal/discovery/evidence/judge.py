@@ -35,7 +35,7 @@ from pa10cal.discovery.evidence.search import (
 from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import reading_groups
@@ -74,18 +74,16 @@ def confirm(
     unturned = weighed_rows(problem, found, found.fit.effects, turned=False)
     labels, pose = np.unique(problem.cells.pose, return_inverse=True)
     loads, load = np.unique(problem.cells.states.load_N, return_inverse=True)
-    signs = np.random.default_rng(RULES.evidence.flips_seed).choice(
-        [-1.0, 1.0], (RULES.evidence.flips, int(pose.max()) + 1)
+    signs = np.random.default_rng(EVIDENCE.flips_seed).choice(
+        [-1.0, 1.0], (EVIDENCE.flips, int(pose.max()) + 1)
     )
     return tuple(
         Confirmation(
             lost_without_it_nats=found.score.log_evidence - without.log_evidence,
             needed_nats=needed,
             p_sign_flips_max_t=_flipped(rows, k, pose, signs),
-            p_needed=RULES.evidence.false_rate,
-            cross_validation_over_poses=_cross_validation(
-                rows, k, pose % RULES.evidence.folds, pose
-            ),
+            p_needed=EVIDENCE.false_rate,
+            cross_validation_over_poses=_cross_validation(rows, k, pose % EVIDENCE.folds, pose),
             cross_validation_over_loads=_cross_validation(unturned, k, load, pose)
             if len(loads) > 1
             else None,
@@ -132,7 +130,7 @@ def weighed_rows(
     known = Whitening.of(np.ones(len(own)), own[:, uncertain])
     own = known(own[:, ~uncertain])
     of_members = [
-        known(block(blocks[effect], RULES.evidence.sizes[found.fit.size_of[effect]]))
+        known(block(blocks[effect], EVIDENCE.sizes[found.fit.size_of[effect]]))
         for effect in found.fit.effects
     ]
     stops = np.cumsum([own.shape[1], *(part.shape[1] for part in of_members)]).tolist()
@@ -166,7 +164,7 @@ def _flipped(rows: WeighedRows, k: int, pose: Index, signs: Array) -> float:
         np.add.at(scores, of_row, columns * data)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         values = np.maximum(values, 0.0)
-        sizes = np.array(RULES.evidence.sizes)[:, None] ** 2
+        sizes = np.array(EVIDENCE.sizes)[:, None] ** 2
         explained = (signs @ scores @ vectors) ** 2 @ (sizes / (1.0 + sizes * values)).T
         best: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
         return best
@@ -231,7 +229,7 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
     covariance = covariance_of(found.problem, found.fit)
     findings = []
     for effect in found.fit.effects:
-        if effect.generic or confirmations[effect].p_sign_flips_max_t > RULES.evidence.false_rate:
+        if effect.generic or confirmations[effect].p_sign_flips_max_t > EVIDENCE.false_rate:
             continue
         x, of_x = found.fit.reported(effect, covariance)
         findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
@@ -264,7 +262,7 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[Effect, ...]:
         and not (
             is_named(effect)
             and each.id == MAP
-            and score.log_evidence < here - float(np.log(RULES.evidence.odds_over_map))
+            and score.log_evidence < here - float(np.log(EVIDENCE.odds_over_map))
         )
     ]
     place = found.family.index(effect)
@@ -280,7 +278,7 @@ def _refitted(
     If a rival is the truth, the chance that it falls behind by more than `worse` is below
     `missed_rate` for the whole family (Markov, as for the search).
     """
-    worse = threshold(effects_in(found.family), RULES.evidence.missed_rate)
+    worse = threshold(effects_in(found.family), EVIDENCE.missed_rate)
     place = found.fit.effects.index(effect)
     kept = less(found.chosen, place)
     candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
@@ -290,10 +288,10 @@ def _refitted(
     close = [
         (without + gain, candidate, size)
         for (gain, size), candidate in zip(gains, candidates, strict=True)
-        if without + gain >= here - worse - RULES.evidence.refit_margin_nats
+        if without + gain >= here - worse - EVIDENCE.refit_margin_nats
     ]
     refits = []
-    for _, candidate, size in sorted(close, reverse=True)[: RULES.evidence.most_refits]:
+    for _, candidate, size in sorted(close, reverse=True)[: EVIDENCE.most_refits]:
         effects = tuple(found.family[k] for k in (*(k for k, _ in kept), candidate))
         sizes = (*(size for _, size in kept), size)
         refit = fit(found.problem, effects, sizes, found.score.variances, found.fit)
@@ -318,7 +316,7 @@ def _unexplained(
         if (
             effect.generic
             and counts
-            and confirmations[effect].p_sign_flips_max_t <= RULES.evidence.false_rate
+            and confirmations[effect].p_sign_flips_max_t <= EVIDENCE.false_rate
         ):
             places.append(smooth_unknown(effect, shared_mm, "it"))
     left_mm = shared_error_mm(problem, found.score.pose_variance)
@@ -341,7 +339,7 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     place = found.fit.effects.index(effect)
     whole = evidence.score(chosen).log_evidence
     without = evidence.score(less(chosen, place)).log_evidence
-    return whole - without < threshold(effects_in(found.family), RULES.evidence.missed_rate)
+    return whole - without < threshold(effects_in(found.family), EVIDENCE.missed_rate)
 
 
 def shared_error_mm(problem: EvidenceProblem, variance: float) -> float:

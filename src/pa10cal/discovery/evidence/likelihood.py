@@ -20,7 +20,7 @@ from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.problem import NoiseModel
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, EVIDENCE
 from pa10cal.numerics.gaussian import Gaussian
 
 #: A set of candidates: the number of each in the family, and the index of its size.
@@ -71,7 +71,7 @@ class _Given:
         own = self.place[own]
         taken = self.taken[:, :, own].transpose(0, 2, 3, 1)
         grams = grams - taken @ taken.swapaxes(2, 3)
-        sizes = np.array(RULES.evidence.sizes)[:, None, None, None]
+        sizes = np.array(EVIDENCE.sizes)[:, None, None, None]
         twice = _minus_twice_log(
             grams * sizes[..., None] ** 2, self.projection[:, own] * sizes, self.constant[:, None]
         )
@@ -138,7 +138,7 @@ class SetEvidence:
         poses = self._given(columns, scale, every, at_h0, candidates)
         showing = [k for k in candidates if self._shows_in_torque[k]]
         torques = self._given(columns, scale, at_g0, every, showing) if showing else None
-        gains = np.empty((len(RULES.evidence.sizes), len(candidates)))
+        gains = np.empty((len(EVIDENCE.sizes), len(candidates)))
         widths = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
         for width in np.unique(widths):
             at = np.flatnonzero(widths == width)
@@ -150,7 +150,7 @@ class SetEvidence:
             if torques and shows.any():  # their shared error is then chosen anew as well
                 again = torques.gains(own[shows], of_pose[at_g0, shows] + of_torque[:, shows])
                 gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
-        best, cost = np.argmax(gains, axis=0), float(np.log(len(RULES.evidence.sizes)))
+        best, cost = np.argmax(gains, axis=0), float(np.log(len(EVIDENCE.sizes)))
         found = [(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
         self._additions[key] = found
         return found
@@ -218,7 +218,7 @@ class SetEvidence:
             h = int(np.argmin(over_torque(g)))
             over_g = over_pose(h)
             g = int(np.argmin(over_g))
-            if not over_g[g] < last - RULES.computing.same_nats:
+            if not over_g[g] < last - COMPUTING.same_nats:
                 break
             last = float(over_g[g])
         over_h = over_torque(g)
@@ -226,7 +226,7 @@ class SetEvidence:
         torque_gain, torque_variance = _refined_by_spline(over_h, h)
         return Score(
             log_evidence=-0.5 * (float(over_g[g]) - pose_gain - torque_gain)
-            - float(np.log(len(RULES.evidence.sizes))) * len(members),
+            - float(np.log(len(EVIDENCE.sizes))) * len(members),
             pose_variance=pose_variance,
             torque_variance=torque_variance,
             grid_index=(g, h),
@@ -236,7 +236,7 @@ class SetEvidence:
         """Return the columns of a set and the size by which each is scaled."""
         columns = [self._columns[k] for k, _ in chosen]
         scale = [
-            np.full(len(own), RULES.evidence.sizes[size])
+            np.full(len(own), EVIDENCE.sizes[size])
             for own, (_, size) in zip(columns, chosen, strict=True)
         ]
         return (
@@ -279,7 +279,7 @@ def _refined_by_spline(values: Array, least: int) -> tuple[float, float]:
 def _spline_below(least: int) -> tuple[Array, Array]:
     """Return variances (V,) about one of those tried, and the spline by its knots (V, G-1)."""
     logarithm = np.log(SHARED_VARIANCES[1:])
-    near = np.linspace(logarithm[least - 2], logarithm[least], RULES.evidence.variances_between)
+    near = np.linspace(logarithm[least - 2], logarithm[least], EVIDENCE.variances_between)
     return np.exp(near), np.asarray(CubicSpline(logarithm, np.eye(len(logarithm)))(near))
 
 
@@ -289,7 +289,7 @@ def _spline_below(least: int) -> tuple[Array, Array]:
 
 #: Variances of the shared error tried, in those of one reading: from none to some 300 times the
 #: noise in size.
-SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(*RULES.evidence.pose_variances)])
+SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(*EVIDENCE.pose_variances)])
 
 
 @dataclass(frozen=True)
@@ -324,7 +324,7 @@ def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Red
     k, c = own.shape[1], channel.common.shape[1]
     rows = np.concatenate([channel.common, own, columns, data[:, None]], axis=1)
     # Most rows have no part in the shared error: their products are the same for all variances.
-    shared = channel.shared_size > RULES.computing.no_part
+    shared = channel.shared_size > COMPUTING.no_part
     always = rows[~shared].T @ rows[~shared]
     rows, size = rows[shared], channel.shared_size[shared]
     grams, projections, constants = [], [], []

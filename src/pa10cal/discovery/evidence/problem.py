@@ -29,7 +29,7 @@ from pa10cal.discovery.noise import (
     whitener_of,
 )
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, EVIDENCE
 from pa10cal.discovery.wander import STILL, InTime
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -51,7 +51,7 @@ from pa10cal.terms.term import shows_torque
 
 
 def gather(
-    readings: Observations, cov: Array, most: int = RULES.evidence.readings_a_cell
+    readings: Observations, cov: Array, most: int = EVIDENCE.readings_a_cell
 ) -> tuple[Observations, Array]:
     """Average readings into C cells, ordered by pose, load, direction and time.
 
@@ -246,9 +246,9 @@ def prepare(
         left = left + moved_between_repeats
     noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
     # Readings stay alone in their cells where time shows between them.
-    few = np.bincount(same_circumstances(readings)).max() <= RULES.evidence.readings_a_cell
+    few = np.bincount(same_circumstances(readings)).max() <= EVIDENCE.readings_a_cell
     alone = in_time.wander is not None or (in_time.drifts and few)
-    cells, cell_cov = gather(readings, noise.cov, 1 if alone else RULES.evidence.readings_a_cell)
+    cells, cell_cov = gather(readings, noise.cov, 1 if alone else EVIDENCE.readings_a_cell)
     cells = complete_about(cells, baseline, about, setup)
     # A log that never scatters was calculated, and tells nothing of the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
@@ -416,14 +416,13 @@ def fit(
             weighed.equations,
             lambda x, step: bounds.clip(x + step),
             lambda _, taken: (
-                taken.gained
-                <= RULES.computing.fit_precision * (1.0 + taken.before.cost - taken.gained)
+                taken.gained <= COMPUTING.fit_precision * (1.0 + taken.before.cost - taken.gained)
             ),
-            most_steps=RULES.computing.fit_steps,
+            most_steps=COMPUTING.fit_steps,
             held=bounds.held,
             beyond=bounds.beyond,
             cost=weighed.cost,
-            first_damping=RULES.computing.fit_damping,
+            first_damping=COMPUTING.fit_damping,
         )
         if best is None or found.equations.cost < best[0]:
             fitted = EvidenceFit(
@@ -480,7 +479,7 @@ class _Weighed:
         for effect, size in zip(effects, sizes, strict=True):
             at_effect = at.model.columns_of(effect)
             linear = slice(at_effect.start, at_effect.start + effect.linear)
-            rows[linear, linear] = np.linalg.inv(RULES.evidence.sizes[size] * effect.prior_factor)
+            rows[linear, linear] = np.linalg.inv(EVIDENCE.sizes[size] * effect.prior_factor)
             middle[linear.stop : at_effect.stop] = x_start[linear.stop : at_effect.stop]
         self._expected, self._middle = rows, middle
         self._last_x: Array | None = None

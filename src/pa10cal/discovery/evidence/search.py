@@ -25,7 +25,7 @@ from pa10cal.discovery.evidence.problem import (
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
-from pa10cal.discovery.rules import RULES
+from pa10cal.discovery.rules import COMPUTING, EVIDENCE
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
@@ -131,7 +131,7 @@ def testable(
             square = rows.T @ left
             values, vectors = np.linalg.eigh(0.5 * (square + square.T))
             left = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        share = float(np.linalg.norm(left) / max(float(np.linalg.norm(rows)), RULES.computing.tiny))
+        share = float(np.linalg.norm(left) / max(float(np.linalg.norm(rows)), COMPUTING.tiny))
         signal = float(np.linalg.norm(left, 2)) if left.size else 0.0
         if np.any(bare):
             share = max(share, float(np.linalg.norm(seen) / np.linalg.norm(bare)))
@@ -180,7 +180,7 @@ def indistinguishable(
         for j in range(i):
             if bases[j].shape == first.shape and not effects[i].generic and not effects[j].generic:
                 least = np.linalg.svd(first.T @ bases[j], compute_uv=False)[-1]
-                same[i, j] = same[j, i] = bool(least > RULES.evidence.indistinguishable)
+                same[i, j] = same[j, i] = bool(least > EVIDENCE.indistinguishable)
     return same
 
 
@@ -228,7 +228,7 @@ def search(
     current = start
     chosen: CandidateSet = ()
     seen: set[frozenset[int]] = set()
-    for _ in range(RULES.evidence.most_rounds):
+    for _ in range(EVIDENCE.most_rounds):
         evidence = evidence_about(problem, current, family)
         chosen = _improve(evidence, same, chosen, needed)
         members = frozenset(k for k, _ in chosen)
@@ -296,9 +296,9 @@ def _forward(
 ) -> CandidateSet:
     """Add what makes the data likeliest; when nothing does, exchange one member for better."""
     while True:
-        enough = evidence.score(chosen).log_evidence + RULES.evidence.forward_nats
+        enough = evidence.score(chosen).log_evidence + EVIDENCE.forward_nats
         tried = []
-        if len(chosen) < RULES.evidence.most_effects:
+        if len(chosen) < EVIDENCE.most_effects:
             tried = [_best_addition(evidence, same, chosen, forbidden)]
         if not tried or tried[0][0] < enough:
             tried = [
@@ -346,7 +346,7 @@ def resized(evidence: SetEvidence, chosen: CandidateSet) -> CandidateSet:
     """Return a set with the size of each member chosen anew, by its evidence."""
     best = evidence.score(chosen).log_evidence, chosen
     for k, (member, _) in enumerate(chosen):
-        for size in range(len(RULES.evidence.sizes)):
+        for size in range(len(EVIDENCE.sizes)):
             tried = (*best[1][:k], (member, size), *best[1][k + 1 :])
             best = max(best, (evidence.score(tried).log_evidence, tried))
     return best[1]
