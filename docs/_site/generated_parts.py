@@ -113,6 +113,13 @@ def rules() -> str:
     return _sections(SECTIONS)
 
 
+def calibration_rules() -> str:
+    """Return the same of `calibration/rules.py`."""
+    from pa10cal.calibration.rules import SECTIONS
+
+    return _sections(SECTIONS)
+
+
 def _sections(sections: Mapping[str, Any]) -> str:
     parts = []
     for name, of in sections.items():
@@ -142,6 +149,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "effects": effects,
     "rivals": rivals,
     "rules": rules,
+    "calibration_rules": calibration_rules,
 }
 _MARK = re.compile(r"<!-- generated: (\w+) -->")
 

@@ -16,6 +16,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import check_enough
 from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.rules import FIT
 from pa10cal.calibration.uncertainty import propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
@@ -27,16 +28,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import yields
-
-#: Starts whose cost is within this part of the best have found the same minimum.
-_SAME_COST = 1e-6
-#: Relative changes at which linear springs are near enough, and the cubic share they start with.
-_GOOD_ENOUGH = 1e-6
-_LITTLE_SHARE = 0.01
-#: The null space hardly moves with the parameters; it is found again at the solution this often,
-#: unless its rows are the same within this part.
-_NULL_SPACE_PASSES = 3
-_SAME_SPAN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -70,7 +61,7 @@ class Calibration:
     def starts_agreeing(self) -> int:
         """Return how many starts ended at the best cost."""
         best = self.solution.cost
-        return sum(start.cost <= best * (1.0 + _SAME_COST) for start in self.starts)
+        return sum(start.cost <= best * (1.0 + FIT.same_cost) for start in self.starts)
 
     def model(self, payload: Payload | None) -> FittedModel:
         """Return the fitted model; no payload where none is known."""
@@ -112,12 +103,12 @@ def calibrate(
     terms = tolerance_rows(level, starts[0], options)
     solutions = [solve(level, start, terms, options.max_iterations) for start in starts]
     best = min(solutions, key=lambda solution: (not solution.converged, solution.cost))
-    for _ in range(_NULL_SPACE_PASSES):
+    for _ in range(FIT.null_space_passes):
         before, terms = terms, tolerance_rows(level, best.x, options)
         if before.shape == terms.shape:  # do they weigh the same directions equally?
             squares = before.T @ before
             apart = np.abs(squares - terms.T @ terms).max(initial=0.0)
-            if apart <= _SAME_SPAN * np.abs(squares).max(initial=1.0):
+            if apart <= FIT.same_span * np.abs(squares).max(initial=1.0):
                 terms = before
                 break
         again = solve(level, best.x, terms, options.max_iterations)
@@ -159,8 +150,8 @@ def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOpti
         return start
     linear = replace(level, model=model.without("cubic"))
     rows = tolerance_rows(linear, start[~shares], options)
-    ahead = np.full(len(start), _LITTLE_SHARE)
-    ahead[~shares] = solve(linear, start[~shares], rows, options.max_iterations, _GOOD_ENOUGH).x
+    ahead = np.full(len(start), FIT.cubic_share)
+    ahead[~shares] = solve(linear, start[~shares], rows, options.max_iterations, FIT.good_enough).x
     return ahead
 
 
@@ -220,14 +211,6 @@ def check_torques(model: Model, observations: Observations) -> None:
 
 # Levenberg-Marquardt on a calibration problem, from one start and from several.
 
-#: Relative changes at which the Gauss-Newton steps that follow converge to the last digit.
-FULL_PRECISION = 1e-13
-_POLISHING_STEPS = 8
-#: Rounding of a cost near its minimum, relative.
-_NO_WORSE = 1e-9
-#: Distances from a bound, in scales: where a start is moved to, and what counts as being on it.
-_INSIDE = 1e-3
-_NEAR_BOUND = 1e-2
 #: Why the solver stopped, by its status; `p` is the precision asked for.
 _REASONS = {
     0: "the largest number of steps was reached (calibration.max_iterations)",
@@ -243,7 +226,7 @@ def solve(
     x_start: Array,
     terms: Array,
     max_iterations: int,
-    precision: float = FULL_PRECISION,
+    precision: float = FIT.full_precision,
 ) -> Solution:
     """Minimise the data rows plus the tolerance terms from one start.
 
@@ -273,7 +256,7 @@ def solve(
 
     result = least_squares(
         residuals,
-        np.clip(x_start / scale, lower + _INSIDE, upper - _INSIDE),
+        np.clip(x_start / scale, lower + FIT.inside_scales, upper - FIT.inside_scales),
         jacobian,
         bounds=(lower, upper),
         method="trf",
@@ -283,8 +266,8 @@ def solve(
         gtol=precision,
         max_nfev=max_iterations,
     )
-    at_lower = (result.x - lower < _NEAR_BOUND) & (result.grad > 0)
-    at_upper = (upper - result.x < _NEAR_BOUND) & (result.grad < 0)
+    at_lower = (result.x - lower < FIT.near_bound_scales) & (result.grad > 0)
+    at_upper = (upper - result.x < FIT.near_bound_scales) & (result.grad < 0)
     at_bound = at_lower | at_upper
     z = np.where(at_lower, lower, np.where(at_upper, upper, result.x))
     z = _polish(z, residuals, jacobian, ~at_bound, (lower, upper))
@@ -310,7 +293,7 @@ def _polish(
     Where the valley is too long for them, the point that the solver gave stays.
     """
     last, cost = np.inf, float(np.sum(residuals(z) ** 2))
-    for _ in range(_POLISHING_STEPS):
+    for _ in range(FIT.polishing_steps):
         matrix = jacobian(z)[:, free]
         size = np.linalg.norm(matrix, axis=0)
         size[size == 0.0] = 1.0  # the cubic share of a rigid joint moves nothing
@@ -318,7 +301,7 @@ def _polish(
         step[free] = lstsq(matrix / size, -residuals(z), lapack_driver="gelsy")[0] / size
         length = float(np.linalg.norm(step))
         ahead = np.clip(z + step, *ends)
-        if not length < 0.5 * last or np.sum(residuals(ahead) ** 2) > cost * (1.0 + _NO_WORSE):
+        if not length < 0.5 * last or np.sum(residuals(ahead) ** 2) > cost * (1.0 + FIT.no_worse):
             break
         z, last = ahead, length
     return z

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtri
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
@@ -14,6 +13,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.rules import CHECKS, GRADES
 from pa10cal.calibration.uncertainty import targets_seen
 from pa10cal.campaign.conventions import EXPECTED_M, puts_right
 from pa10cal.campaign.description import CampaignDescription
@@ -23,16 +23,10 @@ from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, reading_groups
 
-#: Poses that a check looks at, spread over all.
-MOST_POSES = 100
-#: Error left over that of the stated noise above which the input is searched for a cause.
-ABOVE_NOISE = 5.0
-_MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
-
 
 def spread_rows(count: int) -> Index:
     """Return the rows that a check looks at."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).astype(int))
+    return np.unique(np.linspace(0, count - 1, min(count, CHECKS.most_poses)).astype(int))
 
 
 def scatter_of_repeats_mm(single: Observations) -> float:
@@ -83,7 +77,10 @@ class CheckedCampaign:
         if found is None:
             return False  # too few poses: the calibration says how many it needs
         residual, variances, seen = positions_of(found)
-        return bool(np.median((residual**2 / variances)[seen]) > ABOVE_NOISE**2 * _MEDIAN_SQUARE)
+        return bool(
+            np.median((residual**2 / variances)[seen])
+            > CHECKS.above_noise**2 * GRADES.median_square
+        )
 
     def nominal_misfit_m(self, q: Array) -> float:
         """Return the rms misfit of the nominal arm, base and targets fitted; inf if none fits."""

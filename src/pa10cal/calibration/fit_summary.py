@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.statics import reported_name
 from pa10cal.arrays import Array
+from pa10cal.calibration.rules import RECORDS
 from pa10cal.calibration.uncertainty import gram
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.fit.problem import Solution
@@ -17,10 +18,6 @@ from pa10cal.numerics.exchange import Information, greedy_order
 from pa10cal.results import calibration as records
 from pa10cal.terms.joint_spring import stiffness_by_solved
 from pa10cal.terms.term import Role, TermParameter
-
-#: Pairs of parameters that a record lists: those of which the correlation is above this are nearly
-#: inseparable.
-_MOST_PAIRS, _CORRELATED = 20, 0.95
 
 
 @dataclass(frozen=True)
@@ -69,9 +66,9 @@ def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
     std = np.sqrt(np.diag(covariance))
     names = list(map(reported_name, solved))
     correlation = covariance[np.ix_(known, known)] / np.outer(std[known], std[known])
-    first, second = np.nonzero(np.triu(np.abs(correlation) > _CORRELATED, 1))
+    first, second = np.nonzero(np.triu(np.abs(correlation) > RECORDS.correlated, 1))
     sizes = correlation[first, second]
-    worst = np.argsort(-np.abs(sizes))[:_MOST_PAIRS]
+    worst = np.argsort(-np.abs(sizes))[: RECORDS.most_pairs]
     return tuple(
         records.CorrelatedPair(
             parameters=(names[known[first[k]]], names[known[second[k]]]),
@@ -87,12 +84,6 @@ def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
 # determinant grows fastest, the measured poses show with how few of them the model would have been
 # known nearly as well (D-optimality; Sun and Hollerbach, 2008, compare such criteria).
 
-#: Poses to choose from and poses chosen at most: more would change no curve that one can see.
-_POOL = 1000
-_MOST = 200
-#: Expected size of a parameter in its scale, which makes information definite before it is full.
-_POSSIBLE_SCALES = 30.0
-
 
 def poses_needed(
     ended: FitSummary, u_needed_mm: float, wanted_mm: float | None = None
@@ -106,11 +97,11 @@ def poses_needed(
     """
     white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
     count, scales = len(white), np.outer(scale, scale)
-    pool = np.unique(np.linspace(0, count - 1, min(count, _POOL)).round().astype(np.intp))
-    information = np.eye(len(scale)) / _POSSIBLE_SCALES**2
+    pool = np.unique(np.linspace(0, count - 1, min(count, RECORDS.pool)).round().astype(np.intp))
+    information = np.eye(len(scale)) / RECORDS.possible_scales**2
 
-    candidates = Information(white[pool] * scale * _POSSIBLE_SCALES)
-    order = pool[greedy_order(candidates, min(len(pool), _MOST))]
+    candidates = Information(white[pool] * scale * RECORDS.possible_scales)
+    order = pool[greedy_order(candidates, min(len(pool), RECORDS.most_chosen))]
     spread = ended.position_gram * scales / count
     enough = -(-ended.identifiability.rank // white.shape[1])
 
@@ -121,7 +112,9 @@ def poses_needed(
         u_m = float(np.sqrt(np.sum(covariance * spread)))
         return 1e3 * u_m if np.isfinite(u_m) else None
 
-    numbers = np.unique(np.geomspace(1, len(order), 40).round().astype(np.intp)).tolist()
+    numbers = np.unique(
+        np.geomspace(1, len(order), RECORDS.curve_points).round().astype(np.intp)
+    ).tolist()
     expected = [
         records.ExpectedUncertainty(poses=n, u_optimal_mm=optimal, u_measured_mm=u_mm(white[:n]))
         for n in numbers

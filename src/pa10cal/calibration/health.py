@@ -15,62 +15,17 @@ import numpy as np
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import reported_name
 from pa10cal.calibration.fit_summary import FitSummary, correlated, poses_needed
+from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.results import calibration as records
 from pa10cal.results.evaluation import BETWEEN
 from pa10cal.terms.term import TermParameter
 
-#: Remaining error over the noise above which a model lacks something.
-OVER_NOISE = 1.25
-#: Remaining error over the noise above which the sentence of a good grade states both.
-NOTICED = 1.1
-#: Standard deviations by which chance may exceed a limit.
-BY_CHANCE = 3.0
-#: What the places of the targets of one apparatus leave, over what is to be expected: they are few
-#: numbers, drawn once, and may be twice as large by chance.
-OF_ONE_APPARATUS = 2.0
-#: Held-out over expected error above which the model does not predict as it promises.
-OVER_EXPECTED = 1.3
-#: Stated over found uncertainty, either way, above which one of them is wrong; of orientations,
-#: whose uncertainty is mostly not stated but taken from that of positions, above which a unit is.
-STATED_OFF = 3.0
-ATTITUDE_OFF = 30.0
-#: The same of a stated uncertainty of touched balls that is larger: it holds what all touches of a
-#: ball share (form of ball and stylus), which repeats do not show.
-TOUCHES_SHARE = 15.0
-#: Remaining error over a stated noise that nothing else confirms, above which the unit is in doubt:
-#: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise.
-UNIT_OFF = 300.0
-#: Held-out over remaining error, or over the noise, up to which held-out poses confirm a model; and
-#: how many of them there have to be.
-CONFIRMED, FEW_HELD_OUT = 2.0, 5
-#: A joint that is off by whole turns of its motor is off by them to within this part of a turn.
-OF_A_TURN = 0.1
-#: A length whose sign is wrong is off by twice itself, to within this part of it.
-OF_A_LENGTH = 0.1
-#: An end-effector that turned by less over all poses was held in one orientation [rad].
-HARDLY_TURNED_RAD = 0.1
 #: What acquits readings that are far from the model.
 RIGID = (
     "the targets keep their distances, so the readings are right: the model lacks something there, "
     "or a joint was misread"
 )
-#: What the reading of a joint may scatter by [rad]: encoders of arms resolve 1e-5 rad and less.
-JOINT_RAD = 1e-5
-#: Departure over tolerance that no arm was built with.
-FAR_OFF = 20.0
-#: Remaining error, as part of the spread of the measured positions, that no calibrated arm has.
-FITS_NOT = 0.01
-#: Part of the squared error that springs leave where they explain the larger part of it. That of a
-#: robot soft by a hundredth of its reach counts as a missing effect, not as another robot.
-MOSTLY = 0.7
-#: Uncertainty of the model, as part of the remaining error, that adds 5 % to it: the number of
-#: poses that would do is told for it, where nobody says what is wanted.
-SMALL_SHARE = 0.3
-#: Condition number in scaled parameters above which some direction is poorly determined.
-ILL_CONDITIONED = 1e5
-#: Names that a sentence lists.
-_MOST_NAMES = 4
 
 
 @dataclass(frozen=True)
@@ -119,7 +74,7 @@ class GradeEvidence:
         """
         wanted_mm = self.wanted_mm
         single_mm = self.single_mm if self.below_noise else self.train_rms_mm
-        small_mm = SMALL_SHARE * single_mm if wanted_mm is None else wanted_mm
+        small_mm = GRADES.small_share * single_mm if wanted_mm is None else wanted_mm
         return poses_needed(self.ended, small_mm, wanted_mm)
 
     @property
@@ -146,36 +101,36 @@ class GradeEvidence:
     def soft(self) -> bool:
         """Return whether springs explain the larger part of what rigid joints leave."""
         rigid_mm = self.without_springs_mm
-        return rigid_mm is not None and self.train_rms_mm**2 < MOSTLY * rigid_mm**2
+        return rigid_mm is not None and self.train_rms_mm**2 < GRADES.mostly_share * rigid_mm**2
 
     @property
     def within_noise(self) -> bool:
         """Return whether the remaining error is about the noise, however large that is."""
         over = self.over_noise
-        return over is not None and over < STATED_OFF
+        return over is not None and over < GRADES.stated_ratio
 
     @property
     def fits_not(self) -> bool:
         """Return whether more remains than calibrated arms have, and than noise explains."""
-        return self.train_rms_mm > FITS_NOT * self.spread_mm and not self.within_noise
+        return self.train_rms_mm > GRADES.no_fit_share * self.spread_mm and not self.within_noise
 
     @property
     def confirmed(self) -> bool:
         """Return whether held-out poses are predicted as well as the fitted ones are explained."""
         away = self.held_out
-        if away is None or away.accuracy.configurations < FEW_HELD_OUT:
+        if away is None or away.accuracy.configurations < GRADES.few_held_out:
             return False
         # Where much is left, another cause may look like a departure.
         if self.fits_not or not (self.over_noise is None or self.within_noise):
             return False
         # What is exact is confirmed by what is as exact.
         known_mm = max(self.error_mm, self.own_noise_mm or 0.0)
-        return away.accuracy.rms_mm < CONFIRMED * known_mm
+        return away.accuracy.rms_mm < GRADES.confirmed_ratio * known_mm
 
     @property
     def error_mm(self) -> float:
         """Return the remaining error without what the fit has taken up of it."""
-        taken = min(self.rank / max(self.rows, 1), 0.9)
+        taken = min(self.rank / max(self.rows, 1), GRADES.most_taken_share)
         return self.train_rms_mm / float(np.sqrt(1.0 - taken))
 
     @property
@@ -204,7 +159,7 @@ class GradeEvidence:
     def below_noise(self) -> bool:
         """Return whether less remains than is stated, by more than chance: see `_remarks`."""
         over = self.over_noise
-        return over is not None and over < 1.0 / STATED_OFF
+        return over is not None and over < 1.0 / GRADES.stated_ratio
 
     @property
     def single_mm(self) -> float:
@@ -222,10 +177,10 @@ class GradeEvidence:
         """Return how many times the noise the remaining error may be."""
         own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
         dof = max(self.rows - self.rank, 1)
-        limit = OVER_NOISE * (1.0 + BY_CHANCE / float(np.sqrt(2.0 * dof)))
+        limit = GRADES.over_noise * (1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * dof)))
         if not own_mm or reading_mm is None:
             return limit
-        of_targets_mm = OF_ONE_APPARATUS * self.apparatus_mm
+        of_targets_mm = GRADES.apparatus_ratio * self.apparatus_mm
         return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
 
     @property
@@ -243,7 +198,7 @@ class GradeEvidence:
         expected_mm = float(np.sqrt(lacking + noise_mm**2 / away.repeats + u_mm**2))
         ratio = away.accuracy.rms_mm / expected_mm
         count = max(away.accuracy.configurations, 1)
-        at_most = max(OVER_EXPECTED, 1.0 + BY_CHANCE / np.sqrt(2.0 * count))
+        at_most = max(GRADES.over_expected, 1.0 + GRADES.chance_errors / np.sqrt(2.0 * count))
         return ratio if ratio > at_most else None
 
 
@@ -302,9 +257,9 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
     agrees = "" if noise_mm is None else f", as the noise of {noise_mm:.3f} mm explains"
     if noise_mm is not None and f"{noise_mm:.3f}" == f"{evidence.train_rms_mm:.3f}":
         agrees = ", as the noise explains"
-    if noise_mm is not None and over is not None and over > NOTICED:
+    if noise_mm is not None and over is not None and over > GRADES.noticed_ratio:
         agrees = f", {over:.2g} times the noise of {noise_mm:.3f} mm"
-    if evidence.u_model_mm > SMALL_SHARE * evidence.error_mm:
+    if evidence.u_model_mm > GRADES.small_share * evidence.error_mm:
         beside = (
             f"; predicted positions have a standard uncertainty of {evidence.u_model_mm:.3f} mm"
             f"{beside}"
@@ -329,9 +284,9 @@ def _is_moot(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
     return finding in evidence.departures or (refuted and (left_mm or 0.0) > evidence.train_rms_mm)
 
 
-def most_stated(factor: float = STATED_OFF, *, from_touches: bool) -> float:
+def most_stated(factor: float = GRADES.stated_ratio, *, from_touches: bool) -> float:
     """Return how many times the scatter of repeats a stated uncertainty may be."""
-    return max(factor, TOUCHES_SHARE) if from_touches else factor
+    return max(factor, GRADES.touches_ratio) if from_touches else factor
 
 
 def _errors(evidence: GradeEvidence) -> str:
@@ -384,7 +339,7 @@ def _departures(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
         for each, value, sigma in zip(ended.parameters, ended.solution.x, std, strict=True)
         if each.tolerance
         and each.name not in apart
-        and abs(value) - BY_CHANCE * over * sigma > FAR_OFF * each.tolerance
+        and abs(value) - GRADES.chance_errors * over * sigma > GRADES.far_off_ratio * each.tolerance
     ]
     for size, value, each in sorted(far, key=lambda each: -each[0]):
         of = ended.departures.get(each.name, "")
@@ -415,26 +370,22 @@ def _looks_like(arm: Arm | None, of: str, value: float) -> str:
     row = int(number) - 1
     if kind != "theta":
         length = float((arm.a_m if kind == "a" else arm.d_m)[row])
-        reversed_ = abs(value + 2.0 * length) < OF_A_LENGTH * abs(length)
+        reversed_ = abs(value + 2.0 * length) < GRADES.of_a_length * abs(length)
         return f": as if the sign of its {1e3 * length:.4g} mm were wrong" if reversed_ else ""
     ratio = abs(float(arm.gear_ratio[row]))
     turns = abs(value) * ratio / (2.0 * np.pi)
     whole = round(turns) if np.isfinite(turns) else 0
-    if ratio <= 1.0 or not whole or abs(turns - whole) > OF_A_TURN:
+    if ratio <= 1.0 or not whole or abs(turns - whole) > GRADES.of_a_turn:
         return ""
     return f": {whole} turn{'s' * (whole > 1)} of a motor of ratio {ratio:g}"
-
-
-#: A stated uncertainty in another unit is off by its factor, within this.
-_OF_UNIT = 4.0
 
 
 def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return where stated and found uncertainty are off by more than a factor."""
     for scatter in evidence.repeats:
         turns = scatter.kind.startswith("attitude")
-        unit, off = ("mrad", ATTITUDE_OFF) if turns else ("mm", STATED_OFF)
-        joints = JOINT_RAD * (1.0 if turns else 1e-3 * evidence.spread_mm)
+        unit, off = ("mrad", GRADES.attitude_ratio) if turns else ("mm", GRADES.stated_ratio)
+        joints = GRADES.joint_rad * (1.0 if turns else 1e-3 * evidence.spread_mm)
         too_small = scatter.found > off * np.hypot(scatter.stated, joints)
         most = most_stated(off, from_touches=evidence.from_touches)
         too_large = scatter.stated > most * scatter.found
@@ -451,11 +402,11 @@ def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     ratio = evidence.error_mm / evidence.noise_mm
     # The unit in which it seems stated, by the error that remains over it.
     units = {"metres, multiply it by 1000": 1e3, "micrometres, divide it by 1000": 1e-3}
-    near = {name: abs(np.log(max(ratio, 1e-300) / factor)) for name, factor in units.items()}
+    near = {name: abs(np.log(max(ratio, GRADES.tiny) / factor)) for name, factor in units.items()}
     unit = min(near, key=lambda name: near[name])
-    like_unit = near[unit] < np.log(_OF_UNIT)
+    like_unit = near[unit] < np.log(GRADES.of_unit)
     # Noise that is stated too large by another factor is no mistake of the input: see `_remarks`.
-    if (ratio < 1.0 and like_unit) or ratio > UNIT_OFF:
+    if (ratio < 1.0 and like_unit) or ratio > GRADES.unit_ratio:
         looks = f": it looks like {unit}" if like_unit else ""
         yield records.InputFinding(
             what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
@@ -475,7 +426,7 @@ def _lacking(evidence: GradeEvidence) -> str:
             f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
             "missing an effect"
             + (", or the stated uncertainty is too small" if known else "")
-            + (", or the instrument moved between readings" if over >= STATED_OFF else "")
+            + (", or the instrument moved between readings" if over >= GRADES.stated_ratio else "")
         )
     if (ratio := evidence.over_expected) is not None:
         parts.append(
@@ -507,7 +458,7 @@ def _few(evidence: GradeEvidence) -> str:
             if weights
             else "measure poses in other orientations: the tool hardly turned "
             f"({np.degrees(evidence.turned_rad):.2g} deg at most)"
-            if evidence.turned_rad is not None and evidence.turned_rad < HARDLY_TURNED_RAD
+            if evidence.turned_rad is not None and evidence.turned_rad < GRADES.hardly_turned_rad
             else "measure poses that move every joint over its range"
         )
         return f"not identifiable with these poses: {_listed(names)} ({told}); {remedy}"
@@ -564,9 +515,9 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
             "below it stay hidden until a smaller one is stated (instrument.uncertainty_mm)"
         )
     nominal_mm = evidence.nominal_mm
-    if nominal_mm is not None and nominal_mm <= NOTICED * evidence.train_rms_mm:
+    if nominal_mm is not None and nominal_mm <= GRADES.noticed_ratio * evidence.train_rms_mm:
         yield f"the nominal arm fits as well ({nominal_mm:.3f} mm): nothing is to be calibrated"
-    if evidence.ended.identifiability.condition > ILL_CONDITIONED:
+    if evidence.ended.identifiability.condition > GRADES.condition:
         yield f"condition number {evidence.ended.identifiability.condition:.1e}"
     if count := evidence.suspected_outliers:
         many = "s have" if count > 1 else " has"
@@ -578,5 +529,5 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
 
 
 def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(map(reported_name, names[:_MOST_NAMES]))
-    return shown + (" and others" if names[_MOST_NAMES:] else "")
+    shown = ", ".join(map(reported_name, names[: GRADES.most_names]))
+    return shown + (" and others" if names[GRADES.most_names :] else "")

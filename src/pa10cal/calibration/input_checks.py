@@ -20,6 +20,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.checked_campaign import CheckedCampaign, scatter_of_repeats_mm, spread_rows
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.nominal_fit import exchange_text, stated_order, stated_shape
@@ -34,13 +35,6 @@ from pa10cal.terms.model import Model
 
 Refusal = TypeVar("Refusal", bound=Pa10calError)
 
-#: Temperatures at which arms are measured.
-LABORATORY_C = (0.0, 50.0)
-#: Part of the error that another direction of gravity must leave.
-GRAVITY_LEFT = 0.5
-#: Logged torques that follow those of the masses correlate with them by so much.
-FOLLOWS = 0.9
-DOES_NOT_FOLLOW = 0.8
 _AXES = {
     "along +x": (1.0, 0.0, 0.0),
     "along -x": (-1.0, 0.0, 0.0),
@@ -128,19 +122,15 @@ def _attitudes(checked: CheckedCampaign) -> InputFinding | None:
     )
 
 
-#: Factors between readings and arm that are sought, and how far from 1 one is to be a mistake: no
-#: instrument, and no arm, is off by more than a thousandth of its lengths.
-_SCALES, _ANOTHER_SCALE = (0.2, 5.0), 0.01
-#: How far about a first estimate the factor is looked for.
-_ABOUT = 1.3
-
-
 def _scale(checked: CheckedCampaign) -> InputFinding | None:
     """Find one factor between all readings and the arm: of a tag's size, or of a wrong unit."""
     grid, measured = checked.grid, checked.grid.measured
     T_base_ee = Chain.of(checked.arm).forward(grid.states.q_rad)
     first = None if measured.from_touches else measured.scale(T_base_ee)
-    if first is None or not _SCALES[0] / _ABOUT < first < _SCALES[1] * _ABOUT:
+    if (
+        first is None
+        or not CHECKS.scales[0] / CHECKS.about_scale < first < CHECKS.scales[1] * CHECKS.about_scale
+    ):
         return None
 
     def scaled(factor: float) -> CheckedCampaign:
@@ -149,17 +139,20 @@ def _scale(checked: CheckedCampaign) -> InputFinding | None:
     q = grid.states.q_rad
     best = minimize_scalar(
         lambda log: scaled(float(np.exp(log))).nominal_misfit_m(q),
-        bounds=(float(np.log(first / _ABOUT)), float(np.log(first * _ABOUT))),
+        bounds=(
+            float(np.log(first / CHECKS.about_scale)),
+            float(np.log(first * CHECKS.about_scale)),
+        ),
         method="bounded",
-        options={"xatol": 1e-5},
+        options={"xatol": CHECKS.scale_precision},
     )
     factor = float(np.exp(best.x))
     now_m, left_m = checked.nominal_misfit_m(q), float(best.fun)
     times = 1.0 / factor
     # Calibrated lengths take up any scale: only the arm as described can tell.
-    if abs(times - 1.0) < _ANOTHER_SCALE or not left_m < NOMINAL_LEFT * now_m:
+    if abs(times - 1.0) < CHECKS.another_scale or not left_m < CHECKS.nominal_left_share * now_m:
         return None
-    if left_m > max(NOT_DEPARTURES_M, 0.1 * now_m):
+    if left_m > max(CHECKS.not_departures_m, CHECKS.misfit_left_share * now_m):
         return None
     right = scaled(factor).may_be_offered(q, left_m)
     then = "" if right else f", {STILL_WRONG}"
@@ -191,7 +184,7 @@ def _gravity(checked: CheckedCampaign) -> InputFinding | None:
     tried = {name: checked.calibrated_mm(other) for name, other in others.items()}
     best = min(tried, key=lambda name: tried[name][0])
     left_mm, noise_mm = tried[best]
-    if not left_mm < GRAVITY_LEFT * now_mm < np.inf:
+    if not left_mm < CHECKS.gravity_left_share * now_mm < np.inf:
         return None
     return _other_gravity(
         best,
@@ -217,7 +210,7 @@ def _gravity_by_torques(checked: CheckedCampaign) -> InputFinding | None:
 
     now, follow = follows(payload), {name: follows(other) for name, other in others.items()}
     best = max(follow, key=lambda name: follow[name])
-    if follow[best] < FOLLOWS or now > DOES_NOT_FOLLOW:
+    if follow[best] < CHECKS.follows or now > CHECKS.does_not_follow:
         return None
     shown = f"a correlation of {now:.2f} as stated, {follow[best]:.2f} then"
     return _other_gravity(best, others[best], shown)
@@ -231,7 +224,7 @@ def _other_directions(payload: Payload | None) -> dict[str, Payload]:
     return {
         name: replace(payload, gravity_m_s2=size * np.array(axis))
         for name, axis in _AXES.items()
-        if np.array(axis) @ payload.gravity_m_s2 < 0.9 * size
+        if np.array(axis) @ payload.gravity_m_s2 < CHECKS.same_gravity * size
     }
 
 
@@ -264,8 +257,9 @@ def _target_places(
         return
     stated_mm = np.array([campaign.tool.balls_mm[name] for name in names])
     off = stated_shape(1e3 * places_m, stated_mm)
-    allowed_mm = 10.0 * (options.apparatus_uncertainty_mm if measured.from_touches else 1.0)
-    if off is None or off.largest_mm < max(allowed_mm, 5.0 * off.u_mm):
+    of_touches_mm = options.apparatus_uncertainty_mm if measured.from_touches else 1.0
+    allowed_mm = CHECKS.shape_ratio * of_touches_mm
+    if off is None or off.largest_mm < max(allowed_mm, CHECKS.shape_errors * off.u_mm):
         # Distances do not show what is exchanged in a pair, or in a regular ring.
         some = spread_rows(len(grid))
         nominal = Chain.of(arm).forward(grid.states.q_rad[some])
@@ -304,11 +298,11 @@ def _temperature(
     if len(known_C):
         stated[words.column("temperature_C")] = float(np.median(known_C))
     for where, temperature_C in stated.items():
-        if LABORATORY_C[0] <= temperature_C <= LABORATORY_C[1]:
+        if CHECKS.laboratory_C[0] <= temperature_C <= CHECKS.laboratory_C[1]:
             continue
         fahrenheit_C = (temperature_C - 32.0) / 1.8
         remedy = "state temperatures in degrees Celsius"
-        if LABORATORY_C[0] <= fahrenheit_C <= LABORATORY_C[1]:
+        if CHECKS.laboratory_C[0] <= fahrenheit_C <= CHECKS.laboratory_C[1]:
             if where.startswith("campaign.yaml"):
                 remedy = f"set reference_temperature_C: {fahrenheit_C:.3g}"
             elif words.key("temperature_C"):
@@ -324,16 +318,6 @@ def _temperature(
 
 # Signs, order and zeros of the joints: would much less error be left if they were changed?
 
-#: Misfit of the nominal arm, base and target fitted, that no departures explain [m].
-NOT_DEPARTURES_M = 0.01
-#: A change must leave so much less to be believed, by the nominal arm and by a calibrated one.
-NOMINAL_LEFT = 1.0 / 3.0
-CALIBRATED_LEFT = 0.4
-#: Mastering of a joint is never off by more than this [rad].
-NO_MASTERING_RAD = float(np.radians(1.0))
-#: A change that puts the nominal arm so much further off is not tried with a calibration.
-WORTH_TRYING = 3.0
-MOST_CHANGES = 3
 _CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
 
 
@@ -408,18 +392,19 @@ def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
     """Change signs and order of joints one after the other, as long as much less is left."""
     q = checked.grid.states.q_rad
     first_m = left_m = checked.nominal_misfit_m(q)
-    if first_m < NOT_DEPARTURES_M:
+    if first_m < CHECKS.not_departures_m:
         return None
     made: list[_Change] = []
-    for _ in range(MOST_CHANGES):
+    for _ in range(CHECKS.most_changes):
         tried = [(checked.nominal_misfit_m(each.of(q)), each) for each in _changes(checked.arm)]
         least_m, best = min(tried, key=lambda each: each[0])
-        if least_m > 0.7 * left_m:
+        if least_m > CHECKS.change_left_share * left_m:
             break
         q, left_m = best.of(q), least_m
         made.append(best)
     # Where nothing at all fits, infinity is left, and no change of it is less.
-    most_m = min(NOMINAL_LEFT * first_m, max(NOT_DEPARTURES_M, 0.1 * first_m))
+    least_m = max(CHECKS.not_departures_m, CHECKS.misfit_left_share * first_m)
+    most_m = min(CHECKS.nominal_left_share * first_m, least_m)
     if not left_m <= most_m or not np.isfinite(left_m):
         return None
     right = checked.may_be_offered(q, left_m)
@@ -431,7 +416,7 @@ def _small_signs(checked: CheckedCampaign) -> InputFinding | None:
     if not checked.above_noise:
         return None
     q = checked.grid.states.q_rad
-    most_m, tried = WORTH_TRYING * checked.nominal_misfit_m(q), []
+    most_m, tried = CHECKS.worth_trying * checked.nominal_misfit_m(q), []
     for change in _changes(checked.arm):
         nominal_m = checked.nominal_misfit_m(change.of(q))
         if nominal_m < most_m:
@@ -440,7 +425,7 @@ def _small_signs(checked: CheckedCampaign) -> InputFinding | None:
         return None
     now_mm, _ = checked.calibrated_mm(None)
     left_mm, nominal_m, best = min(tried, key=lambda each: each[0])
-    if not left_mm < CALIBRATED_LEFT * now_mm < np.inf:
+    if not left_mm < CHECKS.calibrated_left_share * now_mm < np.inf:
         return None
     right = checked.may_be_offered(best.of(q), nominal_m)
     return _changed([best], checked, now_mm, left_mm, "the arm calibrates to", right)
@@ -469,19 +454,19 @@ def _joint_zeros(checked: CheckedCampaign) -> InputFinding | None:
     """Find the zero of a joint that is off by more than any mastering, by calibrating."""
     arm, q = checked.arm, checked.grid.states.q_rad
     first_m = checked.nominal_misfit_m(q)
-    found = None if first_m < NOT_DEPARTURES_M else checked.calibration(checked.payload)
+    found = None if first_m < CHECKS.not_departures_m else checked.calibration(checked.payload)
     if found is None:
         return None
     values = {p.name: x for p, x in zip(found.problem.parameters, found.fit.x, strict=True)}
     zeros_rad = np.array([values.get(f"delta_theta_{k}", 0.0) for k in range(1, arm.n + 1)])
     zeros_rad[arm.prismatic] = 0.0
     k = int(np.argmax(np.abs(zeros_rad)))
-    if abs(zeros_rad[k]) < NO_MASTERING_RAD:
+    if abs(zeros_rad[k]) < float(np.radians(CHECKS.no_mastering_deg)):
         return None
     moved = q.copy()
     moved[:, k] += zeros_rad[k]
     left_m = checked.nominal_misfit_m(moved)
-    if left_m > NOMINAL_LEFT * first_m:
+    if left_m > CHECKS.nominal_left_share * first_m:
         return None
     right = checked.may_be_offered(moved, left_m)
     off_deg, offsets = float(np.degrees(zeros_rad[k])), checked.offsets_deg

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
+from pa10cal.calibration.rules import FIT
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.frame.rigid_fit import cross_matrix, pose_error
@@ -107,7 +108,7 @@ def fit_base_frame(
     moment = centred_instr.T @ (p_base - mean_base)
     moment += 0.5 * attitude_weight_m2 * np.einsum("nij,nkj->ik", R_cmm, R_base)
     left, sizes, right = np.linalg.svd(moment)
-    if not sizes[1] > 1e-12 * max(sizes[0], np.finfo(float).tiny):
+    if not sizes[1] > FIT.same_directions * max(sizes[0], np.finfo(float).tiny):
         raise CalibrationError(
             "the poses do not determine the base frame",
             where="inner level",

@@ -13,6 +13,7 @@ from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bo
 from pa10cal.calibration.fit_summary import FitSummary, names_of
 from pa10cal.calibration.health import GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
+from pa10cal.calibration.rules import GRADES, UNKNOWNS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FittedTo
@@ -25,19 +26,6 @@ from pa10cal.results import calibration as records
 from pa10cal.results.calibration import Health, InputFinding
 from pa10cal.terms.joint_spring import baseline, nominal
 from pa10cal.terms.term import Report
-
-#: Random postures at which it is found what no pose determines.
-_POSTURES = 60
-
-
-#: The straight lines give the base frame to about the nominal model's own error, near 1 deg.
-_FAR_FROM_SEED_DEG = 3.0
-#: Standard uncertainties beyond a bound that noise reaches in one case of twenty.
-_PULL_OF_NOISE = 2.0
-#: Root mean square error over that of the noise above which the model lacks something.
-_INCOMPLETE = 3.0
-#: Mean square over median scatter, both as of a normal deviate, that a few gross errors make.
-_GROSS = 3.0
 
 
 def paper_case(
@@ -143,7 +131,7 @@ def _warnings(cubic: Calibration, found: Health, seed_angle_deg: float) -> tuple
         meaning = (
             "the data fit best with a stiffness that is not positive, as happens when an effect is "
             "missing from the model"
-            if pull > _PULL_OF_NOISE
+            if pull > GRADES.paper_pull
             else "indistinguishable from the bound with these data"
         )
         told.append(
@@ -151,14 +139,14 @@ def _warnings(cubic: Calibration, found: Health, seed_angle_deg: float) -> tuple
             f"uncertainties beyond it: {meaning}"
         )
     over = found.train_rms_mm / found.noise_mm if found.noise_mm else 0.0
-    if over > _INCOMPLETE:
+    if over > GRADES.paper_incomplete:
         told.append(
             f"the remaining error is {over:.0f} times the noise of the readings: the model is "
             "incomplete, and the uncertainties do not cover the missing effect"
         )
     if cubic.starts_agreeing < 2 <= len(cubic.starts):
         told.append(f"only one of {len(cubic.starts)} starts found this minimum")
-    if seed_angle_deg > _FAR_FROM_SEED_DEG:
+    if seed_angle_deg > GRADES.far_from_seed_deg:
         told.append(f"the base frame is {seed_angle_deg:.2f} deg from its seed")
     return tuple(told)
 
@@ -212,7 +200,7 @@ def _evidence(
     scatter, findings = uncertainty.scatter_of_repeats(stated, model), case.findings
     if scatter:
         usual_mm = 1e3 * scatter[0].found * np.sqrt(3.0 * np.mean(1.0 / used.readings))
-        if noise_mm > _GROSS * usual_mm:  # by the mean square, and by the median
+        if noise_mm > GRADES.paper_gross * usual_mm:  # by the mean square, and by the median
             finding = InputFinding(
                 what=f"the mean square of repeats is {noise_mm:.2g} mm, their median "
                 f"{usual_mm:.2g} mm: a few readings are far from their repeats",
@@ -248,13 +236,13 @@ def _hidden(problem: Problem, x: Array) -> frozenset[str]:
     """Return the parameters that no pose determines: they move what the base moves."""
     generator = np.random.default_rng(0)
     observations = problem.observations.take(
-        generator.integers(len(problem.observations), size=_POSTURES)
+        generator.integers(len(problem.observations), size=UNKNOWNS.paper_postures)
     )
     states, arm = observations.states, problem.model.chain.arm
     low, high = arm.limits_rad.T
     drawn = replace(
         states,
-        q_rad=generator.uniform(low, high, (_POSTURES, arm.n)),
+        q_rad=generator.uniform(low, high, (UNKNOWNS.paper_postures, arm.n)),
         tau_Nm=generator.permuted(states.tau_Nm, axis=0),
     )
     rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian

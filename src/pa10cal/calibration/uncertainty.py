@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.levels import TwoLevelRows, fit_base_frame
+from pa10cal.calibration.rules import GRADES
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.robust_weights import far_from_prediction
 from pa10cal.observe.instrument import Instrument
@@ -309,11 +309,6 @@ def calibrated_parameters(
 
 # Does the stated uncertainty agree with what repeats scatter by?
 
-#: Pairs of readings below which their scatter says too little about a factor of three.
-_LEAST_PAIRS = 20
-#: Median of the square of a normal deviate.
-_MEDIAN_SQUARE = float(ndtri(0.75)) ** 2
-
 
 def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[RepeatScatter, ...]:
     """Compare successive readings of the same pose, load and direction of arrival.
@@ -332,7 +327,7 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
     group = reading_groups(readings) * (arrival.max(initial=0) + 1) + arrival
     order = np.lexsort((readings.states.time_s, group))
     at = np.flatnonzero(group[order][1:] == group[order][:-1])
-    if len(at) < _LEAST_PAIRS:
+    if len(at) < GRADES.scatter_pairs:
         return ()
     poses = model.as_modelled(readings)
     measured = poses.measured
@@ -346,10 +341,10 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
     for kind, columns in measured.component_kinds:
         seen = both[:, columns]
         squares = difference[:, columns][seen] ** 2
-        if seen.any(axis=1).sum() < _LEAST_PAIRS:
+        if seen.any(axis=1).sum() < GRADES.scatter_pairs:
             continue
         size = float(np.sqrt(0.5 * np.median(stated[:, columns][seen])))
-        ratio = np.sqrt(np.median(squares / stated[:, columns][seen]) / _MEDIAN_SQUARE)
+        ratio = np.sqrt(np.median(squares / stated[:, columns][seen]) / GRADES.median_square)
         found.append(
             RepeatScatter(kind=kind, found=float(ratio) * size, stated=size, pairs=len(at))
         )

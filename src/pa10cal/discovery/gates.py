@@ -15,7 +15,8 @@ from scipy.stats import chi2
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration.health import JOINT_RAD, most_stated
+from pa10cal.calibration.health import most_stated
+from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
@@ -238,7 +239,7 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     error_mm = train.after.mean_mm / np.sqrt(1.0 - taken)
     spread_mm = measured.spread_mm
     stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)
-    joints_mm = JOINT_RAD * spread_mm
+    joints_mm = GRADES.joint_rad * spread_mm
     compared = [("the remaining error", error_mm, floor_mm)]
     if holdout is not None:
         expected_mm = float(np.hypot(holdout.noise_floor_mm, floor_mm * np.sqrt(taken)))

@@ -21,6 +21,7 @@ from pa10cal.calibration.general.problem import (
 )
 from pa10cal.calibration.general.springs import rigid_at, springs_not_shown, with_proven_springs
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.rules import FIT, SPRINGS
 from pa10cal.errors import RecordError
 from pa10cal.fit.loads import with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
@@ -29,14 +30,6 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import BaseFrameRecord, CalibratedParameter, PriorPart
 from pa10cal.terms.model import Model
-
-#: Part of the largest torque that a joint's torque must vary by for its spring to be there, whether
-#: or not the readings show it.
-_FULL_TORQUE_SHARE = 0.02
-#: Weights have moved on where they move a pose by more than this [m] ...
-_MOVES_NOTHING_M = 1e-7
-#: ... and one fit more brings them to rest: what sag moves weights by is a thousandth of the sag.
-_MOST_REFITS = 3
 
 
 @dataclass(frozen=True)
@@ -90,7 +83,7 @@ def calibrate_general(
     # Under weights that nobody stated no spring is sure to be there, and any may stand in for
     # another: they go one by one, each with what it takes along.
     assumed = source == "masses" and weights_known(arm).assumed
-    sure = () if assumed else loaded_joints(arm, tau_Nm, _FULL_TORQUE_SHARE)
+    sure = () if assumed else loaded_joints(arm, tau_Nm, SPRINGS.full_torque_share)
     searched = options.general.springs == "auto"
     while searched and (
         rigid := springs_not_shown(problem, found, springs, sure, stepwise=assumed)
@@ -144,7 +137,7 @@ def at_rest(
         problem, found: what was solved, and where that ended.
         fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
     """
-    for _ in range(_MOST_REFITS):
+    for _ in range(FIT.most_refits):
         weighed = _with_torques_at(problem, found.x, states_as_logged, payload)
         if weighed is problem:
             break
@@ -162,7 +155,7 @@ def _with_torques_at(
     states = with_loads_read_by(problem.model.terms, states)
     weighed = replace(problem, observations=problem.observations.with_states(states))
     moved = weighed.predict(x)[:, :3, 3] - problem.predict(x)[:, :3, 3]
-    return weighed if np.abs(moved).max() > _MOVES_NOTHING_M else problem
+    return weighed if np.abs(moved).max() > FIT.moves_nothing_m else problem
 
 
 # Whether the readings show that parallel axes are tilted.

@@ -21,8 +21,9 @@ from pa10cal.calibration.general.other_campaign import (
     prior_of,
     refuse_own_readings,
 )
-from pa10cal.calibration.health import RIGID, STATED_OFF, GradeEvidence, health
+from pa10cal.calibration.health import RIGID, GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
+from pa10cal.calibration.rules import GRADES, GROUPS, RECORDS, UNKNOWNS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.discrepancy import discrepancy_of
@@ -44,16 +45,13 @@ from pa10cal.terms.term import Report
 
 # Poses that a fit doubts, each with why; they stay in it, with less weight.
 
-#: A pose with less weight than this is listed in any case.
-_LITTLE_WEIGHT = 0.5
-
 
 def suspected_outliers(
     problem: Problem, fit: GeneralSolution
 ) -> tuple[records.SuspectedOutlier, ...]:
     """List the poses a fit doubts, the worst first."""
     limit = suspect_beyond(problem.components_seen)
-    rows = np.flatnonzero((fit.distance > limit) | (fit.weights < _LITTLE_WEIGHT))
+    rows = np.flatnonzero((fit.distance > limit) | (fit.weights < RECORDS.little_weight))
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
     acquitted = keep_their_distances(problem.observations.measured.places_m)
     found = []
@@ -77,12 +75,6 @@ def suspected_outliers(
             )
         )
     return tuple(found)
-
-
-#: Standard uncertainty of a windup, in its size, below which poses show it.
-_SHOWN = 0.5
-#: Part of the spread of the places seen that no calibrated arm is off by.
-_NO_FIT = 0.05
 
 
 def general_case(
@@ -282,13 +274,15 @@ def _refuse_another_arm(
     general: GeneralCalibration, left_mm: float, spread_mm: float, noise_mm: float | None
 ) -> None:
     rank = general.fit.identifiability.rank
-    if rank and left_mm < max(_NO_FIT * spread_mm, STATED_OFF * (noise_mm or 0.0)):
+    if rank and left_mm < max(
+        GRADES.no_fit_general_share * spread_mm, GRADES.stated_ratio * (noise_mm or 0.0)
+    ):
         return
     raise CalibrationError(
         "the arm as described does not fit the readings",
         where=general.arm.name,
         value=f"{left_mm:.1f} mm rms remain; the measured positions spread by {spread_mm:.0f} mm",
-        allowed=f"errors below {100 * _NO_FIT:.0f} % of that spread",
+        allowed=f"errors below {100 * GRADES.no_fit_general_share:.0f} % of that spread",
         remedy="check robot, order, signs and zeros of the joints, and units",
     )
 
@@ -329,7 +323,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         # springs by a little, and these with it: not those whose sag poses show all the same.
         std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
         windup = problem.having("windup")
-        openly -= {*names_of(parameters, windup & np.less(std, _SHOWN * fit.x))}
+        openly -= {*names_of(parameters, windup & np.less(std, GRADES.shown_share * fit.x))}
     if assumed or (payload is not None and payload.com_u_m is not None):
         # Neither is a spring that goes with them: the next campaign may do without it.
         hidden = frozenset(names_of(parameters, problem.having("weight", "windup", "cubic")))
@@ -357,13 +351,6 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
 # parameters that it would give alone, in the unknowns of the group. Directions that it does not
 # determine stay where the group has them, within the reach of the unknowns, and count for nothing.
 
-#: A parameter is determined by a campaign that knows it to this part of what it may well be.
-_DETERMINED = 0.1
-#: Campaigns contradict each other where chance makes such a difference more rarely than this, and
-#: parameters of its own take away that part of one's squared error. A model that lacks an effect
-#: differs from campaign to campaign by more than chance, and is not better for that.
-_BY_CHANCE = 1e-3
-_MATTERS = 0.1
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 
 
@@ -457,7 +444,7 @@ def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOf
             chi_square=chi_square,
             dof=dof,
             p_value=p_value,
-            contradicts=p_value < _BY_CHANCE and gain > _MATTERS,
+            contradicts=p_value < GROUPS.chance_rate and gain > GROUPS.matters_share,
             worst=records.Difference(
                 name=parameters[k].name,
                 unit=parameters[k].unit,
@@ -475,7 +462,9 @@ def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOf
                 unit=parameter.unit,
                 std=float(std[k]),
                 std_alone={name: float(size[k] * own[k]) for name, own in std_alone.items()},
-                determined_by=tuple(n for n, own in std_alone.items() if own[k] < _DETERMINED),
+                determined_by=tuple(
+                    n for n, own in std_alone.items() if own[k] < UNKNOWNS.determined_share
+                ),
             )
             for k, parameter in enumerate(parameters)
         },

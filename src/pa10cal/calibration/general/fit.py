@@ -16,33 +16,11 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array, Mask
+from pa10cal.calibration.rules import FIT, UNKNOWNS
 from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, triangle_of
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, Solution
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
-
-#: A step this small, in standard uncertainties, ends the search ...
-_ARRIVED = 1e-4
-#: ... and so does one that leads nowhere if it is this small.
-_NEARLY = 1e-3
-#: A point from which the next step is this small is where it leads.
-_THERE = 1e-5
-#: Weights that nobody stated and springs make a curved valley, along which stiffness and weights
-#: change and no prediction does: there steps a little longer than these end the search.
-_ALONG_A_VALLEY = 200.0
-#: Directions that the poses hardly identify may be curved valleys too, as of a tool that is held in
-#: one orientation: along these the step ahead stays long, and no step that is taken comes far.
-#: Where predictions moved by so little in so many steps, in standard uncertainties, they stand
-#: still, and the search ends.
-_STANDS_STILL, _STEPS_STILL = 0.05, 8
-#: A step ahead that is so many times as long as those taken is one along a valley; at its bottom it
-#: would move predictions by less than this, which far from a minimum it does not.
-_NOT_TAKEN, _AT_THE_BOTTOM = 5.0, 0.5
-#: Growth of the weighted squares that counts as rounding, relative.
-_NO_WORSE = 1e-9
-#: Reach of an unknown in its scale, where it has no physical range that bounds it.
-_REACH = 30.0
-
 
 _STILL = "predictions stand still along directions that the poses hardly identify"
 
@@ -139,7 +117,7 @@ def fit(
         held=span.bounds.held,
         cost=weighting.cost,
         reweighted=weighting.renewed,
-        no_worse=_NO_WORSE,
+        no_worse=FIT.no_worse,
     )
     x, scatter, weighted = found.at, weighting.scatter, weighting.weighted
     held = span.bounds.held(x, found.equations.gradient)
@@ -165,7 +143,7 @@ def fit(
         cost=float(np.sum(weighted.residual**2)),
         iterations=found.iterations,
         converged=found.converged
-        and (weighting.stand_still or bool(length < _NEARLY * weighting.patience)),
+        and (weighting.stand_still or bool(length < FIT.nearly_errors * weighting.patience)),
         reason=_STILL if found.converged and weighting.stand_still else found.reason,
         widening=scatter.widening,
     )
@@ -187,7 +165,7 @@ def reach_of(problem: Problem) -> Array:
     """Return how far from their start the k unknowns of a problem may well be."""
     bounds = Bounds.of(problem.parameters)
     width = bounds.upper - bounds.lower
-    reach = np.where(np.isfinite(width), width, _REACH * problem.scale)
+    reach = np.where(np.isfinite(width), width, UNKNOWNS.reach_scales * problem.scale)
     expected = np.array([each.plausible for each in problem.parameters], dtype=float)
     return np.where(np.isnan(expected), reach, expected)
 
@@ -212,14 +190,14 @@ class _WeightedProblem:
         self._length = self._ahead = self._moved_ahead = np.inf
         self._settled = self._turns = False
         # by how much the last steps moved predictions
-        self._moved: deque[float] = deque(maxlen=_STEPS_STILL)
+        self._moved: deque[float] = deque(maxlen=FIT.still_steps)
         if scatter is None:
             self.weighted = weighted_rows(problem, rows, self.scatter, robust)
         else:
             self._renew(start)
         valley = problem.model.u_scale > 0.0  # of the weights only the shape is known
         #: How much longer than usual the last step may be.
-        self.patience = _ALONG_A_VALLEY if valley else 1.0
+        self.patience = FIT.valley_times if valley else 1.0
 
     def rows(self, x: Array) -> Rows:
         """Return the rows at a point, those of the last one looked at kept and no others.
@@ -281,17 +259,17 @@ class _WeightedProblem:
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged, or predictions stand still."""
         del x, taken
-        near = self._length < _ARRIVED * self.patience or self._ahead < _THERE
+        near = self._length < FIT.arrived_errors * self.patience or self._ahead < FIT.there_errors
         return bool((near or self.stand_still) and self._settled)
 
     @property
     def stand_still(self) -> bool:
         """Return whether the last steps moved no prediction, however long the step ahead is."""
         path = sum(self._moved)
-        if len(self._moved) < _STEPS_STILL or path >= _STANDS_STILL:
+        if len(self._moved) < FIT.still_steps or path >= FIT.still_errors:
             return False
-        along_a_valley = self._ahead > _NOT_TAKEN * path / _STEPS_STILL
-        return along_a_valley and self._moved_ahead < _AT_THE_BOTTOM
+        along_a_valley = self._ahead > FIT.not_taken_times * path / FIT.still_steps
+        return along_a_valley and self._moved_ahead < FIT.bottom_errors
 
 
 def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:

@@ -26,6 +26,7 @@ from pa10cal.calibration.general.problem import (
     with_unknown_frames,
 )
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.rules import GROUPS, UNKNOWNS
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted import Fitted
@@ -59,8 +60,6 @@ F = TypeVar("F", bound=Fitted)
 
 #: Grades of calibrations that say nothing reliable of an arm.
 _UNSOUND = ("suspect_input", "not_converged")
-#: Variance of a parameter that its fit left at the end of its range, in squares of its scale.
-_AT_BOUND = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +143,7 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
         terms.append(there)
         from_ += columns
         sizes += [
-            _AT_BOUND * each.scale if each.plausible is None else each.plausible
+            GROUPS.bound_squares * each.scale if each.plausible is None else each.plausible
             for each in there.parameters
         ]
     index, fresh = np.array(from_, dtype=np.intp), np.array(from_) < 0
@@ -179,7 +178,8 @@ def _refuse_another_arm(model: FittedModel, arm: Arm) -> None:
     differs = [
         name
         for name in layout
-        if not same or not np.allclose(getattr(model.arm, name), getattr(arm, name), 0.0, 1e-9)
+        if not same
+        or not np.allclose(getattr(model.arm, name), getattr(arm, name), 0.0, UNKNOWNS.same_length)
     ]
     what, value = "the prior is a model of another arm", model.arm.name
     if model.arm.name != arm.name:
@@ -223,19 +223,6 @@ def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None
 # everything departs by more than noise, as under a model that lacks an effect, all is trusted
 # less.
 
-#: Searches for what moved, each about the fit with what the one before found.
-_MOST_ROUNDS = 4
-#: Readings that scatter by so many times what the instrument states contradict what was found, and
-#: the arm is taken as new where that leaves so small a part.
-_CONTRADICTED, _EXPLAINED = 1.5, 0.75
-#: Few readings that scatter by so many times what was expected are explained by no few changes.
-_UNEXPLAINED = 3.0
-#: Readings for each unknown of an arm taken as new, below which they are few: what moved is then
-#: sought among small sets.
-_FEW = 4.0
-#: Of an arm taken as new, what moved by so many standard uncertainties is named, the clearest.
-_CLEAR, _MOST_NAMED = 5.0, 6
-
 
 def calibrate_from(
     prior: Prior,
@@ -266,8 +253,8 @@ def calibrate_from(
     possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
     released: tuple[MovedPart, ...] = ()
     anew, frames = everything(possible), len(problem.parameters) - len(expected.mean)
-    few = problem.readings < _FEW * (len(anew.columns) + frames)
-    for _ in range(_MOST_ROUNDS):
+    few = problem.readings < GROUPS.few_readings * (len(anew.columns) + frames)
+    for _ in range(GROUPS.most_rounds):
         if few:
             at = problem, found.x, np.sqrt(found.weights), prior.expected
             parts = smallest_set(Misfit.of_poses(*at, prior.model.discrepancy), possible)
@@ -280,10 +267,10 @@ def calibrate_from(
             expected = expected.widened(each.directions)
         found = fitted(problem, found.x, expected=expected)
     left, stated = _left(found, observations)
-    if left > _CONTRADICTED * stated and not few:
+    if left > GROUPS.contradicted_ratio * stated and not few:
         freed = prior.expected.widened(anew.directions)
         other = fitted(problem, x_start, expected=freed)
-        if _left(other, observations)[0] < _EXPLAINED * left:
+        if _left(other, observations)[0] < GROUPS.explained_share * left:
             released, expected, found = (MovedPart(anew, 1.0, 0.0),), freed, other
     if source == "masses":
         about = partial(fitted, expected=expected)
@@ -375,7 +362,7 @@ def _beyond_few(prior: Prior, problem: Problem, found: GeneralSolution, unknown:
     if lacks is not None:
         error_mm = lacks.error_at_mm(observations.states.q_rad)
         usual_m = float(np.hypot(usual_m, 1e-3 * np.sqrt(np.mean(error_mm**2))))
-    if left_m < _UNEXPLAINED * usual_m:
+    if left_m < GROUPS.unexplained_ratio * usual_m:
         return ""
     poses = int(np.ceil(unknown * len(observations) / problem.readings)) + 1
     return (
@@ -394,8 +381,10 @@ def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> li
         for k in each.columns
         if std[k] > 0.0
     ]
-    clear = sorted((pair for pair in sigmas if pair[0] > _CLEAR), key=lambda pair: -pair[0])
-    return [MovedPart(each, 1.0, 0.5 * sigma**2) for sigma, each in clear[:_MOST_NAMED]]
+    clear = sorted(
+        (pair for pair in sigmas if pair[0] > GROUPS.clear_errors), key=lambda pair: -pair[0]
+    )
+    return [MovedPart(each, 1.0, 0.5 * sigma**2) for sigma, each in clear[: GROUPS.most_named]]
 
 
 def _words(moved: Moved) -> str:

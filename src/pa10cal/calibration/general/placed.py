@@ -22,6 +22,7 @@ from pa10cal.calibration.general.problem import (
     choose_unknowns,
     with_unknown_frames,
 )
+from pa10cal.calibration.rules import GROUPS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted import FallBack, Fitted
 from pa10cal.fit.problem import Problem
@@ -53,11 +54,6 @@ def about_known_arm(unknowns: Unknowns, start: Start, fitted: Callable[[Unknowns
         if found[2].identifiability.rank == len(found[0].parameters):
             return found
     return fitted(unknowns)
-
-
-#: Poses that say enough of how frames follow the arm, and how many of them are taken at once.
-_ENOUGH_POSES = 2000
-_AT_ONCE = 300
 
 
 def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] = ()) -> F:
@@ -204,10 +200,10 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
     """
     poses, own = len(problem.observations), len(of_arm)
     # Some thousand poses say how frames follow; each has a column for every parameter of a map.
-    every = max(1, poses // _ENOUGH_POSES)
+    every = max(1, poses // GROUPS.enough_poses)
     normal = np.zeros((len(x) - own, len(x)))
-    for first in range(0, poses, every * _AT_ONCE):
-        rows = np.arange(first, min(first + every * _AT_ONCE, poses), every)
+    for first in range(0, poses, every * GROUPS.at_once):
+        rows = np.arange(first, min(first + every * GROUPS.at_once, poses), every)
         part = replace(problem, observations=problem.observations.take(rows))
         root = np.linalg.inv(np.linalg.cholesky(part.stated_covariance))
         white = (root @ part.rows(x).jacobian).reshape(-1, len(x))

@@ -13,6 +13,7 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.rules import SPRINGS, UNKNOWNS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.loads import TorqueSource, with_loads_read_by, with_torques
 from pa10cal.fit.problem import Problem
@@ -38,16 +39,6 @@ from pa10cal.terms.weights import Weights
 # instrument alone, so it is decided at random joint positions within the limits, before any
 # reading. What the measured poses then identify is a separate question, answered by the rank.
 
-#: Joint positions at which redundancy is judged.
-_CONFIGURATIONS = 60
-_RANDOM_SEED = 1
-#: Part of a column that must remain beside those before it: exact redundancy leaves 1e-13.
-_LEAST_LEFT = 1e-8
-#: Columns below this part of the largest are rounding: of a target on the axis of a joint, or of a
-#: base turned about the line to an instrument that measures distances.
-_NOTHING = 1e-12
-#: No parameter replaces another if it has to move the target so many times further.
-_MOST_TIMES = 5.0
 #: Joints without a stated limit are taken through so much.
 _WIDEST_RAD = np.pi
 
@@ -83,12 +74,12 @@ def choose_unknowns(
     own = _own_frames(measured)
     frames = (base, *own)
     model = Model(Chain.of(arm), (*frames, links))
-    generator = np.random.default_rng(_RANDOM_SEED)
+    generator = np.random.default_rng(UNKNOWNS.random_seed)
     low, high = arm.limits_rad.T
     low = np.where(arm.prismatic, low, np.maximum(low, -_WIDEST_RAD))
     high = np.where(arm.prismatic, high, np.minimum(high, _WIDEST_RAD))
-    q_rad = generator.uniform(low, high, (_CONFIGURATIONS, arm.n))
-    zeros, zero = np.zeros_like(q_rad), np.zeros(_CONFIGURATIONS)
+    q_rad = generator.uniform(low, high, (UNKNOWNS.configurations, arm.n))
+    zeros, zero = np.zeros_like(q_rad), np.zeros(UNKNOWNS.configurations)
     states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
     if measured.campaigns:
         # Of a group the same states in every campaign, in its rows, whose readings are idle.
@@ -109,7 +100,7 @@ def choose_unknowns(
     columns = columns.reshape(-1, len(parameters)) * [p.scale for p in parameters]
     base_first = len(base.parameters)
     size = np.linalg.norm(columns, axis=0)
-    columns[:, size <= _NOTHING * size.max()] = 0.0
+    columns[:, size <= UNKNOWNS.no_column * size.max()] = 0.0
     kept, parts = _well_said(columns, _independent(columns), base_first)
     redundant = _redundant(parts, kept, parameters)
     names = {parameters[k].name for k in kept}
@@ -150,7 +141,7 @@ def _independent(columns: Array) -> list[int]:
         left = column - (before @ column) @ before
         left -= (before @ left) @ before  # once more, against rounding
         size, length = float(column @ column) ** 0.5, float(left @ left) ** 0.5
-        if size > 0.0 and length > _LEAST_LEFT * size:
+        if size > 0.0 and length > UNKNOWNS.least_left * size:
             basis[len(kept)] = left / length
             kept.append(k)
     return kept
@@ -175,10 +166,10 @@ def _well_said(columns: Array, kept: list[int], first: int) -> tuple[list[int], 
         large = np.abs(parts)
         large[np.array(kept) < first] = 0.0
         large[:, ~np.isin(others, shown)] = 0.0
-        if not large.size or large.max() <= _MOST_TIMES:
+        if not large.size or large.max() <= UNKNOWNS.most_times:
             return kept, parts * size[others] / size[kept][:, None]
         worst = int(np.argmax(large.max(axis=0)))
-        last = int(np.flatnonzero(large[:, worst] > _MOST_TIMES)[-1])
+        last = int(np.flatnonzero(large[:, worst] > UNKNOWNS.most_times)[-1])
         kept = sorted([*kept[:last], *kept[last + 1 :], others[worst]])
 
 
@@ -188,7 +179,11 @@ def _redundant(
     """Return the parameters omitted, and those kept that replace them."""
     others = [k for k in range(len(parameters)) if k not in kept]
     scale = np.array([parameter.scale for parameter in parameters])
-    parts = np.where(np.abs(parts) > 1e-6, parts, 0.0) * scale[kept][:, None] / scale[others]
+    parts = (
+        np.where(np.abs(parts) > UNKNOWNS.no_part, parts, 0.0)
+        * scale[kept][:, None]
+        / scale[others]
+    )
     return tuple(
         Redundant(
             name=parameters[k].name,
@@ -196,18 +191,6 @@ def _redundant(
         )
         for k, part in zip(others, parts.T, strict=True)
     )
-
-
-#: Part of the largest torque that a joint's torque must vary by for its spring to be looked for.
-_LEAST_TORQUE_SHARE = 0.005
-#: Less than this is none.
-_NO_TORQUE_NM = 1e-9
-#: A usual stiffness, from which springs start [N m/rad].
-_USUAL_STIFFNESS = 5e4
-#: A usual sag, from which springs under assumed weights start [rad].
-_USUAL_SAG_RAD = 3e-4
-#: A large one, about which that of any robot lies: a 3 m robot sags by milliradians [rad].
-_LARGE_SAG_RAD = 5e-3
 
 
 @dataclass(frozen=True)
@@ -262,13 +245,13 @@ def general_problem(
         torques_Nm = torques_Nm - weights.torque_Nm(states, np.where(of_tool, weights.sizes, 0.0))
     springs = _springs(arm, torques_Nm, source, options.general.springs)
     unknowns = choose_unknowns(arm, options.tolerances, observations.measured, start)
-    sag_rad = _LARGE_SAG_RAD if source == "masses" and known.assumed else None
+    sag_rad = SPRINGS.large_sag_rad if source == "masses" and known.assumed else None
     terms: list[Term] = [unknowns.links if links else Offsets((), ())]
     x_start = [np.zeros(len(terms[0].parameters))]
     for joint in springs:
         tau_ref_Nm = float(np.abs(torques_Nm[:, joint - 1]).max())
         spring = JointSpring(joint, tau_ref_Nm, cubic=False, plausible_rad=sag_rad)
-        soft = tau_ref_Nm / _USUAL_SAG_RAD if known.assumed else _USUAL_STIFFNESS
+        soft = tau_ref_Nm / SPRINGS.usual_sag_rad if known.assumed else SPRINGS.usual_Nm_per_rad
         terms.append(spring)
         x_start.append(spring.solved(soft, 0.0))
     if springs:
@@ -330,7 +313,7 @@ def _springs(
                     allowed=f"revolute joints, 1 to {arm.n}",
                     remedy="correct the list",
                 )
-            if not np.any(np.abs(tau_Nm[:, joint - 1]) > _NO_TORQUE_NM):
+            if not np.any(np.abs(tau_Nm[:, joint - 1]) > SPRINGS.no_torque_Nm):
                 raise CalibrationError(
                     f"joint {joint} is unloaded in all poses, so its stiffness cannot be "
                     "identified",
@@ -340,7 +323,7 @@ def _springs(
                     remedy="remove the joint from general.springs, or measure with a load on it",
                 )
         return tuple(sorted(set(springs)))
-    return loaded_joints(arm, tau_Nm, _LEAST_TORQUE_SHARE)
+    return loaded_joints(arm, tau_Nm, SPRINGS.least_torque_share)
 
 
 def loaded_joints(arm: Arm, tau_Nm: Array, share: float) -> tuple[int, ...]:
@@ -349,7 +332,8 @@ def loaded_joints(arm: Arm, tau_Nm: Array, share: float) -> tuple[int, ...]:
     turning = ~arm.prismatic
     least = share * float(np.max(span[turning], initial=0.0))
     return tuple(
-        int(joint) + 1 for joint in np.flatnonzero(turning & (span > max(least, _NO_TORQUE_NM)))
+        int(joint) + 1
+        for joint in np.flatnonzero(turning & (span > max(least, SPRINGS.no_torque_Nm)))
     )
 
 
@@ -372,7 +356,7 @@ def check_enough(problem: Problem, *, known: int = 0) -> None:
     if rows < unknowns:
         a_pose = rows / max(1, len(problem.observations))
         given = f"{len(problem.observations)} poses with {rows} readings, {unknowns} unknowns"
-        needed = int(np.ceil(unknowns / max(a_pose, 1e-9)))
+        needed = int(np.ceil(unknowns / max(a_pose, UNKNOWNS.no_row)))
         raise CalibrationError(
             "fewer equations than unknowns",
             where="grid poses",

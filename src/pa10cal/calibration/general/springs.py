@@ -17,6 +17,7 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
+from pa10cal.calibration.rules import SPRINGS
 from pa10cal.fit.angles_seen import embedded
 from pa10cal.fit.discrepancy import clusters_of, levers_m, stretches_of
 from pa10cal.fit.problem import Problem
@@ -25,15 +26,6 @@ from pa10cal.observe.order import along_a_path
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
-
-#: A joint counts as rigid at this windup [rad].
-_RIGID_RAD = 1e-9
-#: Clusters held out in turn, and the poses of each, at least.
-_CLUSTERS, _LEAST_IN_CLUSTER = 10, 2
-#: Of a path, an error larger by this factor is worse.
-_WORSE = 1.05
-#: Errors below this are rounding [m].
-_FINEST_M = 1e-12
 
 
 def with_proven_springs(
@@ -113,7 +105,7 @@ def _gain_of_spring(problem: Problem, found: GeneralSolution, joint: int) -> flo
     with_it = squares(found.x, free)
     free[at] = False
     rigid = found.x.copy()
-    rigid[at] = _RIGID_RAD
+    rigid[at] = SPRINGS.rigid_rad
     return squares(rigid, free) - with_it
 
 
@@ -154,7 +146,7 @@ def predicts_unseen(
     """
     problem, found = rigid
     states = problem.observations.states
-    groups = min(_CLUSTERS, len(states) // _LEAST_IN_CLUSTER)
+    groups = min(SPRINGS.clusters, len(states) // SPRINGS.cluster_poses)
     if groups < 2:
         return True
     lever_m = levers_m(problem.model, problem.of_model(found.x), states)
@@ -166,7 +158,7 @@ def predicts_unseen(
     if not along_a_path(states.q_rad[np.argsort(states.time_s, kind="stable")]):
         return True
     along = _gains(with_springs, rigid, stretches_of(states.time_s, groups))
-    return bool(min(gains.min(), along.min()) > -np.log(_WORSE))
+    return bool(min(gains.min(), along.min()) > -np.log(SPRINGS.worse_ratio))
 
 
 def _gains(
@@ -193,5 +185,5 @@ def _errors_m(problem: Problem, found: GeneralSolution, group: Index) -> Array:
         step = np.zeros(len(reach))
         step[free] = reach[free] * ((every - own).about(-off).mean - off)
         left = (rows.residual[out] + rows.jacobian[out] @ step)[:, places]
-        errors.append(np.sqrt(np.mean(np.sum(left**2, axis=1)) + _FINEST_M**2))
+        errors.append(np.sqrt(np.mean(np.sum(left**2, axis=1)) + SPRINGS.finest_m**2))
     return np.array(errors)
