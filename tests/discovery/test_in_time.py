@@ -146,7 +146,7 @@ def test_a_steady_drift_is_neither_a_jump_nor_a_wander(small):
     drift_m = np.outer(np.linspace(0.0, 5.0, POSES), [POSITION_M, 0.0, 0.0])
     found = shown(small, replace(small, readings=in_order(small.readings, drift_m)).survey.poses)
     assert found.wander is None
-    assert found.drifts
+    assert found.has_drift
 
 
 @pytest.mark.slow

@@ -69,7 +69,7 @@ def with_compliance(found: V) -> V:
     rows = _LinearProblem.of(found)
     needed = float(np.log(max(found.candidates, len(springs)) / found.error_rate))
     lost = {
-        spring: (rows.rigid(spring).squares - rows.squares) / rows.alike(spring)
+        spring: (rows.rigid(spring).squares - rows.squares) / rows.design_effect(spring)
         for spring in springs
     }
     nats = {spring: 0.5 * float(loss - np.log(rows.readings)) for spring, loss in lost.items()}
@@ -81,7 +81,7 @@ def with_compliance(found: V) -> V:
     findings, unexplained = [], list(found.unexplained)
     for spring in shown:
         rigid = rows.rigid(spring)
-        rivals = _best_first(rows.rivals(rigid, rows.alike(spring), needed))
+        rivals = _best_first(rows.rivals(rigid, rows.design_effect(spring), needed))
         others = tuple(dict.fromkeys((*instead, *rivals)))
         if len(others) > SPRINGS.most_alternatives:
             continue
@@ -226,13 +226,13 @@ class _LinearProblem:
         return error_mm(poses.measured, left + jacobian @ (self.step * self.sizes))
 
     def rivals(
-        self, rigid: _LinearProblem, alike: float, needed: float
+        self, rigid: _LinearProblem, design_effect: float, needed: float
     ) -> Iterator[tuple[Effect, float]]:
         """Yield effects beside which a spring is not needed any more, and the squares left."""
         both = zip(rigid.of_candidates(), self.of_candidates(), strict=True)
         for (effect, at_rigid), (_, columns) in both:
             squares = rigid.squares_with(at_rigid)
-            gain = (squares - self.squares_with(columns)) / alike
+            gain = (squares - self.squares_with(columns)) / design_effect
             if 0.5 * (gain - np.log(self.readings)) < needed:
                 yield effect, squares
 
@@ -290,7 +290,7 @@ class _LinearProblem:
             )
             yield effect, (self.whitener @ linear).reshape(-1, linear.shape[2])
 
-    def alike(self, spring: JointSpring) -> float:
+    def design_effect(self, spring: JointSpring) -> float:
         """Return how much larger the variance of a spring is for poses that err alike.
 
         Poses that follow each other often stand nearly in the same place, and what the model lacks

@@ -22,7 +22,14 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.discovery.rules import MOTION
-from pa10cal.discovery.wander import STILL, InTime, Jump, Wander, motions_along, sizes_of_six
+from pa10cal.discovery.wander import (
+    NO_MOTION,
+    Jump,
+    TimeFindings,
+    Wander,
+    motions_along,
+    sizes_of_six,
+)
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
@@ -45,7 +52,7 @@ _WALKS_M = np.geomspace(*MOTION.walks_m)
 _SHARED = (0.0, *np.geomspace(*MOTION.pose_variances))
 
 
-def _found(rows: _Rows, *, walks: bool) -> InTime:
+def _found(rows: _Rows, *, walks: bool) -> TimeFindings:
     """Find how the base moves in the course of time; jumps alone, where no walk is sought."""
     poses = rows.poses
     needed_jump = float(
@@ -70,11 +77,11 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
         if best - value < needed_jump - needed_walk:
             best, found = value, less
     static = rows.without_time()
-    drifts = rows.about(found)[0] - static.about(found)[0] > MOTION.drift_nats
+    has_drift = rows.about(found)[0] - static.about(found)[0] > MOTION.drift_nats
     if not found.jumps and not found.walk_m:
-        return InTime(None, drifts)
+        return TimeFindings(None, has_drift)
     # Where no effect of time shows, what goes with time is that of the courses.
-    amounts = (rows if drifts else static).amounts(found)
+    amounts = (rows if has_drift else static).amounts(found)
     found = replace(found, amounts=amounts)
     walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
     all_mm, walk_mm = (
@@ -85,8 +92,8 @@ def _found(rows: _Rows, *, walks: bool) -> InTime:
     position = np.trace(linear.position_noise(poses.measured, cov), axis1=1, axis2=2)
     noise_mm = 1e3 * float(np.sqrt(np.median(position))) * rows.about(found)[2]
     if all_mm < MOTION.least_noise_ratio * noise_mm:
-        return InTime(None, drifts)
-    return InTime(replace(found, rms_mm=(all_mm, walk_mm)), drifts)
+        return TimeFindings(None, has_drift)
+    return TimeFindings(replace(found, rms_mm=(all_mm, walk_mm)), has_drift)
 
 
 class _Rows:
@@ -285,7 +292,7 @@ def in_time_of(
     *,
     logged: bool,
     weights: bool,
-) -> InTime:
+) -> TimeFindings:
     """Find how the base moves in time, beside what candidate effects and loads can explain.
 
     Nothing is found where times were not recorded, and where poses are read once and follow each
@@ -299,7 +306,7 @@ def in_time_of(
     """
     once, again = len(np.unique(poses.pose)) == len(poses), measured_again(poses)
     if not poses.states.tells_time or (once and not again and like_a_scan(poses)):
-        return STILL
+        return NO_MOTION
     poses = with_places(poses) if again else poses
     if len(poses) > MOTION.most_readings:
         shown: Index = spread_over_time(poses, MOTION.most_readings)
@@ -314,7 +321,7 @@ def in_time_of(
     ]
     static, of_time = by_pose_and_time(at, poses, effects, logged=logged, weights=weights)
 
-    def find(rivals: tuple[Parting, ...]) -> InTime:
+    def find(rivals: tuple[Parting, ...]) -> TimeFindings:
         own = np.concatenate([*held, _motions_by(rivals, at, poses)], axis=2)
         walks = all(np.isfinite(rival.at) for rival in rivals)
         return _found(_Rows(at, poses, whitener, own, static, of_time), walks=walks)
@@ -330,20 +337,20 @@ def in_time_of(
         if not more:
             break
         if set(more) <= set(rivals):  # what is left beside them still goes with the order
-            shows = STILL
+            shows = NO_MOTION
             break
         both = dict.fromkeys((*rivals, *more))
         rivals = tuple(sorted(both, key=lambda rival: rival.at == np.inf))
         shows = find(rivals)
     else:
-        shows = STILL
+        shows = NO_MOTION
     if not rivals:
         return shows
     said = tuple(dict.fromkeys(str(rival.driver) for rival in rivals))
     return replace(shows, rivals=said, rivals_mm=first_mm)
 
 
-def _rivals_of(found: InTime, states: PoseStates, prismatic: Mask) -> tuple[Parting, ...]:
+def _rivals_of(found: TimeFindings, states: PoseStates, prismatic: Mask) -> tuple[Parting, ...]:
     """Return the errors by joints and the load that explain as well what was found of time.
 
     Places that part the rows as a jump does; for a walk joints that move slowly, parted nowhere.

@@ -30,7 +30,7 @@ from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.preparation import complete, targets_m
 from pa10cal.discovery.rules import EVIDENCE, NEXT_POSES
 from pa10cal.discovery.verdict import Plan, label_of
-from pa10cal.discovery.wander import InTime
+from pa10cal.discovery.wander import TimeFindings
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
@@ -401,7 +401,7 @@ def without_repeats(
     noise = replace(noise, cov=noise.cov[rows], joint_rad=joint_rad)
     white = whitener_of(noise.cov) @ survey.net_residual(found.at)[:, :, None]
     scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
-    in_time = InTime(survey.wander, drifts=False)
+    in_time = TimeFindings(survey.wander, has_drift=False)
     cov = noise.cov * len(rows) / count
     setup, load_N = survey.setup, poses.states.load_N
     pose, _, _ = noise_models(poses, cov, survey.baseline, setup, None, load_N, in_time)

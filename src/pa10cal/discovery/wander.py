@@ -94,18 +94,18 @@ class Wander:
 
 
 @dataclass(frozen=True, eq=False)
-class InTime:
+class TimeFindings:
     """What readings show of time."""
 
     wander: Wander | None  # jumps and walk; None where the data prefer neither
-    drifts: bool  # whether an effect of time shows beside them
+    has_drift: bool  # whether an effect of time shows beside them
     # joints, rails and loads, in words, that the order goes with where more was seen: errors that
     # go with them explain that as well
     rivals: tuple[str, ...] = ()
     rivals_mm: float = 0.0  # root mean square of all that was seen before they were held against it
 
 
-STILL = InTime(None, drifts=False)
+NO_MOTION = TimeFindings(None, has_drift=False)
 
 
 def motions_along(by_motions: Array, courses: Array) -> Array:
@@ -163,7 +163,7 @@ def steps_in_time(
 
 
 def motion_unexplained(
-    in_time: InTime, wander: Wander | None, floor_mm: float
+    in_time: TimeFindings, wander: Wander | None, floor_mm: float
 ) -> tuple[Unexplained, ...]:
     """Return the walk, and what goes with joints as well: what exceeds the repeatability."""
     found: list[tuple[str | None, float, str]] = []

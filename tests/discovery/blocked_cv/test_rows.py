@@ -130,7 +130,7 @@ def test_left_of_is_the_data_less_what_the_columns_say(rows):
 def test_columns_stand_where_rows_say(rows):
     eccentric, square = rows.of_shaped()
     assert [each.effect.id for each in rows.shaped] == ["cmm_squareness", "encoder_eccentricity"]
-    own = len(rows.own)
+    own = len(rows.baseline_columns)
     assert (eccentric.tolist(), square.tolist()) == ([own], [own + 1, own + 2])
     assert rows.of_map(1)[0] == own + 3
     assert rows.of_map(6)[-1] + 1 == len(rows.products().projection[0])
@@ -175,7 +175,9 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
     for each in (rows, replace(rows, weights=weights)):
         products = each.products()
         known = family(each, products)
-        search = Search(products, Columns(each.own, each.own_sizes), known.shown, 0.0, 0.05)
+        search = Search(
+            products, Columns(each.baseline_columns, each.baseline_sizes), known.shown, 0.0, 0.05
+        )
         below = below_detection_limit(known, search.is_surely_found)
         assert name in {candidate.name for candidate in known.shown}
         found.append((known.gains[name], name in {(e.effect.id, e.effect.of) for e in below}))

@@ -160,7 +160,7 @@ class _Waves:
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         self._dense = rows.dense
         self._free = np.ones(rows.dense + 2 * MAPS.highest_band * len(maps), dtype=bool)
-        self._free[: len(rows.own)] = ~rows.at_bound
+        self._free[: len(rows.baseline_columns)] = ~rows.at_bound
         self.orders = harmonic_orders(2 * MAPS.highest_band + 1)[1:]
         waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * MAPS.highest_band]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)

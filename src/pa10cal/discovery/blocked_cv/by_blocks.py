@@ -41,7 +41,7 @@ from pa10cal.discovery.preparation import Prepared, complete_about, sought
 from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, NEXT_POSES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
-from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
+from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
@@ -271,7 +271,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     whiteners, logged = fitted.weights.whiteners(), about.torques_logged
     every = tuple(sought(about.context, about.baseline.model.terms))
     rivals: Mapping[float, tuple[str, ...]] = {}
-    change, in_time = change_of(fitted.at, about.poses, whiteners, every, logged=logged), STILL
+    change, in_time = change_of(fitted.at, about.poses, whiteners, every, logged=logged), NO_MOTION
     if change is not None:
         found = judge.found_in(judged.changing(change), shaped)
     else:

@@ -344,7 +344,7 @@ class Family:
 def family(rows: BlockedRows, products: Products) -> Family:
     """Return the candidates that these poses can show, and the effects that they cannot."""
     total = products.summed().gram
-    own = rows.own
+    own = rows.baseline_columns
     shown, refused = [], {}
     gains: dict[tuple[str, str], float] = {}
     named = [

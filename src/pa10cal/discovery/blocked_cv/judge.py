@@ -425,9 +425,15 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
     """Search, and judge what was found."""
     products = rows.products()
     known = family(rows, products)
-    noise = noise_squares(rows, rows.survey.noise_about(rows.place))
+    noise = noise_squares(rows, rows.survey.noise_about(rows.operating_point))
     error_rate = rows.survey.setup.options.error_rate
-    search = Search(products, Columns(rows.own, rows.own_sizes), known.shown, noise, error_rate)
+    search = Search(
+        products,
+        Columns(rows.baseline_columns, rows.baseline_sizes),
+        known.shown,
+        noise,
+        error_rate,
+    )
     chosen = search.run()
     others = tried(search, chosen)
     with_rivals = chosen

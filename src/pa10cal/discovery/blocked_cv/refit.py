@@ -59,7 +59,9 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
     rows = BlockedRows(survey, unweighted(measured), named, MAPS.weighing_knots)
     weights = pose_weights(
-        linear.residual(rows.place, survey.poses), float(len(rows.own)), measured
+        linear.residual(rows.operating_point, survey.poses),
+        float(len(rows.baseline_columns)),
+        measured,
     )
     for _ in range(MAPS.reweighted):
         rows = BlockedRows(survey, weights, named, MAPS.weighing_knots)
@@ -82,7 +84,7 @@ def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
     """Return what the richest columns that leave enough readings leave, and their parameters."""
     total = rows.products().summed()
     harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
-    own, every = len(rows.own), len(total.projection)
+    own, every = len(rows.baseline_columns), len(total.projection)
     seen = rows.survey.poses.measured.components_seen
     for fitted in (every, every - len(harmonics), own):
         sizes = np.concatenate([np.ones(every - len(harmonics)), harmonics])

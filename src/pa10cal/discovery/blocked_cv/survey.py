@@ -379,7 +379,7 @@ class BlockedRows:
     knots: int  # K of the maps, whose columns are the K - 1 harmonics of each revolute joint
 
     @cached_property
-    def place(self) -> FittedModel:
+    def operating_point(self) -> FittedModel:
         """Return the calibrated model."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
@@ -397,40 +397,42 @@ class BlockedRows:
         return found
 
     @property
-    def own(self) -> Index:
+    def baseline_columns(self) -> Index:
         """Return the columns of the model's own parameters, and of the survey's nuisances."""
         beside = sum(len(each.sizes) for each in self.survey.nuisances)
-        return np.arange(len(unknowns(self.place)) + beside)
+        return np.arange(len(unknowns(self.operating_point)) + beside)
 
     @property
     def dense(self) -> int:
         """Return how many columns stand before the maps."""
-        return len(self.own) + sum(each.effect.linear for each in self.shaped)
+        return len(self.baseline_columns) + sum(each.effect.linear for each in self.shaped)
 
     @property
     def of_weights(self) -> Index:
         """Return the columns of weights that are uncertain, among the model's own."""
-        return np.flatnonzero(self.place.model.having("weight"))
+        return np.flatnonzero(self.operating_point.model.having("weight"))
 
     @property
-    def own_sizes(self) -> Array:
+    def baseline_sizes(self) -> Array:
         """Return the sizes expected of the model's own parameters, beside what rows say of them."""
-        sizes = np.ones(len(self.own))
+        sizes = np.ones(len(self.baseline_columns))
         sizes[self.of_weights] = BLOCKS.sizes_not_twice
         return sizes
 
     @property
     def at_bound(self) -> Mask:
         """Return which of the model's own parameters the calibration left at a bound."""
-        model, x = self.place.model, self.place.x
+        model, x = self.operating_point.model, self.operating_point.x
         bounds = Bounds.of(model.parameters)
-        at_bound = np.zeros(len(self.own), dtype=bool)
+        at_bound = np.zeros(len(self.baseline_columns), dtype=bool)
         at_bound[: len(x)] = (x <= bounds.lower) | (x >= bounds.upper)
         return at_bound
 
     def of_shaped(self) -> list[Index]:
         """Return the columns of each effect."""
-        stops = len(self.own) + np.cumsum([0, *(each.effect.linear for each in self.shaped)])
+        stops = len(self.baseline_columns) + np.cumsum(
+            [0, *(each.effect.linear for each in self.shaped)]
+        )
         return [np.arange(*ends) for ends in pairwise(stops)]
 
     def of_map(self, joint: int) -> Index:
@@ -483,7 +485,7 @@ class BlockedRows:
         """Return the rows of one block."""
         here = np.flatnonzero(self.survey.block == b)
         poses, whiten = self.survey.poses.take(here), self.weights.whiteners(here)
-        at, model = self.place, self.place.model
+        at, model = self.operating_point, self.operating_point.model
         terms: list[Term] = [*model.terms, *(shaped.effect for shaped in self.shaped)]
         points = [at.x[model.columns_of(term)] for term in model.terms]
         points += [shaped.start for shaped in self.shaped]

@@ -51,7 +51,7 @@ from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.rules import COMPUTING, EVIDENCE
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
-from pa10cal.discovery.wander import STILL, motion_unexplained, steps_in_time
+from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
@@ -263,7 +263,7 @@ def _with_time(
     moved = moved_between_repeats(poses, left, same_circumstances(poses))
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), (0.0, 0.0))
-    every, found = preparation.sought(problem.context, baseline.model.terms), STILL
+    every, found = preparation.sought(problem.context, baseline.model.terms), NO_MOTION
     for _ in range(EVIDENCE.rounds_of_time):
         # A jump in few repeats may leave directions without noise: a little of what is stated.
         stated = problem.readings.measured.stated_covariance
@@ -275,7 +275,7 @@ def _with_time(
             logged=problem.torques_logged,
             weights=problem.torque is not None,
         )
-        if found.wander is None and not (found.drifts or moved.any()):
+        if found.wander is None and not (found.has_drift or moved.any()):
             break
         problem = prepare(readings, baseline, setup, torques_logged=logged, in_time=found)
         start = fit(problem, (), (), (0.0, 0.0))

@@ -30,7 +30,7 @@ from pa10cal.discovery.noise import (
 )
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
 from pa10cal.discovery.rules import COMPUTING, EVIDENCE
-from pa10cal.discovery.wander import STILL, InTime
+from pa10cal.discovery.wander import NO_MOTION, TimeFindings
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
@@ -210,7 +210,7 @@ class EvidenceProblem:
     )
     context: CandidateContext  # where effects may sit
     torques_logged: bool  # whether the torques are those of a log, and scatter
-    in_time: InTime = STILL  # how base or instrument move in the course of time
+    in_time: TimeFindings = NO_MOTION  # how base or instrument move in the course of time
     # what effects make of the cells, the same in all fits
     kept: Kept = field(default_factory=Kept, compare=False, repr=False)
 
@@ -222,7 +222,7 @@ def prepare(
     about: FittedModel | None = None,
     *,
     torques_logged: bool = True,
-    in_time: InTime = STILL,
+    in_time: TimeFindings = NO_MOTION,
     moved_between_repeats: Array | None = None,
 ) -> EvidenceProblem:
     """Make a campaign ready, by single readings with the instrument's covariance.
@@ -247,7 +247,7 @@ def prepare(
     noise = noise_of_repeats(readings, left, by_every_joint(about, readings))
     # Readings stay alone in their cells where time shows between them.
     few = np.bincount(same_circumstances(readings)).max() <= EVIDENCE.readings_a_cell
-    alone = in_time.wander is not None or (in_time.drifts and few)
+    alone = in_time.wander is not None or (in_time.has_drift and few)
     cells, cell_cov = gather(readings, noise.cov, 1 if alone else EVIDENCE.readings_a_cell)
     cells = complete_about(cells, baseline, about, setup)
     # A log that never scatters was calculated, and tells nothing of the joints.
@@ -282,7 +282,7 @@ def noise_models(
     setup: MeasurementSetup,
     torque_u_Nm: Array | None,
     load_N: Array,
-    in_time: InTime = STILL,
+    in_time: TimeFindings = NO_MOTION,
 ) -> tuple[NoiseModel, NoiseModel | None, Array]:
     """Return how rows of poses and of torques are weighed, and the torques of all weights (C, n).
 
