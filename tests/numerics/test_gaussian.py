@@ -127,8 +127,22 @@ def test_columns_that_are_nearly_the_same_far_over_the_noise():
     assert np.isfinite(found.log_evidence)
 
 
-def test_further_unknowns_beside_those_here():
+def test_further_unknowns_with_those_here_integrated_out():
     columns, data = rows(4)
     here, more = columns[:, :3], columns[:, 3:]
-    found = Gaussian.of(here, data).beside(here.T @ more, more.T @ more, more.T @ data)
-    close(found.products, Gaussian.of(columns, data).products, 1e-12)
+    found = Gaussian.of(here, data).of_further(here.T @ more, more.T @ more, more.T @ data)
+    whole = Gaussian.of(columns, data)
+    close(found.products, whole.without(np.arange(3)).products, 1e-12)
+    assert found.left == pytest.approx(whole.left, rel=1e-12)
+    assert found.log_evidence == pytest.approx(whole.log_evidence, rel=1e-12)
+    precision = np.linalg.slogdet(found.gram + np.eye(found.unknowns))[1]
+    assert found.log_precision == pytest.approx(precision, rel=1e-12)
+
+
+def test_amounts_along_directions_are_those_of_columns_along_them():
+    columns, data = rows(5)
+    basis = np.random.default_rng(5).normal(size=(columns.shape[1], 2))
+    found = Gaussian.of(columns, data).in_terms_of(basis)
+    close(found.products, Gaussian.of(columns @ basis, data).products, 1e-12)
+    again = Gaussian.of_products(found.gram, found.projection, found.squares)
+    close(again.products, found.products, 0.0)

@@ -21,6 +21,7 @@ from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.discovery.wander import Wander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import like_a_scan, measured_again, partings, spread_over_time
 from pa10cal.terms.effects.effect import Effect
@@ -237,16 +238,9 @@ class _Rows:
         own = linear.by_own_terms(at, poses, at.model.terms)
         held = [CHANGE.static_sizes * columns for columns in own]
         held += [CHANGE.targets_m * linear.by_targets(at, poses), *more]
-        white = whitener @ np.concatenate(held, axis=2)
-        self._whitener, self._held = whitener, white
-        self._data = whitener @ -linear.residual(at, poses)[:, :, None]
-        flat = white.reshape(-1, white.shape[2])
-        gram = flat.T @ flat
-        # Of nearly dependent columns rounding may leave less than nothing.
-        least = max(1.0, float(len(gram) * np.finfo(float).eps * np.trace(gram)))
-        self._factor = np.linalg.cholesky(least * np.eye(len(gram)) + gram)
-        self._across = np.linalg.solve(self._factor, flat.T @ self._data.reshape(-1, 1))
-        self._squares = float(np.sum(self._data**2) - np.sum(self._across**2))
+        self._whitener, self._held = whitener, whitener @ np.concatenate(held, axis=2)
+        self._data = (whitener @ -linear.residual(at, poses)[:, :, None])[:, :, 0]
+        self._unchanged = Gaussian.of(self._held, self._data)
         self._seen = int(poses.measured.components_seen.sum())
         self._apart = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
         side = (self._apart >= CHANGE.least_side) & (self._apart <= len(poses) - CHANGE.least_side)
@@ -257,9 +251,9 @@ class _Rows:
         found = (-np.inf, 0, 1.0, 1.0)
         white = self._whitener @ columns
         for row in (self._apart if rows is None else rows).tolist():
-            gram, moments = self._products(white, row)
+            step = self._step(white, row)
             for scale in CHANGE.scales:
-                gain, left = self._gain(gram, moments, scale)
+                gain, left = self._gain(step, scale)
                 if gain > found[0]:
                     found = gain, row, scale, left
         return found
@@ -275,30 +269,25 @@ class _Rows:
     def as_good(self, columns: Array, scale: float, row: int) -> Index:
         """Return the rows near the best one that are as good, in order."""
         white = self._whitener @ columns
-        gains = [
-            self._gain(*self._products(white, each), scale)[0] for each in self._apart.tolist()
-        ]
+        gains = [self._gain(self._step(white, row), scale)[0] for row in self._apart.tolist()]
         good = self._apart[np.array(gains) > max(gains) - CHANGE.row_nats]
         return good if len(good) else np.array([row])
 
     def amounts(self, columns: Array, scale: float, row: int) -> Array:
         """Return the most likely amounts of a step at a row, in the usual sizes times a scale."""
-        gram, moments = self._products(self._whitener @ columns, row)
-        inner = np.eye(len(gram)) + scale**2 * gram
-        return np.asarray(np.linalg.solve(inner, scale * moments))
+        step = self._step(self._whitener @ columns, row)
+        return step.in_sizes(np.full(step.unknowns, scale)).mean
 
-    def _products(self, white: Array, row: int) -> tuple[Array, Array]:
+    def _step(self, white: Array, row: int) -> Gaussian:
+        """Return what is said of a step in columns (P, b, k) at a row."""
         step = white[row:].reshape(-1, white.shape[2])
         held = self._held[row:].reshape(len(step), -1)
-        across = np.linalg.solve(self._factor, held.T @ step)
-        gram = step.T @ step - across.T @ across
-        moments = step.T @ self._data[row:].reshape(-1) - across.T @ self._across[:, 0]
-        return gram, moments
+        data = self._data[row:].ravel()
+        return self._unchanged.of_further(held.T @ step, step.T @ step, step.T @ data)
 
-    def _gain(self, gram: Array, moments: Array, scale: float) -> tuple[float, float]:
-        inner = np.eye(len(gram)) + scale**2 * gram
-        taken = scale**2 * float(moments @ np.linalg.solve(inner, moments))
-        left = max(self._squares - taken, 0.0)
-        determinant = float(np.linalg.slogdet(inner)[1])
-        left = max(left / max(self._squares, np.finfo(float).tiny), CHANGE.same_squares)
-        return -0.5 * (self._seen * float(np.log(left)) + determinant), left
+    def _gain(self, step: Gaussian, scale: float) -> tuple[float, float]:
+        """Return the gain of log evidence, scatter profiled, and the part of squares left."""
+        sized = step.in_sizes(np.full(step.unknowns, scale))
+        left = max(sized.left, 0.0) / max(step.squares, np.finfo(float).tiny)
+        left = max(left, CHANGE.same_squares)
+        return -0.5 * (self._seen * float(np.log(left)) + sized.log_precision), left

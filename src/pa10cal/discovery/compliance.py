@@ -215,7 +215,9 @@ class _LinearProblem:
         """Return the squares left with further columns (N, l) among the unknowns."""
         columns, data = self.rows
         left = columns @ self.off - data
-        return self.steps.beside(columns.T @ further, further.T @ further, further.T @ left).left
+        return self.steps.of_further(
+            columns.T @ further, further.T @ further, further.T @ left
+        ).left
 
     def errors_mm(self, poses: Observations) -> Array:
         """Return position errors (P,) that are left of poses, to first order.

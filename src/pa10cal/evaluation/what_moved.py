@@ -31,7 +31,8 @@ from pa10cal.fit.moved import (
     hypotheses,
     sought,
 )
-from pa10cal.fit.problem import Disagreement
+from pa10cal.fit.problem import gain_along, widened
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.comparison import MovedThing, WhatMoved
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.of_campaign import small_motion
@@ -58,10 +59,10 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     kept = np.diag(found.covariance) > 0.0
     precision = np.zeros_like(found.covariance)
     precision[np.ix_(kept, kept)] = np.linalg.inv(found.covariance[np.ix_(kept, kept)])
-    disagreement = Disagreement(precision @ found.by, precision)
-    moved = sought(disagreement, possible)
+    disagreed = Gaussian.of_products(precision, precision @ found.by)
+    moved = sought(disagreed, possible)
     things = tuple(
-        _thing(each, moved, possible, disagreement, found)
+        _thing(each, moved, possible, disagreed, found)
         for each in moved
         if each.what.kind != MODEL_ERROR
     )
@@ -122,15 +123,15 @@ def _thing(
     each: MovedPart,
     moved: Sequence[MovedPart],
     possible: Sequence[Hypothesis],
-    disagreement: Disagreement,
+    disagreed: Gaussian,
     found: Differences,
 ) -> MovedThing:
     """Return one of the things that moved, by how much, and what else would say as much."""
     what, others = each.what, [other for other in moved if other is not each]
-    without = disagreement
+    without = disagreed
     for other in others:
-        without = without.widened(other.directions)
-    gains = {(h.kind, h.of): without.gain(h.directions, h.sizes)[0] for h in possible}
+        without = widened(without, other.directions)
+    gains = {(h.kind, h.of): gain_along(without, h.directions, h.sizes)[0] for h in possible}
     known = {(one.what.kind, one.what.of) for one in moved}
     least = max(gains[what.kind, what.of] - np.log(len(possible) / _LISTED), 0.0)
     named = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}
@@ -144,12 +145,12 @@ def _thing(
     if len(what.columns) == 1:
         (k,) = what.columns
         directions = np.hstack([what.directions, *(other.directions for other in others)])
-        information = directions.T @ disagreement.known @ directions
+        information = directions.T @ disagreed.gram @ directions
         # What else moved is as likely as its size says; of the thing itself nothing is expected.
         information += np.diag(np.append(0.0, np.ones(len(information) - 1)))
         covariance = np.linalg.inv(information)
         size, unit = float(what.directions[k, 0]), found.parameters[k].unit
-        by = float((covariance @ (directions.T @ disagreement.pull))[0] * size)
+        by = float((covariance @ (directions.T @ disagreed.projection))[0] * size)
         std = float(np.sqrt(covariance[0, 0]) * abs(size))
         if what.kind == STIFFNESS:
             by, std, unit = by / found.x[k], abs(std / found.x[k]), "1"

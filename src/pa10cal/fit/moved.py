@@ -13,7 +13,8 @@ from scipy.special import logsumexp
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.fit.angles_seen import Discrepancy
-from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
+from pa10cal.fit.problem import GaussianPrior, Problem, gain_along, widened
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.terms.effects.effect import is_effect
 from pa10cal.terms.term import Term
 
@@ -118,7 +119,7 @@ def hypotheses(
 
 
 def sought(
-    disagreement: Disagreement,
+    disagreed: Gaussian,
     possible: Sequence[Hypothesis],
     before: Sequence[MovedPart] = (),
 ) -> tuple[MovedPart, ...]:
@@ -127,7 +128,7 @@ def sought(
     Each has to gain the logarithm of the number of hypotheses over the rate of false names allowed.
 
     Args:
-        disagreement: of readings, or of two fits.
+        disagreed: what readings, or two fits, say of more than was expected.
         before: what was found already; it is not sought again, but for a model's error.
     """
     known = {(each.what.kind, each.what.of) for each in before if each.what.kind != MODEL_ERROR}
@@ -135,13 +136,13 @@ def sought(
     least = float(np.log(len(possible) / ERROR_RATE))
     found: list[MovedPart] = []
     while left:
-        gains = [disagreement.gain(each.directions, each.sizes) for each in left]
+        gains = [gain_along(disagreed, each.directions, each.sizes) for each in left]
         k = int(np.argmax([gain for gain, _ in gains]))
         gain, size = gains[k]
         if gain < least:
             break
         found.append(MovedPart(left.pop(k), size, gain))
-        disagreement = disagreement.widened(found[-1].directions)
+        disagreed = widened(disagreed, found[-1].directions)
     return tuple(found)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.model import Model
@@ -189,47 +190,38 @@ class GaussianPrior:
         return replace(self, covariance=self.covariance + directions @ directions.T)
 
 
-@dataclass(frozen=True, eq=False)
-class Disagreement:
-    """How readings and an expectation, or two fits, disagree about k parameters."""
+def disagreement(expected: GaussianPrior, x: Array, covariance: Array) -> Gaussian:
+    """Return what a fit says of the way off that more than was expected is possible.
 
-    pull: Array  # (k,) K^-1 d, for differences d expected to scatter with covariance K
-    known: Array  # (k, k) covariance of the pull where nothing moved: K^-1 as far as it is seen
+    Its gram is how well that would be seen, its projection how readings pull towards it.
 
-    @classmethod
-    def of_fit(cls, expected: GaussianPrior, x: Array, covariance: Array) -> Disagreement:
-        """Return how a fit disagrees with what was expected.
+    Args:
+        expected: of the first k unknowns.
+        x: (k,) where they are found.
+        covariance: (k, k) of them, after the fit.
+    """
+    precision = expected.precision
+    known = precision - precision @ covariance @ precision
+    return Gaussian.of_products(0.5 * (known + known.T), precision @ (x - expected.mean))
 
-        Args:
-            expected: of the first k unknowns.
-            x: (k,) where they are found.
-            covariance: (k, k) of them, after the fit.
-        """
-        precision = expected.precision
-        known = precision - precision @ covariance @ precision
-        return cls(precision @ (x - expected.mean), 0.5 * (known + known.T))
 
-    def gain(self, directions: Array, sizes: Sequence[float]) -> tuple[float, float]:
-        """Return by how much evidence rises if more is possible along directions, and which size.
+def gain_along(
+    disagreed: Gaussian, directions: Array, sizes: Sequence[float]
+) -> tuple[float, float]:
+    """Return by how much evidence rises if more is possible along directions, and which size.
 
-        Args:
-            directions: (k, r), each of a standard size of one.
-            sizes: multiples of that to choose from; the choice costs the logarithm of their number.
-        """
-        values, turn = np.linalg.eigh(directions.T @ self.known @ directions)
-        seen = np.maximum(values, 0.0)
-        along = (directions @ turn).T @ self.pull
-        variances = np.square(np.asarray(sizes, dtype=float))[:, None]
-        widened = 1.0 + variances * seen
-        rise = 0.5 * np.sum(variances * along**2 / widened - np.log(widened), axis=1)
-        best = int(np.argmax(rise))
-        return float(rise[best]) - float(np.log(len(sizes))), float(sizes[best])
+    Args:
+        directions: (k, r), each of a standard size of one.
+        sizes: multiples of that to choose from; the choice costs the logarithm of their number.
+    """
+    along = disagreed.in_terms_of(directions)
+    now = -0.5 * (disagreed.squares + disagreed.log_det)
+    each = [along.in_sizes(np.full(along.unknowns, size)).log_evidence for size in sizes]
+    best = int(np.argmax(each))
+    return each[best] - now - float(np.log(len(sizes))), float(sizes[best])
 
-    def widened(self, directions: Array) -> Disagreement:
-        """Return what remains where more is possible along directions (k, r) of standard size."""
-        seen = self.known @ directions
-        inside = np.eye(directions.shape[1]) + directions.T @ seen
-        taken = cho_solve(cho_factor(inside), seen.T)
-        return Disagreement(
-            self.pull - (directions.T @ self.pull) @ taken, self.known - seen @ taken
-        )
+
+def widened(disagreed: Gaussian, directions: Array) -> Gaussian:
+    """Return what remains where more is possible along directions (k, r) of standard size."""
+    further = np.concatenate([directions, np.eye(disagreed.unknowns)], axis=1)
+    return disagreed.in_terms_of(further).without(np.arange(directions.shape[1]))

@@ -34,6 +34,11 @@ class Gaussian:
         return cls(every.T @ every)
 
     @classmethod
+    def of_products(cls, gram: Array, projection: Array, squares: float = 0.0) -> Gaussian:
+        """Return what products of columns (k, k), with the data (k,), and of the data say."""
+        return cls(np.block([[gram, projection[:, None]], [projection, np.array(squares)]]))
+
+    @classmethod
     def none(cls, unknowns: int) -> Gaussian:
         """Return what no rows say of unknowns."""
         return cls(np.zeros((unknowns + 1, unknowns + 1)))
@@ -76,6 +81,13 @@ class Gaussian:
         scale = np.append(sizes, 1.0)
         return replace(self, products=self.products * np.outer(scale, scale))
 
+    def in_terms_of(self, basis: Array) -> Gaussian:
+        """Return the same of amounts (m,) along directions (k, m), in units of their own."""
+        along = np.concatenate([basis.T @ self.products[:-1], self.products[-1:]])
+        return replace(
+            self, products=np.concatenate([along[:, :-1] @ basis, along[:, -1:]], axis=1)
+        )
+
     def about(self, mean: Array) -> Gaussian:
         """Return the same of how far unknowns are from (k,), where they are then expected."""
         k = self.unknowns
@@ -99,18 +111,14 @@ class Gaussian:
         """Return the lower factor (k, k) of the inverse of the covariance."""
         return _factor(self.gram)
 
-    def beside(self, across: Array, gram: Array, projection: Array) -> Gaussian:
-        """Return what the rows say of further unknowns (m,) too, which follow those here.
+    def of_further(self, across: Array, gram: Array, projection: Array) -> Gaussian:
+        """Return what the rows say of further unknowns (m,), those here integrated out.
 
         By the products of their columns with those here (k, m), each other, and the data (m,).
         """
-        k, m = across.shape
-        products = np.empty((k + m + 1, k + m + 1))
-        products[:k, :k], products[k:-1, k:-1] = self.gram, gram
-        products[:k, k:-1], products[k:-1, :k] = across, across.T
-        products[-1, :-1] = products[:-1, -1] = np.concatenate([self.projection, projection])
-        products[-1, -1] = self.squares
-        return replace(self, products=products)
+        further = Gaussian.of_products(gram, projection, self.squares).products
+        taken = _forward(self.lower, np.concatenate([across, self.projection[:, None]], axis=1))
+        return Gaussian(further - taken.T @ taken, self.log_det + _log_det(self.lower))
 
     def taken_of(self, across: Array) -> Array:
         """Return how the unknowns follow others, (k, m), by products (k, m) with their columns."""
@@ -132,9 +140,14 @@ class Gaussian:
         return self.squares - float(self.projection @ self.mean)
 
     @property
+    def log_precision(self) -> float:
+        """Return the log determinant of the precision of the unknowns, 0 without rows."""
+        return _log_det(self.lower)
+
+    @property
     def log_evidence(self) -> float:
         """Return the logarithm of how likely the data are, up to a constant of the rows."""
-        return -0.5 * (self.left + self.log_det + _log_det(self.lower))
+        return -0.5 * (self.left + self.log_det + self.log_precision)
 
     def variances(self, columns: Array) -> Array:
         """Return the variances (...,) of predictions by columns (..., k), noise apart."""

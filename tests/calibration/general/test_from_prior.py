@@ -24,7 +24,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit import moved
 from pa10cal.fit.moved import Misfit
-from pa10cal.fit.problem import Disagreement, GaussianPrior
+from pa10cal.fit.problem import GaussianPrior, disagreement, gain_along, widened
 from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
@@ -242,13 +242,13 @@ def test_the_gain_of_a_widening_is_that_of_the_likelihood():
         of_rows = noise**2 * np.eye(9) + rows @ wider.covariance @ rows.T
         return multivariate_normal(rows @ expected.mean, of_rows).logpdf(seen)
 
-    disagreement = Disagreement.of_fit(expected, x, covariance)
-    gain, size = disagreement.gain(directions, (2.0,))
+    disagreed = disagreement(expected, x, covariance)
+    gain, size = gain_along(disagreed, directions, (2.0,))
     assert size == 2.0
     rise = evidence(expected.widened(2.0 * directions)) - evidence(expected)
     assert gain == pytest.approx(rise, rel=1e-6)
     more = rng.normal(size=(4, 1))
-    again, _ = disagreement.widened(2.0 * directions).gain(more, (1.0,))
+    again, _ = gain_along(widened(disagreed, 2.0 * directions), more, (1.0,))
     both = expected.widened(2.0 * directions)
     assert again == pytest.approx(evidence(both.widened(more)) - evidence(both), rel=1e-5)
 

@@ -46,7 +46,7 @@ from pa10cal.fit.moved import (
     smallest_set,
     sought,
 )
-from pa10cal.fit.problem import Disagreement, GaussianPrior, Problem
+from pa10cal.fit.problem import GaussianPrior, Problem, disagreement
 from pa10cal.fit.weighed_arm import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
@@ -292,8 +292,7 @@ def _more(
     """Return what else moved, where many readings show it."""
     k = len(expected.mean)
     covariance = found.covariance[:k, :k] / found.widening**2
-    disagreement = Disagreement.of_fit(expected, found.x[:k], covariance)
-    return sought(disagreement, possible, released)
+    return sought(disagreement(expected, found.x[:k], covariance), possible, released)
 
 
 def _left(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
