@@ -114,7 +114,7 @@ def test_a_spring_that_poses_do_not_identify_decides_no_grade(campaign, monkeypa
     arm = weighed_arm(bare, found.observations, found.description.payload)
     known = case.not_identifiable
     monkeypatch.setattr(case, "not_identifiable", lambda *of: known(*of) | {"windup_2"})
-    monkeypatch.setattr(case, "_SHOWN", 0.0)
+    monkeypatch.setattr(case, "GRADES", replace(case.GRADES, shown_share=0.0))
     model = pa10cal.calibrate(replace(found, arm=arm))
     assert any(name == "windup_2" for name in (p.name for p in model.model.parameters))
     assert model.grade == "good", model.fitted_to.health

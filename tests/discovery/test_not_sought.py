@@ -119,7 +119,7 @@ class TestVerdict:
         extended = extended_record(whole, record, Campaign.robot, "combined")
         assert record.verdict == extended.verdict == "not_sought"
         assert tuple(verdict_lines(record)) == (
-            f"effects were not sought: {found.why}; {found.remedy}"
+            f"effects were not sought: {found.why}; {found.remedy}",
         )
         assert len(analysis_record(whole, Campaign()).naming) == 1
         own = known.model.report(known.x)
