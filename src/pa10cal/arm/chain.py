@@ -141,6 +141,13 @@ class Chain:
         constants = {column: T for column, T in placed.items() if (np.eye(4) != T).any()}
         return cls(arm, motions, nominal, joints, constants, columns)
 
+    @property
+    def bends(self) -> tuple[int, ...]:
+        """Return the rows, from 1, whose links may bend at their ends."""
+        return tuple(
+            row for row in range(1, self.arm.n) if bend_coordinates(row)[0] in self._columns
+        )
+
     def columns(self, names: tuple[str, ...]) -> NDArray[np.intp]:
         """Return the columns of the named chain coordinates (KeyError when there is none)."""
         return np.array([self._columns[name] for name in names], dtype=np.intp)

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration import uncertainty
 from pa10cal.calibration.fit_summary import FitSummary, names_of
@@ -103,7 +104,7 @@ def calibrate_with(
             what is not known.
         DiscoveryError: when there are too few poses, or too little is repeated.
     """
-    campaign = prepared(every, model, setup)
+    campaign = prepared(every, model.with_bends(_bent(effects, model.arm)), setup)
     logged = campaign.torques == "logged"
     fitted: ModelWithEffects
     readings = campaign.trusted
@@ -245,6 +246,13 @@ def calibrated_with(
     if not found.model.model.terms_of("effect"):
         return record.model_copy(update={"warnings": (*record.warnings, *found.without)})
     return with_effects(record, found, case.campaign)
+
+
+def _bent(effects: Sequence[EffectOfPlace | Effect], arm: Arm) -> list[int]:
+    """Return the rows, from 1, whose links bend by effects at the joints that follow them."""
+    bending = {kind.id for kind in every_effect() if kind.bends}
+    places = {each.of for each in effects if each.id in bending}
+    return [row for row in range(1, arm.n) if f"joint {row + 1}" in places]
 
 
 def _effects(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
@@ -316,9 +316,13 @@ class Fitted:
         targets = (f"{TARGET}{name}" for name in self.target_names)
         return (FLANGE, TOOL_FRAME, *self.tools, *targets)
 
-    def with_bends(self) -> Self:
-        """Return the same model on a chain whose long links may bend, as some effects do."""
-        chain = Chain.of(self.arm, bends=long_links(self.arm))
+    def with_bends(self, rows: Iterable[int] = ()) -> Self:
+        """Return the same model on a chain whose long links may bend, as some effects do.
+
+        So may those of further rows, from 1, and those that already may.
+        """
+        every = {*long_links(self.arm), *self.model.chain.bends, *rows}
+        chain = Chain.of(self.arm, bends=tuple(sorted(every)))
         return replace(self, model=Model(chain, self.model.terms))
 
     def as_modelled(self, observations: Observations[M]) -> Observations[M]:

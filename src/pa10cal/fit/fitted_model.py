@@ -456,7 +456,6 @@ def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Arra
 def _arm_to_plain(model: Fitted) -> dict[str, Any]:
     arm = model.arm
     columns = {name: getattr(arm, name) for name in ROW_FIELDS}
-    bends = {name for motion in model.model.chain.motions for name in [motion.coordinate]}
     plain: dict[str, Any] = {
         "name": arm.name,
         "title": arm.title,
@@ -464,7 +463,7 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
         "T_base_flange": _CONVENTIONS[arm.convention],
         "base_motions": list(BASE),
         "tool_motions": list(TOOL),
-        "bends": [row for row in range(1, arm.n) if f"bend_{row}.x" in bends],
+        "bends": list(model.model.chain.bends),
         "rows": [
             {
                 name: None if values is None else _plain(values[row])

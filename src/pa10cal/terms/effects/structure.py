@@ -12,7 +12,14 @@ from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, link_spans_m,
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, seen_in, static_loads_in, time_in
+from pa10cal.terms.effects.effect import (
+    AtJoint,
+    CandidateContext,
+    Effect,
+    seen_in,
+    static_loads_in,
+    time_in,
+)
 from pa10cal.terms.term import OPTIONAL, TermParameter
 
 _LONG_LINKS = ("upper_arm", "forearm")
@@ -128,6 +135,49 @@ class LinkTorsion(LinkEffect):
 
     def per_unit(self, states: PoseStates) -> Array:
         return np.outer(self.moment_Nm(states) @ self.axis, self.axis)
+
+
+@dataclass(frozen=True)
+class LateralTilt(AtJoint):
+    """A joint's axis tilts about x and y across it by cx M_x and cy M_y under the moment M there.
+
+    cx and cy in rad/(N m), M along the axes of the frame in which the joint moves, z its axis: its
+    bearing and the housing around it give way. Of the first joint that is `base_compliance`.
+    """
+
+    # moment at which a plausible tilt is reached, where weights are assumed; None where they are
+    # stated
+    moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
+    id = "lateral_tilt"
+    clauses = ("the axis of {at} tilts under load", "the axes of {at} tilt under load")
+    words = (
+        "the frame of joint {0.joint} turns about x by cx M_x and about y by cy M_y, M the moment "
+        "there across the joint's axis"
+    )
+    bends = True
+    sought = False  # masked by other effects, one at a time
+    positive = True
+    weights_power = -1.0
+    # Crossed roller bearings of joints are as stiff as 1e5 N m/rad and more: 1000 N m make 10 mrad.
+    most_rad = (0.01, "no bearing of an arm tilts by more than 10 mrad")
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return None if joint == 1 else (_moment_of_arm_Nm(context.arm),)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return bend_coordinates(self.joint - 1)[3:5]
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        of_arm_Nm = self.moment_of_arm_Nm
+        return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
+
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return the moments across the joint's axis, each for its own tilt, (P, 2, 2)."""
+        moment_Nm = static_loads_in(states, self).link_Nm[:, self.joint - 2, :2]
+        return np.asarray(moment_Nm[:, :, None] * np.eye(2))
 
 
 @dataclass(frozen=True)

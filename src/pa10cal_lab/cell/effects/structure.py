@@ -78,6 +78,31 @@ class SimulatedLinkTorsion(SimulatedLinkEffect):
         return turn, np.zeros_like(turn)
 
 
+class SimulatedLateralTilt(effect.SimulatedEffect):
+    """The bearing of a joint gives way across its axis."""
+
+    id = "lateral_tilt"
+    by_moment = True
+    places = ("joint",)
+    drawn = False  # no search tries it yet
+    strains = True
+    by_weights = True
+    usual = effect.draws(cx=effect.sized(3e-6), cy=effect.sized(3e-6))
+
+    cx: effect.Finite = Field(description="tilt about x per unit moment about x [rad/(N m)]")
+    cy: effect.Finite = Field(description="tilt about y per unit moment about y [rad/(N m)]")
+
+    def strain(self, loading: effect.Loading) -> Strain:
+        """Turn the end of the link before the joint, whose z is the joint's axis."""
+        link, none = int(self.of.removeprefix("joint ")) - 2, loading.none
+        compliance = np.array([self.cx, self.cy, 0.0])
+        if link < 0:  # the first joint stands on the base
+            return replace(none, base_turn_rad=compliance * loading.statics.base_Nm)
+        turn = none.turn_rad.copy()
+        turn[:, link] = compliance * loading.statics.link_Nm[:, link]
+        return replace(none, turn_rad=turn)
+
+
 class SimulatedBaseCompliance(effect.SimulatedEffect):
     """The base tilts under the overturning moment."""
 

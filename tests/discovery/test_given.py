@@ -1,0 +1,66 @@
+"""Effects that are given and that no search tries: the axes of joints tilt under load."""
+
+import numpy as np
+import pytest
+
+import pa10cal
+from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.errors import CalibrationError
+from pa10cal.files.arms import load_arm
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
+
+#: Tilts of joint 3 [rad/(N m)].
+TILTS = {"cx": 4e-6, "cy": 8e-6}
+
+
+@pytest.fixture(scope="module")
+def tilting(tmp_path_factory):
+    """Return a campaign of an arm whose third joint tilts."""
+    folder = tmp_path_factory.mktemp("tilting")
+    hidden = HiddenEffectOptions(id="lateral_tilt", of="joint 3", parameters=TILTS)
+    options = SimulateOptions(
+        robot="ur10",
+        random_seed=3,
+        hidden_effects=(hidden,),
+        without_touches=TrackerOptions(instrument="pose", poses=400),
+    )
+    simulated = simulate_campaign("tilting", load_arm("ur10"), options)
+    write_campaign(simulated, folder / "raw")
+    return pa10cal.read_campaign(folder / "raw")
+
+
+def _rms_mm(model, poses):
+    """Return the error of positions, by the places that are measured."""
+    left = model.deviations(model.as_modelled(poses)).distance_mm
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def given(of: str) -> CalibrationOptions:
+    return CalibrationOptions(effects=(EffectOfPlace(id="lateral_tilt", of=of),))
+
+
+def test_tilts_of_a_joint_are_found_where_they_are_given(tilting, tmp_path):
+    without = pa10cal.calibrate(tilting)
+    model = pa10cal.calibrate(tilting, given("joint 3"))
+    values = model.parameters.set_index(["term", "of", "parameter"])
+    for name, true in TILTS.items():
+        found = values.loc["lateral_tilt", "joint 3", name]
+        assert abs(found["value"] - true) < 4.0 * found["std"]
+        assert found["std"] < 0.3 * true
+    rest = tilting.observations.of_kind("holdout")
+    errors = [_rms_mm(each, rest) for each in (without, model)]
+    assert errors[1] < errors[0]
+    model.save(tmp_path / "model.yaml")
+    again = pa10cal.load_model(tmp_path / "model.yaml")
+    q_rad = rest.states.q_rad
+    assert again.model.chain.bends == model.model.chain.bends
+    np.testing.assert_allclose(again.predict(q_rad).T, model.predict(q_rad).T, atol=1e-12)
+
+
+@pytest.mark.parametrize("of", ["joint 1", "joint 7", "base"])
+def test_a_joint_that_cannot_tilt_is_refused(tilting, of):
+    with pytest.raises(CalibrationError, match=f"no lateral_tilt of {of}") as refused:
+        pa10cal.calibrate(tilting, given(of))
+    assert refused.value.allowed == ", ".join(f"joint {k}" for k in range(2, 7))
