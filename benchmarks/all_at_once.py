@@ -4,8 +4,10 @@
 every effect of the vocabulary, tilts of all joints and waves of all joints' angles at once, linear
 about the model. Each effect x_e ~ N(0, v_e Q_e) has the size v_e that makes the fitted poses most
 likely (MacKay, Bayesian Interpolation, Neural Computation 4, 1992), so what is not there goes to
-nothing. No effect is named by it: it says how much of what a model lacks can be predicted, held
-against the search, which adds one effect after the other. Campaigns whose poses are read once.
+nothing; none is larger than so many plausible sizes. Of rows that err alike, as along a path, so
+many count as one (design effect). No effect is named by it: it says how much of what a model lacks
+can be predicted, held against the search, which adds one effect after the other. Campaigns whose
+poses are read once.
 """
 
 from __future__ import annotations
@@ -42,8 +44,8 @@ KNOTS = 72
 #: Size of the slowest wave of a joint's angle [rad]; of others a part, as of a random walk.
 WAVE_RAD = 1e-4
 STEPS, SETTLED = 300, 1e-3
-#: Sizes of effects that are none, and the largest, in plausible ones.
-NONE, LARGEST = 1e-10, 1e4
+#: Variance of an effect that is none, in plausible ones.
+NONE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -118,13 +120,21 @@ def _with_waves(rows: BlockedRows, part: BlockRows, waves: int) -> Array:
     return np.concatenate([part.dense, of_joints.reshape(len(splines), -1)], axis=1)
 
 
-def most_likely(rows: Rows) -> tuple[Array, Array, Array]:
+def most_likely(
+    rows: Rows, largest: float = 10.0, design_effect: float = 1.0
+) -> tuple[Array, Array, Array]:
     """Return the amounts (N,), their standard uncertainties, and the size of each effect.
 
     By fixed-point steps on the sizes and on the scatter of the rows.
+
+    Args:
+        largest: size of an effect at most, in plausible ones.
+        design_effect: how many rows count as one.
     """
-    gram, projection = rows.columns.T @ rows.columns, rows.columns.T @ rows.data
-    squares, seen = float(rows.data @ rows.data), int(np.count_nonzero(rows.data))
+    gram = rows.columns.T @ rows.columns / design_effect
+    projection = rows.columns.T @ rows.data / design_effect
+    squares = float(rows.data @ rows.data) / design_effect
+    seen = np.count_nonzero(rows.data) / design_effect
     variance = np.ones(len(projection))
     sizes, scatter = np.full(len(rows.groups), 0.1), squares / seen
     for step in range(STEPS):
@@ -139,7 +149,7 @@ def most_likely(rows: Rows) -> tuple[Array, Array, Array]:
             amount = float(x[at] @ x[at])
             # Steps of expectation first: those of MacKay run away from a bad start.
             found = (amount + known[at].sum()) / len(at) if step < 20 else amount / taken[k]
-            sizes[k] = min(max(found, NONE), LARGEST)
+            sizes[k] = min(max(found, NONE), largest**2)
         left = squares - 2.0 * projection @ x + x @ gram @ x
         scatter = left / max(seen - rows.own - taken.sum(), 1.0)
         there = sizes > 1e3 * NONE
@@ -148,7 +158,7 @@ def most_likely(rows: Rows) -> tuple[Array, Array, Array]:
     return x, np.sqrt(known), np.sqrt(sizes)
 
 
-def judged(folder: Path, waves: int, shown: int) -> str:
+def judged(folder: Path, given: argparse.Namespace) -> str:
     """Return a campaign's row of the table, and its largest effects."""
     campaign = pa10cal.read_campaign(folder)
     model = pa10cal.calibrate(campaign)
@@ -156,8 +166,8 @@ def judged(folder: Path, waves: int, shown: int) -> str:
     ready = prepared(campaign.observations, model, setup)
     if not judged_by_blocks(ready.trusted) or ready.held_out is None:
         return f"| {folder.name} | too few poses, or poses are repeated | | | |"
-    rows = Rows.of(ready, waves)
-    x, std, sizes = most_likely(rows)
+    rows = Rows.of(ready, given.waves)
+    x, std, sizes = most_likely(rows, given.largest, given.design_effect)
     verdict = discover(campaign.observations, model, setup)
     searched = "" if verdict.holdout is None else f"{verdict.holdout.after.rms_mm:.4f}"
     before_mm, after_mm = rows.held_out_rms_mm(np.zeros(len(x))), rows.held_out_rms_mm(x)
@@ -166,7 +176,7 @@ def judged(folder: Path, waves: int, shown: int) -> str:
         f"| {folder.name} | {len(ready.trusted)} ({len(ready.held_out)}) | {before_mm:.4f} | "
         f"{searched} | {after_mm:.4f} |"
     ]
-    for k in np.argsort(worth)[::-1][:shown].tolist():
+    for k in np.argsort(worth)[::-1][: given.shown].tolist():
         at = rows.groups[k][:3]
         amounts = ", ".join(f"{x[i]:.2f} ± {std[i]:.2f}" for i in at)
         lines.append(f"    {rows.names[k]}, size {sizes[k]:.2g}: {amounts}")
@@ -178,12 +188,14 @@ def main() -> int:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("folders", nargs="+", type=Path)
     asked.add_argument("--waves", type=int, default=12, help="sines and cosines a joint")
+    asked.add_argument("--largest", type=float, default=10.0, help="size, in plausible ones")
+    asked.add_argument("--design-effect", type=float, default=1.0, help="rows that count as one")
     asked.add_argument("--shown", type=int, default=0, help="effects listed under each row")
     given = asked.parse_args()
     print("| campaign | poses (held out) | calibrated | searched | all at once: rms [mm] |")
     print("| --- | --- | --- | --- | --- |")
     for folder in given.folders:
-        print(judged(folder, given.waves, given.shown), flush=True)
+        print(judged(folder, given), flush=True)
     return 0
 
 
