@@ -237,7 +237,7 @@ class _Rows:
     def __init__(self, at: FittedModel, poses: Observations, whitener: Array, *more: Array) -> None:
         own = linear.by_own_terms(at, poses, at.model.terms)
         held = [CHANGE.static_sizes * columns for columns in own]
-        held += [CHANGE.targets_m * linear.by_targets(at, poses), *more]
+        held += [MOTION.targets_m * linear.by_targets(at, poses), *more]
         self._whitener, self._held = whitener, whitener @ np.concatenate(held, axis=2)
         self._data = (whitener @ -linear.residual(at, poses)[:, :, None])[:, :, 0]
         self._unchanged = Gaussian.of(self._held, self._data)

@@ -19,6 +19,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.calibration import rules as calibration_rules
 from pa10cal.discovery.finding import DiagnosedFault, Finding, GivesWay, fault_of
 from pa10cal.discovery.linear import (
     by_terms,
@@ -30,7 +31,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup, computable, sought
-from pa10cal.discovery.rules import COMPUTING, SPRINGS, TORQUES
+from pa10cal.discovery.rules import COMPUTING, NAMES, SPRINGS, TORQUES
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -83,7 +84,7 @@ def with_compliance(found: V) -> V:
         rigid = rows.rigid(spring)
         rivals = _best_first(rows.rivals(rigid, rows.design_effect(spring), needed))
         others = tuple(dict.fromkeys((*instead, *rivals)))
-        if len(others) > SPRINGS.most_alternatives:
+        if len(others) > NAMES.most_alternatives:
             continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
         if sag_rad - HALF_WIDTH_95 * sag_std > WINDS_UP[0]:
@@ -157,7 +158,7 @@ class _LinearProblem:
         """Return the problem with some joints rigid."""
         x = self.at.x.copy()
         for spring in springs:
-            x[self.at.model.columns_of(spring).start] = SPRINGS.rigid_rad
+            x[self.at.model.columns_of(spring).start] = calibration_rules.SPRINGS.rigid_rad
         return replace(self, at=replace(self.at, x=x))
 
     @property
@@ -403,43 +404,40 @@ def stated_wrongly(
     return tuple(found)
 
 
-#: Of the products below: those of both halves of the readings together.
-_BOTH = 2
-
-
 @dataclass(frozen=True)
 class _TorqueProducts:
     """What weighed rows of the torques say: of two halves of the readings, and of both."""
 
-    parts: tuple[Gaussian, Gaussian, Gaussian]
+    halves: tuple[Gaussian, Gaussian]
+    both: Gaussian
     known: int  # how many columns any log may need; those of the faults follow
     of_faults: tuple[Index, ...]  # columns of each fault
 
-    def gain(self, chosen: Sequence[int], fault: int, part: int = _BOTH) -> float:
-        """Return the squares that a further fault takes away."""
-        return self._left(chosen, part) - self._left([*chosen, fault], part)
+    def gain(self, chosen: Sequence[int], fault: int, rows: Gaussian | None = None) -> float:
+        """Return the squares that a further fault takes away, of all rows where none are given."""
+        return self._left(chosen, rows) - self._left([*chosen, fault], rows)
 
     def needs(self, chosen: Sequence[int], fault: int) -> bool:
         """Return whether a further fault is there."""
-        lesser = min(self.gain(chosen, fault, half) for half in range(_BOTH))
+        lesser = min(self.gain(chosen, fault, half) for half in self.halves)
         _, covariance, _ = self.amounts([*chosen, fault], fault)
         nats = 0.5 * (self.gain(chosen, fault) + np.linalg.slogdet(covariance)[1])
         return bool(nats > TORQUES.fault_nats and lesser > TORQUES.half_squares)
 
     def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
         """Return amounts of one of the chosen, in its sizes, their covariance, and its gain."""
-        at, found = self._of(chosen, _BOTH)
+        at, found = self._of(chosen)
         own = np.flatnonzero(np.isin(at, self.of_faults[fault]))
-        without = self._left([other for other in chosen if other != fault], _BOTH)
-        gain = (without - self._left(chosen, _BOTH)) / without
+        without = self._left([other for other in chosen if other != fault])
+        gain = (without - self._left(chosen)) / without
         return found.mean[own], found.covariance[np.ix_(own, own)], gain
 
-    def _of(self, chosen: Sequence[int], part: int) -> tuple[Index, Gaussian]:
+    def _of(self, chosen: Sequence[int], rows: Gaussian | None = None) -> tuple[Index, Gaussian]:
         at = np.concatenate([np.arange(self.known), *(self.of_faults[k] for k in chosen)])
-        return at, self.parts[part].along(at)
+        return at, (rows or self.both).along(at)
 
-    def _left(self, chosen: Sequence[int], part: int) -> float:
-        return self._of(chosen, part)[1].left
+    def _left(self, chosen: Sequence[int], rows: Gaussian | None = None) -> float:
+        return self._of(chosen, rows)[1].left
 
 
 def _rows(
@@ -469,4 +467,4 @@ def _rows(
     first = known.shape[2]
     stops = first + np.cumsum([0, *(own.shape[2] for own in of_faults)])
     columns_of = tuple(np.arange(*ends) for ends in pairwise(stops.tolist()))
-    return _TorqueProducts((one, other, one + other), first, columns_of)
+    return _TorqueProducts((one, other), one + other, first, columns_of)

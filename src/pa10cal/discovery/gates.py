@@ -235,7 +235,7 @@ def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
     floor_mm = train.noise_floor_mm
     # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.
     unknowns, components = open_unknowns(found.model.model), int(measured.components_seen.sum())
-    taken = min(unknowns / max(components, 1), NAMES.most_taken_share)
+    taken = min(unknowns / max(components, 1), GRADES.most_taken_share)
     error_mm = train.after.mean_mm / np.sqrt(1.0 - taken)
     spread_mm = measured.spread_mm
     stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)

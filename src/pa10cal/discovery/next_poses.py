@@ -47,9 +47,6 @@ from pa10cal.terms.term import shows_torque
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
 
-#: Any size is granted to an effect that is not in the fit.
-_ANY_SIZE = EVIDENCE.sizes[-1]
-
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
     """Draw joint positions (N, n) where arm and tool may go, near the measured poses.
@@ -220,10 +217,12 @@ def _separations(
     by_effect = dict(zip(effects, others, strict=True))
     granted = {effect: EVIDENCE.sizes[size] for effect, size in found.size_of.items()}
     sized = {  # at the size that is granted to it
-        effect: by_effect[effect] @ factor * granted.get(effect, _ANY_SIZE)
+        # any size is granted to an effect that is not in the fit
+        effect: by_effect[effect] @ factor * granted.get(effect, EVIDENCE.sizes[-1])
         for effect, factor in zip(effects, factors, strict=True)
     }
     as_found = {  # (C + N, b, 1) of each effect of the fit, in its own amount
+        # any size is granted to an effect that is not in the fit
         effect: by_effect[effect][..., : effect.linear] @ found.of(effect)[: effect.linear, None]
         for effect in found.effects
     }
@@ -244,7 +243,7 @@ def _separations(
         if truth in as_found:
             return as_found[truth]
         if rival is None or rival not in as_found:
-            return np.asarray(sized[truth] / (_ANY_SIZE * np.sqrt(len(truth.starts))))
+            return np.asarray(sized[truth] / (EVIDENCE.sizes[-1] * np.sqrt(len(truth.starts))))
         columns = adjustable(rival, truth)[:measured]
         k = columns.shape[2]
         rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])

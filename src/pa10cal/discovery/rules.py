@@ -187,6 +187,7 @@ class Maps:
     # knots a turn of maps tried, with the order at which half as much is expected (trials)
     spacings: tuple[tuple[int, float], ...] = ((36, 4.0), (72, 10.0), (144, 25.0))
     sizes_rad: tuple[float, ...] = (3e-5, 1e-4, 3e-4)  # sizes of maps tried [rad] (size)
+    fine_knots: int = 72  # knots a turn of a map that follows ten waves and more (size)
     # knots a turn tried once it is known which joints have a map (trials)
     finer_knots: tuple[int, ...] = (216, 360)
     weighing_knots: int = 72  # knots of the maps by which poses are weighed (computing)
@@ -244,8 +245,6 @@ class Names:
     # held-out errors over what noise and the model's uncertainty explain by which a name is
     # contradicted (trials)
     contradicted_ratio: float = 1.5
-    # part of the components seen that unknowns are thought to take up at most (statistics)
-    most_taken_share: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -301,8 +300,6 @@ class Change:
     size: float = 1e-3  # size expected of a length or turn that changed [m, rad] (size)
     scales: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0, 10.0)  # times that size that are tried (size)
     static_sizes: float = 10.0  # usual sizes that a model fitted to a mixture may be off (size)
-    # how far targets on the flange may be off where they were fitted [m] (size)
-    targets_m: float = 3e-2
     # how far base and targets of another model are expected to be off [m, rad] (size)
     frames: float = 3e-3
     # squares below this part of those without a change are not told apart: rows are linear
@@ -327,13 +324,11 @@ class Change:
 class Springs:
     """Joints that give way."""
 
-    rigid_rad: float = 1e-9  # a spring counts as none at this windup [rad] (size)
     # no joint is named that gives way by less at its largest torque [rad] (size)
     least_rad: float = 1e-6
     stretches: int = 40  # stretches of time whose poses may err alike (trials)
     stretch_poses: int = 4  # least poses in each (statistics)
     rival_sizes: float = 3.0  # a rival may be so many times as large as is plausible (size)
-    most_alternatives: int = 6  # with more alternatives a name says nothing (trials)
 
 
 @dataclass(frozen=True)

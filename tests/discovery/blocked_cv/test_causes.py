@@ -103,7 +103,10 @@ def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "value"), [("agreement", lambda _: None), ("_FINE_KNOTS", 1000)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("agreement", lambda _: None), ("MAPS", replace(by_blocks.MAPS, fine_knots=1000))],
+)
 def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, name, value):
     monkeypatch.setattr(by_blocks, name, value)
     (finding,) = by_blocks.with_causes(as_map).effects

@@ -368,8 +368,6 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
 
 # Maps whose cause the motor's ripple says, under the name of that cause.
 
-#: Knots of a map that follows ten waves a turn and more.
-_FINE_KNOTS = MAPS.spacings[1][0]
 _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
 
 
@@ -390,7 +388,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         cause = causes[effect.joint]
         heard = None if cause.ripple is None else cause.ripple.likely
         agreed = cause.agreement is not None and cause.agreement.holds
-        own = agreed and effect.knots >= _FINE_KNOTS
+        own = agreed and effect.knots >= MAPS.fine_knots
         if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
             continue
         likely = cause.cause or heard or "sensor"

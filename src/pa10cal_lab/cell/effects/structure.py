@@ -94,7 +94,7 @@ class SimulatedLateralTilt(effect.SimulatedEffect):
 
     def strain(self, loading: effect.Loading) -> Strain:
         """Turn the end of the link before the joint, whose z is the joint's axis."""
-        link, none = int(self.of.removeprefix("joint ")) - 2, loading.none
+        link, none = self.joint - 1, loading.none
         compliance = np.array([self.cx, self.cy, 0.0])
         if link < 0:  # the first joint stands on the base
             return replace(none, base_turn_rad=compliance * loading.statics.base_Nm)
