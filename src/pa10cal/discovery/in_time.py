@@ -21,7 +21,7 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
 from pa10cal.discovery.noise import same_circumstances
 from pa10cal.discovery.preparation import by_pose_and_time
-from pa10cal.discovery.rules import MOTION
+from pa10cal.discovery.rules import MOTION, none_and_spaced
 from pa10cal.discovery.wander import (
     NO_MOTION,
     Jump,
@@ -49,7 +49,7 @@ from pa10cal.terms.effects.joint_error_map import is_error_map
 #: Root mean square of the walk, and standard deviation of a jump, that are tried [m].
 _WALKS_M = np.geomspace(*MOTION.walks_m)
 #: Variances of the error that readings of a pose share, in those of one reading.
-_SHARED = (0.0, *np.geomspace(*MOTION.pose_variances))
+_SHARED = tuple(none_and_spaced(*MOTION.pose_variances).tolist())
 
 
 def _found(rows: _Rows, *, walks: bool) -> TimeFindings:

@@ -9,10 +9,14 @@ are; `safety`, room for the arm; `told`, how much is printed; `computing`, time 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import JsonValue
+from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
+
+from pa10cal.arrays import Array
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -582,12 +586,11 @@ SECTIONS: dict[str, DataclassInstance] = {
 
 def decisions() -> dict[str, dict[str, JsonValue]]:
     """Return all but those of computing, as they stand in `verdict.json`."""
-    return {
-        name: {number: _plain(value) for number, value in asdict(section).items()}
-        for name, section in SECTIONS.items()
-        if section is not COMPUTING
-    }
+    every = {name: asdict(each) for name, each in SECTIONS.items() if each is not COMPUTING}
+    plain: dict[str, dict[str, JsonValue]] = to_jsonable_python(every)
+    return plain
 
 
-def _plain(value: Any) -> JsonValue:
-    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+def none_and_spaced(lowest: float, highest: float, count: int) -> Array:
+    """Return none, and values evenly spaced in their logarithm, (count + 1,)."""
+    return np.append(0.0, np.geomspace(lowest, highest, count))

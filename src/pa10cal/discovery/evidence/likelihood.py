@@ -20,7 +20,7 @@ from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.problem import NoiseModel
-from pa10cal.discovery.rules import COMPUTING, EVIDENCE
+from pa10cal.discovery.rules import COMPUTING, EVIDENCE, none_and_spaced
 from pa10cal.numerics.gaussian import Gaussian
 
 #: A set of candidates: the number of each in the family, and the index of its size.
@@ -289,7 +289,7 @@ def _spline_below(least: int) -> tuple[Array, Array]:
 
 #: Variances of the shared error tried, in those of one reading: from none to some 300 times the
 #: noise in size.
-SHARED_VARIANCES = np.concatenate([[0.0], np.geomspace(*EVIDENCE.pose_variances)])
+SHARED_VARIANCES = none_and_spaced(*EVIDENCE.pose_variances)
 
 
 @dataclass(frozen=True)
