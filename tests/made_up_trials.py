@@ -77,7 +77,7 @@ def verdict(
         seconds: what judging took.
         faults: kinds and places.
         motions: what is said of something without a name.
-        health: grade, and poses left out; None where not known.
+        health: grade, poses left out, and departures that were found; None where not known.
         proposed: form, place and numbers of formulas.
     """
     alone = not any(each.alternatives for each in effects)
@@ -107,12 +107,15 @@ def verdict(
             for form, of, *numbers in proposed
         ),
     }
-    grade, left_out = health or (None, ())
+    grade, left_out, departures = health or (None, (), ())
     return JudgedTrialRecord(
         **keys,
         campaign="trial",
         springs=springs,
-        health=health and TrialHealth(grade=grade, findings=(), left_out=tuple(left_out)),
+        health=health
+        and TrialHealth(
+            grade=grade, findings=(), departures=tuple(departures), left_out=tuple(left_out)
+        ),
         seconds=seconds,
         seconds_simulating=1.0,
     )

@@ -292,13 +292,18 @@ class BlindTrial:
         return self.verdict is None or (self.moved_over_floor(put_in) or 0.0) >= ABOVE
 
     def is_told(self, put_in: results.PutIn) -> bool:
-        """Return whether a fault is told, by kind and place, or by a refusal or a suspicion."""
+        """Return whether a fault is told, by kind and place, or by a refusal or a suspicion.
+
+        What is described wrongly, and found by the calibration, is told as a departure.
+        """
         if self.verdict is None:
             return self.refused
         if self.verdict.grade == SUSPECT:
             return True
         of_poses = bool({"outlier", "label"} & set(put_in.kinds) and put_in.where)
         if of_poses and set(put_in.where) <= set(self.verdict.left_out):
+            return True
+        if put_in.where and set(put_in.where) <= set(self.verdict.departures):
             return True
         places = [re.compile(rf"(?<![\w.]){re.escape(p)}(?![\w.])") for p in put_in.where]
         return any(

@@ -281,6 +281,7 @@ def _judged(
         health=records.TrialHealth(
             grade=health.grade,
             findings=tuple(f"{each.kind} of {each.where}" for each in health.findings),
+            departures=tuple(each.where for each in health.departures),
             left_out=left_out,
         ),
     )

@@ -163,6 +163,7 @@ class TrialHealth(record.Part):
 
     grade: Grade  # its grade
     findings: tuple[str, ...]  # what is probably wrong in the input, and where
+    departures: tuple[str, ...] = ()  # parameters far from nominal that held-out poses confirm
     left_out: tuple[str, ...]  # poses with quarantined rows, or that are suspected outliers
 
 
@@ -206,6 +207,11 @@ class JudgedTrialRecord(VerdictKeys, TrialVerdictRecord):
     def grade(self) -> str:
         """Grade of the calibration; empty where it is not known."""
         return "" if self.health is None else self.health.grade
+
+    @property
+    def departures(self) -> tuple[str, ...]:
+        """Parameters far from nominal, as held-out poses confirm."""
+        return () if self.health is None else self.health.departures
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ def said(word="named", names=(), faults=(), motions=(), grade="good", after_mm=0
         before_mm=0.02,
         faults=faults,
         motions=motions,
-        health=(grade, ()),
+        health=(grade, (), ()),
     )
 
 

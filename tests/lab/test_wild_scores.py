@@ -17,11 +17,12 @@ LABEL = put_in("labels_exchanged", ("P007",), False, ("label",), False, None)
 ZERO = put_in("joint_zero", ("joint 2",), False, ("joint_zero",), False, None)
 SMALL = put_in("payload_off", ("tool",), False, ("payload",), True, 0.01)
 LARGE = SMALL.model_copy(update={"moved_mm": 0.1})
+LENGTH = put_in("length_typo", ("delta_a_3",), False, ("departure",), False, None)
 TAILS = put_in("heavy_tails", ("instrument",), True, (), False, None)
 WALK = put_in("random_walk", ("instrument",), True, ("step_in_time",), True, 0.1)
 
 
-def said(word="none", names=(), faults=(), grade="good", left_out=(), after_mm=0.02):
+def said(word="none", names=(), faults=(), grade="good", left_out=(), departures=(), after_mm=0.02):
     return verdict(
         *map(named, names),
         word=word,
@@ -29,7 +30,7 @@ def said(word="none", names=(), faults=(), grade="good", left_out=(), after_mm=0
         after_mm=after_mm,
         before_mm=0.02,
         faults=faults,
-        health=(grade, left_out),
+        health=(grade, left_out, departures),
     )
 
 
@@ -82,6 +83,11 @@ CASES = {
     "a label left out": (trial("fault", said(left_out=["P007"]), LABEL), ()),
     "another left out": (
         trial("fault", said(left_out=["P008"]), LABEL),
+        ("not told", "false comfort"),
+    ),
+    "a length found": (trial("fault", said(departures=["delta_a_3", "delta_d_1"]), LENGTH), ()),
+    "a length found elsewhere": (
+        trial("fault", said(departures=["delta_a_30"]), LENGTH),
         ("not told", "false comfort"),
     ),
     "a label told": (
