@@ -157,7 +157,7 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     found = Verdict.explained.fget(
         SimpleNamespace(
             method="evidence", verdict="named", gives_way=(spring,), findings=(eccentric,),
-            prepared=SimpleNamespace(suspected=None), train=None,
+            prepared=SimpleNamespace(suspected=None), train=None, predicted=None,
             holdout=SimpleNamespace(
                 poses=range(50), noise_rms_mm=NOISE_MM,
                 found_before=left(calibrated_mm), found_after=last,

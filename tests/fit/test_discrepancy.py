@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import Discrepancy, embedded
+from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
 from pa10cal.interface import calibrate, read_campaign
+from pa10cal.terms.field import embedded
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal_lab.cell.write import write_campaign

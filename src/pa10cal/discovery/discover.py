@@ -16,7 +16,7 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import gap
+from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated, harmless, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -24,8 +24,9 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, 
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
 from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
-from pa10cal.discovery.verdict import MAP, SearchVerdict, Verdict, is_named, label_of
+from pa10cal.discovery.verdict import MAP, Predicted, SearchVerdict, Verdict, is_named, label_of
 from pa10cal.errors import DiscoveryError
+from pa10cal.fit.field import field_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.weighed_arm import open_unknowns
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
@@ -150,7 +151,32 @@ def discover(
         found = without
     if isinstance(found, SearchVerdict):
         found = with_lines_named(with_proposals(gated(found)))
-    return with_compliance(found)
+    return with_predicted(with_compliance(found))
+
+
+def with_predicted(found: Verdict[object]) -> Verdict[object]:
+    """Return a verdict that predicts what has no name too, where poses held out gain by it.
+
+    Not where the log is to be checked, nor where the base moved: neither goes with the joints.
+    """
+    if not isinstance(found, SearchVerdict) or found.verdict == "check_the_log":
+        return found
+    if found.train.without_motion is not None:
+        return found
+    fit = field_of(found.extended.fitted(), found.train.poses)
+    if fit is None:
+        return found
+    beside = replace(found, predicted=Predicted(fit, found.train, found.holdout))
+    return beside.with_gaps(partial(with_errors_of, beside.model))
+
+
+def with_errors_of(model: FittedModel, gap: PairedErrors) -> PairedErrors:
+    """Return a gap after which a model is, in place of another without its field."""
+    after = errors_of(model, gap.poses)
+    if model.falls_back is not None:
+        outside = ~model.falls_back.within.inside(gap.poses.states.q_rad)
+        after = after.with_others(outside, gap.found_before)
+    return replace(gap, found_after=after)
 
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:

@@ -24,6 +24,7 @@ from pa10cal.results.discovery import LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.field import Field
 
 
 @dataclass(frozen=True)
@@ -307,6 +308,19 @@ def taken_away(
         of=finding.of,
         elsewhere=tuple(name_of(one) for one in others if one.of != finding.of),
         weights=weights,
+        share=0.0,
+        before_mm=rms(before_mm),
+        after_mm=rms(after_mm),
+    )
+
+
+def by_field(by_joint: Array, before_mm: Array, after_mm: Array) -> ExplainedEffect:
+    """Return what a field takes away of errors (P,), by the part (n,) that goes with each joint."""
+    joints = {str(k): float(part) for k, part in enumerate(by_joint, start=1)}
+    return ExplainedEffect(
+        ids=(Field.id,),
+        of=Field.of,
+        joints={joint: part for joint, part in joints.items() if part >= JUDGING.least_joint_part},
         share=0.0,
         before_mm=rms(before_mm),
         after_mm=rms(after_mm),

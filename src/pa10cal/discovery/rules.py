@@ -68,6 +68,8 @@ class Judging:
     # one pose carries a name where less than this part of what speaks for it remains
     # without it (trials)
     carried_share: float = 0.5
+    # joints with less of what is predicted without a name are not listed (computing)
+    least_joint_part: float = 0.01
     # a parameter known no better than this part of what is possible is not identified
     # (trials)
     identified_share: float = 1.0 / 3.0

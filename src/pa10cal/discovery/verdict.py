@@ -24,6 +24,7 @@ from pa10cal.discovery.finding import (
 from pa10cal.discovery.gap import (
     ErrorsByName,
     PairedErrors,
+    by_field,
     errors_by_name,
     explained_by,
     taken_away,
@@ -36,6 +37,7 @@ from pa10cal.discovery.rules import PLACES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
+from pa10cal.fit.field import FieldFit, with_field
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -73,6 +75,16 @@ class Plan:
 NOTHING_PLANNED = Plan(())
 
 
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """What has no name and is predicted all the same, beside what was found."""
+
+    fit: FieldFit  # the field, with what poses that were held out say of it
+    # the gap of the model with the effects alone, without the field
+    train: PairedErrors
+    holdout: PairedErrors | None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Verdict(ABC, Generic[P_co]):
     """What became of a campaign."""
@@ -96,9 +108,12 @@ class Verdict(ABC, Generic[P_co]):
     # the calibrated model with the effects found, and nothing generic in it
     extended: ModelWithEffects
     covariance: Array  # (k, k) of all its unknowns
+    # what is predicted beside it without a name; None where poses held out gain nothing by it
+    predicted: Predicted | None = None
     noise_floor_mm: float  # mean position error that noise alone would leave
     noise_floor_from: str | None = None  # what it was found from, where not from repeats
-    # train and holdout: the gap before and after; None without held-out poses
+    # train and holdout: the gap before and after, with what is predicted; None without held-out
+    # poses
     train: PairedErrors
     holdout: PairedErrors | None
     # faults of single rows or poses that were found after the search
@@ -226,6 +241,8 @@ class Verdict(ABC, Generic[P_co]):
     def model(self) -> FittedModel:
         """Return the calibrated model with the effects found."""
         fitted = self.extended.fitted(self.covariance)
+        if self.predicted is not None:
+            fitted = with_field(fitted, self.predicted.fit)
         return replace(
             fitted,
             targets_off_m=self.targets_off_m,
@@ -270,8 +287,8 @@ class Verdict(ABC, Generic[P_co]):
     def errors_by_name(self) -> ErrorsByName:
         """Return the errors that remain as the effects join the model one by one."""
         within = None if self.falls_back is None else self.falls_back.within
-        effects = self.extended.effects
-        return errors_by_name(self.train, self.holdout, effects, self._model_with, within)
+        effects, by_names = self.extended.effects, self.predicted or self
+        return errors_by_name(by_names.train, by_names.holdout, effects, self._model_with, within)
 
     @property
     def explained(self) -> Explained | None:
@@ -281,7 +298,8 @@ class Verdict(ABC, Generic[P_co]):
         over those fitted. Joints that give way under weights that nobody stated joined the geometry
         in the calibration already: errors before are those of the geometry alone.
         """
-        if (self.method is None or self.verdict == "none") and not self.gives_way:
+        nothing = self.verdict == "none" and self.predicted is None
+        if (self.method is None or nothing) and not self.gives_way:
             return None
         over: Literal["held-out poses", "fitted poses"] = "held-out poses"
         gap, suspected = self.holdout, self.prepared.suspected
@@ -290,7 +308,9 @@ class Verdict(ABC, Generic[P_co]):
         rows = np.ones(len(gap.poses), dtype=bool) if suspected is None else ~suspected
         if not rows.any():
             return None
-        effects, after_mm = [], gap.found_after.distance_mm[rows]
+        by_names = self.predicted or self
+        named = by_names.train if by_names.holdout is None else by_names.holdout
+        effects, after_mm = [], named.found_after.distance_mm[rows]
         before_mm = rms(gap.found_before.distance_mm[rows])
         for spring in self.gives_way:
             assumed = spring.proof.weights in ("assumed", "total")
@@ -301,6 +321,9 @@ class Verdict(ABC, Generic[P_co]):
         findings = {finding.effect: finding for finding in self.findings}
         for effect, without in self.errors_by_name.without.items():
             effects.append(taken_away(findings[effect], without.distance_mm[rows], after_mm))
+        if self.predicted is not None:
+            with_it_mm = gap.found_after.distance_mm[rows]
+            effects.append(by_field(self.predicted.fit.by_joint, after_mm, with_it_mm))
         return explained_by(effects, before_mm, gap.noise_rms_mm, over)
 
 

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arrays import Array
 from pa10cal.results import maps
+from pa10cal.terms.field import embedded
 
 #: Poses that must lie within so much of an angle [rad], where a map holds waves of 25 a turn:
 #: these are ten times as long. Of coarser maps proportionally more.
@@ -214,9 +215,3 @@ class Discrepancy:
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(embedded(self.q, self.lever_m, self.turns))
-
-
-def embedded(q: Array, lever_m: Array, turns: NDArray[np.bool_]) -> Array:
-    """Return joint positions (N, n) as points whose distance is that of the poses [m]."""
-    around = lever_m[turns] * np.stack([np.cos(q[:, turns]), np.sin(q[:, turns])])
-    return np.concatenate([*around, (lever_m * q)[:, ~turns]], axis=1)

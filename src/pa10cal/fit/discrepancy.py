@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -21,16 +22,20 @@ from scipy.spatial import cKDTree
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.fit.angles_seen import Discrepancy, embedded
+from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import Problem, possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import along_a_path
+from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import base_frame, fixed
 
 #: Groups held out in turn, and the poses that a group has at least.
 _GROUPS, _LEAST_IN_GROUP = 10, 2
+#: Stretches of a path that are held out together.
+_STRETCHES = 5
 #: Poses that are looked at, and those of them that distances are taken to, at most.
 _MOST_POSES, _MOST_PLACES = 2000, 300
 #: Steps by distance, and the errors that each stands on at least.
@@ -66,14 +71,14 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
     groups = min(_GROUPS, count // _LEAST_IN_GROUP)
     if groups < 2:
         return None
-    rows, lever_m = _HeldOut.of(model, poses), levers_m(model.model, model.x, poses.states)
+    rows, lever_m = RowsAboutFit.of(model, poses), levers_m(model.model, model.x, poses.states)
     turns = ~model.arm.prismatic
     points = embedded(poses.states.q_rad, lever_m, turns)
     rows = rows.with_noise_of_pairs(points, label, _PAIR_RAD * float(lever_m.max()))
-    places = _well_spread(points, _MOST_PLACES)
+    places = well_spread(points, _MOST_PLACES)
     rng = np.random.default_rng(0)
     distance_m, square_mm2 = [], []
-    for number, fold in enumerate(_folds(points, label, poses.states.time_s, groups, rng)):
+    for number, fold in enumerate(held_out_in_turn(points, label, poses.states, groups, rng)):
         for k in range(groups):
             out = np.flatnonzero(fold == k)
             stays = places[fold[places] != k]
@@ -106,17 +111,27 @@ def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
     return np.asarray(np.maximum(lever_m, _LEAST_LEVER * lever_m.max()))
 
 
-def _folds(
-    points: Array, label: Index, time_s: Array, groups: int, rng: np.random.Generator
+def held_out_in_turn(
+    points: Array, label: Index, states: PoseStates, groups: int, rng: np.random.Generator
 ) -> Iterator[Index]:
-    """Yield the group of each row (P,): poses at random, clusters of neighbours, stretches of time.
+    """Yield the group of each row (P,): places among others, clusters of neighbours, stretches.
 
     Rows of one label stay together.
     """
     first = np.unique(label, return_index=True)[1]
-    yield (rng.permutation(len(first)) % groups)[label]
+    yield places_of(states.q_rad[first], states.time_s[first], groups, rng)[label]
     yield clusters_of(points[first], groups, rng)[label]
-    yield stretches_of(time_s[first], groups)[label]
+    yield stretches_of(states.time_s[first], groups)[label]
+
+
+def places_of(q: Array, time_s: Array, groups: int, rng: np.random.Generator) -> Index:
+    """Return the group of each pose (P,) among the others: drawn at random, of a path stretches.
+
+    Along a path the next row tells nearly all of a row.
+    """
+    if along_a_path(q[np.argsort(time_s, kind="stable")]):
+        return stretches_of(time_s, _STRETCHES * groups) % groups
+    return np.asarray(rng.permutation(len(q)) % groups)
 
 
 def clusters_of(points: Array, groups: int, rng: np.random.Generator) -> Index:
@@ -133,16 +148,6 @@ def stretches_of(time_s: Array, groups: int) -> Index:
     return rank * groups // len(time_s)
 
 
-def _well_spread(points: Array, count: int) -> Index:
-    """Return rows of points (P, d), each in turn the farthest from those before, in order."""
-    chosen = [0]
-    away = np.linalg.norm(points - points[0], axis=1)
-    while len(chosen) < min(count, len(points)) and away.max() > 0.0:
-        chosen.append(int(np.argmax(away)))
-        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.sort(chosen)
-
-
 def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
     """Return mean distances of steps (m,), rising, and mean squares there that never fall."""
     order = np.argsort(distance_m, kind="stable")
@@ -155,20 +160,34 @@ def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class _HeldOut:
-    """Rows of a model about its fit, from which groups of poses can be taken."""
+class RowsAboutFit:
+    """Rows of a model about its fit, from which groups of poses can be taken.
+
+    The unknowns are the model's but for its maps, six small motions of the base, and targets.
+    """
 
     data: Array  # (P, b) what is left, weighed
     columns: Array  # (P, b, k) how it follows the unknowns, weighed, each in its possible size
-    every: Gaussian  # what all rows say
+    sizes: Array  # (k,) possible size of each unknown
+    own: Index  # (k - 6 - t,) which of the model's parameters are unknowns, those of its maps apart
     to_mm: Array  # (P, b) from a weighed component to its part of the position error [mm]
     noise_mm2: Array  # (P,) square of the position error that noise makes
     # variance of a prediction by the model's covariance, over what these rows make of it
     of_parameters: float
     axes: float  # how many components of three a position error has none of, as a factor
 
+    @property
+    def by_unknowns(self) -> Array:
+        """Return how rows follow the unknowns in their own units, (P, b, k)."""
+        return self.columns / np.where(self.sizes > 0.0, self.sizes, 1.0)
+
+    @cached_property
+    def every(self) -> Gaussian:
+        """Return what all rows say."""
+        return Gaussian.of(self.columns, self.data)
+
     @classmethod
-    def of(cls, model: Fitted, poses: Observations) -> _HeldOut:
+    def of(cls, model: Fitted, poses: Observations) -> RowsAboutFit:
         """Return the rows of averaged poses, as modelled."""
         maps = [term for term in model.model.terms if term.at_knots]
         terms = [
@@ -193,7 +212,12 @@ class _HeldOut:
         size = np.sqrt((data**2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
         weight *= np.minimum(1.0, _FAR * np.median(size) / np.maximum(size, 1e-300))[:, None]
         sizes = possible_sizes(at, measured if count else None)
-        data, columns = weight * rows.residual, weight[:, :, None] * rows.jacobian * sizes
+        of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
+        left = rows.residual
+        if of_field.any():  # which was expected about zero, and fitted to what all others leave
+            left = left - rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
+            sizes = np.where(of_field, sizes, 0.0)
+        data, columns = weight * left, weight[:, :, None] * rows.jacobian * sizes
         places = measured.position_columns
         axes = seen[:, places].sum(axis=1)
         times = np.maximum(axes / 3.0, 1.0)
@@ -202,10 +226,9 @@ class _HeldOut:
             np.where(seen[:, places], 1e3 / np.maximum(weight[:, places], 1e-300), 0.0)
             / np.sqrt(times)[:, None]
         )
-        every = Gaussian.of(columns, data)
         noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
         single = _COMPONENTS if len(places) == 1 else 1.0
-        found = cls(data, columns, every, to_mm, noise, 1.0, single)
+        found = cls(data, columns, sizes, free, to_mm, noise, 1.0, single)
         if model.covariance is None:
             return found
         known = np.append(free, len(model.x) + np.arange(len(BASE)))
@@ -213,10 +236,10 @@ class _HeldOut:
         own = np.einsum(
             "pbk,kl,pbl->", moved, model.covariance[np.ix_(known, known)], moved, optimize=True
         )
-        every_mm2 = float(np.sum(to_mm**2 * every.variances(columns)))
+        every_mm2 = float(np.sum(to_mm**2 * found.every.variances(columns)))
         return replace(found, of_parameters=min(float(own) / max(every_mm2, 1e-300), 1.0))
 
-    def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> _HeldOut:
+    def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> RowsAboutFit:
         """Return the rows with the noise that nearest neighbours show, where it is the smaller.
 
         Two poses so near each other have the same error of the model: half the square of the

@@ -30,6 +30,7 @@ from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo,
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
 from pa10cal.fit.loads import BLOCK
 from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.terms.field import Field
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
@@ -301,7 +302,11 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         "fitted_to": None if fitted is None else fitted.model_dump(mode="json"),
         **about,
         "arm": _arm_to_plain(model),
-        "terms": [_term_to_plain(model, term) for term in model.model.terms],
+        "terms": [_term_to_plain(model, term) for term in model.model.terms if term.id != Field.id],
+        # What has no name and is predicted: the last term of a model that has it.
+        "field": next(
+            (_term_to_plain(model, each) for each in model.model.terms_of("field")), None
+        ),
         "payload": None if model.payload is None else _payload_to_plain(model.payload),
         "T_instr_base": model.T_instr_base.tolist(),
         "tool": {"R_ee_target": model.R_ee_target.tolist()}
@@ -355,13 +360,12 @@ def model_from_plain(
             remedy="export the model again",
         )
     try:
+        field = content.get("field")  # not in files written before there was one
+        entries = [*content["terms"], *([] if field is None else [field])]
         if covariance is not None:
-            size = sum(len(term["x"]) for term in content["terms"]) + len(BASE)
+            size = sum(len(term["x"]) for term in entries) + len(BASE)
             covariance = checked_covariance(covariance, size, where)
-        pairs = [
-            _term_from_plain(entry, f"{where}: terms[{k}]")
-            for k, entry in enumerate(content["terms"])
-        ]
+        pairs = [_term_from_plain(entry, f"{where}: terms[{k}]") for k, entry in enumerate(entries)]
         terms = tuple(term for term, _ in pairs)
         arm = _arm_from_plain(content["arm"])
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))

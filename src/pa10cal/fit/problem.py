@@ -154,7 +154,7 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
     scale = np.array([each.scale for each in (*model.parameters, *targets)])
     of_target: Role = "target"
     roles = (*model.roles, *(of_target for _ in targets))
-    usual = (1.0 if role == "weight" else _POSSIBLE_SCALES for role in roles)
+    usual = (1.0 if role in ("weight", "field") else _POSSIBLE_SCALES for role in roles)
     each = zip(roles, scale.tolist(), usual, strict=True)
     return np.array([_POSSIBLE.get(role, size * times) for role, size, times in each])
 

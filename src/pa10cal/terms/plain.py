@@ -15,6 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
+from pa10cal.terms.field import Field
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign, of_one_campaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
@@ -97,7 +98,7 @@ def _term_of_campaign(form: Mapping[str, Any], where: str) -> OfCampaign:
 @cache
 def term_kinds() -> dict[str, Any]:
     """Return every class of term by its id: departures, springs, weights, effects, faults."""
-    kinds: tuple[Any, ...] = (Offsets, JointSpring, Weights, *every_effect(), *FAULTS)
+    kinds: tuple[Any, ...] = (Offsets, JointSpring, Weights, Field, *every_effect(), *FAULTS)
     return {kind.id: kind for kind in kinds}
 
 

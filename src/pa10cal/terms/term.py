@@ -23,9 +23,9 @@ OPTIONAL = "optional"
 
 #: What a parameter is an unknown of: a length or twist of a link, the zero of a joint, the tilt of
 #: an axis against a parallel one; how far a joint winds up, and the part of that which is cubic; a
-#: weight; where the base stands, the tool sits or a target is; an effect.
+#: weight; where the base stands, the tool sits or a target is; an effect; an amount of a field.
 Role = Literal[
-    "link", "zero", "tilt", "windup", "cubic", "weight", "base", "tool", "target", "effect"
+    "link", "zero", "tilt", "windup", "cubic", "weight", "base", "tool", "target", "effect", "field"
 ]
 
 

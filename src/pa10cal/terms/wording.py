@@ -6,11 +6,14 @@ from pa10cal.results.discovery import EvidenceOfSag
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.record import HALF_WIDTH_95, EffectName
 from pa10cal.terms.effects.effect import Effect, every_effect
+from pa10cal.terms.field import Field
 from pa10cal.terms.weights import FAULTS
 
 _JOINT = "joint "
 #: With more alternatives at other places a sentence says how many.
 _MOST_OTHERS = 3
+#: Joints with at least this part of what goes with the first one are told.
+_MOSTLY = 0.3
 #: Decimals of an error below 0.01 mm; of larger ones fewer.
 _DECIMALS = 4
 
@@ -58,9 +61,9 @@ def _told(words: tuple[str, ...], effect: str, at: str, *, many: bool) -> str:
     return words[-1 if many else 0].format(id=effect.replace("_", " "), at=at)
 
 
-def _kind_of(effect: str) -> type[Effect]:
+def _kind_of(effect: str) -> type[Effect] | type[Field]:
     """Return the class of an effect; that of all for one that this version does not know."""
-    kinds = (*every_effect(), *FAULTS)
+    kinds: tuple[type[Effect] | type[Field], ...] = (*every_effect(), *FAULTS, Field)
     return next((kind for kind in kinds if kind.id == effect), Effect)
 
 
@@ -81,6 +84,8 @@ def _short(group: list[ExplainedEffect]) -> str:
     ids, elsewhere = _shared(group)
     many = len(group) > 1 and len(ids) == 1
     nouns = " or ".join(noun_of(each, many=many) for each in ids)
+    if group[0].joints is not None:
+        return f"{nouns} (mostly by {_at(group)})"
     others = [_placed(noun_of(each.id), _place(each.of)) for each in elsewhere]
     if len(others) > _MOST_OTHERS:
         others = [f"one of {len(others)} others"]
@@ -107,10 +112,18 @@ def _place(of: str) -> str:
 
 def _at(group: list[ExplainedEffect]) -> str:
     """Return where a group sits: `joints 2 and 3`, `joint 2`, `the forearm`."""
+    if (joints := group[0].joints) is not None:  # those with which most of it goes
+        every = [joint for joint, part in joints.items() if part >= _MOSTLY * max(joints.values())]
+        return _joints(every) if every else "the joints"
     if len(group) == 1:
         return _place(group[0].of)
-    *first, last = sorted((each.of.removeprefix(_JOINT) for each in group), key=int)
-    return f"joints {', '.join(first)} and {last}"
+    return _joints([each.of.removeprefix(_JOINT) for each in group])
+
+
+def _joints(numbers: list[str]) -> str:
+    """Return joints in words: `joint 2`, `joints 2 and 3`."""
+    *first, last = sorted(numbers, key=int)
+    return f"joints {', '.join(first)} and {last}" if first else f"{_JOINT}{last}"
 
 
 def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
