@@ -24,7 +24,7 @@ from pa10cal.results.discovery import LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.field import Field
+from pa10cal.terms.field import NO_NAME, Field
 
 
 @dataclass(frozen=True)
@@ -319,7 +319,7 @@ def by_field(by_joint: Array, before_mm: Array, after_mm: Array) -> ExplainedEff
     joints = {str(k): float(part) for k, part in enumerate(by_joint, start=1)}
     return ExplainedEffect(
         ids=(Field.id,),
-        of=Field.of,
+        of=NO_NAME,
         joints={joint: part for joint, part in joints.items() if part >= JUDGING.least_joint_part},
         share=0.0,
         before_mm=rms(before_mm),

@@ -57,7 +57,7 @@ class ExplainedEffect(Part):
     # `assumed` where its size is known relative to weights that nobody stated
     weights: Literal["assumed"] | None = optional()
     # of what is predicted without a name: part of its variance that goes with each joint, by number
-    joints: dict[str, float] | None = optional()
+    joints: Mapping[Annotated[str, Key("joint")], float] | None = optional()
     share: float  # part of the variance of the error beyond noise that it takes away, 0 to 1
     before_mm: float  # root mean square error without it alone, all else fitted again [mm]
     after_mm: float  # root mean square error with all effects [mm]

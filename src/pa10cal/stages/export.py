@@ -78,10 +78,10 @@ def export(
     warnings = record.warnings
     if extended is not None:
         with_effects = read(ExtendedRecord, extended, record.campaign)
+        model_with_them = read_extended(extended, record.campaign).model
         # With nothing missing the calibrated model stays as it is.
-        if with_effects.named:
+        if with_effects.named or model_with_them.model.terms_of("field"):
             # The grade is that of the calibration to export, which may have these effects itself.
-            model_with_them = read_extended(extended, record.campaign).model
             fitted = replace(model_with_them, fitted_to=fitted.fitted_to)
             warnings = with_effects.warnings
     grade = f"{health.grade}: {health.line}"

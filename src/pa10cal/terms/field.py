@@ -24,6 +24,8 @@ from pa10cal.terms.term import Report, Role, TermParameter, Traits
 #: Part of a variance that no neighbour foretells; keeps the covariance of places well conditioned.
 _JITTER = 1e-6
 _AXES = 3
+#: Where it stands among the places of what is explained.
+NO_NAME = "without a name, predicted"
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,16 @@ class Field(Traits):
     length_m: float  # distance of poses over which it changes
     size_m: float  # standard deviation expected of the displacement along each axis
     id: ClassVar[str] = "field"
-    of: ClassVar[str] = "without a name, predicted"
+    of: ClassVar[str] = "joints"
     formula: ClassVar[str] = (
         "along each base axis sum over places k of exp(-d_k^2 / (2 length_m^2)) c_k, d_k the "
         "distance of the joints' positions from place k, each joint along the chord of its angle "
         "times lever_m; c = inverse transpose of L times x, L the lower factor of the correlation "
         "of the places with 1e-6 added to its diagonal"
     )
+    #: It was learnt where one campaign measured; of another arm, tool or day it is not known.
+    stays_with_arm: ClassVar[bool] = False
+    known_elsewhere: ClassVar[bool] = False
     #: What it is called, and does, at the joints that it goes with mostly.
     nouns: ClassVar[tuple[str, ...]] = ("what has no name and is predicted",)
     clauses: ClassVar[tuple[str, ...]] = ("what has no name is predicted, mostly by {at}",)

@@ -1,0 +1,113 @@
+"""What has no name, predicted: where it is there, and only there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.discrepancy import discrepancy_of
+from pa10cal.fit.field import field_of, with_field
+from pa10cal.fit.fitted_model import load_model, save_model
+from pa10cal.interface import calibrate, read_campaign
+from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
+from pa10cal_lab.cell.write import write_campaign
+
+NOISE_MM = 0.02
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """An arm under a tracker, nothing hidden: its model, poses fitted and held out."""
+    settings = SimulateOptions(
+        robot="irb120",
+        random_seed=5,
+        without_touches=TrackerOptions(
+            instrument="points", flexible_joints=(), poses=240, holdout_share=0.25
+        ),
+    )
+    folder = tmp_path_factory.mktemp("field") / "robot"
+    write_campaign(simulate_campaign("robot", load_arm("irb120"), settings), folder)
+    campaign = read_campaign(folder)
+    model = calibrate(campaign)
+    poses = [model.as_modelled(campaign.observations.of_kind(kind)) for kind in ("grid", "holdout")]
+    return model, *poses
+
+
+def moved(model, poses, size_m, seed=0):
+    """Return poses as the model has them, moved by what no name describes, with noise."""
+    q, rng = poses.states.q_rad, np.random.default_rng(seed)
+    smooth = [np.sin(q[:, 0] + q[:, 1]), np.cos(q[:, 1] - 0.7 * q[:, 2]), np.sin(q[:, 0]) * q[:, 2]]
+    T_instr_ee = model.T_instr_base @ model.model.predict(poses.states, model.x)
+    ideal = poses.measured.ideal(T_instr_ee, model.targets_m)
+    noise = 1e-3 * NOISE_MM * rng.standard_normal(ideal.p_instr_m.shape)
+    by_m = size_m * np.stack(smooth, axis=1)[:, None, :] + noise
+    p_instr_m = np.where(np.isnan(poses.measured.p_instr_m), np.nan, ideal.p_instr_m + by_m)
+    return replace(poses, measured=replace(poses.measured, p_instr_m=p_instr_m))
+
+
+def rms_mm(model, poses):
+    return float(np.sqrt(np.mean(model.deviations(poses).distance_mm ** 2)))
+
+
+@pytest.fixture(scope="module")
+def predicted(measured):
+    """The model with a field, the poses that it learnt from, and others."""
+    model, fitted, away = measured
+    fitted, away = moved(model, fitted, 2e-4), moved(model, away, 2e-4, seed=1)
+    return with_field(model, field_of(model, fitted)), fitted, away
+
+
+def test_a_smooth_error_without_a_name_is_predicted_at_other_poses(measured, predicted):
+    model, _, away = measured[0], *predicted[1:]
+    noise_mm = np.sqrt(3.0) * NOISE_MM
+    before = rms_mm(model, away) ** 2 - noise_mm**2
+    after = rms_mm(predicted[0], away) ** 2 - noise_mm**2
+    assert after < 0.1 * before
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_of_noise_alone_there_is_no_field(measured, seed):
+    model, fitted, _ = measured
+    assert field_of(model, moved(model, fitted, 0.0, seed)) is None
+
+
+def test_of_few_poses_there_is_none(predicted, measured):
+    assert field_of(measured[0], predicted[1].take(np.arange(39))) is None
+
+
+def test_what_it_promises_is_met(predicted):
+    model, fitted, away = predicted
+    known = replace(model, discrepancy=discrepancy_of(model, fitted))
+    promised = known.predict(away.states.q_rad, frame="tool")
+    total_mm = np.hypot(promised.u_mm, np.sqrt(3.0) * NOISE_MM)
+    error_mm = known.deviations(away).distance_mm
+    assert 0.7 < np.sqrt(np.mean(error_mm**2) / np.mean(total_mm**2)) < 1.3
+    assert np.mean(error_mm <= 1.96 * total_mm) > 0.9
+
+
+def test_where_nothing_was_measured_it_is_uncertain(measured, predicted):
+    model, fitted, _ = predicted
+    far, near = np.array([[2.8, -1.7, 1.2, 2.5, -2.0, -3.0]]), fitted.states.q_rad
+
+    def beyond_mm(q):
+        with_it, without = (each.predict(q).u_parameters_mm for each in (model, measured[0]))
+        return np.sqrt(with_it**2 - without**2)
+
+    assert beyond_mm(far)[0] > 2.0 * np.median(beyond_mm(near))
+
+
+def test_it_is_saved_with_the_model_under_a_key_of_its_own(predicted, tmp_path):
+    model, fitted, _ = predicted
+    save_model(model, tmp_path / "model.yaml")
+    plain = yaml.safe_load((tmp_path / "model.yaml").read_text())
+    assert plain["field"]["id"] == "field"
+    assert "field" not in [term["id"] for term in plain["terms"]]
+    back, q = load_model(tmp_path / "model.yaml"), fitted.states.q_rad
+    for name in ("T", "u_mm"):
+        one, other = (getattr(each.predict(q), name) for each in (back, model))
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+    T = model.predict(q[:5]).T
+    np.testing.assert_allclose(model.compensate(T, seed=q[:5]).q, q[:5], atol=1e-7)

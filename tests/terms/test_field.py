@@ -1,0 +1,97 @@
+"""The field: a Gaussian process over joint positions, as a term of a model."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pa10cal.arm.statics import PoseStates
+from pa10cal.terms.field import Field, embedded, well_spread
+from pa10cal.terms.plain import term_from_plain, term_to_plain
+
+RNG = np.random.default_rng(4)
+PLACES = RNG.uniform(-1.5, 1.5, (7, 3))
+FIELD = Field(
+    q=tuple(map(tuple, PLACES.tolist())),
+    lever_m=(0.9, 0.6, 1.0),
+    turns=(True, True, False),
+    length_m=0.5,
+    size_m=2e-4,
+)
+X = FIELD.size_m * RNG.standard_normal(len(FIELD.parameters))
+
+
+def states(q):
+    count, n = q.shape
+    nothing = np.zeros(count)
+    return PoseStates(q, np.zeros((count, n)), np.zeros((count, n)), nothing, nothing, nothing)
+
+
+def covariance_of(one, other):
+    """The kernel by hand: what displacements along one axis are expected to have in common."""
+    apart = [
+        [np.linalg.norm(a - b) for b in embedded(other, np.array(FIELD.lever_m), TURNS)]
+        for a in embedded(one, np.array(FIELD.lever_m), TURNS)
+    ]
+    return np.exp(-0.5 * np.square(apart) / FIELD.length_m**2)
+
+
+TURNS = np.array(FIELD.turns)
+
+
+def test_at_its_places_displacements_are_expected_as_large_and_as_alike_as_the_kernel_says():
+    features = FIELD.features(PLACES)
+    np.testing.assert_allclose(features @ features.T, covariance_of(PLACES, PLACES), atol=1e-5)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3))
+def test_nowhere_more_is_expected_than_its_size_and_far_away_nothing(position):
+    q = np.array([position])
+    expected = float(np.sum(FIELD.features(q) ** 2))
+    assert expected <= 1.0 + 1e-9
+    away = q + np.array([[0.0, 0.0, 50.0]])  # along the joint that slides
+    assert np.abs(FIELD.shift(states(away), X)).max() < 1e-12
+
+
+def test_its_derivative_is_exact_and_it_is_proportional():
+    q = RNG.uniform(-1.5, 1.5, (5, 3))
+    by_x = FIELD.derivative(states(q), X)
+    np.testing.assert_allclose(by_x @ X, FIELD.shift(states(q), X), atol=1e-15)
+    step = 1e-6
+    for k in (0, 6, 7, 20):
+        ahead, behind = (FIELD.shift(states(q), X + sign * step * (np.arange(21) == k))
+                         for sign in (1.0, -1.0))  # fmt: skip
+        np.testing.assert_allclose(by_x[:, :, k], (ahead - behind) / (2.0 * step), atol=1e-9)
+
+
+def test_a_whole_turn_changes_nothing():
+    q = RNG.uniform(-1.5, 1.5, (5, 3))
+    turned = q + 2.0 * np.pi * np.array([1.0, -1.0, 0.0])
+    there, here = (FIELD.shift(states(at), X) for at in (turned, q))
+    np.testing.assert_allclose(there, here, atol=1e-12)
+
+
+def test_the_part_of_a_joint_is_what_goes_with_it():
+    q = RNG.uniform(-1.5, 1.5, (200, 3))
+    alone = Field(FIELD.q, (1e-9, 0.6, 1e-9), FIELD.turns, 0.5, 2e-4)
+    np.testing.assert_allclose(alone.by_joint(q, X), [0.0, 1.0, 0.0], atol=1e-9)
+    parts = FIELD.by_joint(q, X)
+    assert parts.sum() == pytest.approx(1.0)
+    assert parts.min() > 0.0
+    assert FIELD.by_joint(q, np.zeros_like(X)).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_as_plain_data_it_is_the_same():
+    back = term_from_plain(term_to_plain(FIELD), where="model.yaml")
+    assert back == FIELD
+
+
+def test_another_campaign_of_the_arm_starts_without_it():
+    assert FIELD.elsewhere() is None
+
+
+def test_places_are_spread_and_never_more_than_there_are_points():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.1, 0.0], [1.0, 0.0]])
+    assert well_spread(points, 2).tolist() == [0, 1]
+    assert len(well_spread(points, 9)) == 3  # two are the same
