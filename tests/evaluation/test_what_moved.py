@@ -13,6 +13,8 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
+from pa10cal.terms.effects.structure import ToolSag
+from pa10cal.terms.field import Field
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.options import TrackerOptions
@@ -117,3 +119,30 @@ def test_two_models_of_one_fit_differ_by_nothing_if_their_covariance_is_known():
     found = what_moved(model, shifted(model))
     assert (found.verdict, found.chi_square, found.chance) == ("unchanged", 0.0, 1.0)
     assert what_moved(model, replace(model, covariance=None)) is None
+
+
+def test_what_sags_at_the_tool_is_no_tool_and_a_field_stays_out_of_it(pair):
+    field = Field(((0.0,) * 6, (1.0,) * 6), (1.0,) * 6, (True,) * 6, 0.5, 1e-4)
+
+    def with_both(model):
+        for term, x in ((ToolSag("tool"), np.array([1e-4])), (field, np.full(6, 1e-4))):
+            k, n = len(model.x), len(x)
+            covariance = np.zeros((k + n + 6,) * 2)
+            rest = [*range(k), *range(k + n, k + n + 6)]
+            covariance[np.ix_(rest, rest)] = model.covariance
+            covariance[range(k, k + n), range(k, k + n)] = 1e-12
+            terms = (*model.model.terms[:-1], term, model.model.terms[-1])
+            order = model.model.parameter_indices(*model.model.terms[:-1])
+            assert np.array_equal(order, np.arange(len(order)))
+            x = np.concatenate([model.x[: len(order)], x, model.x[len(order) :]])
+            inside = [*order, *range(k, k + n), *range(len(order), k), *range(k + n, k + n + 6)]
+            model = replace(
+                model,
+                model=Model(model.model.chain, terms),
+                x=x,
+                covariance=covariance[np.ix_(inside, inside)],
+            )
+        return model
+
+    found = what_moved(*map(with_both, pair(Change(), "points")))
+    assert found.verdict == "unchanged"

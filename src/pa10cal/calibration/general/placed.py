@@ -223,5 +223,5 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
 
 
 def is_tool(term: Term) -> bool:
-    """Return whether a term moves the tool, and nothing else."""
-    return bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
+    """Return whether a term is where the tool sits; one that sags moves it too, and is none."""
+    return "tool" in term.roles and set(term.coordinates) <= set(TOOL)
