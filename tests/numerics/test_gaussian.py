@@ -146,3 +146,17 @@ def test_amounts_along_directions_are_those_of_columns_along_them():
     close(found.products, Gaussian.of(columns @ basis, data).products, 1e-12)
     again = Gaussian.of_products(found.gram, found.projection, found.squares)
     close(again.products, found.products, 0.0)
+
+
+@given(st.integers(0, 10_000))
+def test_unknowns_found_in_turn_are_those_of_two_fits(seed):
+    rng = np.random.default_rng(seed)
+    columns, data = rng.standard_normal((9, 5)), rng.standard_normal(9)
+    first, then = np.array([0, 3]), np.array([1, 2, 4])
+    alone, beside, mean = Gaussian.of(columns, data).in_turn(first, then)
+    one = Gaussian.of(columns[:, first], data)
+    np.testing.assert_allclose(mean[first], one.mean, atol=1e-9)
+    other = Gaussian.of(columns[:, then], data - columns[:, first] @ one.mean)
+    np.testing.assert_allclose(mean[then], other.mean, atol=1e-9)
+    np.testing.assert_allclose(alone.covariance, one.covariance, atol=1e-9)
+    np.testing.assert_allclose(beside.covariance, other.covariance, atol=1e-9)

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import Problem, possible_sizes
@@ -170,6 +170,7 @@ class RowsAboutFit:
     columns: Array  # (P, b, k) how it follows the unknowns, weighed, each in its possible size
     sizes: Array  # (k,) possible size of each unknown
     own: Index  # (k - 6 - t,) which of the model's parameters are unknowns, those of its maps apart
+    of_field: Mask  # (k,) which unknowns are those of a field, fitted to what the others leave
     to_mm: Array  # (P, b) from a weighed component to its part of the position error [mm]
     noise_mm2: Array  # (P,) square of the position error that noise makes
     # variance of a prediction by the model's covariance, over what these rows make of it
@@ -179,12 +180,20 @@ class RowsAboutFit:
     @property
     def by_unknowns(self) -> Array:
         """Return how rows follow the unknowns in their own units, (P, b, k)."""
-        return self.columns / np.where(self.sizes > 0.0, self.sizes, 1.0)
+        return self.columns / self.sizes
 
     @cached_property
     def every(self) -> Gaussian:
         """Return what all rows say."""
         return Gaussian.of(self.columns, self.data)
+
+    def found(self, rows: Gaussian, columns: Array) -> tuple[Array, Array]:
+        """Return the unknowns (k,) by some rows, and variances of predictions by columns (…, k)."""
+        own, field = np.flatnonzero(~self.of_field), np.flatnonzero(self.of_field)
+        if not len(field):
+            return rows.mean, rows.variances(columns)
+        alone, beside, mean = rows.in_turn(own, field)
+        return mean, alone.variances(columns[..., own]) + beside.variances(columns[..., field])
 
     @classmethod
     def of(cls, model: Fitted, poses: Observations) -> RowsAboutFit:
@@ -214,9 +223,8 @@ class RowsAboutFit:
         sizes = possible_sizes(at, measured if count else None)
         of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
         left = rows.residual
-        if of_field.any():  # which was expected about zero, and fitted to what all others leave
+        if of_field.any():  # which was expected about zero
             left = left - rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
-            sizes = np.where(of_field, sizes, 0.0)
         data, columns = weight * left, weight[:, :, None] * rows.jacobian * sizes
         places = measured.position_columns
         axes = seen[:, places].sum(axis=1)
@@ -228,7 +236,7 @@ class RowsAboutFit:
         )
         noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
         single = _COMPONENTS if len(places) == 1 else 1.0
-        found = cls(data, columns, sizes, free, to_mm, noise, 1.0, single)
+        found = cls(data, columns, sizes, free, of_field, to_mm, noise, 1.0, single)
         if model.covariance is None:
             return found
         known = np.append(free, len(model.x) + np.arange(len(BASE)))
@@ -236,7 +244,7 @@ class RowsAboutFit:
         own = np.einsum(
             "pbk,kl,pbl->", moved, model.covariance[np.ix_(known, known)], moved, optimize=True
         )
-        every_mm2 = float(np.sum(to_mm**2 * found.every.variances(columns)))
+        every_mm2 = float(np.sum(to_mm**2 * found.found(found.every, columns)[1]))
         return replace(found, of_parameters=min(float(own) / max(every_mm2, 1e-300), 1.0))
 
     def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> RowsAboutFit:
@@ -258,8 +266,8 @@ class RowsAboutFit:
     def beyond_parameters_mm2(self, out: Index) -> Array:
         """Return squares of the errors of poses held out, less noise and parameters, (N,)."""
         columns, data = self.columns[out], self.data[out]
-        others = self.every - Gaussian.of(columns, data)
-        error = data - columns @ others.mean
-        beyond = error**2 - self.of_parameters * others.variances(columns)
+        mean, variances = self.found(self.every - Gaussian.of(columns, data), columns)
+        error = data - columns @ mean
+        beyond = error**2 - self.of_parameters * variances
         beyond = np.sum(self.to_mm[out] ** 2 * beyond, axis=1)
         return np.asarray(self.axes * (beyond - self.noise_mm2[out]))

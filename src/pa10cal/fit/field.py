@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -99,7 +100,7 @@ def field_of(model: Fitted, poses: Observations) -> FieldFit | None:
         size_m, scatter, gained = _most_likely(Gaussian.of(columns, rows.data), rows)
         if gained <= (0.0 if best is None else best[0]):
             continue
-        about = _Weighed(columns * (size_m / scatter), rows.data / scatter, scatter * rows.to_mm)
+        about = _Weighed(rows.columns, columns * size_m / scatter, rows.data, scatter, rows.to_mm)
         of_places, of_regions = about.held_out(places), about.held_out(regions)
         helps = of_places.sure > _LEAST_SURE and of_places.gain > _LEAST_GAIN
         if not helps or of_regions.gain < -_MOST_LOSS:
@@ -166,19 +167,24 @@ def _most_likely(every: Gaussian, rows: RowsAboutFit) -> tuple[float, float, flo
 
 @dataclass(frozen=True, eq=False)
 class _Weighed:
-    """Rows in the scatter of a row, and columns in the size of an amount."""
+    """Rows about a fit, their unknowns and a field."""
 
-    columns: Array  # (P, b, f)
+    own: Array  # (P, b, k) how they follow the unknowns of the model, each in its possible size
+    columns: Array  # (P, b, f) how they follow the amounts of the field, in size and scatter
     data: Array  # (P, b)
+    scatter: float  # standard deviation of a row beside both
     to_mm: Array  # (P, b) from a row to its part of the position error [mm]
 
-    @property
+    @cached_property
     def every(self) -> Gaussian:
-        """Return what all rows say of the amounts."""
-        return Gaussian.of(self.columns, self.data)
+        """Return what all rows say of the amounts, the model staying as it is."""
+        return Gaussian.of(self.columns, self.data / self.scatter)
 
     def held_out(self, group: Index) -> HeldOutSquares:
-        """Return errors of poses whose group (P,) is held out, of all groups in turn."""
+        """Return errors of poses whose group (P,) is held out, of all groups in turn.
+
+        The model is fitted to the others first, then the field to what it leaves of them.
+        """
         squares = np.array(list(self._by_group(group)))
         taken = squares[:, 0] - squares[:, 1]
         error = float(taken.std(ddof=1)) * np.sqrt(len(taken))
@@ -187,9 +193,16 @@ class _Weighed:
         return HeldOutSquares(float(without_mm2), float(with_mm2), sure)
 
     def _by_group(self, group: Index) -> Iterator[tuple[float, float]]:
-        every = self.every
+        model, k = Gaussian.of(self.own, self.data), self.own.shape[2]
+        both = np.concatenate([self.own / self.scatter, self.columns], axis=2)
+        every = Gaussian.of(both, self.data / self.scatter)
+        field = np.arange(k, both.shape[2])
         for number in np.unique(group).tolist():
             out = np.flatnonzero(group == number)
-            columns, data, to_mm = self.columns[out], self.data[out], self.to_mm[out]
-            error = data - columns @ (every - Gaussian.of(columns, data)).mean
-            yield float(np.sum((to_mm * data) ** 2)), float(np.sum((to_mm * error) ** 2))
+            x = (model - Gaussian.of(self.own[out], self.data[out])).mean
+            others = every - Gaussian.of(both[out], self.data[out] / self.scatter)
+            amounts = others.about(np.append(x, np.zeros(len(field)))).along(field).mean
+            left = self.data[out] - self.own[out] @ x
+            ends = left - self.scatter * (self.columns[out] @ amounts)
+            without_mm2, with_mm2 = (np.sum((self.to_mm[out] * each) ** 2) for each in (left, ends))
+            yield float(without_mm2), float(with_mm2)

@@ -134,6 +134,18 @@ class Gaussian:
         """Return the covariance of the unknowns there, (k, k)."""
         return self.taken_of(np.eye(self.unknowns))
 
+    def in_turn(self, first: Index, then: Index) -> tuple[Gaussian, Gaussian, Array]:
+        """Return what is said of some unknowns alone, of others about these, and both means (k,).
+
+        Those found first stay as they are found, where those that follow are as expected.
+        """
+        mean = np.zeros(self.unknowns)
+        alone = self.along(first)
+        mean[first] = alone.mean
+        beside = self.about(mean).along(then)
+        mean[then] = beside.mean
+        return alone, beside, mean
+
     @property
     def left(self) -> float:
         """Return the squares left at the mean, those of its way from what is expected included."""
