@@ -89,6 +89,16 @@ def eccentric(searched) -> Surveyed:
 
 
 @pytest.fixture(scope="session")
+def entangled(searched) -> Surveyed:
+    """Joint 2 errs by where joints 1 and 3 are together, as no effect of one joint does."""
+
+    def turn(states):
+        return at_joint(2, 3e-4 * np.sin(states.q_rad[:, 0] + states.q_rad[:, 2]))
+
+    return searched("entangled", observe, Hidden(turn=turn))
+
+
+@pytest.fixture(scope="session")
 def twisted(searched) -> Surveyed:
     """The orientation alone turns about joint 5, by the side from which that came."""
 

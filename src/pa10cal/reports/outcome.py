@@ -20,7 +20,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula
-from pa10cal.terms.wording import headline, percent, sentences
+from pa10cal.terms.wording import done, headline, percent, sentences
 
 _GRADES = {
     "good": "The calibration is good.",
@@ -103,10 +103,12 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
     title = "Effects, those that remove most error first, with 95 % intervals"
     yield grid(title, head, _effect_rows(results, record))
     if record.unexplained is not None:
-        part = "Part of the remaining error"
+        part, beside = "Part of the remaining error", ""
         if lead is not None:
-            part = f"{percent(lead.without_a_name)} of the error beyond noise"
-        yield Callout("warning", f"{part} has no name.")
+            field = sum(each.share for each in lead.of if each.joints is not None)
+            part = f"{percent(lead.without_a_name + field)} of the error beyond noise"
+            beside = f", and {percent(field)} is predicted all the same" if field else ""
+        yield Callout("warning", f"{part} has no name{beside}.")
         yield grid(
             "Unexplained: a gap without a name",
             "at | why",
@@ -159,7 +161,7 @@ def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
     if record.verdict == "check_the_log":
         return word, f"{verdict_sentence(record)} {sentence(headline(lead))}"
     parts = "Of the error beyond noise." if len(told) == 1 else sentence(headline(lead))
-    return f"{percent(lead.share)} explained", f"{parts} {told[0]} Verdict: {word}."
+    return f"{percent(lead.share)} {done(lead)}", f"{parts} {told[0]} Verdict: {word}."
 
 
 def verdict_sentence(record: VerdictRecord) -> str:

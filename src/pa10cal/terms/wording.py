@@ -23,7 +23,12 @@ def headline(explained: Explained) -> str:
     if not explained.of or explained.share <= 0.0:
         return "none of the error beyond noise is explained"
     told = "; ".join(_short(group) for group in _groups(explained))
-    return f"{percent(explained.share)} of the error beyond noise is explained: {told}"
+    return f"{percent(explained.share)} of the error beyond noise is {done(explained)}: {told}"
+
+
+def done(explained: Explained) -> str:
+    """Return what becomes of the error: names explain it, what has none predicts it."""
+    return "explained" if all(each.joints is None for each in explained.of) else "predicted"
 
 
 def sentences(explained: Explained) -> tuple[str, ...]:

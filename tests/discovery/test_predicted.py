@@ -1,0 +1,54 @@
+"""What has no name and is predicted: beside the names, and none of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pa10cal.discovery.discover import with_predicted
+from pa10cal.discovery.verdict_records import verdict_keys
+from pa10cal.terms.wording import headline, sentences
+
+
+def test_where_nothing_is_left_nothing_is_predicted(nothing_hidden, wave):
+    for measured in (nothing_hidden, wave):
+        found = measured.discovery
+        assert with_predicted(found) is found
+
+
+def test_what_two_joints_do_together_is_predicted_and_is_no_name(entangled):
+    found = entangled.discovery
+    beside = with_predicted(found)
+    assert beside.predicted is not None
+    assert beside.effects == found.effects
+    assert beside.verdict == found.verdict == "unexplained"
+    assert beside.train.after.rms_mm < 0.8 * found.train.after.rms_mm
+    assert beside.predicted.train is found.train
+    *_, field = beside.model.model.terms
+    assert field.id == "field"
+    k = len(beside.model.x)
+    assert beside.model.covariance.shape == (k + 6, k + 6)
+    explained = beside.explained
+    (entry,) = (each for each in explained.of if each.joints is not None)
+    assert (entry.ids, entry.of) == (("field",), "without a name, predicted")
+    assert sum(each.share for each in explained.of) == pytest.approx(explained.share)
+    assert sum(entry.joints.values()) == pytest.approx(1.0, abs=0.1)
+    assert "is predicted: " in headline(explained)
+    assert any("has no name is predicted, mostly by joint" in said for said in sentences(explained))
+    assert verdict_keys(beside).gap.train.after == beside.train.after
+
+
+def test_nothing_is_predicted_where_the_log_is_to_be_checked_or_the_base_moved(entangled):
+    found = entangled.discovery
+    moved = replace(found.train, without_motion=(found.train.found_before, found.train.found_after))
+    still = replace(found, train=moved)
+    assert with_predicted(still) is still
+
+
+def test_the_written_model_is_the_one_that_is_judged(entangled):
+    beside = with_predicted(entangled.discovery)
+    poses = beside.train.poses
+    by_model = poses.measured.deviations(
+        beside.model.as_read(poses), beside.model.T_instr_base, beside.model.targets_m
+    )
+    np.testing.assert_allclose(by_model.distance_mm, beside.train.found_after.distance_mm)
