@@ -389,22 +389,31 @@ def position_covariance(
     """
     order = np.concatenate([dense, *(each.columns for each in maps)])
     own, first = covariance[np.ix_(order, order)], len(dense)
-    at, by = [np.tile(np.arange(first), (len(moved), 1))], [moved]
+    at: list[Index] = []
+    by: list[Array] = []
     for each in maps:
         knots = len(each.columns)
         rows, to_splines = slice(first, first + knots), b_splines_by_knots(knots)
         own[rows] = to_splines @ own[rows]
         own[:, rows] = own[:, rows] @ to_splines.T
         splines = b_splines(knots, each.q_rad)
-        at.append(first + splines.indices.astype(np.intp).reshape(-1, 4))
+        at.append(first - len(dense) + splines.indices.astype(np.intp).reshape(-1, 4))
         by.append(each.moved[:, :, None] * splines.data.reshape(-1, 1, 4))
         first += knots
-    touched, velocity = np.concatenate(at, axis=1), np.concatenate(by, axis=2)
+    d = len(dense)
     found = np.empty((len(moved), 3, 3))
     for start in range(0, len(moved), _AT_ONCE):
         block = slice(start, start + _AT_ONCE)
-        of_pose = own[touched[block, :, None], touched[block, None, :]]
-        found[block] = velocity[block] @ of_pose @ np.swapaxes(velocity[block], 1, 2)
+        with_all = moved[block] @ own[:d]  # (B, 3, k) with everything
+        found[block] = with_all[:, :, :d] @ np.swapaxes(moved[block], 1, 2)
+        if maps:
+            touched = np.concatenate([each[block] for each in at], axis=1)
+            velocity = np.concatenate([each[block] for each in by], axis=2)
+            across = np.take_along_axis(with_all[:, :, d:], touched[:, None, :], axis=2)
+            between = across @ np.swapaxes(velocity, 1, 2)
+            of_pose = own[d + touched[:, :, None], d + touched[:, None, :]]
+            of_maps = velocity @ of_pose @ np.swapaxes(velocity, 1, 2)
+            found[block] += between + np.swapaxes(between, 1, 2) + of_maps
     return found
 
 
