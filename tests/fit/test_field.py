@@ -11,6 +11,8 @@ from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.field import field_of, with_field
 from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.interface import calibrate, read_campaign
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.model import Model
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal_lab.cell.write import write_campaign
@@ -76,6 +78,18 @@ def test_of_noise_alone_there_is_no_field(measured, seed):
 
 def test_of_few_poses_there_is_none(predicted, measured):
     assert field_of(measured[0], predicted[1].take(np.arange(39))) is None
+
+
+def test_beside_a_fine_map_there_is_none(predicted, measured):
+    model = measured[0]
+
+    def with_map(knots):
+        terms = (*model.model.terms, JointErrorMap("joint 2", knots=knots))
+        x = np.concatenate([model.x, np.zeros(knots)])
+        return replace(model, model=Model(model.model.chain, terms), x=x, covariance=None)
+
+    assert field_of(with_map(120), predicted[1]) is None
+    assert field_of(with_map(12), predicted[1]) is not None
 
 
 def test_what_it_promises_is_met(predicted):

@@ -28,6 +28,10 @@ from pa10cal.terms.model import Model
 
 F = TypeVar("F", bound=Fitted)
 
+#: Maps of joints stay as they were fitted to all poses: with finer ones than this, poses held out
+#: do not judge what else is fitted.
+_MOST_KNOTS = 100
+
 #: Lengths that are tried, in the spread of the poses; places of a field, and poses that it is
 #: fitted to, at most.
 _LENGTHS, _MOST_PLACES, _MOST_POSES = (0.1, 0.2, 0.4, 0.8, 1.6), 100, 2000
@@ -69,8 +73,10 @@ class FieldFit:
 def field_of(model: Fitted, poses: Observations) -> FieldFit | None:
     """Return the field of a model, by the poses that it was fitted to, averaged and as modelled.
 
-    None where poses held out gain nothing by one, or are too few.
+    None where poses held out gain nothing by one, are too few, or cannot tell beside fine maps.
     """
+    if any(each.at_knots and len(each.parameters) > _MOST_KNOTS for each in model.model.terms):
+        return None
     _, label = np.unique(poses.pose, return_inverse=True)
     step = -(-len(poses) // _MOST_POSES)
     if step > 1:
