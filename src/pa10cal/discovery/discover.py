@@ -15,8 +15,9 @@ from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import stated_wrongly, with_compliance
+from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import PairedErrors, errors_of, gap
+from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
 from pa10cal.discovery.gates import gated, harmless, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -26,7 +27,6 @@ from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.verdict import MAP, Predicted, SearchVerdict, Verdict, is_named, label_of
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.field import field_of
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.weighed_arm import open_unknowns
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
@@ -163,20 +163,20 @@ def with_predicted(found: Verdict[object]) -> Verdict[object]:
         return found
     if found.train.without_motion is not None:
         return found
-    fit = field_of(found.extended.fitted(), found.train.poses)
+    by_names = found.extended.fitted()
+    fit = field_of(by_names, found.train.poses)
     if fit is None:
         return found
-    beside = replace(found, predicted=Predicted(fit, found.train, found.holdout))
-    return beside.with_gaps(partial(with_errors_of, beside.model))
+    model, away = with_field(by_names, fit), found.falls_back
 
+    def after(named: PairedErrors) -> PairedErrors:
+        gap = replace(named, found_after=errors_of(model, named.poses))
+        if away is None:
+            return gap
+        return fallen_back(gap, ~away.within.inside(named.poses.states.q_rad))
 
-def with_errors_of(model: FittedModel, gap: PairedErrors) -> PairedErrors:
-    """Return a gap after which a model is, in place of another without its field."""
-    after = errors_of(model, gap.poses)
-    if model.falls_back is not None:
-        outside = ~model.falls_back.within.inside(gap.poses.states.q_rad)
-        after = after.with_others(outside, gap.found_before)
-    return replace(gap, found_after=after)
+    predicted = Predicted(fit, found.train, found.holdout)
+    return replace(found, predicted=predicted).with_gaps(after)
 
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:

@@ -14,7 +14,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.linear import rms
-from pa10cal.discovery.rules import JUDGING
+from pa10cal.discovery.rules import FIELD, JUDGING
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -320,7 +320,7 @@ def by_field(by_joint: Array, before_mm: Array, after_mm: Array) -> ExplainedEff
     return ExplainedEffect(
         ids=(Field.id,),
         of=NO_NAME,
-        joints={joint: part for joint, part in joints.items() if part >= JUDGING.least_joint_part},
+        joints={joint: part for joint, part in joints.items() if part >= FIELD.least_joint_part},
         share=0.0,
         before_mm=rms(before_mm),
         after_mm=rms(after_mm),

@@ -27,23 +27,21 @@ class Noise:
     """How noisy readings are: repeats, and where there are few, poses near each other."""
 
     least_differences: int = 20  # differences below which nothing is said of the noise (statistics)
-    # least part of the readings that are repeats, where blocks of poses could be held out
-    # instead (trials)
-    least_repeated_share: float = 0.25
-    # repeats from any side are compared where they are so many times those from one side
+    # least part of the readings that are repeats, where blocks of poses could be held out instead
     # (trials)
+    least_repeated_share: float = 0.25
+    # repeats from any side are compared where they are so many times those from one side (trials)
     any_side_ratio: float = 2.0
     same_pose: float = 2e-3  # poses nearer than this in every joint are the same [rad, m] (size)
-    # poses up to so far apart make a variogram, whose nugget is the noise [rad, m]
-    # (Cressie, Statistics for Spatial Data, 1993)
+    # poses up to so far apart make a variogram, whose nugget is the noise [rad, m] (Cressie,
+    # Statistics for Spatial Data, 1993)
     near_pose: float = 0.01
     near_steps: int = 5  # steps of distance of that variogram (computing)
     most_neighbours: int = 8  # neighbours that a pose is compared with there (computing)
     # scatter of a torque, in the largest one, that rounding alone makes (size)
     rounded_torque_share: float = 1e-6
     reweighted: int = 2  # times that scatter is found anew about weights fitted with it (computing)
-    # torques a column above which their scatter about the weights is their noise
-    # (statistics)
+    # torques a column above which their scatter about the weights is their noise (statistics)
     torques_a_weight: int = 2
     # scatter of normal deviates over the median of their sizes (statistics)
     median_to_sigma: float = 1.0 / float(ndtri(0.75))
@@ -65,17 +63,13 @@ class Judging:
     no_attitude_rad: float = 0.05
     # poses that carry a name alone and are left out, one after the other (trials)
     most_carriers: int = 3
-    # one pose carries a name where less than this part of what speaks for it remains
-    # without it (trials)
-    carried_share: float = 0.5
-    # joints with less of what is predicted without a name are not listed (computing)
-    least_joint_part: float = 0.01
-    # a parameter known no better than this part of what is possible is not identified
+    # one pose carries a name where less than this part of what speaks for it remains without it
     # (trials)
+    carried_share: float = 0.5
+    # a parameter known no better than this part of what is possible is not identified (trials)
     identified_share: float = 1.0 / 3.0
     gap_level: float = 0.95  # probability of the interval of the gap's reduction (level)
-    # root mean square errors over those of noise that are more, where nothing was found
-    # (trials)
+    # root mean square errors over those of noise that are more, where nothing was found (trials)
     more_than_noise: float = 1.15
 
 
@@ -85,13 +79,11 @@ class Candidates:
 
     # least part of an effect that remains beside the model's own parameters (trials)
     least_share: float = 0.02
-    # least sum of an effect of its largest plausible size, in standard deviations
-    # (statistics)
+    # least sum of an effect of its largest plausible size, in standard deviations (statistics)
     least_signal: float = 4.0
     largest_sizes: float = 10.0  # the largest plausible size, in usual ones (size)
     sizes_of_time: float = 3.0  # usual size of effects of time, in plausible ones (trials)
-    # waves a turn taken out of a joint's error where poses are read once; of a slow joint
-    # (trials)
+    # waves a turn taken out of a joint's error where poses are read once; of a slow joint (trials)
     waves: tuple[int, int] = (8, 24)
     wave_rad: float = 3e-4  # their expected size [rad] (size)
     named_orders: int = 2  # orders up to here have names of their own (vocabulary)
@@ -111,8 +103,8 @@ class Evidence:
     usual_size: int = 1  # index among these of the one expected first (size)
     # effects whose directions are closer than this cosine look the same (statistics)
     indistinguishable: float = 0.999
-    # log evidence that a forward step must gain: it may be a proxy for what comes later
-    # [nat] (trials)
+    # log evidence that a forward step must gain: it may be a proxy for what comes later [nat]
+    # (trials)
     forward_nats: float = 1.0
     most_effects: int = 10  # effects at a time: more are no finding (trials)
     most_rounds: int = 6  # rounds of steps forward and back (computing)
@@ -123,23 +115,20 @@ class Evidence:
     # probability allowed that chance makes as much of the whole family (level)
     false_rate: float = 0.05
     folds: int = 9  # blocks of poses held out in turn beside them (computing)
-    # probability allowed that the truth is missing among an effect and its alternatives
-    # (level)
+    # probability allowed that the truth is missing among an effect and its alternatives (level)
     missed_rate: float = 0.03
     # odds of a name from which a map of the joint is no rival of it (level)
     odds_over_map: float = 20.0
-    # what linear evidence may be wrong by where rivals are picked to be refitted [nat]
-    # (trials)
+    # what linear evidence may be wrong by where rivals are picked to be refitted [nat] (trials)
     refit_margin_nats: float = 4.0
     most_refits: int = 12  # rivals that are refitted (computing)
-    # lowest, highest and number of variances tried of the error that a pose shares, in
-    # those of a reading; none is tried, too (size)
+    # lowest, highest and number of variances tried of the error that a pose shares, in those of a
+    # reading; none is tried, too (size)
     pose_variances: tuple[float, float, int] = (1e-2, 1e5, 15)
     # variances looked at between the neighbours of the best one (computing)
     variances_between: int = 129
     form_folds: int = 9  # blocks of poses held out in turn where short forms compete (computing)
-    # least standard uncertainty of a reading, in what is stated, where readings are
-    # compared (size)
+    # least standard uncertainty of a reading, in what is stated, where readings are compared (size)
     least_uncertainty_share: float = 0.1
 
 
@@ -155,14 +144,11 @@ class Blocks:
     one_sided_deviates: float = 1.645  # standard deviations below which 95 of 100 lie (statistics)
     most_rounds: int = 3  # rounds of the search (computing)
     most_names: int = 4  # names tried at one place (trials)
-    # standard errors by which all names of a place may fall behind a map, to be tried
-    # (level)
+    # standard errors by which all names of a place may fall behind a map, to be tried (level)
     hopeless_errors: float = 3.0
-    # standard errors by which positions or orientations may come out worse for an effect
-    # (level)
+    # standard errors by which positions or orientations may come out worse for an effect (level)
     worse_errors: float = 2.0
-    # part of what positions or orientations gain that the other kind may lose by it
-    # (trials)
+    # part of what positions or orientations gain that the other kind may lose by it (trials)
     most_lost_share: float = 0.1
     over_floor: float = 1.15  # remaining error over the noise that is more than noise (trials)
     over_floor_errors: float = 3.0  # standard errors over blocks by which it must be (level)
@@ -179,8 +165,7 @@ class Blocks:
     sizes_not_twice: float = 100.0
     directions: int = 1000  # directions of an effect's parameters that are tried (computing)
     hidden_share: float = 0.05  # part of these that may be hidden behind others (level)
-    # cosines along each axis of a drift: one that turns back more often is a wander
-    # (trials)
+    # cosines along each axis of a drift: one that turns back more often is a wander (trials)
     drift_waves: int = 6
     # part of the readings that must have a time of their own for it (trials)
     own_times_share: float = 0.95
@@ -200,11 +185,10 @@ class Maps:
     # their size and the order at which half as much is expected [rad] (size)
     weighing_prior: tuple[float, float] = (1e-4, 10.0)
     reweighted: int = 2  # times that poses are weighed anew (computing)
-    # part of the readings that what is fitted may take up: what is left of more says little
-    # of noise (statistics)
+    # part of the readings that what is fitted may take up: what is left of more says little of
+    # noise (statistics)
     most_taken_share: float = 0.6
-    # highest order that decides about a spectrum, in cycles a turn: beyond is the floor
-    # (trials)
+    # highest order that decides about a spectrum, in cycles a turn: beyond is the floor (trials)
     highest_band: int = 107
     # tenths of a joint's visited angles that are left out: both of few joints, one of many
     # (computing)
@@ -212,8 +196,7 @@ class Maps:
     few_joints: int = 3  # so many joints are few (computing)
     # weights of orientations that are tried, in their scatter (trials)
     attitude_weights: tuple[float, ...] = (1.0, 0.5, 0.25)
-    # how far the logarithms of a band's numbers may be off usual ones, a standard deviation
-    # (size)
+    # how far the logarithms of a band's numbers may be off usual ones, a standard deviation (size)
     band_std: tuple[float, ...] = (1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 1.0)
     # how far those of a joint may be off the arm's (size)
     band_std_of_joint: tuple[float, ...] = (0.5, 0.4, 0.3, 0.2, 0.15, 0.2, 0.6)
@@ -234,11 +217,11 @@ class Names:
     # probability of the region of an effect's parameters that must not hold zero (level)
     confidence: float = 0.95
     most_alternatives: int = 6  # with more alternatives a name says nothing (trials)
-    # error left, held-out error, repeatability and stated uncertainty agree within this
-    # factor (trials)
+    # error left, held-out error, repeatability and stated uncertainty agree within this factor
+    # (trials)
     agree_ratio: float = 3.0
-    # lack of fit F of the torques that is none: 0.8 to 1.1 without a fault, 1.6 where one
-    # of three loads is stated 40 N for 44 (trials)
+    # lack of fit F of the torques that is none: 0.8 to 1.1 without a fault, 1.6 where one of three
+    # loads is stated 40 N for 44 (trials)
     most_torque_ratio: float = 1.3
     torque_p_value: float = 1e-6  # p value from which on it is one (level)
     # part of the error that weights other than described may leave, to be told (trials)
@@ -265,18 +248,17 @@ class Motion:
     turns_rad_per_m: tuple[float, ...] = (0.0, 1.0)
     # sizes of effects tried beside, in their plausible size (size)
     effect_sizes: tuple[float, ...] = (0.1, 1.0, 3.0)
-    # lowest, highest and number of variances tried of the error that a pose shares, in
-    # those of a reading; none is tried, too (size)
+    # lowest, highest and number of variances tried of the error that a pose shares, in those of a
+    # reading; none is tried, too (size)
     pose_variances: tuple[float, float, int] = (0.1, 1e4, 7)
     false_rate: float = 1e-3  # probability allowed of seeing a motion where there is none (level)
     most_jumps: int = 4  # jumps that may be found (trials)
     least_side: int = 4  # readings on either side of a jump (statistics)
     coarse_times: int = 40  # times of a jump first scanned (computing)
-    # a motion counts from this part of the noise of one reading on, root mean squares
-    # (trials)
+    # a motion counts from this part of the noise of one reading on, root mean squares (trials)
     least_noise_ratio: float = 0.5
-    # noise is no less than this part of that by which rows are whitened: more columns than
-    # rows could else explain it all (trials)
+    # noise is no less than this part of that by which rows are whitened: more columns than rows
+    # could else explain it all (trials)
     least_noise_share: float = 0.3
     # log evidence by which another time of a jump may be worse [nat] (level)
     as_good_nats: float = 3.0
@@ -290,12 +272,10 @@ class Motion:
     most_readings: int = 1200  # readings, spread evenly over time, that stand for more (computing)
     # waves of a walk over the campaign: beyond them 4 % of its variance is left (computing)
     walk_waves: int = 16
-    # waves of the base over the positions of a joint that goes with the order of rows
-    # (trials)
+    # waves of the base over the positions of a joint that goes with the order of rows (trials)
     rival_waves: int = 8
     rival_m: float = 1e-3  # their size [m] (size)
-    # times that what is found of time is held against errors that go with more joints
-    # (computing)
+    # times that what is found of time is held against errors that go with more joints (computing)
     most_rivals: int = 4
 
 
@@ -308,8 +288,8 @@ class Change:
     static_sizes: float = 10.0  # usual sizes that a model fitted to a mixture may be off (size)
     # how far base and targets of another model are expected to be off [m, rad] (size)
     frames: float = 3e-3
-    # squares below this part of those without a change are not told apart: rows are linear
-    # no better (computing)
+    # squares below this part of those without a change are not told apart: rows are linear no
+    # better (computing)
     same_squares: float = 1e-3
     least_side: int = 10  # readings on either side (statistics)
     false_rate: float = 1e-3  # probability allowed of seeing a change where there is none (level)
@@ -317,8 +297,8 @@ class Change:
     better_nats: float = 9.0
     # log evidence up to which another kind of change is as good [nat] (level)
     as_good_nats: float = 3.0
-    # part of the squared error that it may leave: what goes with the pose goes with many a
-    # row a little (trials)
+    # part of the squared error that it may leave: what goes with the pose goes with many a row a
+    # little (trials)
     most_left_share: float = 0.5
     # it counts from this part of the stated noise of a reading on (trials)
     least_noise_ratio: float = 0.5
@@ -356,16 +336,15 @@ class Rows:
     # labels are exchanged where another order leaves so little of what is left (trials)
     exchanged_left_share: float = 0.25
     most_targets: int = 5  # targets whose orders are all tried (computing)
-    # probability that any reading is excluded where none is wrong and errors are normal
-    # (level)
+    # probability that any reading is excluded where none is wrong and errors are normal (level)
     excluded_rate: float = 0.1
-    # readings before and after: where most of them are off as well, something happened in
-    # time (trials)
+    # readings before and after: where most of them are off as well, something happened in time
+    # (trials)
     neighbours: int = 5
     # relative error of a scatter found from one deviate by its median, twice (statistics)
     scale_error: float = 2.3
-    # probability allowed of accusing a mean of a pose: their tails are lighter than those
-    # of readings (level)
+    # probability allowed of accusing a mean of a pose: their tails are lighter than those of
+    # readings (level)
     of_poses_rate: float = 1e-3
     # standard errors by which their tails may be heavier than found (level)
     of_poses_errors: float = 1.6
@@ -378,8 +357,8 @@ class Rows:
     load_errors: float = 8.0  # it is so many times its uncertainty from the load stated (level)
     # and the other load leaves no more than this part of the squared error (trials)
     load_left_share: float = 0.25
-    # more than this part of the readings are no slip: a load is misstated, or a torque
-    # wrong (trials)
+    # more than this part of the readings are no slip: a load is misstated, or a torque wrong
+    # (trials)
     most_slips_share: float = 0.1
 
 
@@ -403,8 +382,8 @@ class Ripple:
     # turn of the motor by a torque of one standard deviation, at most [rad] (size)
     most_turn_rad: float = 1e-3
     phase_step_rad: float = 0.25  # its steps, in phase of the highest line [rad] (computing)
-    # phase by which the joint's error must turn the highest line for it to say anything
-    # [rad] (trials)
+    # phase by which the joint's error must turn the highest line for it to say anything [rad]
+    # (trials)
     least_turn_rad: float = 0.25
     # steps of order over which the background of a spectrum is taken (computing)
     background_steps: int = 2048
@@ -413,20 +392,39 @@ class Ripple:
     # at a multiple k of a ratio they are k times as near [cycles a turn] (computing)
     same_ratio: float = 0.02
     ratio_step: float = 0.04  # steps of ratio tried for the greatest common divisor (computing)
-    # part of the larger of two ratios by which one may miss a multiple of the other
-    # (trials)
+    # part of the larger of two ratios by which one may miss a multiple of the other (trials)
     commensurate_share: float = 0.01
     # half of what twice the log-likelihood may fall within a 95 % interval (statistics)
     half_chi2_95: float = 1.92
     joint_rad: float = 5e-5  # scatter of a joint's angle to begin with [rad] (computing)
     variance_rounds: int = 20  # rounds in which variances are found (computing)
-    # a torque that varies by less than this part of the rated one does not turn the motor
-    # (size)
+    # a torque that varies by less than this part of the rated one does not turn the motor (size)
     least_loaded_share: float = 0.02
     arcs: int = 120  # arcs of a turn over which errors are averaged (computing)
     arc_poses: int = 2  # poses that each must have (statistics)
     # a torque that varies by less than this part of the largest one is constant (computing)
     varying_share: float = 1e-3
+
+
+@dataclass(frozen=True)
+class Field:
+    """What is predicted without a name."""
+
+    # knots of a map, which stays as it was fitted to all poses: beside finer ones poses held out do
+    # not judge what else is fitted (measured)
+    most_knots: int = 100
+    standard_errors: float = 2.0  # standard errors over groups by which poses must gain (level)
+    least_gain: float = 0.05  # part of their squares that poses held out must gain (size)
+    most_loss: float = 0.02  # part of their squares that whole regions may lose (measured)
+    groups: int = 10  # groups that are held out in turn (computing)
+    group_poses: int = 4  # poses a group at least (statistics)
+    lengths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6)  # in the spread of poses (computing)
+    # sizes of a displacement, over the scatter of a row: lowest, highest [m], count (computing)
+    sizes_m: tuple[float, float, int] = (1e-7, 0.1, 61)
+    most_places: int = 100  # places that it goes through (computing)
+    most_poses: int = 2000  # poses that it is fitted to (computing)
+    least_scatter: float = 1e-12  # of squares, which a fit through all rows leaves (computing)
+    least_joint_part: float = 0.01  # joints that less of it goes with are not told (told)
 
 
 @dataclass(frozen=True)
@@ -436,11 +434,11 @@ class Forms:
     standard_errors: float = 3.0  # standard errors over blocks by which a form must help (level)
     # part of what is over the noise that it must take away (trials)
     least_explained_share: float = 0.8
-    # standard errors within which forms do equally well: the best of many is so by chance,
-    # too (level)
+    # standard errors within which forms do equally well: the best of many is so by chance, too
+    # (level)
     tie_errors: float = 2.0
-    # what squared errors of two right forms are expected to differ by, in squares of the
-    # noise (statistics)
+    # what squared errors of two right forms are expected to differ by, in squares of the noise
+    # (statistics)
     chance_squares: float = 2.0
     # errors over noise that may be left where there is no map to do as well as (trials)
     over_noise: float = 1.1
@@ -449,14 +447,13 @@ class Forms:
     refined_places: int = 9  # at so many places between (computing)
     at_once: int = 256  # forms whose columns are made at once (computing)
     kept: int = 48  # forms that few poses do not rule out (computing)
-    # standard errors within which a form must do as well in some poses, to be tried in all
-    # (level)
+    # standard errors within which a form must do as well in some poses, to be tried in all (level)
     few_errors: float = 3.0
     most_others: int = 6  # other forms that are listed as doing as well (told)
     # poses by which forms are ruled out, where there are many more (computing)
     few_poses: int = 800
-    # parameters of maps and rivals that one form may stand for: fine maps of several joints
-    # are no one formula (trials)
+    # parameters of maps and rivals that one form may stand for: fine maps of several joints are no
+    # one formula (trials)
     most_parameters: int = 400
 
 
@@ -464,21 +461,21 @@ class Forms:
 class NextPoses:
     """What to measure next, to bring rivals apart."""
 
-    # a pair that the best poses bring apart by less cannot be distinguished: odds of 20 to
-    # 1 [nat] (level)
+    # a pair that the best poses bring apart by less cannot be distinguished: odds of 20 to 1 [nat]
+    # (level)
     apart_nats: float = 3.0
     pool: int = 1024  # poses drawn to choose from (computing)
     most_pairs: int = 8  # pairs that poses are sought for (told)
     most_sweeps: int = 2  # sweeps of exchanges (computing)
-    # parameters of models that poses are sought for: of more they would take many times as
-    # long as the search (computing)
+    # parameters of models that poses are sought for: of more they would take many times as long as
+    # the search (computing)
     most_parameters: int = 400
     most_measured: int = 1000  # measured poses that stand for more (computing)
     limit_share: float = 0.05  # part of each joint's range kept clear at either end (safety)
     # least width by which the box of the measured places is widened [m] (safety)
     box_margin_m: float = 0.3
-    # end and targets stay so far above the base's origin, unless poses were measured nearer
-    # [m] (safety)
+    # end and targets stay so far above the base's origin, unless poses were measured nearer [m]
+    # (safety)
     floor_m: float = 0.15
     column_m: float = 0.25  # and so far off its axis [m] (safety)
     clearance_m: float = 0.15  # targets stay so far off the line from joint to joint [m] (safety)
@@ -489,8 +486,8 @@ class NextPoses:
 class Places:
     """Where what remains sits, for pictures and words."""
 
-    # joint error thought possible, a standard deviation, where a pose cannot separate
-    # joints [rad] (size)
+    # joint error thought possible, a standard deviation, where a pose cannot separate joints [rad]
+    # (size)
     possible_rad: float = 1e-3
     least_order: float = 0.5  # lowest order of the periodogram [cycles a turn] (computing)
     most_ratios: float = 2.5  # highest order, in gear ratios of the joint (trials)
@@ -507,8 +504,7 @@ class Places:
 class Computing:
     """Steps, damping and rounding of the fits; no verdict hangs on them."""
 
-    # part of a parameter's own certainty that stands for a prior where it has none
-    # (computing)
+    # part of a parameter's own certainty that stands for a prior where it has none (computing)
     least_precision: float = 1e-12
     no_part: float = 1e-9  # rows with less of the shared error than this have none (computing)
     same_share: float = 1e-9  # what differs by a smaller part is the same (computing)
@@ -524,8 +520,8 @@ class Computing:
     refit_steps: int = 6  # steps of a refit of everything (computing)
     refit_damping: float = 1e-3  # damping that hardly shortens a step (computing)
     refit_arrived: float = 0.1  # a step this small, in standard uncertainties, ends it (computing)
-    # a fit that sets out nearby ends where a step gains no more than this part of what is
-    # left (computing)
+    # a fit that sets out nearby ends where a step gains no more than this part of what is left
+    # (computing)
     nearby_settled: float = 1e-4
     nearby_steps: int = 20  # steps of that fit (computing)
     band_steps: int = 40  # steps of a climb of bands (computing)
@@ -559,6 +555,7 @@ SPRINGS = Springs()
 TORQUES = Torques()
 ROWS = Rows()
 RIPPLE = Ripple()
+FIELD = Field()
 FORMS = Forms()
 NEXT_POSES = NextPoses()
 PLACES = Places()
@@ -579,6 +576,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "torques": TORQUES,
     "rows": ROWS,
     "ripple": RIPPLE,
+    "field": FIELD,
     "forms": FORMS,
     "next_poses": NEXT_POSES,
     "places": PLACES,

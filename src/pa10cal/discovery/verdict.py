@@ -13,6 +13,7 @@ import numpy as np
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
+from pa10cal.discovery.field import FieldFit, with_field
 from pa10cal.discovery.finding import (
     DiagnosedFault,
     Finding,
@@ -37,7 +38,6 @@ from pa10cal.discovery.rules import PLACES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
-from pa10cal.fit.field import FieldFit, with_field
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations

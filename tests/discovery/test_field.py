@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
+from pa10cal.discovery.field import field_of, with_field
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.discrepancy import discrepancy_of
-from pa10cal.fit.field import field_of, with_field
 from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.terms.effects.joint_error_map import JointErrorMap

@@ -19,6 +19,7 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
+from pa10cal.discovery.rules import FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit, clusters_of, levers_m, places_of
 from pa10cal.fit.fitted import Fitted
 from pa10cal.numerics.gaussian import Gaussian
@@ -27,21 +28,6 @@ from pa10cal.terms.field import Field, embedded, well_spread
 from pa10cal.terms.model import Model
 
 F = TypeVar("F", bound=Fitted)
-
-#: Maps of joints stay as they were fitted to all poses: with finer ones than this, poses held out
-#: do not judge what else is fitted.
-_MOST_KNOTS = 100
-
-#: Lengths that are tried, in the spread of the poses; places of a field, and poses that it is
-#: fitted to, at most.
-_LENGTHS, _MOST_PLACES, _MOST_POSES = (0.1, 0.2, 0.4, 0.8, 1.6), 100, 2000
-#: Sizes that are tried, over the scatter of a row [m]: a factor of 1.26 apart.
-_SIZES_M = np.geomspace(1e-7, 1e-1, 61)
-#: Groups held out in turn, of places among others and of neighbours; poses a group at least.
-_GROUPS, _LEAST_IN_GROUP = 10, 4
-#: By how many standard errors over groups poses held out must gain, by what part of their squares
-#: at least, and by what part regions may lose.
-_LEAST_SURE, _LEAST_GAIN, _MOST_LOSS = 2.0, 0.05, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,26 +61,26 @@ def field_of(model: Fitted, poses: Observations) -> FieldFit | None:
 
     None where poses held out gain nothing by one, are too few, or cannot tell beside fine maps.
     """
-    if any(each.at_knots and len(each.parameters) > _MOST_KNOTS for each in model.model.terms):
+    if any(each.at_knots and len(each.parameters) > FIELD.most_knots for each in model.model.terms):
         return None
     _, label = np.unique(poses.pose, return_inverse=True)
-    step = -(-len(poses) // _MOST_POSES)
+    step = -(-len(poses) // FIELD.most_poses)
     if step > 1:
         poses = poses.take(np.flatnonzero(label % step == 0))
         _, label = np.unique(poses.pose, return_inverse=True)
     first = np.unique(label, return_index=True)[1]
-    if len(first) < _LEAST_IN_GROUP * _GROUPS:
+    if len(first) < FIELD.group_poses * FIELD.groups:
         return None
     rows, states = RowsAboutFit.of(model, poses), poses.states
     lever_m, turns = levers_m(model.model, model.x, states), ~model.arm.prismatic
     points = embedded(states.q_rad, lever_m, turns)
     rng = np.random.default_rng(0)
-    places = places_of(states.q_rad[first], states.time_s[first], _GROUPS, rng)[label]
-    regions = clusters_of(points[first], _GROUPS, rng)[label]
-    through = states.q_rad[well_spread(points, _MOST_PLACES)]
+    places = places_of(states.q_rad[first], states.time_s[first], FIELD.groups, rng)[label]
+    regions = clusters_of(points[first], FIELD.groups, rng)[label]
+    through = states.q_rad[well_spread(points, FIELD.most_places)]
     spread_m = float(np.sqrt(points.var(axis=0).sum()))
     best: tuple[float, FieldFit] | None = None
-    for length in _LENGTHS:
+    for length in FIELD.lengths:
         field = Field(
             q=tuple(tuple(row) for row in through.tolist()),
             lever_m=tuple(lever_m.tolist()),
@@ -108,8 +94,8 @@ def field_of(model: Fitted, poses: Observations) -> FieldFit | None:
             continue
         about = _Weighed(rows.columns, columns * size_m / scatter, rows.data, scatter, rows.to_mm)
         of_places, of_regions = about.held_out(places), about.held_out(regions)
-        helps = of_places.sure > _LEAST_SURE and of_places.gain > _LEAST_GAIN
-        if not helps or of_regions.gain < -_MOST_LOSS:
+        helps = of_places.sure > FIELD.standard_errors and of_places.gain > FIELD.least_gain
+        if not helps or of_regions.gain < -FIELD.most_loss:
             continue
         # What is left is predicted less seen.
         found, field = about.every, replace(field, size_m=size_m)
@@ -161,14 +147,17 @@ def _most_likely(every: Gaussian, rows: RowsAboutFit) -> tuple[float, float, flo
     count = np.count_nonzero(rows.data)
     values, vectors = np.linalg.eigh(every.gram)
     values, along = np.maximum(values, 0.0), vectors.T @ every.projection
-    ratio = _SIZES_M[:, None] ** 2
+    sizes_m = np.geomspace(*FIELD.sizes_m)
+    ratio = sizes_m[:, None] ** 2
     taken = ratio * along**2 / (1.0 + ratio * values)
-    variance = np.maximum(every.squares - taken.sum(axis=1), 1e-12 * every.squares) / count
+    variance = (
+        np.maximum(every.squares - taken.sum(axis=1), FIELD.least_scatter * every.squares) / count
+    )
     complexity = np.log1p(ratio * values).sum(axis=1)
     gained = 0.5 * (count * np.log(every.squares / count / variance) - complexity)
     best = int(np.argmax(gained))
     scatter = float(np.sqrt(variance[best]))
-    return float(_SIZES_M[best]) * scatter, scatter, float(gained[best])
+    return float(sizes_m[best]) * scatter, scatter, float(gained[best])
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,16 +188,13 @@ class _Weighed:
         return HeldOutSquares(float(without_mm2), float(with_mm2), sure)
 
     def _by_group(self, group: Index) -> Iterator[tuple[float, float]]:
-        model, k = Gaussian.of(self.own, self.data), self.own.shape[2]
         both = np.concatenate([self.own / self.scatter, self.columns], axis=2)
-        every = Gaussian.of(both, self.data / self.scatter)
-        field = np.arange(k, both.shape[2])
+        data, k = self.data / self.scatter, self.own.shape[2]
+        every, own, field = Gaussian.of(both, data), np.arange(k), np.arange(k, both.shape[2])
         for number in np.unique(group).tolist():
             out = np.flatnonzero(group == number)
-            x = (model - Gaussian.of(self.own[out], self.data[out])).mean
-            others = every - Gaussian.of(both[out], self.data[out] / self.scatter)
-            amounts = others.about(np.append(x, np.zeros(len(field)))).along(field).mean
-            left = self.data[out] - self.own[out] @ x
-            ends = left - self.scatter * (self.columns[out] @ amounts)
-            without_mm2, with_mm2 = (np.sum((self.to_mm[out] * each) ** 2) for each in (left, ends))
-            yield float(without_mm2), float(with_mm2)
+            *_, mean = (every - Gaussian.of(both[out], data[out])).in_turn(own, field)
+            left = data[out] - both[out][..., :k] @ mean[:k]
+            ends = left - self.columns[out] @ mean[k:]
+            to_mm = self.scatter * self.to_mm[out]
+            yield float(np.sum((to_mm * left) ** 2)), float(np.sum((to_mm * ends) ** 2))
