@@ -28,7 +28,7 @@ def named(name, *alternatives, **parameters):
     return effect(name.id, name.of, parameters, alternatives)
 
 
-def hidden(name, size=1.0, moved_mm=0.05, apart_mm=None, **parameters):
+def hidden(name, size=1.0, moved_mm=0.05, apart_mm=None, outside=None, **parameters):
     """An effect that is hidden."""
     return HiddenEffect(
         id=name.id,
@@ -37,6 +37,7 @@ def hidden(name, size=1.0, moved_mm=0.05, apart_mm=None, **parameters):
         size=size,
         moved_mm=moved_mm,
         apart_mm=apart_mm,
+        outside=outside,
     )
 
 

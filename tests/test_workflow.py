@@ -79,11 +79,11 @@ def checkout(tmp_path, call_snakemake):
     return run
 
 
-FULL, REDUCED, TRACKED, REFLECTORS, UNSTATED, SORTED = (
+FULL, REDUCED, TRACKED, REFLECTORS, UNSTATED, SORTED, MIXED = (
     sum(-(-count // SETTINGS.trials_a_job) for count in trial_counts(counts).values())
     for counts in (
         *(SETTINGS.full, SETTINGS.reduced, SETTINGS.tracked, SETTINGS.reflectors),
-        *(SETTINGS.unstated, SETTINGS.sorted_by_joint),
+        *(SETTINGS.unstated, SETTINGS.sorted_by_joint, SETTINGS.mixed),
     )
 )
 ONE = {"campaigns": '["cell-null"]'}
@@ -130,6 +130,7 @@ PLANS = [
     ),
     ("blind_trials_unstated", {}, f"judge_trials {UNSTATED}, score_trials 1, trial_pictures 1"),
     ("blind_trials_sorted", {}, f"judge_trials {SORTED}, score_trials 1, trial_pictures 1"),
+    ("blind_trials_mixed", {}, f"judge_trials {MIXED}, score_trials 1, trial_pictures 1"),
 ]
 
 

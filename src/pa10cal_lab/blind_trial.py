@@ -33,6 +33,8 @@ SENSOR = "sensor_error"
 GEAR = "gear_error"
 #: Root mean square over mean of the length of a vector with independent, equal normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
+#: Orders less than this apart may be one.
+_SAME_ORDER = 0.5
 #: What the springs of the judged model are.
 SPRING = "joint_compliance"
 
@@ -87,6 +89,11 @@ class BlindTrial:
     def hidden(self) -> tuple[results.HiddenEffect, ...]:
         """The effects that it hides."""
         return self.truth.hidden_effects
+
+    @property
+    def to_be_named(self) -> tuple[results.HiddenEffect, ...]:
+        """Return those of them that are not of a background outside the vocabulary."""
+        return tuple(each for each in self.hidden if not each.outside)
 
     @property
     def put_in(self) -> tuple[results.PutIn, ...]:
@@ -222,6 +229,11 @@ class BlindTrial:
         hidden = {each.name for each in self.hidden}
         return any(not hidden & set(named.all_names) for named in self.effects)
 
+    def has_wrong_name_alone(self) -> bool:
+        """Return whether a name without alternatives is not hidden, whatever the word."""
+        hidden = {each.name for each in self.hidden}
+        return any(not each.alternatives and each.name not in hidden for each in self.effects)
+
     def without_springs(self) -> BlindTrial:
         """Return it without findings of springs that the arm has and the calibration did not."""
         if self.verdict is None:
@@ -229,6 +241,25 @@ class BlindTrial:
         true = {Name(SPRING, f"joint {joint}") for joint in self.truth.flexible_joints}
         effects = tuple(named for named in self.effects if not true & set(named.all_names))
         return replace(self, said=self.verdict.model_copy(update={"effects": effects}))
+
+    def without_background(self) -> BlindTrial:
+        """Return it without findings that describe what is hidden outside the vocabulary."""
+        if self.verdict is None:
+            return self
+        effects = tuple(named for named in self.effects if not self._describes_outside(named))
+        return replace(self, said=self.verdict.model_copy(update={"effects": effects}))
+
+    def _describes_outside(self, named: FoundEffect) -> bool:
+        """Return whether a name is right of something outside, or leaves its cause open."""
+        for each in (each for each in self.hidden if each.outside and each.of == named.of):
+            kind = _kind_of(each)
+            if named.id == LINE and kind.by_angle:
+                orders = np.atleast_1d(np.array(each.parameters.get("orders", ()), float))
+                if np.any(np.abs(orders - (cycles_of(named) or 0.0)) < _SAME_ORDER):
+                    return True
+            elif named.id in (each.id, *kind.also_called) or (named.id == MAP and kind.by_angle):
+                return True
+        return False
 
     def _leaves_open(self, named: FoundEffect) -> bool:
         """Return whether a name is the map of an unnamed error of a joint's angle, or its line."""

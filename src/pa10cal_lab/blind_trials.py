@@ -44,7 +44,7 @@ from pa10cal_lab.cell.campaign import (
 from pa10cal_lab.cell.disturbances import DISTURBANCES
 from pa10cal_lab.cell.effects.vocabulary import make_effects
 from pa10cal_lab.cell.instruments.instrument import Truth
-from pa10cal_lab.cell.measured_trials import SUBJECTS
+from pa10cal_lab.cell.measured_trials import BACKGROUND, MIXED, SUBJECTS
 from pa10cal_lab.cell.options import SimulateOptions
 from pa10cal_lab.cell.scenario import Trial
 from pa10cal_lab.cell.trials import DRIVE_KINDS, WILD_KINDS, campaigns_of
@@ -133,9 +133,9 @@ def _truth(
 
     Root mean square over the poses fitted of the difference of what the calibrated model leaves to
     the same campaign, noise and all, without it. For the scoring alone: no verdict sees it. None
-    where that does not measure it. Of unstated masses and sorted rows the calibrated model may hold
-    springs, which follow whatever a twin without one does: there it is what the effects leave once
-    the geometry is fitted again. Of drives it is not looked for.
+    where that does not measure it. Of trials as measured robots come (`SUBJECTS`) the calibrated
+    model may hold springs, which follow whatever a twin without one does: there it is what the
+    effects leave once the geometry is fitted again. Of drives it is not looked for.
     """
     began, settings = time.process_time(), trial.settings
     arm, plan = load_arm(settings.robot), settings.without_touches
@@ -176,7 +176,11 @@ def _truth(
         flexible_joints=(settings if plan is None else plan).flexible_joints,
         hidden_effects=tuple(
             records.HiddenEffect(
-                **effect.model_dump(mode="json"), size=size, moved_mm=of, apart_mm=part
+                **effect.model_dump(mode="json"),
+                size=size,
+                moved_mm=of,
+                apart_mm=part,
+                outside=None if trial.kind != MIXED else effect.id in BACKGROUND,
             )
             for effect, size, of, part in zip(
                 settings.hidden_effects, trial.sizes, residual_mm, partial_mm, strict=True

@@ -29,8 +29,8 @@ def blind_trials(
 
     Args:
         kind: what the trials hide: null, single, pair, triple, outside, wrong_noise or wrong_mass;
-            of wild ones right, stressed, effect, beyond, fault, unstated_masses or sorted_rows; of
-            drives sensor, gear, both or neither.
+            of wild ones right, stressed, effect, beyond, fault, unstated_masses, sorted_rows or
+            mixed; of drives sensor, gear, both or neither.
         count: how many trials.
         random_seed: draws robots, poses, noise and hidden effects.
         verdicts: verdicts to write, one a trial (JSON lines).

@@ -53,7 +53,7 @@ def draw_trials(
     """Write the raw folders of wild trials, and what is in them apart.
 
     Args:
-        kind: right, stressed, effect, beyond, fault, unstated_masses or sorted_rows.
+        kind: right, stressed, effect, beyond, fault, unstated_masses, sorted_rows or mixed.
         count: how many.
         random_seed: draws robots, poses, noise, and what is put in.
         raw: gets one raw folder a trial.

@@ -71,6 +71,14 @@ class SortedCounts(Section):
     )
 
 
+class MixedCounts(Section):
+    """How many trials of several effects at once, on arms as measured ones are."""
+
+    mixed: NonNegativeInt = Field(
+        300, description="two to six effects, in every other trial among a background without names"
+    )
+
+
 class BlindTrialsOptions(Section):
     """Campaigns of the virtual cell judged without their truth, and scored apart."""
 
@@ -114,6 +122,11 @@ class BlindTrialsOptions(Section):
         description="what `snakemake --cores 2 blind_trials_sorted` runs: rows sorted by a joint, "
         "without a time",
     )
+    mixed: MixedCounts = Field(
+        MixedCounts(),
+        description="what `snakemake --cores 2 blind_trials_mixed` runs: several effects at once, "
+        "on arms as measured ones are",
+    )
 
 
 #: Studies of blind trials by their folder of results: what measures, and which of the counts above.
@@ -125,6 +138,7 @@ TRIAL_STUDIES = {
     "drive_trials": ("drives", "drives"),
     "blind_trials_unstated": ("wild", "unstated"),
     "blind_trials_sorted": ("wild", "sorted_by_joint"),
+    "blind_trials_mixed": ("wild", "mixed"),
     # Instruments that measure no orientation.
     "blind_trials_points_one": ("points_one", "reflectors"),
     "blind_trials_points_three": ("points_three", "reflectors"),

@@ -2,7 +2,7 @@
 
 Trials become tables: a row a trial, a hidden effect, a fault put in, a parameter reported. What is
 counted stands in `scores.csv`: which table, which of its rows count, what counts of them, and the
-figure to reach. Of unstated masses and of sorted rows (`cell.measured_trials`) the truth itself
+figure to reach. Of trials as measured robots come (`cell.measured_trials`) the truth itself
 says how far a hidden effect moves the readings once the geometry is fitted again, and what noise
 does: a calibrated model may hold springs, and follow.
 """
@@ -26,7 +26,7 @@ from scipy.stats import binomtest
 from pa10cal.arrays import Array
 from pa10cal_lab import blind_trial
 from pa10cal_lab import trial_records as results
-from pa10cal_lab.cell.measured_trials import SORTED, SUBJECTS, UNSTATED
+from pa10cal_lab.cell.measured_trials import MIXED, SORTED, SUBJECTS, UNSTATED
 
 LEVEL = 0.95
 _AS_MEASURED = "arms, their lengths, weights and springs, poses, noise and hidden effects"
@@ -35,6 +35,7 @@ _DRAWN = {
     **dict.fromkeys(("touched", blind_trial.TRACKED), "robots, poses, noise and hidden effects"),
     blind_trial.WILD: "robots, poses, noise, stressors, faults and hidden effects",
     **dict.fromkeys(("unstated", "sorted"), _AS_MEASURED),
+    "mixed": "arms, their lengths and weights, poses, noise and hidden effects",
     blind_trial.DRIVES: "robots, poses, noise, errors of drives and ripple",
 }
 
@@ -62,8 +63,8 @@ def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.Da
 
 
 def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
-    verdict, own = t.verdict, t.without_springs()
-    above = [hidden for hidden in t.hidden if t.is_above(hidden)]
+    verdict, own, named = t.verdict, t.without_springs(), t.without_background()
+    above = [hidden for hidden in t.to_be_named if t.is_above(hidden)]
     hidden = {each.name for each in t.hidden}
     row: dict[str, Any] = {
         "campaign": t.truth.campaign,
@@ -80,8 +81,8 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         "extra": t.extra(),
         "confidently_wrong": t.is_confidently_wrong(),
         "right_place": t.kind == blind_trial.OUTSIDE and t.has_right_place(),
-        "all_listed": t.matched(t.hidden) == len(t.hidden),
-        "all_testable": all(map(t.is_testable, t.hidden)),
+        "all_listed": t.matched(t.to_be_named) == len(t.to_be_named),
+        "all_testable": all(map(t.is_testable, t.to_be_named)),
         "has_above": bool(above),
         "above_listed": t.matched(above) == len(above),
         "outside": t.is_outside(),
@@ -93,6 +94,9 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         "false_name": own.extra() > 0,
         "confident_false_name": own.is_confidently_wrong(blind_trial.CHECK),
         "wrong_name": t.has_wrong_name(),
+        "among": "a background" if any(each.outside for each in t.hidden) else "nothing else",
+        "named_beside": named.extra(),
+        "wrong_name_alone": named.has_wrong_name_alone(),
         "false_drive_name": any(
             each.id != blind_trial.MAP and not hidden & set(each.all_names) for each in t.effects
         ),
@@ -121,6 +125,7 @@ def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
         yield dict(t.judged_effect(hidden)) | {
             "campaign": t.truth.campaign,
             "kind": t.kind,
+            "to_be_named": not hidden.outside,
             "judged": t.verdict is not None,
             "says_something": t.verdict is not None and t.verdict.says_something,
             "first_at_place": all(other.of != hidden.of for other in t.hidden[:k]),
@@ -223,7 +228,8 @@ def share_of(outcomes: Collection[Any]) -> dict[str, Any]:
 
 def _study(trial: blind_trial.BlindTrial) -> str:
     """Return which figures a trial counts in."""
-    return {UNSTATED: "unstated", SORTED: "sorted"}.get(trial.kind, trial.truth.measured)
+    studies = {UNSTATED: "unstated", SORTED: "sorted", MIXED: MIXED}
+    return studies.get(trial.kind, trial.truth.measured)
 
 
 def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScoresRecord:
@@ -290,6 +296,8 @@ def _outcomes(
     false_name = "confident_false_name"
     if as_measured or t.kind in ("effect", "right", "stressed"):
         false_name = "wrong_name" if as_measured else "false_name"
+    if t.kind == MIXED:
+        false_name = "wrong_name_alone"
     counted = {name: row[name] for name in _COUNTED}
     counted |= {"false_name": row[false_name], "suspected": row["accused"]}
     by_effect = as_measured or t.kind in ("effect", "beyond")

@@ -94,8 +94,10 @@ class HiddenEffect(record.EffectName):
     # trial failed
     moved_mm: float | None
     # the same once the sizes of all else that is hidden are fitted, too; of trials whose `moved_mm`
-    # is worked out from the truth (`unstated_masses`, `sorted_rows`)
+    # is worked out from the truth (`unstated_masses`, `sorted_rows`, `mixed`)
     apart_mm: float | None = record.optional()
+    # whether it is in the background, outside the vocabulary; of `mixed` trials alone
+    outside: bool | None = record.optional()
 
 
 class PutIn(record.Part):

@@ -10,7 +10,7 @@ from pa10cal.commands.command_line import run_command
 from pa10cal.results.codec import write
 from pa10cal.results.record import Name
 from pa10cal_lab.blind_trial import WILD
-from pa10cal_lab.cell.measured_trials import SORTED, UNSTATED
+from pa10cal_lab.cell.measured_trials import MIXED, SORTED, UNSTATED
 
 NOISE_MM = 0.02
 TWO, THREE, SIX = (Name("joint_compliance", f"joint {joint}") for joint in (2, 3, 6))
@@ -171,3 +171,59 @@ def test_truths_of_these_kinds_are_scored_as_such(tmp_path):
     assert (without["trials"], without["reached"]) == (1, 1.0)
     assert (springs["trials"], springs["reached"]) == (1, 0.0)
     assert scores["per_trial"][0]["failings"] == ["no verdict", "spring not found"]
+
+
+WAVES, BEARING = Name("small_waves", "joint 3"), Name("soft_bearing", "joint 3")
+MAP, LINE, TILT = (
+    Name(id, "joint 3") for id in ("joint_error_map", "periodic_error", "lateral_tilt")
+)
+
+
+def mixed(said, *hiding, outside=False):
+    """Return a trial that hides several effects, maybe waves and a soft bearing of joint 3."""
+    case = trial(MIXED, said, *hiding)
+    background = (
+        hidden(WAVES, outside=True, orders=[2.4, 61.0]),
+        hidden(BEARING, outside=True),
+    )
+    named = tuple(each.model_copy(update={"outside": False}) for each in case.truth.hidden_effects)
+    known = case.truth.model_copy(update={"hidden_effects": named + background * outside})
+    return replace(case, truth=known)
+
+
+def said_line(k):
+    return verdict(named(LINE, k=(k, 0.1)), word="unexplained", noise_floor_mm=1.0)
+
+
+BESIDE = (RATIO, 5.0, 5.0)
+SEVERAL = {
+    "both": (mixed(said(names=[TWO, RATIO]), LARGE, BESIDE), set()),
+    "one missed": (mixed(said(names=[TWO]), LARGE, BESIDE), {"effect not found"}),
+    "small ones need not be": (mixed(said(names=[TWO]), LARGE, SMALL), set()),
+    "wrong, with alternatives": (mixed(said(names=[TWO, (DISK, SIX)]), LARGE), set()),
+    "wrong, alone": (mixed(said("unexplained", names=[TWO, DISK]), LARGE), {"wrong name alone"}),
+    "the background": (mixed(said(names=[TWO, MAP, TILT]), LARGE, outside=True), set()),
+    "a map of nothing": (mixed(said(names=[TWO, MAP]), LARGE), {"wrong name alone"}),
+    "a line of it": (mixed(said_line(61.0), SMALL, outside=True), set()),
+    "another line": (mixed(said_line(30.0), SMALL, outside=True), {"wrong name alone"}),
+    "no verdict": (mixed(None, LARGE), {"no verdict", "effect not found"}),
+}
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_a_trial_of_several_effects_counts_against_the_bars_that_it_misses(name):
+    case, expected = SEVERAL[name]
+    assert set(scored([case]).per_trial[0].failings) == expected
+
+
+def test_several_effects_are_counted_by_what_else_is_hidden(tmp_path):
+    scores = scored([case for case, _ in SEVERAL.values()])
+    rates = {(rate.what, rate.by): rate for rate in scores.rates}
+    whole = "several effects: all named or in the alternatives"
+    assert rates[whole, "a background"].count == 1
+    assert rates[whole, "nothing else"].count == 4
+    bars = {bar.what: bar for bar in scores.bars}
+    extra = bars["several effects: nothing extra"]
+    assert (extra.trials, extra.count) == (10, 5)
+    write(scores, tmp_path / "scores.json")
+    assert run_command("figures", ["--results", str(tmp_path)]) == 0

@@ -52,6 +52,12 @@ rule blind_trials_sorted:
         expand(trial_result("pictures.json"), study="blind_trials_sorted"),
 
 
+rule blind_trials_mixed:
+    """Several effects at once, on arms as measured ones are, among what has no name."""
+    input:
+        expand(trial_result("pictures.json"), study="blind_trials_mixed"),
+
+
 rule judge_trials:
     """Some trials of one kind: hidden, measured, judged; the truth goes into a file apart."""
     output:

@@ -1,6 +1,6 @@
-"""Trials as measured robots come: weights that nobody stated, rows that are sorted.
+"""Trials as measured robots come: weights that nobody stated, sorted rows, many effects at once.
 
-Both are of arms described without masses, rated torques, gear ratios and logged torques
+All are of arms described without masses, rated torques, gear ratios and logged torques
 (`unstated`), under instruments of poses or of points.
 """
 
@@ -34,7 +34,7 @@ from pa10cal_lab.cell.scenario import (
     trial_places,
 )
 
-UNSTATED, SORTED = "unstated_masses", "sorted_rows"
+UNSTATED, SORTED, MIXED = "unstated_masses", "sorted_rows", "mixed"
 SPRING = "joint_compliance"
 #: The other effect.
 _MORE = (
@@ -50,10 +50,12 @@ _MORE = (
 )
 NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS = "no_springs", "some_springs", "all_springs"
 AND_MORE, NOTHING = "_and_more", "nothing"
+VOCABULARY, AND_BACKGROUND = "vocabulary", "vocabulary_and_background"
 #: What trials hide, in turn. Of unstated masses springs in no joint, in some or in all, alone or
 #: with one other effect; where no joint gives way alone is drawn twice as often. Of sorted rows all
 #: but the motions of the base sit at the joint by which rows are sorted, and so look like a motion
-#: in the course of time.
+#: in the course of time. Mixed ones hide several effects, in every other trial among what arms have
+#: that is in no vocabulary.
 SUBJECTS = {
     UNSTATED: (
         *(NO_SPRINGS, SOME_SPRINGS, ALL_SPRINGS),
@@ -64,6 +66,7 @@ SUBJECTS = {
         *(NOTHING, SPRING, "encoder_eccentricity", "third_harmonic", "base_compliance"),
         *(NOTHING, "gear_ratio_error", "pedestal_tilt"),
     ),
+    MIXED: (VOCABULARY, AND_BACKGROUND),
 }
 #: Deflection of a joint under the largest torque that it usually carries, and turn of a link or the
 #: base under the usual moment [rad], whatever the size of the arm.
@@ -89,6 +92,54 @@ _SORTED = {"one": 0.5, "nested": 0.3, "there_and_back": 0.2}
 _STEPS = (6, 12)
 _BY_FIRST = 0.5
 _DECIMALS = 3
+
+# Of mixed trials. Bounds between which sizes are drawn, evenly in the logarithm, by what measured
+# arms showed, from below the noise of a tracker upwards.
+
+_MIXED_COUNT = (2, 6)
+#: How much more often than other effects a spring is drawn: arms have several.
+_SPRING_WEIGHT = 4.0
+#: Turns under usual weights [rad]. Springs: a KUKA titan sags by milliradians, low-cost arms by 30.
+#: Links and base: a UR10 and an iiwa 7 lose 0.1 to 0.2 mm by tilts that are no springs.
+_MIXED_TURN_RAD = {
+    SPRING: (2e-4, 1e-2),
+    "link_bending": (1e-4, 2e-3),
+    "link_torsion": (1e-4, 2e-3),
+    "base_compliance": (1e-4, 2e-3),
+}
+#: Of the others in usual sizes. Errors by angle: 0.04 to 0.6 mrad (0.3 at the joints of a UR10; the
+#: waves of the titan, the maps of small arms). Lost motion: 0.02 to 0.63 mrad (0.01 to 0.29 in the
+#: joints of a UR10, 0.42 and 0.63 proposed for an IRB 120 and an MA2010). Windup: iiwa 7. Scale: up
+#: to 0.6e-3, proposed for a tracker. Drift: a UR10's base, 0.1 mm in half a campaign.
+_MIXED_TIMES = {
+    "encoder_eccentricity": (0.3, 4.0),
+    "encoder_ellipticity": (0.3, 4.0),
+    "joint_error_map": (0.3, 4.0),
+    "gear_ratio_error": (0.3, 5.0),
+    "backlash": (0.2, 6.5),
+    "wrist_coupling": (0.2, 4.0),
+    "soft_windup": (0.5, 10.0),
+    "tool_sag": (0.3, 5.0),
+    "cmm_scale": (0.2, 12.0),
+    "base_drift": (0.25, 6.0),
+    "thermal_growth": (0.2, 2.2),
+}
+#: The background: bearings that tilt under the usual moment, as of the titan and the iiwa 7, softer
+#: about one axis; waves of every joint, as of the titan; and in some trials a log that is late, as
+#: of the IRB 120.
+BACKGROUND = ("soft_bearing", "small_waves", "along_move")
+_BACKGROUND_TILT_RAD, _STIFFER = (5e-5, 1e-3), (0.1, 0.8)
+_BACKGROUND_WAVES = (0.4, 4.0)  # of 10 arc seconds: 0.02 to 0.2 mrad
+_LATE, _LATE_TIMES = 0.3, (0.3, 3.0)
+#: Noise of a coordinate [mm]: 0.03 at the titan, 0.07 at the iiwa 7. And how far links stand from
+#: the logged angles; farther where the log has what was commanded [rad].
+_MIXED_POSITION_MM = (0.01, 0.07)
+_MIXED_UNSEEN_RAD, _COMMANDED, _COMMANDED_RAD = (2e-6, 1e-5), 0.3, (1e-5, 5e-5)
+#: Files whose rows lie along paths, stretches of so many rows in small steps of the joint that goes
+#: furthest [rad, m of one that slides]: 5 mrad at the MA2010. Every fifth row of some is held out,
+#: the last stretches of others.
+_ALONG_PATH, _STRETCH, _STEP_RAD, _EVERY_FIFTH = 0.25, (5, 25), (5e-3, 5e-2), 0.5
+_MIXED_DRIFT_C = 5.0
 
 
 @cache
@@ -133,17 +184,34 @@ class _OwnArm:
         loaded = (vary_Nm > _LOADED * vary_Nm.max()) & (vary_Nm > 1e-9)
         return (np.flatnonzero(loaded) + 1).tolist()
 
-    def stiffness(self, joint: int, rng: np.random.Generator) -> float:
-        """Draw the stiffness [N m/rad] with which a joint bends plausibly; see `SAG_RAD`."""
+    def stiffness(self, joint: int, sag_rad: float) -> float:
+        """Return the stiffness [N m/rad] with which a joint bends by so much; see `SAG_RAD`."""
         largest_Nm = np.abs(self.usual_torques_Nm).max(axis=0)
         torque_Nm = max(largest_Nm[joint - 1], _LOADED * largest_Nm.max())
-        return round(float(torque_Nm / log_uniform(SAG_RAD, rng)), 3)
+        return round(float(torque_Nm / sag_rad), 3)
+
+    def moment_Nm(self, link: int) -> float:
+        """Return the usual moment at a link's end, root mean square; of -1 that of the base."""
+        moment_Nm = self.usual.base_Nm if link < 0 else self.usual.link_Nm[:, link]
+        return float(np.sqrt(np.mean(np.sum(moment_Nm**2, axis=1))))
+
+    def site(self, of: str) -> Site:
+        """Return what the size of an effect at a place goes by."""
+        typical_Nm = 0.0
+        if of.startswith("joint "):
+            typical_Nm = float(self.usual_torques_Nm.std(axis=0)[int(of.split()[1]) - 1])
+        return Site(of, typical_Nm=typical_Nm, half_m=0.5 * self.arm.reach_m)
+
+    def moment_at(self, place: str) -> float:
+        """Return the usual moment at a long link, or else at the base."""
+        long = place in LONG_LINKS
+        return self.moment_Nm(self.mechanism.long_links[LONG_LINKS.index(place)] if long else -1)
 
 
 def draw_measured(
     kind: str, number: int, subject: str, benches: Mapping[str, Bench], rng: np.random.Generator
 ) -> Trial:
-    """Draw a trial of unstated masses or of sorted rows.
+    """Draw a trial of unstated masses, of sorted rows, or of several effects at once.
 
     Args:
         subject: what it hides, of `SUBJECTS`.
@@ -152,6 +220,8 @@ def draw_measured(
     Raises:
         SettingsError: where the subject does nothing at any of the benches.
     """
+    if kind == MIXED:
+        return _draw_mixed(subject, benches[str(rng.choice(list(benches)))], rng)
     fitting = [name for name, bench in benches.items() if _fits(subject, bench.arm)]
     if not fitting:
         raise idle(subject, benches, "an arm with a joint that weights load among them")
@@ -193,7 +263,9 @@ def draw_measured(
         more = None if subject in (NOTHING, SPRING) else subject
     scenario.settings["without_touches"] = plan
     for joint in soft:
-        scenario.put(SPRING, f"joint {joint}", {"K": own.stiffness(joint, rng)}, 1.0)
+        scenario.put(
+            SPRING, f"joint {joint}", {"K": own.stiffness(joint, log_uniform(SAG_RAD, rng))}, 1.0
+        )
     if more is not None:
         places = places_of(trial_places(all_effects()[more]), scenario.robot)
         of = f"joint {by}" if f"joint {by}" in places else str(rng.choice(places))
@@ -231,11 +303,7 @@ def _hide_more(scenario: Scenario, name: str, of: str, own: _OwnArm) -> None:
     scenario.hide(effect, times * effect.plausible_size, site)
     parameters = scenario.hidden[-1]["parameters"]
     if effect.by_moment:
-        moment_Nm = own.usual.base_Nm
-        if of in LONG_LINKS:
-            moment_Nm = own.usual.link_Nm[:, own.mechanism.long_links[LONG_LINKS.index(of)]]
-        usual_Nm = float(np.sqrt(np.mean(np.sum(moment_Nm**2, axis=1))))
-        turn = times * log_uniform(_TURN_RAD, scenario.rng) / usual_Nm
+        turn = times * log_uniform(_TURN_RAD, scenario.rng) / own.moment_at(of)
         scenario.hidden[-1]["parameters"] = dict.fromkeys(parameters, turn)
 
 
@@ -273,3 +341,99 @@ def _sorted(
     if rng.random() < 0.5:
         order = order[::-1]
     return tuple(map(tuple, q[order].round(_DECIMALS).tolist()))
+
+
+# Several effects at once, some below the noise and some that dominate, on arms as they are.
+
+
+def _draw_mixed(subject: str, bench: Bench, rng: np.random.Generator) -> Trial:
+    """Draw a trial that hides several effects, maybe among a background without names."""
+    scenario = Scenario(MIXED, rng, bench, int(rng.integers(2**31)))
+    own = _OwnArm.draw(bench.arm, rng)
+    poses = round(log_uniform(POSES, rng))
+    plan: dict[str, Any] = {}
+    if rng.random() < _ALONG_PATH:
+        plan["commanded"] = _path(own.arm, poses, rng)
+        if rng.random() < _EVERY_FIFTH:
+            plan["holdout_every"] = _HELD_OUT_EVERY
+    late = rng.random() < _LATE
+    unseen_rad = _COMMANDED_RAD if rng.random() < _COMMANDED else _MIXED_UNSEEN_RAD
+    scenario.settings["without_touches"] = {
+        "instrument": bench.instrument,
+        "poses": poses,
+        "holdout_share": 0.0 if "holdout_every" in plan else _HELD_OUT_SHARE,
+        "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
+        "tool_mass_kg": own.tool_kg,
+        "targets": int(rng.choice([1, 2, 3])),
+        "unseen_rad": log_uniform(unseen_rad, rng),
+        "position_mm": round(log_uniform(_MIXED_POSITION_MM, rng), 4),
+        "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
+        "unstated": own.weights.model_dump(),
+        **plan,
+    }
+    _hide_several(scenario, own)
+    if subject == AND_BACKGROUND:
+        _hide_background(scenario, own, late=bool(late))
+    warms = any(each.by_temperature for each in scenario.effects)
+    scenario.settings["temperature_drift_C"] = _MIXED_DRIFT_C if warms else 0.0
+    return scenario.trial("wild")
+
+
+def _hide_several(scenario: Scenario, own: _OwnArm) -> None:
+    """Hide effects of the vocabulary, each at a place of its own while there is one."""
+    rng, every = scenario.rng, all_effects()
+    names = [*_MIXED_TURN_RAD, *_MIXED_TIMES]
+    weights = np.array([_SPRING_WEIGHT if name == SPRING else 1.0 for name in names])
+    count, taken = int(rng.integers(*_MIXED_COUNT, endpoint=True)), set[str]()
+    while len(scenario.hidden) < count:
+        name = str(rng.choice(names, p=weights / weights.sum()))
+        once = any(each["id"] == name for each in scenario.hidden) and name != SPRING
+        places = places_of(trial_places(every[name]), scenario.robot, own.loaded)
+        places = [place for place in places if place not in taken]
+        if once or not places:
+            continue
+        of = str(rng.choice(places))
+        taken.add(of)
+        if name == SPRING:
+            sag_rad = log_uniform(_MIXED_TURN_RAD[name], rng)
+            K = own.stiffness(int(of.removeprefix("joint ")), sag_rad)
+            scenario.put(name, of, {"K": K}, sag_rad / SAG_RAD[0])
+        elif name in _MIXED_TURN_RAD:
+            turn_rad = log_uniform(_MIXED_TURN_RAD[name], rng)
+            parameters = dict.fromkeys(every[name].model_fields, turn_rad / own.moment_at(of))
+            scenario.put(name, of, parameters, turn_rad / _TURN_RAD[0])
+        else:
+            scenario.hide(every[name], log_uniform(_MIXED_TIMES[name], rng), own.site(of))
+
+
+def _hide_background(scenario: Scenario, own: _OwnArm, *, late: bool) -> None:
+    """Hide what most joints of real arms have, and no name covers."""
+    rng, (bearing, waves, late_log) = scenario.rng, BACKGROUND
+    turning = (np.flatnonzero(~own.arm.prismatic) + 1).tolist()
+    for joint in turning[1:]:
+        soft_rad = log_uniform(_BACKGROUND_TILT_RAD, rng)
+        soft = soft_rad / max(own.moment_Nm(joint - 2), _LOADED * own.moment_Nm(-1))
+        tilts = {"soft": soft, "stiff": soft * rng.uniform(*_STIFFER)}
+        tilts |= {"phi": float(rng.uniform(0.0, np.pi))}
+        scenario.put(bearing, f"joint {joint}", tilts, soft_rad / _BACKGROUND_TILT_RAD[0])
+    for joint in turning:
+        site = own.site(f"joint {joint}")
+        scenario.hide(all_effects()[waves], log_uniform(_BACKGROUND_WAVES, rng), site)
+    if late:
+        scenario.hide(all_effects()[late_log], log_uniform(_LATE_TIMES, rng), own.site("arm"))
+
+
+def _path(arm: Arm, poses: int, rng: np.random.Generator) -> tuple[tuple[float, ...], ...]:
+    """Return configurations [deg, mm] along stretches from one drawn at random towards another."""
+    step_rad = log_uniform(_STEP_RAD, rng)
+    low, high = joint_bounds(arm)
+    stretches, rows = [], 0
+    while rows < poses:
+        start, end = rng.uniform(low, high, (2, arm.n))
+        count = int(rng.integers(*_STRETCH, endpoint=True))
+        part = step_rad / np.abs(end - start).max()  # of the way, row by row
+        stretches.append(start + np.outer(np.minimum(part * np.arange(count), 1.0), end - start))
+        rows += count
+    q = np.concatenate(stretches)[:poses]
+    q = np.where(arm.prismatic, 1e3 * q, np.degrees(q)).round(_DECIMALS)
+    return tuple(map(tuple, q.tolist()))

@@ -11,8 +11,11 @@ from pa10cal.errors import SettingsError, SimulationError
 from pa10cal.files.arms import load_arm, read_arm
 from pa10cal_lab.blind_trials import after_geometry
 from pa10cal_lab.cell.campaign import robot_of, simulate_campaign
+from pa10cal_lab.cell.effects.vocabulary import all_effects
 from pa10cal_lab.cell.individual import NAME, REACH_M, TOOL_SHARE
 from pa10cal_lab.cell.measured_trials import (
+    BACKGROUND,
+    MIXED,
     NO_SPRINGS,
     NOTHING,
     SAG_RAD,
@@ -31,6 +34,11 @@ SEED = 4
 @pytest.fixture(scope="module")
 def unstated():
     return draw_trials(UNSTATED, 5 * len(SUBJECTS[UNSTATED]), SEED, "wild")
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    return draw_trials(MIXED, 40, SEED, "wild")
 
 
 @pytest.fixture(scope="module")
@@ -186,6 +194,51 @@ def test_what_else_is_hidden_takes_a_part(unstated):
     assert alone == pytest.approx(left.residual_mm[0])
     plan = trial.settings.without_touches
     assert left.noise_mm > np.sqrt(3.0 / plan.repeats) * plan.position_mm
+
+
+def test_mixed_trials_hide_two_to_six_effects_half_of_them_among_a_background(mixed):
+    kinds = Counter()
+    for number, trial in enumerate(mixed):
+        hidden = hidden_in(trial)
+        named = [each for each in hidden if each[0] not in BACKGROUND]
+        assert 2 <= len(named) <= 6
+        assert len({of for _, of in named}) == len(named)  # each at a place of its own
+        assert all(all_effects()[name].named for name, _ in named)
+        assert (len(hidden) > len(named)) == (number % 2 == 1)
+        kinds.update(name for name, _ in hidden)
+        joints = (np.flatnonzero(~robot(trial).arm.prismatic) + 1).tolist()
+        if number % 2:
+            waves = [of for name, of in hidden if name == "small_waves"]
+            assert waves == [f"joint {joint}" for joint in joints]
+        assert 150 <= trial.settings.without_touches.poses <= 500
+    assert len(kinds) > 14
+    assert 0 < kinds["along_move"] < 15
+    assert kinds[SPRING] > 15
+
+
+def test_some_mixed_trials_are_paths_of_small_steps(mixed):
+    paths = [trial for trial in mixed if trial.settings.without_touches.commanded]
+    assert 4 <= len(paths) <= 16
+    for trial in paths:
+        q, own = np.array(trial.settings.without_touches.commanded), robot(trial).arm
+        step = np.abs(np.diff(np.where(own.prismatic, 1e-3 * q, np.radians(q)), axis=0)).max(axis=1)
+        assert np.median(step) < 0.051
+        assert 0.7 < np.mean(step < 0.051) < 1.0  # stretches in different places
+    assert len({trial.settings.without_touches.holdout_every for trial in paths}) == 2
+
+
+def test_some_mixed_effects_drown_and_some_dominate(mixed):
+    over_noise = []
+    for trial in mixed[::4]:
+        entries = trial.settings.hidden_effects
+        twins = [
+            made(trial, hidden_effects=(*entries[:k], *entries[k + 1 :]))
+            for k in range(len(entries))
+        ]
+        left = after_geometry(made(trial), twins)
+        over_noise += [moved / left.noise_mm for moved in left.residual_mm]
+    assert np.quantile(over_noise, 0.25) < 0.7
+    assert np.quantile(over_noise, 0.9) > 3.0
 
 
 def test_refuses_what_does_nothing_and_weights_of_another_arm():

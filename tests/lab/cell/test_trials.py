@@ -506,3 +506,4 @@ def test_the_studies_are_as_large_as_their_bars_need():
     assert sum(trial_counts(options.wild).values()) >= 300
     assert trial_counts(options.unstated) == {"unstated_masses": 210}
     assert trial_counts(options.sorted_by_joint)["sorted_rows"] >= 100  # none may go wrong
+    assert trial_counts(options.mixed) == {"mixed": 300}

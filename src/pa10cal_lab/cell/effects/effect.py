@@ -160,6 +160,8 @@ class SimulatedEffect(Section):
     #: Whether it is an error by the joint's angle without a name: a map at its joint gives the
     #: place and leaves the cause open.
     by_angle: ClassVar[bool] = False
+    #: Ids of the vocabulary that describe it, at its place, though it is no such effect.
+    also_called: ClassVar[tuple[str, ...]] = ()
     #: Forms of formulas that may be proposed for it, where nothing names it or a map is found.
     forms: ClassVar[tuple[str, ...]] = ()
     #: Whether it does nothing at constant temperature.

@@ -204,3 +204,91 @@ class PedestalTilt(effect.SimulatedEffect):
         largest_Nm = np.linalg.norm(moment_Nm, axis=1).max(initial=1e-9)
         turn = self.tilt * (moment_Nm / largest_Nm) ** 3
         return replace(loading.none, base_turn_rad=turn)
+
+
+# What measured arms have in most of their joints, and trials of many effects put in besides.
+
+
+class SoftBearing(effect.SimulatedEffect):
+    """A bearing gives way across its axis, in one direction more than in the other."""
+
+    id = "soft_bearing"
+    named = False
+    drawn = False
+    also_called = ("lateral_tilt",)
+    places = ("turning joint",)
+    strains = True
+    by_weights = True
+    usual = effect.draws(
+        soft=effect.sized(6e-6),
+        stiff=effect.sized(2e-6),
+        phi=lambda _site, _size, rng: float(rng.uniform(0.0, np.pi)),
+    )
+
+    soft: effect.Finite = Field(description="tilt per unit moment about the soft axis [rad/(N m)]")
+    stiff: effect.Finite = Field(description="the same about the stiff axis, at right angles")
+    phi: effect.Finite = Field(description="angle of the soft axis about the joint's [rad]")
+
+    def strain(self, loading: effect.Loading) -> Strain:
+        """Turn what the bearing sits on, whose z is the joint's axis."""
+        link, none = self.joint - 1, loading.none
+        first = link < 0  # it stands on the base
+        moment_Nm = loading.statics.base_Nm if first else loading.statics.link_Nm[:, link]
+        cos, sin = np.cos(self.phi), np.sin(self.phi)
+        soft, stiff = np.array([cos, sin, 0.0]), np.array([-sin, cos, 0.0])
+        tilt = self.soft * np.outer(moment_Nm @ soft, soft)
+        tilt = tilt + self.stiff * np.outer(moment_Nm @ stiff, stiff)
+        if first:
+            return replace(none, base_turn_rad=tilt)
+        turn = none.turn_rad.copy()
+        turn[:, link] = tilt
+        return replace(none, turn_rad=turn)
+
+
+#: Lines of a joint's waves, their highest order, and how far an order is from a whole number.
+_WAVES, _HIGHEST, _OFF_WHOLE = (1, 3), 6, (0.3, 0.7)
+#: Part of the joints whose gear shows as well, the ratios of gears, and the lines of one.
+_GEARED, _GEARS, _GEAR_LINES = 0.3, (30, 160), (1, 2)
+
+
+class SmallWaves(effect.SimulatedJointEffect):
+    """Waves of the joint's angle whose orders are no whole numbers, or those of a gear."""
+
+    id = "small_waves"
+    named = False
+    drawn = False
+    by_angle = True
+
+    orders: Annotated[tuple[effect.FinitePositive, ...], Field(min_length=1)] = Field(
+        description="cycles a joint turn"
+    )
+    A: tuple[effect.Finite, ...] = Field(description="amplitude of each [rad]")
+    phi: tuple[effect.Finite, ...] = Field(description="phase of each [rad]")
+
+    @classmethod
+    def at_size(cls, _site: effect.Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return some waves of 10 arc seconds, root of the sum of their squares."""
+        count = int(rng.integers(*_WAVES, endpoint=True))
+        whole = rng.choice(_HIGHEST, count, replace=False)
+        orders = (whole + rng.uniform(*_OFF_WHOLE, count)).round(3).tolist()
+        if rng.random() < _GEARED:
+            orders.append(float(rng.integers(*_GEARS, endpoint=True) * rng.choice(_GEAR_LINES)))
+        A = rng.rayleigh(1.0, len(orders))
+        return {
+            "orders": orders,
+            "A": (size * 10.0 * effect.ARC_SECOND * A / np.linalg.norm(A)).tolist(),
+            "phi": rng.uniform(-np.pi, np.pi, len(orders)).tolist(),
+        }
+
+    @field_validator("A", "phi")
+    @classmethod
+    def _one_each(cls, values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if len(values) != len(info.data.get("orders", values)):
+            raise ValueError("as many as orders")
+        return values
+
+    def at_joint(self, joint: effect.JointState) -> Array:
+        """Return sum A sin(order q + phi)."""
+        phase = np.outer(joint.q_rad, self.orders) + np.array(self.phi)
+        error: Array = np.sin(phase) @ np.array(self.A)
+        return error

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pa10cal.errors import SettingsError
 from pa10cal_lab.cell.effects import outside
-from pa10cal_lab.cell.effects.effect import JointState
+from pa10cal_lab.cell.effects.effect import JointState, Site
 from pa10cal_lab.cell.effects.structure import SimulatedLinkBending
 from pa10cal_lab.cell.effects.vocabulary import make_effects, vocabulary
 from pa10cal_lab.cell.effects.vocabulary import outside as without_name
@@ -117,3 +118,34 @@ def test_dress_pack_runs_along_the_joint_so_links_bend_no_more(rigid):
     bending = SimulatedLinkBending(c=1e-6).at("forearm")
     pack = outside.DressPack(k=5.0, q0=-0.4).at("joint 4")
     assert np.array_equal(rest(rigid, bending, pack).T_base_ee, rest(rigid, bending).T_base_ee)
+
+
+def test_small_waves_turn_their_joint_by_all_their_lines():
+    waves = outside.SmallWaves(orders=(2.4, 61.0), A=(3e-5, 1e-5), phi=(0.2, -1.0)).at("joint 4")
+    turn = waves.added(JointState(Q, S, np.ones(6)))
+    q = Q[:, 3]
+    expected = 3e-5 * np.sin(2.4 * q + 0.2) + 1e-5 * np.sin(61.0 * q - 1.0)
+    assert turn[:, 3] == pytest.approx(expected, abs=1e-17)
+    assert np.abs(np.delete(turn, 3, axis=1)).max() == 0.0
+    drawn = outside.SmallWaves.at_size(Site("joint 4"), 1.0, np.random.default_rng(2))
+    assert np.linalg.norm(drawn["A"]) == pytest.approx(np.radians(10 / 3600))
+    with pytest.raises(ValueError, match="as many as orders"):
+        outside.SmallWaves(orders=(2.4, 61.0), A=(3e-5,), phi=(0.2, -1.0))
+
+
+@pytest.mark.parametrize("joint", [1, 3])
+def test_a_soft_bearing_tilts_across_its_joint_and_most_about_its_soft_axis(rigid, joint):
+    bare = rest(rigid)
+
+    def tilt(phi):
+        """Return by how much the links after the joint turn, along the joint's axes before it."""
+        soft = outside.SoftBearing(soft=1e-6, stiff=0.0, phi=phi).at(f"joint {joint}")
+        R = rest(rigid, soft).T_base_ee[:, :3, :3] @ bare.T_base_ee[:, :3, :3].transpose(0, 2, 1)
+        turn = Rotation.from_matrix(R).as_rotvec()
+        frame = rigid.mechanism.T_base_joints(Q)[joint - 1][:, :3, :3]
+        return np.einsum("pij,pi->pj", frame, turn)
+
+    assert np.abs(tilt(0.3)[:, 2]).max() < 1e-3 * np.abs(tilt(0.3)[:, :2]).max()
+    both = outside.SoftBearing(soft=1e-6, stiff=1e-6, phi=0.3).at(f"joint {joint}")
+    alike = outside.SoftBearing(soft=1e-6, stiff=1e-6, phi=1.1).at(f"joint {joint}")
+    assert rest(rigid, both).T_base_ee == pytest.approx(rest(rigid, alike).T_base_ee, abs=1e-12)
