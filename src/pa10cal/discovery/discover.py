@@ -20,6 +20,7 @@ from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
 from pa10cal.discovery.gates import gated, harmless, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
+from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
@@ -164,7 +165,10 @@ def with_predicted(found: Verdict[object]) -> Verdict[object]:
     if found.train.without_motion is not None:
         return found
     by_names = found.extended.fitted()
-    fit = field_of(by_names, found.train.poses)
+    poses, logged = found.train.poses, found.prepared.torques == "logged"
+    held = by_names.model.terms
+    effects = nameless_effects(found.context, poses.states, held, logged=logged)
+    fit = field_of(by_names, poses, effects)
     if fit is None:
         return found
     model, away = with_field(by_names, fit), found.falls_back

@@ -1,17 +1,18 @@
-"""The field of a fitted model: what it lacks without a name, predicted where held-out poses gain.
+"""What a fitted model lacks without a name, predicted where held-out poses gain.
 
-What the model leaves is fitted by a smooth displacement by the joints' positions (`terms.field`),
-the model itself staying as it is: a correction in the manner of Kennedy and O'Hagan (J. R. Stat.
-Soc. B 63, 2001). Its size is the one that makes what is left most likely. Its length is the most
-likely of those with which poses that were held out are predicted better, and whole regions that
-were held out no worse; where there is none, there is no field.
+What the model leaves is fitted by effects of which none is named (`discovery.nameless`), by a
+smooth displacement by the joints' positions (`terms.field`), or by both, the model itself staying
+as it is: a correction in the manner of Kennedy and O'Hagan (J. R. Stat. Soc. B 63, 2001). The
+displacement's size is the one that makes what is left most likely. Its length is the most likely
+of those with which poses that were held out are predicted better, and whole regions that were
+held out no worse. Of effects, displacement and both those are taken with which held-out poses are
+predicted best; where nothing helps, there is nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -19,20 +20,23 @@ import numpy as np
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
+from pa10cal.discovery.nameless import Beside, all_at_once, beside, with_terms
 from pa10cal.discovery.rules import FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit, clusters_of, levers_m, places_of
 from pa10cal.fit.fitted import Fitted
+from pa10cal.fit.forward import Forward
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
+from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.field import Field, embedded, well_spread
-from pa10cal.terms.model import Model
+from pa10cal.terms.term import Term
 
 F = TypeVar("F", bound=Fitted)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSquares:
-    """Mean squares of position errors over poses that were held out, without a field and with."""
+    """Mean squares of position errors over poses that were held out, without and with it."""
 
     without_mm2: float
     with_mm2: float
@@ -40,81 +44,189 @@ class HeldOutSquares:
 
     @property
     def gain(self) -> float:
-        """Return the part of the squares that the field takes away; below 0 where it adds."""
+        """Return the part of the squares that it takes away; below 0 where it adds."""
         return 1.0 - self.with_mm2 / self.without_mm2 if self.without_mm2 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class FieldFit:
-    """A field beside a fitted model, and what poses that were held out say of it."""
+    """What has no name beside a fitted model, and what poses that were held out say of it."""
 
-    field: Field
-    x: Array  # (f,) its amounts [m]
+    terms: tuple[Term, ...]  # a sum of effects, a smooth displacement, or both in this order
+    x: Array  # (f,) their amounts
     covariance: Array  # (f, f) of them
     places: HeldOutSquares  # poses among others, of a path whole stretches, held out
     regions: HeldOutSquares  # clusters of neighbours, held out
     by_joint: Array  # (n,) part of its variance that goes with each joint
 
 
-def field_of(model: Fitted, poses: Observations) -> FieldFit | None:
-    """Return the field of a model, by the poses that it was fitted to, averaged and as modelled.
+def field_of(
+    model: Fitted, poses: Observations, effects: Sequence[Effect] = ()
+) -> FieldFit | None:
+    """Return what a model lacks without a name, by the poses that it was fitted to.
 
-    None where poses held out gain nothing by one, are too few, or cannot tell beside fine maps.
+    None where poses held out gain nothing by it, are too few, or cannot tell beside fine maps.
+
+    Args:
+        poses: averaged, and as modelled.
+        effects: those that may be a part of it, proportional to their parameters.
     """
     if any(each.at_knots and len(each.parameters) > FIELD.most_knots for each in model.model.terms):
         return None
-    _, label = np.unique(poses.pose, return_inverse=True)
-    step = -(-len(poses) // FIELD.most_poses)
-    if step > 1:
-        poses = poses.take(np.flatnonzero(label % step == 0))
-        _, label = np.unique(poses.pose, return_inverse=True)
-    first = np.unique(label, return_index=True)[1]
-    if len(first) < FIELD.group_poses * FIELD.groups:
+    held_out = _HeldOut.of(model, poses)
+    if held_out is None:
         return None
-    rows, states = RowsAboutFit.of(model, poses), poses.states
-    lever_m, turns = levers_m(model.model, model.x, states), ~model.arm.prismatic
-    points = embedded(states.q_rad, lever_m, turns)
-    rng = np.random.default_rng(0)
-    places = places_of(states.q_rad[first], states.time_s[first], FIELD.groups, rng)[label]
-    regions = clusters_of(points[first], FIELD.groups, rng)[label]
-    through = states.q_rad[well_spread(points, FIELD.most_places)]
-    spread_m = float(np.sqrt(points.var(axis=0).sum()))
-    best: tuple[float, FieldFit] | None = None
-    for length in FIELD.lengths:
+    poses = held_out.poses
+    found = held_out.best(Beside.none(model, poses))
+    if effects and (together := all_at_once(model, poses, effects)) is not None:
+        both = held_out.best(together)
+        if both is not None and both.better_than(found):
+            found = both
+    return None if found is None else found.fit(model, poses.states)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What stands beside a model, judged by poses that were held out."""
+
+    there: Beside
+    places: HeldOutSquares
+    regions: HeldOutSquares
+
+    @property
+    def helps(self) -> bool:
+        """Return whether poses held out gain by it, and whole regions lose nothing."""
+        gains = self.places.sure > FIELD.standard_errors and self.places.gain > FIELD.least_gain
+        return gains and self.regions.gain >= -FIELD.most_loss
+
+    def better_than(self, other: _Judged | None) -> bool:
+        """Return whether it predicts poses held out clearly better than something else."""
+        least = np.inf if other is None else other.places.with_mm2
+        return self.places.with_mm2 < (1.0 - FIELD.least_gain) * least
+
+    def fit(self, model: Fitted, states: PoseStates) -> FieldFit:
+        """Return it as it is to be used beside the model."""
+        there, rows = self.there, self.there.rows
+        sizes = rows.sizes[rows.of_field]
+        return FieldFit(
+            there.terms,
+            there.model.x[there.model.model.having("field")],
+            there.amounts.covariance * np.outer(sizes, sizes),
+            self.places,
+            self.regions,
+            by_joint(model, there.model, states),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldOut:
+    """Poses in groups that are held out in turn, and how they lie."""
+
+    model: Fitted  # that lacks something
+    poses: Observations
+    places: Index  # (P,) group of each pose, drawn at random, of a path stretches
+    regions: Index  # (P,) cluster of neighbours
+    through: Array  # (m, n) positions that a smooth displacement goes through
+    lever_m: Array  # (n,)
+    spread_m: float  # of the poses
+
+    @classmethod
+    def of(cls, model: Fitted, poses: Observations) -> _HeldOut | None:
+        """Return the groups of poses; None where these are too few."""
+        _, label = np.unique(poses.pose, return_inverse=True)
+        step = -(-len(poses) // FIELD.most_poses)
+        if step > 1:
+            poses = poses.take(np.flatnonzero(label % step == 0))
+            _, label = np.unique(poses.pose, return_inverse=True)
+        first = np.unique(label, return_index=True)[1]
+        if len(first) < FIELD.group_poses * FIELD.groups:
+            return None
+        states = poses.states
+        lever_m = levers_m(model.model, model.x, states)
+        points = embedded(states.q_rad, lever_m, ~model.arm.prismatic)
+        rng = np.random.default_rng(0)
+        return cls(
+            model,
+            poses,
+            places_of(states.q_rad[first], states.time_s[first], FIELD.groups, rng)[label],
+            clusters_of(points[first], FIELD.groups, rng)[label],
+            states.q_rad[well_spread(points, FIELD.most_places)],
+            lever_m,
+            float(np.sqrt(points.var(axis=0).sum())),
+        )
+
+    def best(self, there: Beside) -> _Judged | None:
+        """Return what stands beside the model with the most likely displacement that helps.
+
+        Without one where none helps any more; None where nothing helps.
+        """
+        without = self._judged(there) if there.terms else None
+        found, most = None, 0.0
+        for length in FIELD.lengths:
+            field, scatter, gained = self._field(there, length)
+            if gained <= most:
+                continue
+            terms = (*there.terms, field)
+            tried = self._judged(beside(self.model, terms, self.poses, scatter, there.rows.weight))
+            if tried.helps and tried.better_than(without):
+                found, most = tried, gained
+        if found is None and without is not None and without.helps:
+            return without
+        return found
+
+    def _field(self, there: Beside, length: float) -> tuple[Field, float, float]:
+        """Return a displacement of some length in its most likely size.
+
+        And the scatter of a row beside it, and by how much more likely the rows are with it.
+        """
         field = Field(
-            q=tuple(tuple(row) for row in through.tolist()),
-            lever_m=tuple(lever_m.tolist()),
-            turns=tuple(turns.tolist()),
-            length_m=length * spread_m,
+            q=tuple(tuple(row) for row in self.through.tolist()),
+            lever_m=tuple(self.lever_m.tolist()),
+            turns=tuple((~self.model.arm.prismatic).tolist()),
+            length_m=length * self.spread_m,
             size_m=1.0,
         )
-        columns = _columns(field, rows, states)
-        size_m, scatter, gained = _most_likely(Gaussian.of(columns, rows.data), rows)
-        if gained <= (0.0 if best is None else best[0]):
-            continue
-        about = _Weighed(rows.columns, columns * size_m / scatter, rows.data, scatter, rows.to_mm)
-        of_places, of_regions = about.held_out(places), about.held_out(regions)
-        helps = of_places.sure > FIELD.standard_errors and of_places.gain > FIELD.least_gain
-        if not helps or of_regions.gain < -FIELD.most_loss:
-            continue
-        # What is left is predicted less seen.
-        found, field = about.every, replace(field, size_m=size_m)
-        x = -size_m * found.mean
-        fit = FieldFit(
-            field,
-            x,
-            size_m**2 * found.covariance,
-            of_places,
-            of_regions,
-            field.by_joint(states.q_rad, x),
+        rows = there.rows
+        columns = _columns(field, rows, self.poses.states)
+        size_m, scatter, gained = _most_likely(Gaussian.of(columns, rows.left), rows)
+        return replace(field, size_m=size_m), scatter, gained
+
+    def _judged(self, there: Beside) -> _Judged:
+        of_places, of_regions = (
+            self._squares(there, group) for group in (self.places, self.regions)
         )
-        best = gained, fit
-    return None if best is None else best[1]
+        return _Judged(there, of_places, of_regions)
+
+    def _squares(self, there: Beside, group: Index) -> HeldOutSquares:
+        """Return errors of poses whose group (P,) is held out, of all groups in turn.
+
+        The model is fitted to the others first, then to what it leaves of them what is beside it.
+        """
+        squares = np.array(list(_by_group(there, group)))
+        taken = squares[:, 0] - squares[:, 1]
+        error = float(taken.std(ddof=1)) * np.sqrt(len(taken))
+        without_mm2, with_mm2 = squares.sum(axis=0) / len(group)
+        sure = float(taken.sum()) / error if error else 0.0
+        return HeldOutSquares(float(without_mm2), float(with_mm2), sure)
+
+
+def _by_group(there: Beside, group: Index) -> Iterator[tuple[float, float]]:
+    rows, scatter = there.rows, there.scatter
+    columns, data = rows.columns / scatter, rows.data / scatter
+    own, field = np.flatnonzero(~rows.of_field), np.flatnonzero(rows.of_field)
+    every = Gaussian.of(columns, data)
+    for number in np.unique(group).tolist():
+        out = np.flatnonzero(group == number)
+        *_, mean = (every - Gaussian.of(columns[out], data[out])).in_turn(own, field)
+        left = data[out] - columns[out][..., own] @ mean[own]
+        ends = left - columns[out][..., field] @ mean[field]
+        to_mm = scatter * rows.to_mm[out]
+        yield float(np.sum((to_mm * left) ** 2)), float(np.sum((to_mm * ends) ** 2))
 
 
 def with_field(model: F, fit: FieldFit) -> F:
-    """Return the model with its field as last term; what it then lacks is not known."""
-    k = len(model.x)
+    """Return the model with what has no name as last terms; what it then lacks is not known."""
+    k, at = len(model.x), with_terms(model, fit.terms)
     covariance = None
     if model.covariance is not None:
         order = [*range(k), *range(k + len(BASE), k + len(BASE) + len(fit.x)), *range(k, k + 6)]
@@ -123,13 +235,35 @@ def with_field(model: F, fit: FieldFit) -> F:
         covariance[: k + 6, : k + 6] = model.covariance
         covariance[k + 6 :, k + 6 :] = fit.covariance
         covariance = covariance[np.ix_(order, order)]
-    return replace(
-        model,
-        model=Model(model.model.chain, (*model.model.terms, fit.field)),
-        x=np.concatenate([model.x, fit.x]),
-        covariance=covariance,
-        discrepancy=None,
-    )
+    return replace(at, x=np.concatenate([model.x, fit.x]), covariance=covariance)
+
+
+def by_joint(model: Fitted, beside: Fitted, states: PoseStates) -> Array:
+    """Return the part that goes with each joint of what stands beside a model, (n,).
+
+    Of its variance over the poses, by how much it changes where the joint's position is that of
+    another pose (total effects, M. J. W. Jansen, Computer Physics Communications 117, 1999), the
+    sum being one.
+    """
+    q, others = states.q_rad, np.random.default_rng(0).permutation(len(states))
+    here, changed = _displacement_m(model, beside, states), np.zeros(states.n)
+    for joint in range(states.n):
+        elsewhere = q.copy()
+        elsewhere[:, joint] = q[others, joint]
+        away = _displacement_m(model, beside, replace(states, q_rad=elsewhere))
+        changed[joint] = np.sum((away - here) ** 2)
+    total = float(changed.sum())
+    return changed / total if total else changed
+
+
+def _displacement_m(model: Fitted, beside: Fitted, states: PoseStates) -> Array:
+    """Return by how much the first target or the tool is elsewhere with what stands beside."""
+    frame, places = [*model.frames][-1], []
+    for each in (model, beside):
+        forward = Forward.of(each, frame)
+        at = states if each.payload is None else forward.states(states)
+        places.append(forward.T_base_frame(at)[:, :3, 3])
+    return np.asarray(places[1] - places[0])
 
 
 def _columns(field: Field, rows: RowsAboutFit, states: PoseStates) -> Array:
@@ -158,43 +292,3 @@ def _most_likely(every: Gaussian, rows: RowsAboutFit) -> tuple[float, float, flo
     best = int(np.argmax(gained))
     scatter = float(np.sqrt(variance[best]))
     return float(sizes_m[best]) * scatter, scatter, float(gained[best])
-
-
-@dataclass(frozen=True, eq=False)
-class _Weighed:
-    """Rows about a fit, their unknowns and a field."""
-
-    own: Array  # (P, b, k) how they follow the unknowns of the model, each in its possible size
-    columns: Array  # (P, b, f) how they follow the amounts of the field, in size and scatter
-    data: Array  # (P, b)
-    scatter: float  # standard deviation of a row beside both
-    to_mm: Array  # (P, b) from a row to its part of the position error [mm]
-
-    @cached_property
-    def every(self) -> Gaussian:
-        """Return what all rows say of the amounts, the model staying as it is."""
-        return Gaussian.of(self.columns, self.data / self.scatter)
-
-    def held_out(self, group: Index) -> HeldOutSquares:
-        """Return errors of poses whose group (P,) is held out, of all groups in turn.
-
-        The model is fitted to the others first, then the field to what it leaves of them.
-        """
-        squares = np.array(list(self._by_group(group)))
-        taken = squares[:, 0] - squares[:, 1]
-        error = float(taken.std(ddof=1)) * np.sqrt(len(taken))
-        without_mm2, with_mm2 = squares.sum(axis=0) / len(self.data)
-        sure = float(taken.sum()) / error if error else 0.0
-        return HeldOutSquares(float(without_mm2), float(with_mm2), sure)
-
-    def _by_group(self, group: Index) -> Iterator[tuple[float, float]]:
-        both = np.concatenate([self.own / self.scatter, self.columns], axis=2)
-        data, k = self.data / self.scatter, self.own.shape[2]
-        every, own, field = Gaussian.of(both, data), np.arange(k), np.arange(k, both.shape[2])
-        for number in np.unique(group).tolist():
-            out = np.flatnonzero(group == number)
-            *_, mean = (every - Gaussian.of(both[out], data[out])).in_turn(own, field)
-            left = data[out] - both[out][..., :k] @ mean[:k]
-            ends = left - self.columns[out] @ mean[k:]
-            to_mm = self.scatter * self.to_mm[out]
-            yield float(np.sum((to_mm * left) ** 2)), float(np.sum((to_mm * ends) ** 2))

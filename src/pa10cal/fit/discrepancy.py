@@ -26,6 +26,7 @@ from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import Problem, possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import along_a_path
 from pa10cal.terms.field import embedded, well_spread
@@ -159,6 +160,19 @@ def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
     return means_m, np.maximum(isotonic_regression(means_mm2, weights=sizes).x, 0.0)
 
 
+def _weights(measured: Instrument, residual: Array, variance: Array) -> Array:
+    """Return weights of components (P, b) by their variance as stated, or as residuals scatter."""
+    seen, weight = measured.components_seen, np.zeros_like(residual)
+    for _, kind in measured.component_kinds:
+        own = residual[:, kind][seen[:, kind]]
+        usual = np.median(own**2) / _MEDIAN_SQUARE if len(own) else 1.0
+        total = np.maximum(variance[:, kind], max(usual, 1e-24))
+        weight[:, kind] = np.where(seen[:, kind], 1.0 / np.sqrt(total), 0.0)
+    size = np.sqrt(((weight * residual) ** 2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
+    weight *= np.minimum(1.0, _FAR * np.median(size) / np.maximum(size, 1e-300))[:, None]
+    return weight
+
+
 @dataclass(frozen=True, eq=False)
 class RowsAboutFit:
     """Rows of a model about its fit, from which groups of poses can be taken.
@@ -166,7 +180,9 @@ class RowsAboutFit:
     The unknowns are the model's but for its maps, six small motions of the base, and targets.
     """
 
-    data: Array  # (P, b) what is left, weighed
+    data: Array  # (P, b) what is left without a field, weighed
+    left: Array  # (P, b) the same with it
+    weight: Array  # (P, b) by which components are weighed, 0 where nothing was seen
     columns: Array  # (P, b, k) how it follows the unknowns, weighed, each in its possible size
     sizes: Array  # (k,) possible size of each unknown
     own: Index  # (k - 6 - t,) which of the model's parameters are unknowns, those of its maps apart
@@ -196,8 +212,10 @@ class RowsAboutFit:
         return mean, alone.variances(columns[..., own]) + beside.variances(columns[..., field])
 
     @classmethod
-    def of(cls, model: Fitted, poses: Observations) -> RowsAboutFit:
-        """Return the rows of averaged poses, as modelled."""
+    def of(
+        cls, model: Fitted, poses: Observations, weight: Array | None = None
+    ) -> RowsAboutFit:
+        """Return the rows of averaged poses, as modelled; weighed by what is left, or as given."""
         maps = [term for term in model.model.terms if term.at_knots]
         terms = [
             fixed(term, model.values_of(term)) if term in maps else term
@@ -211,21 +229,15 @@ class RowsAboutFit:
         rows = problem.rows(problem.start(x))
         seen = measured.components_seen
         variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
-        weight = np.zeros_like(rows.residual)
-        for _, kind in measured.component_kinds:
-            own = rows.residual[:, kind][seen[:, kind]]
-            usual = np.median(own**2) / _MEDIAN_SQUARE if len(own) else 1.0
-            total = np.maximum(variance[:, kind], max(usual, 1e-24))
-            weight[:, kind] = np.where(seen[:, kind], 1.0 / np.sqrt(total), 0.0)
-        data = weight * rows.residual
-        size = np.sqrt((data**2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
-        weight *= np.minimum(1.0, _FAR * np.median(size) / np.maximum(size, 1e-300))[:, None]
+        if weight is None:
+            weight = _weights(measured, rows.residual, variance)
         sizes = possible_sizes(at, measured if count else None)
         of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
-        left = rows.residual
+        without = rows.residual
         if of_field.any():  # which was expected about zero
-            left = left - rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
-        data, columns = weight * left, weight[:, :, None] * rows.jacobian * sizes
+            without = without - rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
+        data, left = weight * without, weight * rows.residual
+        columns = weight[:, :, None] * rows.jacobian * sizes
         places = measured.position_columns
         axes = seen[:, places].sum(axis=1)
         times = np.maximum(axes / 3.0, 1.0)
@@ -236,7 +248,9 @@ class RowsAboutFit:
         )
         noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
         single = _COMPONENTS if len(places) == 1 else 1.0
-        found = cls(data, columns, sizes, free, of_field, to_mm, noise, 1.0, single)
+        found = cls(
+            data, left, weight, columns, sizes, free, of_field, to_mm, noise, 1.0, single
+        )
         if model.covariance is None:
             return found
         known = np.append(free, len(model.x) + np.arange(len(BASE)))

@@ -305,7 +305,8 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         "terms": [_term_to_plain(model, term) for term in model.model.terms if term.id != Field.id],
         # What has no name and is predicted: the last term of a model that has it.
         "field": next(
-            (_term_to_plain(model, each) for each in model.model.terms_of("field")), None
+            (_term_to_plain(model, each) for each in model.model.terms if each.id == Field.id),
+            None,
         ),
         "payload": None if model.payload is None else _payload_to_plain(model.payload),
         "T_instr_base": model.T_instr_base.tolist(),

@@ -179,7 +179,7 @@ class Forward:
                     remedy="describe the masses and calibrate again",
                 )
             return replace(states, tau_Nm=np.zeros_like(q))
-        if not self.physical.terms_of("effect"):
+        if not self.physical.terms_of("effect", "field"):
             return states
         # Effects that bend need the static loads; those of the nominal arm come first.
         rigid = Model(self.physical.chain, ())

@@ -43,7 +43,7 @@ def with_torques(
         return states, "none"
     # What springs give way by needs torques itself: those of the nominal arm, near enough.
     states = _under_weights(Model(chain, ()), np.zeros(0), states, payload)
-    own = tuple(term for term in model.terms if "effect" not in term.roles)
+    own = tuple(term for term in model.terms if {"effect", "field"}.isdisjoint(term.roles))
     if own:
         states = _under_weights(
             Model(chain, own), x[model.parameter_indices(*own)], states, payload
@@ -60,7 +60,7 @@ def blocks(count: int) -> Iterator[Index]:
 
 def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
     """Return states without the static loads where no term reads these: they are large."""
-    if any("effect" in term.roles or "weight" in term.roles for term in terms):
+    if not all({"effect", "weight", "field"}.isdisjoint(term.roles) for term in terms):
         return states
     return replace(states, static_loads=None)
 

@@ -1,6 +1,6 @@
-"""A smooth displacement by the joints' positions, of which no cause is known.
+"""What has no name, as terms: a smooth displacement by the joints' positions, and a sum of effects.
 
-A Gaussian process through some places (Rasmussen and Williams, Gaussian Processes for Machine
+The displacement is a Gaussian process through some places (Rasmussen and Williams, Gaussian Processes for Machine
 Learning, 2006, chapter 2; the places as in the subset of regressors, section 8.3.1): far from
 where anything was measured it is zero.
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from scipy.spatial.distance import cdist
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.terms.term import Report, Role, TermParameter, Traits
+from pa10cal.terms.term import Report, Role, Term, TermParameter, Traits
 
 #: Part of a variance that no neighbour foretells; keeps the covariance of places well conditioned.
 _JITTER = 1e-6
@@ -126,6 +126,77 @@ class Field(Traits):
         between = self._correlation(self._places, self._places)
         lower = np.linalg.cholesky(between + _JITTER * np.eye(len(between)))
         return np.asarray(lower, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Nameless(Traits):
+    """What terms do together, of which none is said to be there: a part of what has no name.
+
+    Departures of the geometry and effects of the vocabulary, each in proportion to its amounts.
+    None yields to torques or shows in them.
+    """
+
+    terms: tuple[Term, ...]  # those that it is the sum of
+    sizes: tuple[float, ...]  # (k,) standard deviation expected of each amount, term by term
+    id: ClassVar[str] = "nameless"
+    of: ClassVar[str] = "joints"
+    formula: ClassVar[str] = (
+        "the sum of the terms of its form, each by its formula, with the amounts x one after the "
+        "other; they predict together, and none is said to be there"
+    )
+    stays_with_arm: ClassVar[bool] = False
+    known_elsewhere: ClassVar[bool] = False
+
+    @cached_property
+    def parameters(self) -> tuple[TermParameter, ...]:
+        every = (parameter for term in self.terms for parameter in term.parameters)
+        return tuple(
+            TermParameter(f"{self.id}_{each.name}", each.unit, size)
+            for each, size in zip(every, self.sizes, strict=True)
+        )
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        of_field: Role = "field"
+        return (of_field,) * len(self.sizes)
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for term in self.terms for name in term.coordinates))
+
+    @property
+    def proportional(self) -> bool:
+        return True
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        shift, first = np.zeros((len(states), len(self.coordinates))), 0
+        for term, rows in zip(self.terms, self._rows, strict=True):
+            last = first + len(term.parameters)
+            shift[:, rows] += term.shift(states, x[first:last])
+            first = last
+        return shift
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        derivative, first = np.zeros((len(states), len(self.coordinates), len(x))), 0
+        for term, rows in zip(self.terms, self._rows, strict=True):
+            last = first + len(term.parameters)
+            derivative[:, rows, first:last] = term.derivative(states, x[first:last])
+            first = last
+        return derivative
+
+    def report(self, x: Array) -> Report:
+        """Return nothing: these amounts are of no use alone."""
+        return Report((), np.zeros(0), np.zeros((0, len(x))))
+
+    @cached_property
+    def _rows(self) -> list[list[int]]:
+        at = {name: row for row, name in enumerate(self.coordinates)}
+        return [[at[name] for name in term.coordinates] for term in self.terms]
+
+
+def is_nameless(term: Term) -> TypeGuard[Nameless]:
+    """Return whether a term is a sum of terms without a name."""
+    return term.id == Nameless.id
 
 
 def embedded(q: Array, lever_m: Array, turns: NDArray[np.bool_]) -> Array:

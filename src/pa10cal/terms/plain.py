@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from pa10cal.errors import TermError, remedy_for
 from pa10cal.terms.effects.effect import every_effect
-from pa10cal.terms.field import Field
+from pa10cal.terms.field import Field, Nameless, is_nameless
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.of_campaign import OfCampaign, of_one_campaign
 from pa10cal.terms.term import OPTIONAL, Offsets, Term
@@ -32,6 +32,9 @@ def term_to_plain(term: Term) -> dict[str, Any]:
     if of_one_campaign(term):
         own = {"campaign": term.campaign, "name": term.name, "term": term_to_plain(term.term)}
         return {"id": term.id, "of": term.of, "form": own}
+    if is_nameless(term):
+        parts = [term_to_plain(each) for each in term.terms]
+        return {"id": term.id, "of": term.of, "form": {"terms": parts, "sizes": list(term.sizes)}}
     form: dict[str, Any] = _adapter(type(term)).dump_python(term, mode="json")
     form.pop("of", None)
     kind: Any = type(term)
@@ -51,6 +54,8 @@ def term_from_plain(content: Mapping[str, Any], *, where: str) -> Term:
     name = content.get("id")
     if name == OfCampaign.id:
         return _term_of_campaign(content.get("form") or {}, where)
+    if name == Nameless.id:
+        return _nameless(content.get("form") or {}, where)
     if name not in kinds:
         remedy = remedy_for(str(name), kinds, "use a version of the package that knows it")
         raise TermError(
@@ -93,6 +98,26 @@ def _term_of_campaign(form: Mapping[str, Any], where: str) -> OfCampaign:
             remedy="write the model again",
         )
     return OfCampaign(term_from_plain(form["term"], where=where), form["campaign"], form["name"])
+
+
+def _nameless(form: Mapping[str, Any], where: str) -> Nameless:
+    """Return the sum of terms without a name that `term_to_plain` described."""
+    parts, sizes = form.get("terms"), form.get("sizes")
+    where = f"{where}: {Nameless.id}: form"
+    if isinstance(parts, list) and isinstance(sizes, list) and all(
+        isinstance(part, Mapping) for part in parts
+    ):
+        terms = tuple(term_from_plain(part, where=where) for part in parts)
+        known = all(isinstance(size, float) and size > 0.0 for size in sizes)
+        if known and len(sizes) == sum(len(term.parameters) for term in terms):
+            return Nameless(terms, tuple(sizes))
+    raise TermError(
+        "the form of a sum of terms is incomplete",
+        where=where,
+        value=sorted(map(str, form)),
+        allowed="the keys terms (terms) and sizes (a number above 0 for each of their parameters)",
+        remedy="write the model again",
+    )
 
 
 @cache
