@@ -7,11 +7,14 @@ import pytest
 import yaml
 
 from pa10cal.discovery.field import field_of, with_field
+from pa10cal.discovery.nameless import with_terms
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.interface import calibrate, read_campaign
+from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
@@ -125,3 +128,62 @@ def test_it_is_saved_with_the_model_under_a_key_of_its_own(predicted, tmp_path):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
     T = model.predict(q[:5]).T
     np.testing.assert_allclose(model.compensate(T, seed=q[:5]).q, q[:5], atol=1e-7)
+
+
+# What effects do together.
+
+HIDDEN = (GearRatioError("joint 2"), EncoderEccentricity("joint 3", 1.0), Backlash("joint 5"))
+OTHERS = (GearRatioError("joint 1"), EncoderEccentricity("joint 5", 1.0), Backlash("joint 2"))
+
+
+@pytest.fixture(scope="module")
+def together(measured):
+    """The model with effects beside it, the poses that they were learnt from, and others."""
+    model, fitted, away = measured
+    hidden = with_terms(model, [Nameless(HIDDEN, (1e-3, 3e-4, 3e-4, 3e-4))])
+    hidden = replace(hidden, x=np.append(model.x, [4e-4, 5e-4, -3e-4, 2e-4]))
+    fitted, away = moved(hidden, fitted, 0.0), moved(hidden, away, 0.0, seed=1)
+    found = field_of(model, fitted, (*HIDDEN, *OTHERS))
+    return found, with_field(model, found), fitted, away
+
+
+def test_effects_are_predicted_together_as_far_as_the_noise_lets_them(measured, together):
+    found, model, _, away = together
+    assert [term.id for term in found.terms] == ["nameless"]
+    assert found.places.sure > 2.0
+    assert found.by_joint.sum() == pytest.approx(1.0)
+    noise_mm = np.sqrt(3.0) * NOISE_MM
+    assert rms_mm(measured[0], away) > 5.0 * noise_mm
+    assert rms_mm(model, away) < 1.3 * noise_mm
+    without = with_field(measured[0], field_of(measured[0], together[2]))
+    assert rms_mm(without, away) > 1.5 * noise_mm
+
+
+def test_the_model_beside_which_they_stand_stays_as_it_is(measured, together):
+    model, by_names = together[1], measured[0]
+    np.testing.assert_array_equal(model.x[: len(by_names.x)], by_names.x)
+    np.testing.assert_array_equal(model.T_instr_base, by_names.T_instr_base)
+    np.testing.assert_array_equal(model.targets_m, by_names.targets_m)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_noise_alone_no_effects_are_beside_the_model(measured, seed):
+    model, fitted, _ = measured
+    assert field_of(model, moved(model, fitted, 0.0, seed), (*HIDDEN, *OTHERS)) is None
+
+
+def test_a_smooth_error_that_no_effect_makes_is_left_to_the_displacement(measured, predicted):
+    *_, last = field_of(measured[0], predicted[1], (*HIDDEN, *OTHERS)).terms
+    assert last.id == "field"
+
+
+def test_they_are_saved_with_the_model_and_compensated(together, tmp_path):
+    _, model, fitted, away = together
+    model = replace(model, discrepancy=discrepancy_of(model, fitted))
+    save_model(model, tmp_path / "model.yaml")
+    back, q = load_model(tmp_path / "model.yaml"), away.states.q_rad
+    for name in ("T", "u_mm"):
+        one, other = (getattr(each.predict(q), name) for each in (back, model))
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+    T = back.predict(q[:5]).T
+    np.testing.assert_allclose(back.compensate(T, seed=q[:5]).q, q[:5], atol=1e-7)

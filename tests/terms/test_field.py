@@ -1,13 +1,18 @@
 """The field: a Gaussian process over joint positions, as a term of a model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.terms.field import Field, embedded, well_spread
+from pa10cal.errors import TermError
+from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity
+from pa10cal.terms.field import Field, Nameless, embedded, well_spread
 from pa10cal.terms.plain import term_from_plain, term_to_plain
+from pa10cal.terms.term import base_frame
 
 RNG = np.random.default_rng(4)
 PLACES = RNG.uniform(-1.5, 1.5, (7, 3))
@@ -95,3 +100,42 @@ def test_places_are_spread_and_never_more_than_there_are_points():
     points = np.array([[0.0, 0.0], [1.0, 0.0], [0.1, 0.0], [1.0, 0.0]])
     assert well_spread(points, 2).tolist() == [0, 1]
     assert len(well_spread(points, 9)) == 3  # two are the same
+
+
+# A sum of terms without a name.
+
+SUM = Nameless(
+    (base_frame(), EncoderEccentricity("joint 2", 1.0), Backlash("joint 2")),
+    (*(1e-3,) * 6, 3e-4, 3e-4, 1e-4),
+)
+
+
+def test_a_sum_does_what_its_terms_do_and_its_derivative_is_exact():
+    at, x = replace(states(PLACES), arrival=np.sign(PLACES)), RNG.standard_normal(9)
+    shift = SUM.shift(at, x)
+    assert SUM.coordinates == (*base_frame().coordinates, "theta_2")
+    np.testing.assert_allclose(shift[:, :6], np.broadcast_to(x[:6], (7, 6)))
+    _, eccentric, lost = SUM.terms
+    by_hand = eccentric.shift(at, x[6:8]) + lost.shift(at, x[8:])
+    np.testing.assert_allclose(shift[:, 6:], by_hand)
+    np.testing.assert_allclose(SUM.derivative(at, x) @ x, shift, atol=1e-15)
+
+
+def test_its_amounts_are_those_of_what_has_no_name_and_are_told_nowhere():
+    assert set(SUM.roles) == {"field"}
+    assert [each.scale for each in SUM.parameters] == list(SUM.sizes)
+    assert len({each.name for each in SUM.parameters}) == len(SUM.sizes)
+    assert SUM.report(np.ones(9)).parameters == ()
+    assert SUM.elsewhere() is None
+
+
+def test_a_sum_is_plain_data_and_back():
+    assert term_from_plain(term_to_plain(SUM), where="here") == SUM
+
+
+@pytest.mark.parametrize(
+    "form", [{}, {"terms": []}, {"terms": 3, "sizes": []}, {"terms": [], "sizes": [1.0]}]
+)
+def test_an_incomplete_sum_is_refused(form):
+    with pytest.raises(TermError, match="incomplete"):
+        term_from_plain({"id": "nameless", "of": "joints", "form": form}, where="here")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -60,9 +61,7 @@ class FieldFit:
     by_joint: Array  # (n,) part of its variance that goes with each joint
 
 
-def field_of(
-    model: Fitted, poses: Observations, effects: Sequence[Effect] = ()
-) -> FieldFit | None:
+def field_of(model: Fitted, poses: Observations, effects: Sequence[Effect] = ()) -> FieldFit | None:
     """Return what a model lacks without a name, by the poses that it was fitted to.
 
     None where poses held out gain nothing by it, are too few, or cannot tell beside fine maps.
@@ -87,11 +86,20 @@ def field_of(
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What stands beside a model, judged by poses that were held out."""
+    """What stands beside a model, judged by poses that are held out."""
 
     there: Beside
-    places: HeldOutSquares
-    regions: HeldOutSquares
+    held_out: _HeldOut
+
+    @cached_property
+    def places(self) -> HeldOutSquares:
+        """Return the errors of poses among others."""
+        return self.held_out.squares(self.there, self.held_out.places)
+
+    @cached_property
+    def regions(self) -> HeldOutSquares:
+        """Return the errors of whole regions."""
+        return self.held_out.squares(self.there, self.held_out.regions)
 
     @property
     def helps(self) -> bool:
@@ -160,15 +168,15 @@ class _HeldOut:
 
         Without one where none helps any more; None where nothing helps.
         """
-        without = self._judged(there) if there.terms else None
+        without = _Judged(there, self) if there.terms else None
         found, most = None, 0.0
         for length in FIELD.lengths:
             field, scatter, gained = self._field(there, length)
             if gained <= most:
                 continue
-            terms = (*there.terms, field)
-            tried = self._judged(beside(self.model, terms, self.poses, scatter, there.rows.weight))
-            if tried.helps and tried.better_than(without):
+            terms, weight = (*there.terms, field), there.rows.weight
+            tried = _Judged(beside(self.model, terms, self.poses, scatter, weight), self)
+            if tried.better_than(without) and tried.helps:
                 found, most = tried, gained
         if found is None and without is not None and without.helps:
             return without
@@ -191,13 +199,7 @@ class _HeldOut:
         size_m, scatter, gained = _most_likely(Gaussian.of(columns, rows.left), rows)
         return replace(field, size_m=size_m), scatter, gained
 
-    def _judged(self, there: Beside) -> _Judged:
-        of_places, of_regions = (
-            self._squares(there, group) for group in (self.places, self.regions)
-        )
-        return _Judged(there, of_places, of_regions)
-
-    def _squares(self, there: Beside, group: Index) -> HeldOutSquares:
+    def squares(self, there: Beside, group: Index) -> HeldOutSquares:
         """Return errors of poses whose group (P,) is held out, of all groups in turn.
 
         The model is fitted to the others first, then to what it leaves of them what is beside it.

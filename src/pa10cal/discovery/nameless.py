@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from pa10cal.arm.chain import Chain, bend_coordinates
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.preparation import computable
-from pa10cal.discovery.rules import FIELD
+from pa10cal.discovery.rules import COMPUTING, FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import possible_sizes
@@ -30,6 +31,8 @@ from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, base_frame, tool_frame
 from pa10cal.terms.weights import is_fault
+
+F = TypeVar("F", bound=Fitted)
 
 
 def nameless_effects(
@@ -46,9 +49,7 @@ def nameless_effects(
         if (kind.sought or kind is LateralTilt)
         and not (kind.generic or kind.at_knots or kind.falsifies_readings or kind.goes_with_time)
     ]
-    known, _ = computable(
-        everywhere_but(kinds, context, held), states, logged=logged, weights=True
-    )
+    known, _ = computable(everywhere_but(kinds, context, held), states, logged=logged, weights=True)
     return tuple(
         effect
         for effect in known
@@ -87,23 +88,25 @@ def beside(
     """
     at = with_terms(model, terms)
     found = Beside(at, tuple(terms), RowsAboutFit.of(at, poses, weight), scatter)
-    for _ in range(FIELD.steps):
-        rows, x = found.rows, found.model.x.copy()
+    of_field, sizes = at.model.having("field"), found.rows.sizes[found.rows.of_field]
+    for _ in range(COMPUTING.refit_steps):
+        x = found.model.x.copy()
         # What is left is predicted less seen.
-        x[at.model.having("field")] = -found.amounts.mean * rows.sizes[rows.of_field]
+        x[of_field] = -found.amounts.mean * sizes
+        step, whole = (np.linalg.norm(each[of_field] / sizes) for each in (x - found.model.x, x))
+        if step <= FIELD.settled * whole:
+            break
         at = replace(at, x=x)
         found = replace(found, model=at, rows=RowsAboutFit.of(at, poses, weight))
     return found
 
 
-def with_terms(model: Fitted, terms: Sequence[Term]) -> Fitted:
+def with_terms(model: F, terms: Sequence[Term]) -> F:
     """Return a model with terms beside it in no amount, on a chain that may bend as they do."""
     every = {name for term in terms for name in term.coordinates}
     count = sum(len(term.parameters) for term in terms)
     bent = model.with_bends(
-        row
-        for row in range(1, model.arm.n)
-        if not every.isdisjoint(bend_coordinates(row))
+        row for row in range(1, model.arm.n) if not every.isdisjoint(bend_coordinates(row))
     )
     return replace(
         bent,
@@ -125,9 +128,9 @@ def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -
     every = Gaussian.of(rows.columns[:, :, rows.of_field], rows.data)
     own = sum(len(term.parameters) for term in geometry)
     ends = own + np.cumsum([0, *(len(effect.parameters) for effect in effects)])
-    groups, count = [np.arange(*each) for each in pairwise(ends)], np.count_nonzero(rows.data)
+    groups, count = [np.arange(*each) for each in pairwise(ends)], int(np.count_nonzero(rows.data))
     sizes, scatter = _most_likely(every, count, own, groups)
-    kept = [k for k, size in enumerate(sizes) if size > FIELD.least_size]
+    kept = [k for k, size in enumerate(sizes) if size > FIELD.sizes[0]]
     if not kept:
         return None
     terms = [_nameless(chain, geometry, [effects[k] for k in kept], [sizes[k] for k in kept])]
@@ -168,9 +171,11 @@ def _most_likely(
         own: unknowns before the groups, in their own sizes.
     """
     gram, projection, squares = every.gram, every.projection, every.squares
-    variances, each = np.full(len(groups), FIELD.first_size**2), np.ones(len(projection))
-    scatter2, least = squares / count, FIELD.least_size**4
-    for step in range(FIELD.size_steps):
+    none, first, most = (size**2 for size in FIELD.sizes)
+    of_expectation, steps = FIELD.size_steps
+    variances, each = np.full(len(groups), first), np.ones(len(projection))
+    scatter2, least = squares / count, none**2
+    for step in range(steps):
         for at, variance in zip(groups, variances, strict=True):
             each[at] = variance
         found = every.in_sizes(np.sqrt(each / scatter2))
@@ -181,15 +186,15 @@ def _most_likely(
         for k, at in enumerate(groups):
             taken[k] = max(len(at) - unknown[at].sum() / variances[k], least)
             amount = float(x[at] @ x[at])
-            if step < FIELD.first_steps:
+            if step < of_expectation:
                 variances[k] = (amount + unknown[at].sum()) / len(at)
             else:
                 variances[k] = amount / taken[k]
-        variances = np.clip(variances, least, FIELD.largest_size**2)
+        variances = np.clip(variances, least, most)
         left = squares - 2.0 * float(projection @ x) + float(x @ gram @ x)
         scatter2 = left / max(count - own - float(taken.sum()), 1.0)
-        there = variances > FIELD.least_size**2
+        there = variances > none
         moved = np.abs(np.log(variances / before))[there].max(initial=0.0)
-        if step > FIELD.first_steps and moved < FIELD.settled:
+        if step > of_expectation and moved < FIELD.settled:
             break
     return np.sqrt(variances), float(np.sqrt(scatter2))

@@ -425,14 +425,10 @@ class Field:
     most_poses: int = 2000  # poses that it is fitted to (computing)
     least_scatter: float = 1e-12  # of squares, which a fit through all rows leaves (computing)
     least_joint_part: float = 0.01  # joints that less of it goes with are not told (told)
-    # size of an effect without a name, in plausible ones, at most: 9 mrad of tilt (size)
-    largest_size: float = 30.0
-    least_size: float = 1e-3  # of one that is none (computing)
-    first_size: float = 0.1  # to find sizes from (computing)
-    first_steps: int = 20  # steps of expectation to a size (computing)
-    size_steps: int = 300  # all steps (computing)
-    settled: float = 1e-3  # change of a variance, in its logarithm, that ends them (computing)
-    steps: int = 3  # steps to amounts beside a model (computing)
+    # plausible sizes of an effect without a name: none, at first, at most (9 mrad of tilt) (size)
+    sizes: tuple[float, float, float] = (1e-3, 0.1, 30.0)
+    size_steps: tuple[int, int] = (20, 300)  # steps of expectation to them, and in all (computing)
+    settled: float = 1e-3  # part by which sizes or amounts move in the last step (computing)
 
 
 @dataclass(frozen=True)

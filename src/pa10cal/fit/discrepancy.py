@@ -212,9 +212,7 @@ class RowsAboutFit:
         return mean, alone.variances(columns[..., own]) + beside.variances(columns[..., field])
 
     @classmethod
-    def of(
-        cls, model: Fitted, poses: Observations, weight: Array | None = None
-    ) -> RowsAboutFit:
+    def of(cls, model: Fitted, poses: Observations, weight: Array | None = None) -> RowsAboutFit:
         """Return the rows of averaged poses, as modelled; weighed by what is left, or as given."""
         maps = [term for term in model.model.terms if term.at_knots]
         terms = [
@@ -248,9 +246,7 @@ class RowsAboutFit:
         )
         noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
         single = _COMPONENTS if len(places) == 1 else 1.0
-        found = cls(
-            data, left, weight, columns, sizes, free, of_field, to_mm, noise, 1.0, single
-        )
+        found = cls(data, left, weight, columns, sizes, free, of_field, to_mm, noise, 1.0, single)
         if model.covariance is None:
             return found
         known = np.append(free, len(model.x) + np.arange(len(BASE)))

@@ -90,10 +90,10 @@ class Gaussian:
 
     def about(self, mean: Array) -> Gaussian:
         """Return the same of how far unknowns are from (k,), where they are then expected."""
-        k = self.unknowns
-        change = np.eye(k + 1)
-        change[:k, k] = -mean
-        return replace(self, products=change.T @ self.products @ change)
+        products, left = self.products.copy(), self.projection - self.gram @ mean
+        products[:-1, -1] = products[-1, :-1] = left
+        products[-1, -1] -= float(mean @ (self.projection + left))
+        return replace(self, products=products)
 
     def without(self, at: Index) -> Gaussian:
         """Return what is said of the other unknowns, those at some places integrated out."""

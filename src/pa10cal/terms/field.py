@@ -1,8 +1,8 @@
-"""What has no name, as terms: a smooth displacement by the joints' positions, and a sum of effects.
+"""What has no name, as terms: a smooth displacement by the joints' positions, and a sum of terms.
 
-The displacement is a Gaussian process through some places (Rasmussen and Williams, Gaussian Processes for Machine
-Learning, 2006, chapter 2; the places as in the subset of regressors, section 8.3.1): far from
-where anything was measured it is zero.
+The displacement is a Gaussian process through some places (Rasmussen and Williams, Gaussian
+Processes for Machine Learning, 2006, chapter 2; the places as in the subset of regressors, section
+8.3.1): far from where anything was measured it is zero.
 """
 
 from __future__ import annotations

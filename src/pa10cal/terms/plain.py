@@ -104,8 +104,10 @@ def _nameless(form: Mapping[str, Any], where: str) -> Nameless:
     """Return the sum of terms without a name that `term_to_plain` described."""
     parts, sizes = form.get("terms"), form.get("sizes")
     where = f"{where}: {Nameless.id}: form"
-    if isinstance(parts, list) and isinstance(sizes, list) and all(
-        isinstance(part, Mapping) for part in parts
+    if (
+        isinstance(parts, list)
+        and isinstance(sizes, list)
+        and all(isinstance(part, Mapping) for part in parts)
     ):
         terms = tuple(term_from_plain(part, where=where) for part in parts)
         known = all(isinstance(size, float) and size > 0.0 for size in sizes)
