@@ -165,10 +165,7 @@ def with_predicted(found: Verdict[object]) -> Verdict[object]:
     if found.train.without_motion is not None:
         return found
     by_names = found.extended.fitted()
-    poses, logged = found.train.poses, found.prepared.torques == "logged"
-    held = by_names.model.terms
-    effects = nameless_effects(found.context, poses.states, held, logged=logged)
-    fit = field_of(by_names, poses, effects)
+    fit = field_of(by_names, found.train.poses, _without_name(found, by_names))
     if fit is None:
         return found
     model, away = with_field(by_names, fit), found.falls_back
@@ -181,6 +178,17 @@ def with_predicted(found: Verdict[object]) -> Verdict[object]:
 
     predicted = Predicted(fit, found.train, found.holdout)
     return replace(found, predicted=predicted).with_gaps(after)
+
+
+def _without_name(found: SearchVerdict[object], model: FittedModel) -> tuple[Effect, ...]:
+    """Return the effects that may stand for what has no name.
+
+    None where poses are repeated: readings of one apparatus err alike, at held-out poses too.
+    """
+    if not judged_by_blocks(found.prepared.trusted):
+        return ()
+    logged, held = found.prepared.torques == "logged", model.model.terms
+    return nameless_effects(found.context, found.states, held, logged=logged)
 
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
