@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pa10cal.discovery.field import field_of, with_field
+from pa10cal.discovery.field import by_joint, field_of, with_field
 from pa10cal.discovery.nameless import with_terms
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.discrepancy import discrepancy_of
@@ -14,7 +14,7 @@ from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.field import Nameless
+from pa10cal.terms.field import Field, Nameless
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
@@ -128,6 +128,18 @@ def test_it_is_saved_with_the_model_under_a_key_of_its_own(predicted, tmp_path):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
     T = model.predict(q[:5]).T
     np.testing.assert_allclose(model.compensate(T, seed=q[:5]).q, q[:5], atol=1e-7)
+
+
+def test_the_part_of_a_joint_is_what_goes_with_it(measured):
+    model, fitted, _ = measured
+    q = fitted.states.q_rad
+    places, lever_m = tuple(map(tuple, q[:7].tolist())), (1e-9, 0.6, *(1e-9,) * 4)
+    alone = Field(places, lever_m, (True,) * 6, length_m=0.5, size_m=2e-4)
+    at = with_terms(model, [alone])
+    assert by_joint(model, at, fitted.states).tolist() == [0.0] * 6
+    at = replace(at, x=np.append(model.x, 1e-4 * np.random.default_rng(0).standard_normal(21)))
+    parts = by_joint(model, at, fitted.states)
+    np.testing.assert_allclose(parts, np.eye(6)[1], atol=1e-9)
 
 
 # What effects do together.

@@ -77,16 +77,6 @@ def test_a_whole_turn_changes_nothing():
     np.testing.assert_allclose(there, here, atol=1e-12)
 
 
-def test_the_part_of_a_joint_is_what_goes_with_it():
-    q = RNG.uniform(-1.5, 1.5, (200, 3))
-    alone = Field(FIELD.q, (1e-9, 0.6, 1e-9), FIELD.turns, 0.5, 2e-4)
-    np.testing.assert_allclose(alone.by_joint(q, X), [0.0, 1.0, 0.0], atol=1e-9)
-    parts = FIELD.by_joint(q, X)
-    assert parts.sum() == pytest.approx(1.0)
-    assert parts.min() > 0.0
-    assert FIELD.by_joint(q, np.zeros_like(X)).tolist() == [0.0, 0.0, 0.0]
-
-
 def test_as_plain_data_it_is_the_same():
     back = term_from_plain(term_to_plain(FIELD), where="model.yaml")
     assert back == FIELD

@@ -19,7 +19,7 @@ from pa10cal.arm.chain import Chain, bend_coordinates
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.preparation import computable
-from pa10cal.discovery.rules import COMPUTING, FIELD
+from pa10cal.discovery.rules import FIELD
 from pa10cal.fit.discrepancy import RowsAboutFit
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import possible_sizes
@@ -82,23 +82,14 @@ class Beside:
 def beside(
     model: Fitted, terms: Sequence[Term], poses: Observations, scatter: float, weight: Array
 ) -> Beside:
-    """Return terms beside a model in the amounts that are most likely.
-
-    In steps: large amounts of some change how rows follow the others.
-    """
+    """Return terms beside a model in the amounts that are most likely, linear about it."""
     at = with_terms(model, terms)
-    found = Beside(at, tuple(terms), RowsAboutFit.of(at, poses, weight), scatter)
-    of_field, sizes = at.model.having("field"), found.rows.sizes[found.rows.of_field]
-    for _ in range(COMPUTING.refit_steps):
-        x = found.model.x.copy()
-        # What is left is predicted less seen.
-        x[of_field] = -found.amounts.mean * sizes
-        step, whole = (np.linalg.norm(each[of_field] / sizes) for each in (x - found.model.x, x))
-        if step <= FIELD.settled * whole:
-            break
-        at = replace(at, x=x)
-        found = replace(found, model=at, rows=RowsAboutFit.of(at, poses, weight))
-    return found
+    none = Beside(at, tuple(terms), RowsAboutFit.of(at, poses, weight), scatter)
+    x, of_field = at.x.copy(), at.model.having("field")
+    # What is left is predicted less seen.
+    x[of_field] = -none.amounts.mean * none.rows.sizes[none.rows.of_field]
+    at = replace(at, x=x)
+    return replace(none, model=at, rows=RowsAboutFit.of(at, poses, weight))
 
 
 def with_terms(model: F, terms: Sequence[Term]) -> F:

@@ -428,7 +428,7 @@ class Field:
     # plausible sizes of an effect without a name: none, at first, at most (9 mrad of tilt) (size)
     sizes: tuple[float, float, float] = (1e-3, 0.1, 30.0)
     size_steps: tuple[int, int] = (20, 300)  # steps of expectation to them, and in all (computing)
-    settled: float = 1e-3  # part by which sizes or amounts move in the last step (computing)
+    settled: float = 1e-3  # change of a variance, in its logarithm, at the last one (computing)
 
 
 @dataclass(frozen=True)

@@ -95,22 +95,6 @@ class Field(Traits):
         near = self._correlation(self._points(q), self._places)
         return np.asarray(solve_triangular(self._lower, near.T, lower=True, check_finite=False).T)
 
-    def by_joint(self, q: Array, x: Array) -> Array:
-        """Return the part of its variance over positions (N, n) that goes with each joint, (n,).
-
-        By how much it changes where the joint's position is that of another pose (total effects,
-        M. J. W. Jansen, Computer Physics Communications 117, 1999), the sum being one.
-        """
-        others = np.random.default_rng(0).permutation(len(q))
-        amounts = x.reshape(_AXES, -1).T
-        here, changed = self.features(q) @ amounts, np.zeros(q.shape[1])
-        for joint in range(q.shape[1]):
-            elsewhere = q.copy()
-            elsewhere[:, joint] = q[others, joint]
-            changed[joint] = np.sum((self.features(elsewhere) @ amounts - here) ** 2)
-        total = float(changed.sum())
-        return changed / total if total else changed
-
     def _points(self, q: Array) -> Array:
         return embedded(q, np.array(self.lever_m), np.array(self.turns))
 
