@@ -6,6 +6,7 @@ import numpy as np
 
 from pa10cal.results.discovery import (
     AllUnexplained,
+    Alternative,
     BlockedCrossValidation,
     EvidenceByBlocks,
     FoundEffect,
@@ -53,7 +54,12 @@ def names(*entries):
 
 
 def effect(id, of, parameters, alternatives=()):
-    """An effect found by blocks, of parameters (value, standard uncertainty) by name."""
+    """An effect found by blocks, of parameters (value, standard uncertainty) by name.
+
+    It is as likely as each of its alternatives.
+    """
+    probability = 0.99 / (1 + len(alternatives))
+    others = tuple(Alternative(id=id, of=of, probability=probability) for id, of in alternatives)
     return FoundEffect(
         id=id,
         of=of,
@@ -62,7 +68,11 @@ def effect(id, of, parameters, alternatives=()):
             name: EffectParameter(value=value, std=std, unit="rad")
             for name, (value, std) in parameters.items()
         },
-        alternatives=names(*alternatives),
+        probability=probability,
+        alternatives=others,
+        others=0.0,
+        none_of_these=0.01,
+        set95=names((id, of), *alternatives),
         evidence=EvidenceByBlocks(
             cross_validation_over_blocks=BlockedCrossValidation(
                 rms_without_mm=0.3,

@@ -7,7 +7,7 @@ counted as a crash, since a campaign that can be calibrated is not withheld.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -61,6 +61,18 @@ WRONG_PLACE = "no name, other place"
 NOTHING = "nothing found"
 NOT_TESTABLE = "said to be not testable"
 FAILED = "failed"
+
+
+#: Probability that the smallest set of a finding is to hold.
+LEVEL = 0.95
+
+
+class Claim(NamedTuple):
+    """A probability that a verdict states, and whether what it states is true."""
+
+    of: str  # `name`, `alternative`, `none of these`, or `set`: that the smallest set holds it
+    probability: float
+    right: bool
 
 
 @dataclass(frozen=True)
@@ -217,7 +229,7 @@ class BlindTrial:
             return False
         right = {hidden.name for hidden in self.hidden}
         return any(
-            not named.alternatives and named.name not in right and not self._leaves_open(named)
+            not named.likely and named.name not in right and not self._leaves_open(named)
             for named in self.effects
         )
 
@@ -232,7 +244,36 @@ class BlindTrial:
     def has_wrong_name_alone(self) -> bool:
         """Return whether a name without alternatives is not hidden, whatever the word."""
         hidden = {each.name for each in self.hidden}
-        return any(not each.alternatives and each.name not in hidden for each in self.effects)
+        return any(not each.likely and each.name not in hidden for each in self.effects)
+
+    # How probable names are, and whether what is claimed comes true.
+
+    def claims(self) -> Iterator[Claim]:
+        """Yield what each finding claims of its name, its alternatives, and of none of these."""
+        true = {hidden.name for hidden in self.hidden}
+        true |= {Name(SPRING, f"joint {joint}") for joint in self.truth.flexible_joints}
+        for named in self.effects:
+            every = {named.name: named.probability}
+            every |= {each.name: each.probability for each in named.alternatives}
+            right = {name: name in true or self._is_nameless(name, named) for name in every}
+            for name, probability in every.items():
+                of = "name" if name == named.name else "alternative"
+                yield Claim(of, probability, right[name])
+            members = {named.name, *(each.name for each in named.likely)}
+            none = not any(right.values())
+            yield Claim("none of these", named.none_of_these, none)
+            # Nothing with a name is a member of the set, too, where it is likely enough.
+            held = any(right[name] for name in members) or (
+                none and named.none_of_these > 1.0 - LEVEL
+            )
+            yield Claim("set", LEVEL, held)
+
+    def _is_nameless(self, name: Name, named: FoundEffect) -> bool:
+        """Return whether a map stands for what has no name, or is named for an error by angle."""
+        here = [each for each in self.hidden if each.of == name.of and _kind_of(each).by_angle]
+        if name.id not in (MAP, LINE):
+            return False
+        return any(each.id in nameless() or name == named.name for each in here)
 
     def without_springs(self) -> BlindTrial:
         """Return it without findings of springs that the arm has and the calibration did not."""

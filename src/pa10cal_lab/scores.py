@@ -41,7 +41,7 @@ _DRAWN = {
 
 # The tables: a row a trial, a hidden effect, a fault, a parameter.
 
-TableName = Literal["trials", "effects", "faults", "parameters"]
+TableName = Literal["trials", "effects", "faults", "parameters", "claims"]
 
 
 def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.DataFrame]:
@@ -54,6 +54,7 @@ def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.Da
     return {
         "trials": by_trial,
         "effects": pd.DataFrame([row for t in trials for row in _effect_rows(t)]),
+        "claims": pd.DataFrame([row for t in trials for row in _claim_rows(t)]),
         "faults": pd.DataFrame([row for t in trials for row in _fault_rows(t)]),
         "parameters": pd.DataFrame(
             dict(each, name=f"{each.id} {each.parameter}", inside=abs(each.score) <= inside)
@@ -142,6 +143,27 @@ def _fault_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
     for each in t.put_in:
         about = {"campaign": t.truth.campaign, "has_fault": t.has_fault()}
         yield about | {"matters": t.matters(each), "told": t.is_told(each)}
+
+
+#: Edges of the bins in which probabilities are held against what comes true.
+CLAIM_EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
+
+
+def _claim_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
+    """Yield what a trial claims with a probability, and whether it is true."""
+    for each in t.claims():
+        k = min(max(int(np.searchsorted(CLAIM_EDGES, each.probability, "right")), 1), 6)
+        off = 1.0 - each.probability if each.right else each.probability
+        yield {
+            "campaign": t.truth.campaign,
+            "kind": t.kind,
+            "of": each.of,
+            "probability": each.probability,
+            "right": each.right,
+            "bin": f"{CLAIM_EDGES[k - 1]:.2f} to {CLAIM_EDGES[k]:.2f}",
+            "brier": off**2,
+            "log_score": float(np.log(max(1.0 - off, 1e-4))),
+        }
 
 
 # What is counted, and the figures to reach: `scores.csv` beside this module, a row a figure.

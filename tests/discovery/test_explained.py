@@ -15,6 +15,8 @@ from pa10cal.results.record import EffectName
 from pa10cal.terms import wording
 
 NOISE_MM = 0.1
+#: What is known of a finding that nothing else explains.
+ALONE = SimpleNamespace(smallest_set=())
 
 
 def errors(rms_mm, count=50):
@@ -147,12 +149,12 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
         return SimpleNamespace(distance_mm=errors(rms_mm))
 
     spring = SimpleNamespace(
-        id="joint_compliance", of="joint 2", alternatives=(), effect="of 2",
+        id="joint_compliance", of="joint 2", explanations=ALONE, effect="of 2",
         proof=SimpleNamespace(
             weights="stated", without_each_mm=errors(0.4), all_rigid_each_mm=errors(all_rigid_mm)
         ),
     )  # fmt: skip
-    eccentric = SimpleNamespace(id="eccentricity", of="joint 3", alternatives=(), effect="of 3")
+    eccentric = SimpleNamespace(id="eccentricity", of="joint 3", explanations=ALONE, effect="of 3")
     without, last = left(0.25), left(0.12)
     found = Verdict.explained.fget(
         SimpleNamespace(

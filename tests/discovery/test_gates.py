@@ -269,7 +269,8 @@ def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):
 @pytest.mark.parametrize("logged", [False, True])
 def test_a_pull_looks_like_a_gear_ratio_unless_torques_are_logged(eccentric, logged):
     found = eccentric.discovery
-    findings = tuple(replace(each, effect=GearRatioError("joint 2")) for each in found.findings)
+    gear = GearRatioError("joint 2")
+    findings = tuple(replace(each, effect=gear, rivals=()) for each in found.findings)
     prepared = replace(found.prepared, torques="logged" if logged else "masses")
     found = replace(found, findings=findings, prepared=prepared)
     after = with_pulls(found)

@@ -283,7 +283,8 @@ def test_parameters_that_had_absorbed_effects_are_listed(copied, page):
         update={"effects": (EffectName(id="backlash", of="joint 2"),)}
     )
     write(record.model_copy(update={"naming": (*record.naming, joined)}), path)
-    found = {"id": "backlash", "of": "joint 2", "parameters": {}, "alternatives": []}
+    name = {"id": "backlash", "of": "joint 2"}
+    found = {**name, "parameters": {}, "probability": 1.0, "alternatives": [], "set95": [name]}
     for file, a, more in (
         ("calibration/combined.json", 1e-4, {}),
         ("discovery/extended.json", 3e-4, {"named": [found]}),

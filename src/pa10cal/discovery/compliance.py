@@ -20,7 +20,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration import rules as calibration_rules
-from pa10cal.discovery.finding import DiagnosedFault, Finding, GivesWay, fault_of
+from pa10cal.discovery.computing import COMPUTING
+from pa10cal.discovery.finding import DiagnosedFault, Finding, GivesWay, Rival, fault_of
 from pa10cal.discovery.linear import (
     by_terms,
     cluster_covariance,
@@ -31,7 +32,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup, computable, sought
-from pa10cal.discovery.rules import COMPUTING, NAMES, SPRINGS, TORQUES
+from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
 from pa10cal.discovery.verdict import Verdict, is_named
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -42,7 +43,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import CandidateContext, Effect, is_effect
-from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance
+from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance, SoftWindup
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
@@ -82,8 +83,8 @@ def with_compliance(found: V) -> V:
     findings, unexplained = [], list(found.unexplained)
     for spring in shown:
         rigid = rows.rigid(spring)
-        rivals = _best_first(rows.rivals(rigid, rows.design_effect(spring), needed))
-        others = tuple(dict.fromkeys((*instead, *rivals)))
+        close, scores = rows.in_place_of(rigid, rows.design_effect(spring), needed)
+        others = tuple(dict.fromkeys((*instead, *_best_first(close))))
         if len(others) > NAMES.most_alternatives:
             continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
@@ -113,7 +114,15 @@ def with_compliance(found: V) -> V:
             weights="logged" if found.prepared.torques == "logged" else known.origin,
         )
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
-        findings.append(Finding(effect, np.array([stiffness]), np.array([[std**2]]), others, proof))
+        x, covariance = np.array([stiffness]), np.array([[std**2]])
+        # What bends under uncertain weights has more unknowns than a spring: that it fits better
+        # does not speak for it, that it fits worse does against it.
+        ways = (each for each in scores if each.id == SoftWindup.id and each.of == spring.of)
+        tied = tuple(
+            Rival(other, np.array([min(scores.get(other, 0.0), 0.0)]))
+            for other in dict.fromkeys((*others, *ways))
+        )
+        findings.append(Finding(effect, x, covariance, others, proof, tied))
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 
 
@@ -212,13 +221,11 @@ class _LinearProblem:
         """Return the squares that it leaves."""
         return self.steps.left
 
-    def squares_with(self, further: Array) -> float:
-        """Return the squares left with further columns (N, l) among the unknowns."""
+    def with_further(self, further: Array) -> Gaussian:
+        """Return what the rows say of further columns (N, l), all unknowns integrated out."""
         columns, data = self.rows
         left = columns @ self.off - data
-        return self.steps.of_further(
-            columns.T @ further, further.T @ further, further.T @ left
-        ).left
+        return self.steps.of_further(columns.T @ further, further.T @ further, further.T @ left)
 
     def errors_mm(self, poses: Observations) -> Array:
         """Return position errors (P,) that are left of poses, to first order.
@@ -228,23 +235,30 @@ class _LinearProblem:
         left, jacobian = residual_and_jacobian(self.at, poses)
         return error_mm(poses.measured, left + jacobian @ (self.step * self.sizes))
 
-    def rivals(
+    def in_place_of(
         self, rigid: _LinearProblem, design_effect: float, needed: float
-    ) -> Iterator[tuple[Effect, float]]:
-        """Yield effects beside which a spring is not needed any more, and the squares left."""
+    ) -> tuple[list[tuple[Effect, float]], dict[Effect, float]]:
+        """Return effects beside which a spring is not needed any more, with the squares left.
+
+        And the log score of every effect in its place, in rows that err independently.
+        """
+        close, nats = [], dict[Effect, float]()
         both = zip(rigid.of_candidates(), self.of_candidates(), strict=True)
         for (effect, at_rigid), (_, columns) in both:
-            squares = rigid.squares_with(at_rigid)
-            gain = (squares - self.squares_with(columns)) / design_effect
+            instead = rigid.with_further(at_rigid)
+            gain = (instead.left - self.with_further(columns).left) / design_effect
             if 0.5 * (gain - np.log(self.readings)) < needed:
-                yield effect, squares
+                close.append((effect, instead.left))
+            score = (instead.log_evidence - self.steps.log_evidence) / design_effect
+            nats[effect] = max(score, nats.get(effect, -np.inf))
+        return close, nats
 
     def instead_of(
         self, rigid: _LinearProblem, springs: int, needed: float
     ) -> Iterator[tuple[Effect, float]]:
         """Yield effects that explain the poses, each alone, as well as some springs together."""
         for effect, columns in rigid.of_candidates() if springs > 1 else ():
-            with_it = rigid.squares_with(columns)
+            with_it = rigid.with_further(columns).left
             # Only linear parameters count: the shape of the moments is not penalised.
             fewer = (springs - effect.linear) * np.log(self.readings)
             if 0.5 * (with_it - self.squares - fewer) < needed:

@@ -26,7 +26,15 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, 
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
 from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
-from pa10cal.discovery.verdict import MAP, Predicted, SearchVerdict, Verdict, is_named, label_of
+from pa10cal.discovery.verdict import (
+    MAP,
+    Predicted,
+    SearchVerdict,
+    Verdict,
+    is_named,
+    label_of,
+    with_likely,
+)
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.weighed_arm import open_unknowns
@@ -152,7 +160,7 @@ def discover(
         found = without
     if isinstance(found, SearchVerdict):
         found = with_lines_named(with_proposals(gated(found)))
-    return with_predicted(with_compliance(found))
+    return with_likely(with_predicted(with_compliance(found)))
 
 
 def with_predicted(found: Verdict[object]) -> Verdict[object]:

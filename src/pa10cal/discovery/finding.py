@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Generic, Literal, TypeVar
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.special import softmax
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.rules import JUDGING
+from pa10cal.discovery.rules import JUDGING, PROBABILITIES
 from pa10cal.results import discovery
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.evaluation import EffectParameter
@@ -54,6 +56,56 @@ def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: floa
 
 
 @dataclass(frozen=True, eq=False)
+class Rival:
+    """What may stand in the place of an effect that was found."""
+
+    effect: Effect
+    # (B,) log score of the data with it there, less that with the effect found: of each block of
+    # poses held out, or one number where repeats are the judge
+    nats: Array
+    weight: float = 1.0  # how likely it is beside that effect before the data are looked at
+
+
+def weight_beside(effect: Effect, found: Effect) -> float:
+    """Return how likely an effect is beside one that was found, before data are looked at."""
+    if effect.generic:
+        return PROBABILITIES.nameless
+    return PROBABILITIES.map if is_error_map(effect) and not is_error_map(found) else 1.0
+
+
+@dataclass(frozen=True)
+class Explanations:
+    """What may explain what was found, with probabilities that sum to one."""
+
+    named: tuple[tuple[Effect, float], ...]  # effects of the vocabulary, the likeliest first
+    none_of_these: float  # of something without a name, or that was not tried
+
+    def of(self, effect: Effect) -> float:
+        """Return the probability of an effect."""
+        return dict(self.named).get(effect, 0.0)
+
+    @property
+    def smallest_set(self) -> tuple[Effect, ...]:
+        """Return the effects of the smallest set that surely holds what is there.
+
+        What none of these is, is a member of it, too, where it is that likely.
+        """
+        members: list[Effect] = []
+        open_to = 1.0 - PROBABILITIES.surely
+        left, without = 1.0, self.none_of_these
+        for effect, probability in self.named:
+            if left <= open_to:
+                break
+            if without > probability:
+                left, without = left - without, 0.0
+                if left <= open_to:
+                    break
+            members.append(effect)
+            left -= probability
+        return tuple(members)
+
+
+@dataclass(frozen=True, eq=False)
 class Finding(Generic[P_co]):
     """One effect that was found."""
 
@@ -63,6 +115,37 @@ class Finding(Generic[P_co]):
     covariance: Array
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
     proof: P_co  # the statistics that decided
+    # whatever else was tried in its place, of the vocabulary and without a name
+    rivals: tuple[Rival, ...] = ()
+    unknown: float = PROBABILITIES.unknown  # probability that nothing that was tried is there
+
+    @cached_property
+    def explanations(self) -> Explanations:
+        """Return how probable it is, among all that was tried in its place.
+
+        Of blocks of poses by Bayesian bootstrap of their scores (pseudo-BMA+; Yao, Vehtari, Simpson
+        and Gelman, Bayesian Analysis 13, 2018). What is as good and has no score has that of the
+        effect itself.
+        """
+        rivals = {name_of(each.effect).name: each for each in self.rivals}
+        effects = {name_of(each).name: each for each in (self.effect, *self.alternatives)}
+        effects |= {name: each.effect for name, each in rivals.items() if name not in effects}
+        blocks = max((len(each.nats) for each in self.rivals), default=1)
+        nats = np.zeros((len(effects), blocks))
+        weight = np.ones(len(effects))
+        for k, name in enumerate(effects):
+            if name in rivals:
+                nats[k] = rivals[name].nats / (blocks if len(rivals[name].nats) == 1 else 1)
+                weight[k] = rivals[name].weight if k else 1.0
+        drawn = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
+        share = softmax(blocks * drawn @ nats.T + np.log(weight), axis=1).mean(axis=0)
+        share *= 1.0 - self.unknown
+        every = list(zip(effects.values(), share.tolist(), strict=True))
+        named = [pair for pair in every if not pair[0].generic]
+        return Explanations(
+            tuple(sorted(named, key=lambda pair: -pair[1])),
+            max(0.0, 1.0 - sum(probability for _, probability in named)),
+        )
 
     @property
     def id(self) -> str:
@@ -89,6 +172,11 @@ class Finding(Generic[P_co]):
         """Return its reported parameters by name."""
         return effect_parameters(self.effect, self.x, self.covariance)
 
+    def with_likely(self) -> Self:
+        """Return it with what is likely enough as its alternatives, the likeliest first."""
+        likely = (e for e, p in self.explanations.named if p >= PROBABILITIES.least)
+        return replace(self, alternatives=tuple(e for e in likely if e != self.effect))
+
     def record(self, witness: JointWitness | None = None) -> discovery.FoundEffect:
         """Return it as it is written, with what says whose error an error by angle is."""
         proof, form = self.proof, None
@@ -96,12 +184,24 @@ class Finding(Generic[P_co]):
             kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
             form = MapForm.model_validate(keys)
+        said = self.explanations
+        listed = tuple(
+            discovery.Alternative(**dict(name_of(effect)), probability=said.of(effect))
+            for effect in self.alternatives
+        )
         return discovery.FoundEffect(
             id=self.id,
             of=self.of,
             form=form,
             parameters=self.parameters,
-            alternatives=tuple(map(name_of, self.alternatives)),
+            probability=said.of(self.effect),
+            alternatives=listed,
+            others=max(
+                0.0,
+                1.0 - said.none_of_these - sum(map(said.of, (self.effect, *self.alternatives))),
+            ),
+            none_of_these=said.none_of_these,
+            set95=tuple(map(name_of, said.smallest_set)),
             evidence=discovery.EvidenceByBlocks(cross_validation_over_blocks=proof)
             if isinstance(proof, discovery.BlockedCrossValidation)
             else proof,

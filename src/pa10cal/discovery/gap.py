@@ -301,7 +301,7 @@ def taken_away(
     weights: Literal["assumed"] | None = None,
 ) -> ExplainedEffect:
     """Return what an effect takes away of errors (P,), its share of the whole not yet known."""
-    others = finding.alternatives
+    others = [one for one in finding.explanations.smallest_set if one != finding.effect]
     here = dict.fromkeys((finding.id, *(one.id for one in others if one.of == finding.of)))
     return ExplainedEffect(
         ids=tuple(here),

@@ -18,11 +18,12 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.uncertainty import summarise
-from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.computing import COMPUTING
+from pa10cal.discovery.finding import Finding, Rival
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.rules import COMPUTING, NAMES
+from pa10cal.discovery.rules import NAMES, PROBABILITIES
 from pa10cal.discovery.verdict import SearchVerdict, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
@@ -126,7 +127,10 @@ def with_pulls(found: V) -> V:
     for finding in found.findings:
         if finding.id == GearRatioError.id and finding.of not in held:
             others = [one for one in finding.alternatives if one.id != JointErrorMap.id]
-            wider = replace(finding, alternatives=(*others, JointErrorMap(finding.of)))
+            map_of_joint = JointErrorMap(finding.of)
+            rivals = [one for one in finding.rivals if one.effect.id != JointErrorMap.id]
+            pull = Rival(map_of_joint, np.zeros(1), PROBABILITIES.pull)
+            wider = replace(finding, alternatives=(*others, map_of_joint), rivals=(*rivals, pull))
             found = replace(found, findings=found.instead(wider))
     return found
 

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 from pydantic import JsonValue
 from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
-from pa10cal.arrays import Array
+from pa10cal.discovery.computing import COMPUTING
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -234,6 +233,27 @@ class Names:
     # held-out errors over what noise and the model's uncertainty explain by which a name is
     # contradicted (trials)
     contradicted_ratio: float = 1.5
+
+
+@dataclass(frozen=True)
+class Probabilities:
+    """How probable a name is, among all that was tried in its place."""
+
+    # what scores are divided by, as rows err alike: by blocks, by repeats (trials)
+    blocks: float = 3.0
+    repeats: float = 1.0
+    draws: int = 1000  # draws of the weights of blocks (computing)
+    # weight beside a name of the map of a joint, of a smooth function without a name, and of a pull
+    # at a joint beside its gear ratio (trials)
+    map: float = 0.1
+    nameless: float = 0.3
+    pull: float = 0.3
+    # probability that nothing that was tried is there, and where more than noise is left without a
+    # name (trials)
+    unknown: float = 0.01
+    unknown_beside: float = 0.17
+    surely: float = 0.95  # probability of the set that holds what is there (level)
+    least: float = 0.01  # probability from which an alternative is listed (level)
 
 
 @dataclass(frozen=True)
@@ -504,48 +524,6 @@ class Places:
     most_shown: int = 8  # effects that are printed (told)
 
 
-@dataclass(frozen=True)
-class Computing:
-    """Steps, damping and rounding of the fits; no verdict hangs on them."""
-
-    # part of a parameter's own certainty that stands for a prior where it has none (computing)
-    least_precision: float = 1e-12
-    no_part: float = 1e-9  # rows with less of the shared error than this have none (computing)
-    same_share: float = 1e-9  # what differs by a smaller part is the same (computing)
-    not_fitted: float = 1e-9  # size of a parameter that is not to be fitted (computing)
-    no_waves_rad: float = 1e-12  # size of waves that a map has no knots for [rad] (computing)
-    tiny: float = 1e-300  # a sum of weights that is none (computing)
-    # correlations are kept from one, where their transform has no end (computing)
-    most_correlation: float = 1.0 - 1e-9
-    # a step that lowers the sum of squares by less than this part is the last (computing)
-    fit_precision: float = 1e-8
-    fit_steps: int = 50  # steps of such a fit (computing)
-    fit_damping: float = 1e-6  # its first damping (computing)
-    refit_steps: int = 6  # steps of a refit of everything (computing)
-    refit_damping: float = 1e-3  # damping that hardly shortens a step (computing)
-    refit_arrived: float = 0.1  # a step this small, in standard uncertainties, ends it (computing)
-    # a fit that sets out nearby ends where a step gains no more than this part of what is left
-    # (computing)
-    nearby_settled: float = 1e-4
-    nearby_steps: int = 20  # steps of that fit (computing)
-    band_steps: int = 40  # steps of a climb of bands (computing)
-    band_longest: float = 1.0  # longest step of a logarithm (computing)
-    band_damping: float = 0.1  # least damping after a step that led downhill (computing)
-    # gain of twice the log-likelihood below which the climb ends (computing)
-    band_settled: float = 0.1
-    band_difference: float = 1e-4  # step of its differences (computing)
-    damping_up: float = 10.0  # by which damping grows after it (computing)
-    damping_down: float = 0.1  # and falls after a good step (computing)
-    refit_no_worse: float = 1e-9  # part by which a step of a refit may end worse (computing)
-    noise_steps: int = 60  # steps by which variances of joints are found (computing)
-    draws: int = 2000  # draws of a mean length (computing)
-    same_nats: float = 1e-9  # log evidence that is the same [nat] (computing)
-    no_size: float = 1e-12  # a size that is none (computing)
-    least_singular: float = 1e-9  # singular values that are none, in the largest (computing)
-    least_determinant: float = 1e-9  # a determinant that is none, in weights squared (computing)
-    least_weight: float = 1e-12  # least weight of a line, in the largest (computing)
-
-
 NOISE = Noise()
 JUDGING = Judging()
 CANDIDATES = Candidates()
@@ -553,6 +531,7 @@ EVIDENCE = Evidence()
 BLOCKS = Blocks()
 MAPS = Maps()
 NAMES = Names()
+PROBABILITIES = Probabilities()
 MOTION = Motion()
 CHANGE = Change()
 SPRINGS = Springs()
@@ -563,7 +542,6 @@ FIELD = Field()
 FORMS = Forms()
 NEXT_POSES = NextPoses()
 PLACES = Places()
-COMPUTING = Computing()
 
 #: All of them, by what they decide.
 SECTIONS: dict[str, DataclassInstance] = {
@@ -574,6 +552,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "blocks": BLOCKS,
     "maps": MAPS,
     "names": NAMES,
+    "probabilities": PROBABILITIES,
     "motion": MOTION,
     "change": CHANGE,
     "springs": SPRINGS,
@@ -593,8 +572,3 @@ def decisions() -> dict[str, dict[str, JsonValue]]:
     every = {name: asdict(each) for name, each in SECTIONS.items() if each is not COMPUTING}
     plain: dict[str, dict[str, JsonValue]] = to_jsonable_python(every)
     return plain
-
-
-def none_and_spaced(lowest: float, highest: float, count: int) -> Array:
-    """Return none, and values evenly spaced in their logarithm, (count + 1,)."""
-    return np.append(0.0, np.geomspace(lowest, highest, count))

@@ -34,7 +34,7 @@ from pa10cal.discovery.gap import (
 from pa10cal.discovery.linear import ModelWithEffects, rms
 from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.rules import PLACES
+from pa10cal.discovery.rules import PLACES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
@@ -401,6 +401,24 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
     return name if rival is None else f"{name} or {rival.id} of {rival.of}"
 
 
+V = TypeVar("V", bound=Verdict[Any])
+
+
+def with_likely(found: V) -> V:
+    """Return a verdict whose findings have as alternatives what is likely enough to be listed.
+
+    Where more than noise is left without a name, what was tried may all be wrong more often.
+    """
+    left = bool(found.unexplained) or found.over_noise
+    unknown = PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown
+
+    def with_its_own(finding: Finding[P_co]) -> Finding[P_co]:
+        return replace(finding, unknown=unknown).with_likely()
+
+    findings = tuple(map(with_its_own, found.findings))
+    return replace(found, findings=findings, gives_way=tuple(map(with_its_own, found.gives_way)))
+
+
 def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
     """Return what a finding is that fits best and is no name, by the mean error left without it."""
     said = f"{label_of(finding.effect, None)} fits best, but is not named: {why}"
@@ -420,7 +438,8 @@ def word_of(findings: Sequence[Finding[object]], unexplained: Sequence[Unexplain
     """Return the verdict in a word."""
     if unexplained or not findings:
         return "unexplained" if unexplained else "none"
-    return "ambiguous" if any(finding.alternatives for finding in findings) else "named"
+    alone = (finding.explanations.smallest_set == (finding.effect,) for finding in findings)
+    return "named" if all(alone) else "ambiguous"
 
 
 def is_named(effect: Effect) -> bool:

@@ -140,9 +140,10 @@ def extended_parameters(found: Verdict[Any]) -> dict[str, Parameter]:
 def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a reader should know before trusting the extended model."""
     found = [
-        f"{effect.id} of {effect.of} is indistinguishable from {', '.join(effect.rivals)}"
+        f"{effect.id} of {effect.of} has a probability of {effect.probability:.2f}; else it is "
+        f"{' or '.join(effect.rivals)}"
         for effect in verdict.effects
-        if effect.alternatives
+        if effect.likely
     ]
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"

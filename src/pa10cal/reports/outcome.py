@@ -97,7 +97,7 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
         "fault | where | what | what to do",
         ((of.kind.replace("_", " "), of.where, of.what, of.remedy) for of in record.faults),
     )
-    head = "effect | at | size | what it adds | could also be"
+    head = "effect | at | size | what it adds | probability | could also be"
     if lead is not None:
         head += f" | error without → with it, over {lead.over} [mm rms] | of the error beyond noise"
     title = "Effects, those that remove most error first, with 95 % intervals"
@@ -147,7 +147,11 @@ def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tupl
             unbroken(effect.of.replace("_", " ")),
             _size(effect),
             formulas.get((effect.id, effect.of), NOT_KNOWN),
-            listed(map(named, effect.alternatives), "nothing else"),
+            f"{effect.probability:.2f}",
+            listed(
+                (f"{named(each)} ({each.probability:.2f})" for each in effect.alternatives),
+                "nothing else",
+            ),
             *map(unbroken, taken.get((effect.id, effect.of), ())),
         )
 
@@ -189,7 +193,7 @@ def _together(effects: tuple[FoundEffect, ...]) -> str:
     """Return effects as a list within a sentence, those of one kind at several joints as one."""
     groups: dict[object, list[FoundEffect]] = {}
     for effect in effects:
-        alone = effect.alternatives or not effect.of.startswith("joint ")
+        alone = effect.likely or not effect.of.startswith("joint ")
         groups.setdefault((effect.id, effect.of if alone else None), []).append(effect)
     names = []
     for first, *others in groups.values():
@@ -197,7 +201,7 @@ def _together(effects: tuple[FoundEffect, ...]) -> str:
             joints = sorted((each.of.removeprefix("joint ") for each in (first, *others)), key=int)
             names.append(f"{first.id.replace('_', ' ')} at joints {listed(joints)}")
         else:
-            names.append(" or ".join(map(named, (first, *first.alternatives))))
+            names.append(" or ".join(map(named, (first, *first.likely))))
     return ", and ".join(names) if len(names) == 2 and "and" in names[0] else listed(names)
 
 

@@ -85,13 +85,22 @@ class EvidenceOfSag(record.Part):
     all_rigid_mm: float
 
 
+class Alternative(record.EffectName):
+    """An effect that may be there in the place of one that was named."""
+
+    probability: float  # that it is
+
+
 class NamedEffect(record.EffectName):
     """An effect that was named."""
 
     parameters: Mapping[record.ParameterKey, EffectParameter]  # its parameters
-    alternatives: tuple[
-        record.EffectName, ...
-    ]  # effects that explain the data as well in its place
+    probability: float  # that it is there, among all that was tried in its place
+    # effects that may be there in its place, the likeliest first, down to a probability of 0.01
+    alternatives: tuple[Alternative, ...]
+    # smallest set of effects that holds what is there with a probability of 0.95, beside none of
+    # these
+    set95: tuple[record.EffectName, ...]
 
     @property
     def knots(self) -> tuple[EffectParameter, ...]:
@@ -101,23 +110,31 @@ class NamedEffect(record.EffectName):
 
     @property
     def all_names(self) -> tuple[record.Name, ...]:
-        """Return the name and those of its alternatives."""
-        return (self.name, *(each.name for each in self.alternatives))
+        """Return the name and those of what else is likely."""
+        return (self.name, *(each.name for each in self.likely))
+
+    @property
+    def likely(self) -> tuple[Alternative, ...]:
+        """Return the alternatives that may well be there, by the smallest set."""
+        members = {each.name for each in self.set95}
+        return tuple(each for each in self.alternatives if each.name in members)
 
     @property
     def either(self) -> str:
-        """Return the name and its alternatives in words: `backlash of joint 2 or ...`."""
-        return " or ".join(f"{name.id} of {name.of}" for name in self.all_names)
+        """Return the name and what else is likely in words: `backlash of joint 2 or ...`."""
+        return " or ".join((f"{self.id} of {self.of}", *self.rivals))
 
     @property
     def rivals(self) -> list[str]:
-        """Return its alternatives in words."""
-        return [f"{rival.id} of {rival.of}" for rival in self.alternatives]
+        """Return what else is likely, in words."""
+        return [f"{rival.id} of {rival.of}" for rival in self.likely]
 
 
 class FoundEffect(NamedEffect):
     """An effect that was named, with what decided."""
 
+    others: float  # probability of all that is not listed among the alternatives
+    none_of_these: float  # probability that none is there that has a name
     form: MapForm | None  # form of a map that has its own; null for every other effect
     evidence: EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag  # the statistics that decided
     # whether the joint's sensor or its gear errs; of errors by its angle, where anything is known
@@ -314,7 +331,7 @@ class Separation(record.Part):
 class VerdictKeys(record.Part):
     """The verdict on a campaign."""
 
-    # `named` when every effect found stands alone; `ambiguous` when one at least has alternatives;
+    # `named` when every effect found stands alone in its `set95`; `ambiguous` when one does not;
     # `unexplained` when a significant gap remains that no effect closes; `none` when model and data
     # agree within the repeatability; `check_the_log` when what fits best is a fault of the data;
     # `not_sought` when the campaign has too few poses or repeats for a search

@@ -102,8 +102,10 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
         line = f"  {effect.id} of {effect.of}: {values}"
         if isinstance(effect.evidence, EvidenceOfSag):
             line += f"; {sag(effect.evidence)}"
-        if effect.alternatives:
-            line += f"; indistinguishable from {' or '.join(effect.rivals)}"
+        line += f"; probability {effect.probability:.2f}"
+        if effect.likely:
+            others = (f"{each.id} of {each.of} ({each.probability:.2f})" for each in effect.likely)
+            line += f", else {' or '.join(others)}"
         if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
             low, high = ripple.interval95
             line += (

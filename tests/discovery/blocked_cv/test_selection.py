@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.blocked_cv.family import Candidate, Columns, both_kinds_agree, start
-from pa10cal.discovery.blocked_cv.judge import alternatives, over_floor, unexplained
+from pa10cal.discovery.blocked_cv.judge import in_place_of, over_floor, unexplained
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Products, ShapedEffect
 from pa10cal.results.discovery import Remaining, Tried
@@ -209,7 +209,12 @@ def test_what_imitates_a_rival_is_no_alternative_to_a_name():
 
     def found(chosen):
         beside = dict(zip((spring,), chosen.with_each((spring,)), strict=True))
-        return alternatives(search, chosen, 0, beside)
+        return in_place_of(search, chosen, 0, beside, len(data))
 
-    assert found(alone) == (spring.effect,)
-    assert found(with_rival) == ()
+    close, (rival_of_it,) = found(alone)
+    assert close == (spring.effect,)
+    assert rival_of_it.effect == spring.effect
+    close, (rival_of_it,) = found(with_rival)
+    assert close == ()
+    assert rival_of_it.nats.shape == (BLOCKS,)
+    assert rival_of_it.nats.sum() < 0.0

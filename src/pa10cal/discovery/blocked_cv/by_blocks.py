@@ -293,7 +293,11 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
     remaining = judge.remaining_error(found.rows, found.errors_mm, floor_mm, found.tried)
     findings = tuple(
         Finding(
-            effect, *extended.reported(effect, extended.covariance), each.alternatives, each.proof
+            effect,
+            *extended.reported(effect, extended.covariance),
+            each.alternatives,
+            each.proof,
+            each.rivals,
         )
         for effect, each in zip(extended.effects, found.judged, strict=True)
     )

@@ -31,7 +31,7 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
 from pa10cal.discovery.blocked_cv.search import Level, Search, level, refine_maps
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, ShapedEffect, Survey
-from pa10cal.discovery.finding import MayHaveCarrier, Untestable, carrier_of
+from pa10cal.discovery.finding import MayHaveCarrier, Rival, Untestable, carrier_of, weight_beside
 from pa10cal.discovery.linear import (
     by_effects,
     by_own_terms,
@@ -42,7 +42,7 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.preparation import computable, sought
-from pa10cal.discovery.rules import BLOCKS, MAPS
+from pa10cal.discovery.rules import BLOCKS, MAPS, PROBABILITIES
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.observe.order import like_a_scan
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
@@ -65,6 +65,7 @@ class Judged:
     effect: Effect  # as the search has it; maps may be finer in the model
     proof: BlockPrediction  # how well it predicts what was held out
     alternatives: tuple[Effect, ...]  # effects that predict that as well in its place
+    rivals: tuple[Rival, ...] = ()  # all that was tried in its place
 
 
 def prediction(
@@ -112,6 +113,7 @@ def judged_members(
     others = search.others(with_rivals)
     beside = dict(zip(others, with_rivals.with_each(others), strict=True)) if others else {}
     labels, pose = np.unique(rows.survey.poses.pose, return_inverse=True)
+    seen = int(rows.survey.poses.measured.components_seen.sum())
     found = []
     for k, without in enumerate(chosen.without_each()):
         gain = without - chosen.squares
@@ -123,7 +125,9 @@ def judged_members(
         proof = prediction(gain, float(without.sum()), rms_mm, carrier)
         member = chosen.members[k]
         place = with_rivals.members.index(member)
-        found.append(Judged(member.effect, proof, alternatives(search, with_rivals, place, beside)))
+        found.append(
+            Judged(member.effect, proof, *in_place_of(search, with_rivals, place, beside, seen))
+        )
     return tuple(found), errors_mm[:, 0]
 
 
@@ -162,29 +166,34 @@ def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
     return bool(surely or middle)
 
 
-def alternatives(
-    search: Search, chosen: EffectSet, member: int, beside: Mapping[Candidate, Array]
-) -> tuple[Effect, ...]:
-    """Return the effects that predict as well in one's place, within a standard error.
+def in_place_of(
+    search: Search, chosen: EffectSet, member: int, beside: Mapping[Candidate, Array], rows: int
+) -> tuple[tuple[Effect, ...], tuple[Rival, ...]]:
+    """Return the effects that predict as well in one's place, and how well everything does.
 
-    One that leaves it needed, by the squares with each other candidate `beside` the set, is no
-    alternative; nor is the map of a joint, which can always do what a named form of it does.
+    Within a standard error. One that leaves it needed, by the squares with each other candidate
+    `beside` the set, is no alternative; nor is the map of a joint, which can always do what a named
+    form of it does. Scores are of so many rows, whose scatter is profiled.
     """
     own = chosen.members[member]
     less = chosen.reduced(member)
-    others = [
-        other
-        for other in beside
-        if not other.effect.generic
-        and not (other.is_map and own.effect.coordinates == other.effect.coordinates)
-    ]
-    if not others:
-        return ()
+    if not beside:
+        return (), ()
+    variance = max(float(chosen.squares.sum()), search.noise) / rows
     close: dict[tuple[str, str], Effect] = {}
-    for other, alone in zip(others, less.with_each(others), strict=True):
-        if as_good(alone, chosen.squares) and not search.helps(alone, beside[other]):
+    best: dict[tuple[str, str], Rival] = {}
+    for other, alone in zip(beside, less.with_each(tuple(beside)), strict=True):
+        nats = 0.5 * (chosen.squares - alone) / variance / PROBABILITIES.blocks
+        known = best.get(other.name)
+        if known is None or nats.sum() > known.nats.sum():
+            weight = weight_beside(other.effect, own.effect)
+            best[other.name] = Rival(other.effect, nats, weight)
+        own_map = other.is_map and own.effect.coordinates == other.effect.coordinates
+        if other.effect.generic or own_map or not as_good(alone, chosen.squares):
+            continue
+        if not search.helps(alone, beside[other]):
             close.setdefault(other.name, other.effect)
-    return tuple(close.values())
+    return tuple(close.values()), tuple(best.values())
 
 
 def tried(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:

@@ -8,6 +8,7 @@ data (max-T), whatever the noise really is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -32,10 +33,10 @@ from pa10cal.discovery.evidence.search import (
     linearise,
     threshold,
 )
-from pa10cal.discovery.finding import Finding, MayHaveCarrier, carrier_of
+from pa10cal.discovery.finding import Finding, MayHaveCarrier, Rival, carrier_of, weight_beside
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in
-from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import reading_groups
@@ -232,7 +233,8 @@ def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
         if effect.generic or confirmations[effect].p_sign_flips_max_t > EVIDENCE.false_rate:
             continue
         x, of_x = found.fit.reported(effect, covariance)
-        findings.append(Finding(effect, x, of_x, rivals[effect], confirmations[effect]))
+        close, every = rivals[effect]
+        findings.append(Finding(effect, x, of_x, close, confirmations[effect], every))
     unexplained = _unexplained(found, confirmations)
     findings = [f for f in findings if not _bent(found, f.effect, unexplained)]
     return Judgement(tuple(findings), unexplained, found)
@@ -243,52 +245,77 @@ def _prefer_named(found: EndOfSearch) -> EndOfSearch:
     for effect in found.fit.effects:
         if is_named(effect) or is_fault(effect):
             continue
-        for rival, _ in _refitted(found, effect, tuple(filter(is_named, found.family))):
+        refits = _refitted(found, effect, tuple(filter(is_named, found.family)))
+        for rival, _ in _as_good(found, refits):
             return _prefer_named(ended_at(found.problem, rival, found.family, found.same))
     return found
 
 
-def _rivals(found: EndOfSearch, effect: Effect) -> tuple[Effect, ...]:
-    """Return the effects of the vocabulary that explain the data as well in one's place."""
+def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tuple[Rival, ...]]:
+    """Return the effects of the vocabulary that explain the data as well in one's place, and all.
+
+    By full refits where they come near, else linear about the fit with the effect.
+    """
     if effect.generic:
-        return ()
-    family = tuple(each for each in found.family if not each.generic)
-    here = found.score.log_evidence
-    rivals = [
-        each
-        for rival, score in _refitted(found, effect, family)
-        for each in rival.effects
-        if each not in found.fit.effects
-        and not (
-            is_named(effect)
-            and each.id == MAP
-            and score.log_evidence < here - float(np.log(EVIDENCE.odds_over_map))
-        )
-    ]
+        return (), ()
+    here, members = found.score.log_evidence, found.fit.effects
+    others = tuple(each for each in found.family if each not in members)
+    scores = dict(zip(others, _linear_scores(found, effect, others), strict=True))
+    refits = _refitted(found, effect, tuple(each for each in others if not each.generic))
+    nameless = _refitted(found, effect, tuple(each for each in others if each.generic))
+    rivals = []
+    for rival, score in (*refits, *nameless):
+        (each,) = (one for one in rival.effects if one not in members)
+        scores[each] = score.log_evidence, 0
+    for rival, score in _as_good(found, refits):
+        (each,) = (one for one in rival.effects if one not in members)
+        # A map can always do what a named form of its joint does.
+        of_map = is_named(effect) and each.id == MAP
+        if not of_map or score.log_evidence >= here - float(np.log(EVIDENCE.odds_over_map)):
+            rivals.append(each)
     place = found.family.index(effect)
     same = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
-    return tuple(dict.fromkeys([*same, *rivals]))
+    every = tuple(
+        Rival(each, np.array([nats - here]) / PROBABILITIES.repeats, weight_beside(each, effect))
+        for each, (nats, _) in scores.items()
+    )
+    return tuple(dict.fromkeys([*same, *rivals])), every
+
+
+def _linear_scores(
+    found: EndOfSearch, effect: Effect, others: Sequence[Effect]
+) -> list[tuple[float, int]]:
+    """Return the log evidence of each of some others in one's place, and its size."""
+    kept = less(found.chosen, found.fit.effects.index(effect))
+    without = found.evidence.score(kept).log_evidence
+    gains = found.evidence.additions(kept, [found.family.index(each) for each in others])
+    return [(without + gain, size) for gain, size in gains]
+
+
+def _as_good(
+    found: EndOfSearch, refits: Sequence[tuple[EvidenceFit, Score]]
+) -> list[tuple[EvidenceFit, Score]]:
+    """Return the refits that are about as good, best first.
+
+    If a rival is the truth, the chance that it falls behind by more than this is below
+    `missed_rate` for the whole family (Markov, as for the search).
+    """
+    worse = threshold(effects_in(found.family), EVIDENCE.missed_rate)
+    least = found.score.log_evidence - worse
+    return [pair for pair in refits if pair[1].log_evidence >= least]
 
 
 def _refitted(
     found: EndOfSearch, effect: Effect, family: tuple[Effect, ...]
 ) -> list[tuple[EvidenceFit, Score]]:
-    """Return full refits with another effect in one's place that are about as good, best first.
-
-    If a rival is the truth, the chance that it falls behind by more than `worse` is below
-    `missed_rate` for the whole family (Markov, as for the search).
-    """
+    """Return full refits with another effect in one's place that come near, best first."""
     worse = threshold(effects_in(found.family), EVIDENCE.missed_rate)
-    place = found.fit.effects.index(effect)
-    kept = less(found.chosen, place)
-    candidates = [found.family.index(e) for e in family if e not in found.fit.effects]
-    without = found.evidence.score(kept).log_evidence
-    here = found.score.log_evidence
-    gains = found.evidence.additions(kept, candidates)
+    kept = less(found.chosen, found.fit.effects.index(effect))
+    here, others = found.score.log_evidence, tuple(e for e in family if e not in found.fit.effects)
     close = [
-        (without + gain, candidate, size)
-        for (gain, size), candidate in zip(gains, candidates, strict=True)
-        if without + gain >= here - worse - EVIDENCE.refit_margin_nats
+        (nats, found.family.index(each), size)
+        for each, (nats, size) in zip(others, _linear_scores(found, effect, others), strict=True)
+        if nats >= here - worse - EVIDENCE.refit_margin_nats
     ]
     refits = []
     for _, candidate, size in sorted(close, reverse=True)[: EVIDENCE.most_refits]:
@@ -296,9 +323,7 @@ def _refitted(
         sizes = (*(size for _, size in kept), size)
         refit = fit(found.problem, effects, sizes, found.score.variances, found.fit)
         own = evidence_about(found.problem, refit, refit.effects)
-        score = own.score(tuple(enumerate(refit.sizes)))
-        if score.log_evidence >= here - worse:
-            refits.append((refit, score))
+        refits.append((refit, own.score(tuple(enumerate(refit.sizes)))))
     return sorted(refits, key=lambda pair: -pair[1].log_evidence)
 
 

@@ -19,8 +19,9 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
+from pa10cal.discovery.computing import COMPUTING, none_and_spaced
 from pa10cal.discovery.evidence.problem import NoiseModel
-from pa10cal.discovery.rules import COMPUTING, EVIDENCE, none_and_spaced
+from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.numerics.gaussian import Gaussian
 
 #: A set of candidates: the number of each in the family, and the index of its size.

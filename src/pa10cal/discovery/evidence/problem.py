@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
+from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
@@ -29,7 +30,7 @@ from pa10cal.discovery.noise import (
     whitener_of,
 )
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
-from pa10cal.discovery.rules import COMPUTING, EVIDENCE
+from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.wander import NO_MOTION, TimeFindings
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of

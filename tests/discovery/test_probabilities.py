@@ -1,0 +1,120 @@
+"""How probable a name is, among all that was tried in its place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pa10cal.discovery.finding import Explanations, Finding, Rival, weight_beside
+from pa10cal.discovery.rules import PROBABILITIES
+from pa10cal.terms.effects.joint import Backlash, GearRatioError
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.unnamed import DirectionMap
+
+SURE = 1.0 - PROBABILITIES.unknown
+BACKLASH, GEAR, MAP = Backlash("joint 1"), GearRatioError("joint 1"), JointErrorMap("joint 1")
+ELSEWHERE = Backlash("joint 2")
+NAMELESS = DirectionMap("joint 1", 10.0, 1.0)
+
+
+def finding(*rivals, alternatives=()):
+    """A finding of lost motion, with what was tried in its place."""
+    return Finding(BACKLASH, np.array([1e-4]), np.eye(1), alternatives, object(), rivals)
+
+
+def blocks(*nats):
+    """Scores of ten blocks of poses that repeat some numbers."""
+    return np.resize(np.array(nats, dtype=float), 10)
+
+
+def test_nothing_else_tried_leaves_what_is_unknown():
+    said = finding().explanations
+    assert said.of(BACKLASH) == pytest.approx(SURE)
+    assert said.none_of_these == pytest.approx(PROBABILITIES.unknown)
+    assert said.smallest_set == (BACKLASH,)
+
+
+def test_by_repeats_odds_are_those_of_the_evidence():
+    said = finding(Rival(GEAR, np.array([-np.log(4.0)]))).explanations
+    assert said.of(BACKLASH) == pytest.approx(0.8 * SURE)
+    assert said.of(GEAR) == pytest.approx(0.2 * SURE)
+    assert said.smallest_set == (BACKLASH, GEAR)
+
+
+def test_what_is_as_good_and_has_no_score_is_as_likely():
+    said = finding(alternatives=(GEAR,)).explanations
+    assert said.of(GEAR) == pytest.approx(said.of(BACKLASH))
+
+
+def test_a_finding_in_whose_place_another_fits_better_is_the_less_likely():
+    said = finding(Rival(GEAR, np.array([np.log(9.0)]))).explanations
+    assert said.named[0] == (GEAR, pytest.approx(0.9 * SURE))
+
+
+def test_blocks_that_contradict_each_other_leave_both_likely():
+    # The sums are the same: one rival loses in every block, the other much in one and none else.
+    said = finding(
+        Rival(GEAR, blocks(-1.2)), Rival(ELSEWHERE, blocks(-12.0, *[0.0] * 9))
+    ).explanations
+    assert said.of(GEAR) < 1e-3
+    assert said.of(ELSEWHERE) > 0.03
+
+
+def test_what_has_no_name_makes_none_of_these_likely():
+    weight = weight_beside(NAMELESS, BACKLASH)
+    said = finding(Rival(NAMELESS, np.zeros(1), weight)).explanations
+    assert said.of(NAMELESS) == 0.0
+    assert said.none_of_these == pytest.approx(PROBABILITIES.unknown + SURE * weight / (1 + weight))
+
+
+def test_a_map_is_weighed_beside_a_name_and_not_beside_a_map():
+    assert weight_beside(MAP, GEAR) == PROBABILITIES.map
+    assert weight_beside(MAP, JointErrorMap("joint 2")) == 1.0
+    assert weight_beside(GEAR, MAP) == 1.0
+
+
+@given(st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=6), st.sampled_from([1, 10]))
+def test_probabilities_sum_to_one_and_fall(nats, count):
+    others = [Backlash(f"joint {k + 2}") for k in range(len(nats))]
+    rivals = [Rival(e, np.full(count, n / count)) for e, n in zip(others, nats, strict=True)]
+    said = finding(*rivals).explanations
+    shares = [share for _, share in said.named]
+    assert sum(shares) + said.none_of_these == pytest.approx(1.0)
+    assert shares == sorted(shares, reverse=True)
+    assert 0.0 <= said.none_of_these <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("shares", "none", "members"),
+    [
+        ((0.96,), 0.04, 1),
+        ((0.94,), 0.06, 1),
+        ((0.5, 0.3, 0.16), 0.04, 3),
+        ((0.9, 0.04, 0.03), 0.03, 3),
+        ((0.9, 0.03, 0.02), 0.05, 1),
+        ((0.3,), 0.7, 1),
+    ],
+)
+def test_the_smallest_set_holds_what_is_there(shares, none, members):
+    effects = [Backlash(f"joint {k + 1}") for k in range(len(shares))]
+    said = Explanations(tuple(zip(effects, shares, strict=True)), none)
+    assert said.smallest_set == tuple(effects[:members])
+
+
+def test_listed_is_what_is_likely_enough():
+    near, far = Rival(GEAR, np.array([-2.0])), Rival(ELSEWHERE, np.array([-12.0]))
+    listed = finding(near, far, alternatives=(ELSEWHERE,)).with_likely()
+    assert listed.alternatives == (GEAR,)
+    record = listed.explanations
+    assert record.named[0][0] == BACKLASH
+
+
+def test_a_name_is_less_likely_with_every_rival_that_is_as_good():
+    alone, both = (
+        finding(Rival(GEAR, np.zeros(1))),
+        finding(Rival(GEAR, np.zeros(1)), Rival(ELSEWHERE, np.zeros(1))),
+    )
+    assert alone.explanations.of(BACKLASH) == pytest.approx(SURE / 2)
+    assert both.explanations.of(BACKLASH) == pytest.approx(SURE / 3)
