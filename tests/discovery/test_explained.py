@@ -16,7 +16,7 @@ from pa10cal.terms import wording
 
 NOISE_MM = 0.1
 #: What is known of a finding that nothing else explains.
-ALONE = SimpleNamespace(smallest_set=())
+ALONE = SimpleNamespace(smallest_set=(), of=lambda effect: 0.99)
 
 
 def errors(rms_mm, count=50):
@@ -201,3 +201,27 @@ def test_a_verdict_says_what_its_effects_take_away(eccentric):
 @pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_explained(nothing_hidden):
     assert nothing_hidden.discovery.explained is None
+
+
+def told(*effects):
+    """Return the headline of effects that join one after the other."""
+    return wording.headline(explained_by(effects, 0.5, NOISE_MM))
+
+
+def test_a_name_that_is_not_all_but_certain_is_told_with_its_probability():
+    sure = taking(("backlash",), "joint 2", 0.5, 0.2, probability=0.96)
+    assert "(" not in told(sure)
+    alone = taking(("backlash",), "joint 2", 0.5, 0.2, probability=0.831)
+    assert told(alone).endswith("of joint 2 (0.83)")
+    both = taking(("tool_sag",), "tool", 0.5, 0.2, probability=0.58, elsewhere=(
+        EffectName(id="joint_compliance", of="joint 4"),
+    ))  # fmt: skip
+    assert told(both).endswith("of joint 4 (tool sag 0.58)")
+
+
+def test_joints_that_are_told_together_have_the_range_of_their_probabilities():
+    effects = [
+        taking(("backlash",), f"joint {joint}", 0.5 - 0.1 * joint, 0.4 - 0.1 * joint, probability=p)
+        for joint, p in ((1, 0.42), (2, 0.28))
+    ]
+    assert told(*effects).endswith("of joints 1 and 2 (0.28 to 0.42)")

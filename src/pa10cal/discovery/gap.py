@@ -308,6 +308,7 @@ def taken_away(
         of=finding.of,
         elsewhere=tuple(name_of(one) for one in others if one.of != finding.of),
         weights=weights,
+        probability=finding.explanations.of(finding.effect),
         share=0.0,
         before_mm=rms(before_mm),
         after_mm=rms(after_mm),

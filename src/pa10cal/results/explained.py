@@ -58,6 +58,8 @@ class ExplainedEffect(Part):
     weights: Literal["assumed"] | None = optional()
     # of what is predicted without a name: part of its variance that goes with each joint, by number
     joints: Mapping[Annotated[str, Key("joint")], float] | None = optional()
+    # that it is there, among all that was tried in its place; not given of what has no name
+    probability: float | None = optional()
     share: float  # part of the variance of the error beyond noise that it takes away, 0 to 1
     before_mm: float  # root mean square error without it alone, all else fitted again [mm]
     after_mm: float  # root mean square error with all effects [mm]

@@ -12,6 +12,8 @@ from pa10cal.terms.weights import FAULTS
 _JOINT = "joint "
 #: With more alternatives at other places a sentence says how many.
 _MOST_OTHERS = 3
+#: A name that is as probable as this is told without its probability.
+_SURELY = 0.95
 #: Joints with at least this part of what goes with the first one are told.
 _MOSTLY = 0.3
 #: Decimals of an error below 0.01 mm; of larger ones fewer.
@@ -94,7 +96,17 @@ def _short(group: list[ExplainedEffect]) -> str:
     others = [_placed(noun_of(each.id), _place(each.of)) for each in elsewhere]
     if len(others) > _MOST_OTHERS:
         others = [f"one of {len(others)} others"]
-    return " or ".join([_placed(nouns, _at(group)), *others])
+    return " or ".join([_placed(nouns, _at(group)), *others]) + _how_probable(group)
+
+
+def _how_probable(group: list[ExplainedEffect]) -> str:
+    """Return the probability of what is named first, where it is not all but certain."""
+    known = [each.probability for each in group if each.probability is not None]
+    if not known or min(known) >= _SURELY:
+        return ""
+    first = f"{noun_of(group[0].ids[0])} " if len(group[0].ids) > 1 or group[0].elsewhere else ""
+    least, most = f"{min(known):.2f}", f"{max(known):.2f}"
+    return f" ({first}{least})" if least == most else f" ({first}{least} to {most})"
 
 
 def _shared(group: list[ExplainedEffect]) -> tuple[tuple[str, ...], tuple[EffectName, ...]]:
