@@ -104,7 +104,8 @@ def _how_probable(group: list[ExplainedEffect]) -> str:
     known = [each.probability for each in group if each.probability is not None]
     if not known or min(known) >= _SURELY:
         return ""
-    first = f"{noun_of(group[0].ids[0])} " if len(group[0].ids) > 1 or group[0].elsewhere else ""
+    ids, elsewhere = _shared(group)
+    first = f"{noun_of(ids[0])} " if len(ids) > 1 or elsewhere else ""
     least, most = f"{min(known):.2f}", f"{max(known):.2f}"
     return f" ({first}{least})" if least == most else f" ({first}{least} to {most})"
 
