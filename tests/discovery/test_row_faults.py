@@ -196,7 +196,7 @@ class TestNamesThatOnePoseCarries:
         assert [fault.where for fault in looked_at[1].faults] == [f"pose {pose}"]
         assert found.effects == ()
         if rest_fits:
-            assert found is without
+            assert (found.train, found.faults) == (without.train, without.faults)
         else:
             assert (found.verdict, found.faults) == ("unexplained", ())
             assert f"pose {pose} alone carries it" in found.unexplained[-1].why

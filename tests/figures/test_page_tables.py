@@ -172,7 +172,9 @@ class TestVerdict:
     def test_names_alternatives_and_what_has_no_name(self, changed):
         def doubtful(record):
             record["verdict"] = "unexplained"
-            record["effects"][0]["alternatives"] = [{"id": "backlash", "of": "joint 3"}]
+            other = {"id": "backlash", "of": "joint 3"}
+            record["effects"][0]["alternatives"] = [{**other, "probability": 0.31}]
+            record["effects"][0]["set95"].append(other)
             place = {"of": "joint 4", "form": None, "shared_error_mm": 0.1}
             place["why"] = "a smooth function predicts it"
             record["unexplained"] = {**place, "all": [place]}
@@ -180,7 +182,7 @@ class TestVerdict:
 
         source = changed(doubtful)
         found = lines(verdict, source)
-        assert any("| backlash at joint 3 |" in line for line in found)
+        assert any("| backlash at joint 3 (0.31) |" in line for line in found)
         assert "| joint 4 | A smooth function predicts it. |" in found
         assert {row[0] for row in reductions_grid(source.verdict).rows} == {"fitted"}
 

@@ -239,18 +239,15 @@ class Names:
 class Probabilities:
     """How probable a name is, among all that was tried in its place."""
 
-    # what scores are divided by, as rows err alike: by blocks, by repeats (trials)
+    # what scores by blocks of poses are divided by, as poses err alike (trials)
     blocks: float = 3.0
-    repeats: float = 1.0
+    repeats: float = 1.0  # what log evidence of repeats is divided by (statistics)
     draws: int = 1000  # draws of the weights of blocks (computing)
-    # weight beside a name of the map of a joint, of a smooth function without a name, and of a pull
-    # at a joint beside its gear ratio (trials)
-    map: float = 0.1
-    nameless: float = 0.3
-    pull: float = 0.3
-    # probability that nothing that was tried is there, and where more than noise is left without a
-    # name (trials)
-    unknown: float = 0.01
+    map: float = 0.1  # weight of the map of a joint beside a name (trials)
+    nameless: float = 0.3  # weight of a smooth function without a name (trials)
+    pull: float = 0.3  # weight of a pull at a joint beside its gear ratio (trials)
+    unknown: float = 0.01  # probability that nothing that was tried is there (trials)
+    # the same where more than noise is left without a name (trials)
     unknown_beside: float = 0.17
     surely: float = 0.95  # probability of the set that holds what is there (level)
     least: float = 0.01  # probability from which an alternative is listed (level)

@@ -275,6 +275,8 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tup
             rivals.append(each)
     place = found.family.index(effect)
     same = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
+    # Nothing that was measured in these poses speaks for either of what looks the same.
+    scores |= dict.fromkeys((each for each in same if each in scores), (here, 0))
     every = tuple(
         Rival(each, np.array([nats - here]) / PROBABILITIES.repeats, weight_beside(each, effect))
         for each, (nats, _) in scores.items()
