@@ -229,7 +229,7 @@ class BlindTrial:
             return False
         right = {hidden.name for hidden in self.hidden}
         return any(
-            not named.likely and named.name not in right and not self._leaves_open(named)
+            named.probability >= LEVEL and named.name not in right and not self._leaves_open(named)
             for named in self.effects
         )
 
@@ -242,9 +242,9 @@ class BlindTrial:
         return any(not hidden & set(named.all_names) for named in self.effects)
 
     def has_wrong_name_alone(self) -> bool:
-        """Return whether a name without alternatives is not hidden, whatever the word."""
+        """Return whether a name that is all but certain is not hidden, whatever the word."""
         hidden = {each.name for each in self.hidden}
-        return any(not each.likely and each.name not in hidden for each in self.effects)
+        return any(each.probability >= LEVEL and each.name not in hidden for each in self.effects)
 
     # How probable names are, and whether what is claimed comes true.
 

@@ -438,8 +438,8 @@ def word_of(findings: Sequence[Finding[object]], unexplained: Sequence[Unexplain
     """Return the verdict in a word."""
     if unexplained or not findings:
         return "unexplained" if unexplained else "none"
-    alone = (finding.explanations.smallest_set == (finding.effect,) for finding in findings)
-    return "named" if all(alone) else "ambiguous"
+    surely = (each.explanations.of(each.effect) >= PROBABILITIES.surely for each in findings)
+    return "named" if all(surely) else "ambiguous"
 
 
 def is_named(effect: Effect) -> bool:

@@ -331,7 +331,7 @@ class Separation(record.Part):
 class VerdictKeys(record.Part):
     """The verdict on a campaign."""
 
-    # `named` when every effect found stands alone in its `set95`; `ambiguous` when one does not;
+    # `named` when every effect found has a probability of 0.95; `ambiguous` when one has less;
     # `unexplained` when a significant gap remains that no effect closes; `none` when model and data
     # agree within the repeatability; `check_the_log` when what fits best is a fault of the data;
     # `not_sought` when the campaign has too few poses or repeats for a search
