@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from pa10cal.results.discovery import FoundEffect
-from pa10cal.results.record import Name
+from pa10cal.results.record import SURE, Name
 from pa10cal_lab import trial_records as results
 from pa10cal_lab.cell.effects.effect import SimulatedEffect, TorqueLogEffect
 from pa10cal_lab.cell.effects.vocabulary import all_effects, nameless
@@ -61,10 +61,6 @@ WRONG_PLACE = "no name, other place"
 NOTHING = "nothing found"
 NOT_TESTABLE = "said to be not testable"
 FAILED = "failed"
-
-
-#: Probability that the smallest set of a finding is to hold.
-LEVEL = 0.95
 
 
 class Claim(NamedTuple):
@@ -229,7 +225,7 @@ class BlindTrial:
             return False
         right = {hidden.name for hidden in self.hidden}
         return any(
-            named.probability >= LEVEL and named.name not in right and not self._leaves_open(named)
+            named.probability >= SURE and named.name not in right and not self._leaves_open(named)
             for named in self.effects
         )
 
@@ -244,7 +240,7 @@ class BlindTrial:
     def has_wrong_name_alone(self) -> bool:
         """Return whether a name that is all but certain is not hidden, whatever the word."""
         hidden = {each.name for each in self.hidden}
-        return any(each.probability >= LEVEL and each.name not in hidden for each in self.effects)
+        return any(each.probability >= SURE and each.name not in hidden for each in self.effects)
 
     # How probable names are, and whether what is claimed comes true.
 
@@ -259,14 +255,11 @@ class BlindTrial:
             for name, probability in every.items():
                 of = "name" if name == named.name else "alternative"
                 yield Claim(of, probability, right[name])
-            members = {named.name, *(each.name for each in named.likely)}
             none = not any(right.values())
             yield Claim("none of these", named.none_of_these, none)
-            # Nothing with a name is a member of the set, too, where it is likely enough.
-            held = any(right[name] for name in members) or (
-                none and named.none_of_these > 1.0 - LEVEL
-            )
-            yield Claim("set", LEVEL, held)
+            # None of these is a member of the set, too, where it is likely enough.
+            held = any(right[each.name] for each in named.set95)
+            yield Claim("set", SURE, held or (none and named.none_of_these > 1.0 - SURE))
 
     def _is_nameless(self, name: Name, named: FoundEffect) -> bool:
         """Return whether a map stands for what has no name, or is named for an error by angle."""

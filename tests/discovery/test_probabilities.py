@@ -70,7 +70,7 @@ def test_what_has_no_name_makes_none_of_these_likely():
 
 
 def test_a_map_is_weighed_beside_a_name_and_not_beside_a_map():
-    assert weight_beside(MAP, GEAR) == PROBABILITIES.map
+    assert weight_beside(MAP, GEAR) == PROBABILITIES.flexible
     assert weight_beside(MAP, JointErrorMap("joint 2")) == 1.0
     assert weight_beside(GEAR, MAP) == 1.0
 

@@ -68,9 +68,8 @@ class Rival:
 
 def weight_beside(effect: Effect, found: Effect) -> float:
     """Return how likely an effect is beside one that was found, before data are looked at."""
-    if effect.generic:
-        return PROBABILITIES.nameless
-    return PROBABILITIES.map if is_error_map(effect) and not is_error_map(found) else 1.0
+    flexible = effect.generic or (is_error_map(effect) and not is_error_map(found))
+    return PROBABILITIES.flexible if flexible else 1.0
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,8 @@ class Finding(Generic[P_co]):
         weight = np.ones(len(effects))
         for k, name in enumerate(effects):
             if name in rivals:
-                nats[k] = rivals[name].nats / (blocks if len(rivals[name].nats) == 1 else 1)
+                # One score of all blocks is that of each, in equal parts.
+                nats[k] = rivals[name].nats * len(rivals[name].nats) / blocks
                 weight[k] = rivals[name].weight if k else 1.0
         drawn = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
         share = softmax(blocks * drawn @ nats.T + np.log(weight), axis=1).mean(axis=0)

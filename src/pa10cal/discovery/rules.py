@@ -16,6 +16,7 @@ from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
 from pa10cal.discovery.computing import COMPUTING
+from pa10cal.results.record import SURE
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -243,13 +244,13 @@ class Probabilities:
     blocks: float = 3.0
     repeats: float = 1.0  # what log evidence of repeats is divided by (statistics)
     draws: int = 1000  # draws of the weights of blocks (computing)
-    map: float = 0.1  # weight of the map of a joint beside a name (trials)
-    nameless: float = 0.3  # weight of a smooth function without a name (trials)
+    # weight beside a name of what can do all that it does and more: maps, smooth functions (level)
+    flexible: float = 0.05
     pull: float = 0.3  # weight of a pull at a joint beside its gear ratio (trials)
     unknown: float = 0.01  # probability that nothing that was tried is there (trials)
     # the same where more than noise is left without a name (trials)
     unknown_beside: float = 0.17
-    surely: float = 0.95  # probability of the set that holds what is there (level)
+    surely: float = SURE  # probability of the set that holds what is there (level)
     least: float = 0.01  # probability from which an alternative is listed (level)
 
 

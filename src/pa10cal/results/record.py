@@ -341,6 +341,10 @@ class Name(NamedTuple):
     of: str
 
 
+#: Probability from which a name is all but certain, and that the smallest set of names holds.
+SURE = 0.95
+
+
 class EffectName(Part):
     """An effect and where it sits."""
 

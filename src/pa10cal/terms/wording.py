@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pa10cal.results.discovery import EvidenceOfSag
 from pa10cal.results.explained import Explained, ExplainedEffect
-from pa10cal.results.record import HALF_WIDTH_95, EffectName
+from pa10cal.results.record import HALF_WIDTH_95, SURE, EffectName
 from pa10cal.terms.effects.effect import Effect, every_effect
 from pa10cal.terms.field import Field
 from pa10cal.terms.weights import FAULTS
@@ -12,8 +12,6 @@ from pa10cal.terms.weights import FAULTS
 _JOINT = "joint "
 #: With more alternatives at other places a sentence says how many.
 _MOST_OTHERS = 3
-#: A name that is as probable as this is told without its probability.
-_SURELY = 0.95
 #: Joints with at least this part of what goes with the first one are told.
 _MOSTLY = 0.3
 #: Decimals of an error below 0.01 mm; of larger ones fewer.
@@ -102,7 +100,7 @@ def _short(group: list[ExplainedEffect]) -> str:
 def _how_probable(group: list[ExplainedEffect]) -> str:
     """Return the probability of what is named first, where it is not all but certain."""
     known = [each.probability for each in group if each.probability is not None]
-    if not known or min(known) >= _SURELY:
+    if not known or min(known) >= SURE:
         return ""
     ids, elsewhere = _shared(group)
     first = f"{noun_of(ids[0])} " if len(ids) > 1 or elsewhere else ""

@@ -52,6 +52,7 @@ ONE_SIGN = {
     "base_compliance",
     "friction_torque",
     "joint_compliance",
+    "lateral_tilt",
     "link_bending",
     "link_torsion",
     "soft_windup",

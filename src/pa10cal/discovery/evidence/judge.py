@@ -8,7 +8,7 @@ data (max-T), whatever the noise really is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -245,8 +245,8 @@ def _prefer_named(found: EndOfSearch) -> EndOfSearch:
     for effect in found.fit.effects:
         if is_named(effect) or is_fault(effect):
             continue
-        refits = _refitted(found, effect, tuple(filter(is_named, found.family)))
-        for rival, _ in _as_good(found, refits):
+        named = _linear_scores(found, effect, filter(is_named, found.family))
+        for rival, _ in _as_good(found, _refitted(found, effect, named)):
             return _prefer_named(ended_at(found.problem, rival, found.family, found.same))
     return found
 
@@ -259,14 +259,14 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tup
     if effect.generic:
         return (), ()
     here, members = found.score.log_evidence, found.fit.effects
-    others = tuple(each for each in found.family if each not in members)
-    scores = dict(zip(others, _linear_scores(found, effect, others), strict=True))
-    refits = _refitted(found, effect, tuple(each for each in others if not each.generic))
-    nameless = _refitted(found, effect, tuple(each for each in others if each.generic))
+    linear = _linear_scores(found, effect, found.family)
+    scores = {each: nats for each, (nats, _) in linear.items()}
+    nameless = {each: score for each, score in linear.items() if each.generic}
+    refits = _refitted(found, effect, {e: linear[e] for e in linear if e not in nameless})
     rivals = []
-    for rival, score in (*refits, *nameless):
+    for rival, score in (*refits, *_refitted(found, effect, nameless)):
         (each,) = (one for one in rival.effects if one not in members)
-        scores[each] = score.log_evidence, 0
+        scores[each] = score.log_evidence
     for rival, score in _as_good(found, refits):
         (each,) = (one for one in rival.effects if one not in members)
         # A map can always do what a named form of its joint does.
@@ -276,22 +276,26 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tup
     place = found.family.index(effect)
     same = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
     # Nothing that was measured in these poses speaks for either of what looks the same.
-    scores |= dict.fromkeys((each for each in same if each in scores), (here, 0))
+    scores |= dict.fromkeys((each for each in same if each in scores), here)
     every = tuple(
         Rival(each, np.array([nats - here]) / PROBABILITIES.repeats, weight_beside(each, effect))
-        for each, (nats, _) in scores.items()
+        for each, nats in scores.items()
     )
     return tuple(dict.fromkeys([*same, *rivals])), every
 
 
 def _linear_scores(
-    found: EndOfSearch, effect: Effect, others: Sequence[Effect]
-) -> list[tuple[float, int]]:
-    """Return the log evidence of each of some others in one's place, and its size."""
+    found: EndOfSearch, effect: Effect, some: Iterable[Effect]
+) -> dict[Effect, tuple[float, int]]:
+    """Return the log evidence of each of some effects in one's place, and its size.
+
+    Of those alone that the model has not.
+    """
     kept = less(found.chosen, found.fit.effects.index(effect))
     without = found.evidence.score(kept).log_evidence
-    gains = found.evidence.additions(kept, [found.family.index(each) for each in others])
-    return [(without + gain, size) for gain, size in gains]
+    others = [each for each in some if each not in found.fit.effects]
+    gains = found.evidence.additions(kept, list(map(found.family.index, others)))
+    return {each: (without + gain, size) for each, (gain, size) in zip(others, gains, strict=True)}
 
 
 def _as_good(
@@ -308,16 +312,16 @@ def _as_good(
 
 
 def _refitted(
-    found: EndOfSearch, effect: Effect, family: tuple[Effect, ...]
+    found: EndOfSearch, effect: Effect, linear: Mapping[Effect, tuple[float, int]]
 ) -> list[tuple[EvidenceFit, Score]]:
     """Return full refits with another effect in one's place that come near, best first."""
     worse = threshold(effects_in(found.family), EVIDENCE.missed_rate)
     kept = less(found.chosen, found.fit.effects.index(effect))
-    here, others = found.score.log_evidence, tuple(e for e in family if e not in found.fit.effects)
+    least = found.score.log_evidence - worse - EVIDENCE.refit_margin_nats
     close = [
         (nats, found.family.index(each), size)
-        for each, (nats, size) in zip(others, _linear_scores(found, effect, others), strict=True)
-        if nats >= here - worse - EVIDENCE.refit_margin_nats
+        for each, (nats, size) in linear.items()
+        if nats >= least
     ]
     refits = []
     for _, candidate, size in sorted(close, reverse=True)[: EVIDENCE.most_refits]:
