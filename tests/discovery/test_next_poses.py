@@ -20,8 +20,9 @@ from pa10cal.discovery.next_poses import (
     predicted,
     separating_poses,
 )
+from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.discovery.rules import EVIDENCE, NEXT_POSES
+from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen

@@ -20,7 +20,6 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration import rules as calibration_rules
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.finding import DiagnosedFault, Finding, GivesWay, Rival, fault_of
 from pa10cal.discovery.linear import (
     by_terms,
@@ -31,6 +30,7 @@ from pa10cal.discovery.linear import (
     unknowns,
 )
 from pa10cal.discovery.noise import pose_weights
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import MeasurementSetup, computable, sought
 from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
 from pa10cal.discovery.verdict import Verdict, is_named

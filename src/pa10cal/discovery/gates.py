@@ -18,10 +18,10 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.uncertainty import summarise
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.finding import Finding, Rival
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
 from pa10cal.discovery.verdict import SearchVerdict, is_named, no_name

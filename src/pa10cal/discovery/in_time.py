@@ -19,8 +19,8 @@ import numpy as np
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
-from pa10cal.discovery.computing import none_and_spaced
 from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.other_numbers import none_and_spaced
 from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.discovery.rules import MOTION
 from pa10cal.discovery.wander import (

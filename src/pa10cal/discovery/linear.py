@@ -13,7 +13,7 @@ import numpy as np
 
 from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.computing import COMPUTING
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian

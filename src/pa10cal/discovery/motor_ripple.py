@@ -22,8 +22,8 @@ import numpy as np
 from scipy.special import bdtrc
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.linear import by_every_joint
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import RIPPLE
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations

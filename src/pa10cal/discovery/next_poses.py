@@ -27,8 +27,9 @@ from pa10cal.discovery.evidence.search import linearise
 from pa10cal.discovery.finding import Finding, Untestable
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
+from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import complete, targets_m
-from pa10cal.discovery.rules import EVIDENCE, NEXT_POSES
+from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.discovery.wander import TimeFindings
 from pa10cal.errors import DiscoveryError

@@ -15,7 +15,7 @@ from pydantic import JsonValue
 from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
-from pa10cal.discovery.computing import COMPUTING
+from pa10cal.discovery.other_numbers import COMPUTING, NEXT_POSES, PLACES
 from pa10cal.results.record import SURE
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ class Probabilities:
     repeats: float = 1.0  # what log evidence of repeats is divided by (statistics)
     draws: int = 1000  # draws of the weights of blocks (computing)
     # weight beside a name of what can do all that it does and more: maps, smooth functions (level)
-    flexible: float = 0.05
+    flexible: float = 1.0 / Evidence.odds_over_map
     pull: float = 0.3  # weight of a pull at a joint beside its gear ratio (trials)
     unknown: float = 0.01  # probability that nothing that was tried is there (trials)
     # the same where more than noise is left without a name (trials)
@@ -479,49 +479,6 @@ class Forms:
     most_parameters: int = 400
 
 
-@dataclass(frozen=True)
-class NextPoses:
-    """What to measure next, to bring rivals apart."""
-
-    # a pair that the best poses bring apart by less cannot be distinguished: odds of 20 to 1 [nat]
-    # (level)
-    apart_nats: float = 3.0
-    pool: int = 1024  # poses drawn to choose from (computing)
-    most_pairs: int = 8  # pairs that poses are sought for (told)
-    most_sweeps: int = 2  # sweeps of exchanges (computing)
-    # parameters of models that poses are sought for: of more they would take many times as long as
-    # the search (computing)
-    most_parameters: int = 400
-    most_measured: int = 1000  # measured poses that stand for more (computing)
-    limit_share: float = 0.05  # part of each joint's range kept clear at either end (safety)
-    # least width by which the box of the measured places is widened [m] (safety)
-    box_margin_m: float = 0.3
-    # end and targets stay so far above the base's origin, unless poses were measured nearer [m]
-    # (safety)
-    floor_m: float = 0.15
-    column_m: float = 0.25  # and so far off its axis [m] (safety)
-    clearance_m: float = 0.15  # targets stay so far off the line from joint to joint [m] (safety)
-    drawn: int = 2000  # poses drawn to find some at angles not seen (computing)
-
-
-@dataclass(frozen=True)
-class Places:
-    """Where what remains sits, for pictures and words."""
-
-    # joint error thought possible, a standard deviation, where a pose cannot separate joints [rad]
-    # (size)
-    possible_rad: float = 1e-3
-    least_order: float = 0.5  # lowest order of the periodogram [cycles a turn] (computing)
-    most_ratios: float = 2.5  # highest order, in gear ratios of the joint (trials)
-    # gear ratio by which that is counted where the arm's own is not known (size)
-    usual_ratio: float = 100.0
-    steps_a_peak: int = 5  # steps of the periodogram within the width of a peak (computing)
-    largest_step: float = 0.25  # its largest step [cycles a turn] (computing)
-    most_cells: int = 1200  # cells, spread evenly over time, that stand for more (computing)
-    digits: int = 6  # digits of what is drawn (told)
-    most_shown: int = 8  # effects that are printed (told)
-
-
 NOISE = Noise()
 JUDGING = Judging()
 CANDIDATES = Candidates()
@@ -538,8 +495,6 @@ ROWS = Rows()
 RIPPLE = Ripple()
 FIELD = Field()
 FORMS = Forms()
-NEXT_POSES = NextPoses()
-PLACES = Places()
 
 #: All of them, by what they decide.
 SECTIONS: dict[str, DataclassInstance] = {

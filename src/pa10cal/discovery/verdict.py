@@ -33,8 +33,9 @@ from pa10cal.discovery.gap import (
 )
 from pa10cal.discovery.linear import ModelWithEffects, rms
 from pa10cal.discovery.noise import PoseDeviations
+from pa10cal.discovery.other_numbers import PLACES
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.rules import PLACES, PROBABILITIES
+from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of

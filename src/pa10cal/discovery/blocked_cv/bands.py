@@ -20,9 +20,9 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv import search
 from pa10cal.discovery.blocked_cv.family import Candidate, solve
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (

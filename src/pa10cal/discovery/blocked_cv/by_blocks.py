@@ -37,8 +37,9 @@ from pa10cal.discovery.next_poses import (
     without_repeats,
 )
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
+from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, NEXT_POSES
+from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time

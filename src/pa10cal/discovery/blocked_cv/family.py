@@ -18,9 +18,9 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEffect, Survey
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import standard_error
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import computable, sought, why_hidden
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.terms.effects.effect import Effect

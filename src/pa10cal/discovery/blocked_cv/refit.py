@@ -21,9 +21,9 @@ from pa10cal.discovery.blocked_cv.survey import (
     Survey,
     map_columns,
 )
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import complete_about
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen

@@ -14,7 +14,6 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery import preparation
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.evidence.judge import (
     Confirmation,
     Judgement,
@@ -48,6 +47,7 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.short_forms import FormComparison

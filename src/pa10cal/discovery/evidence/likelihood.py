@@ -19,8 +19,8 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.computing import COMPUTING, none_and_spaced
 from pa10cal.discovery.evidence.problem import NoiseModel
+from pa10cal.discovery.other_numbers import COMPUTING, none_and_spaced
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.numerics.gaussian import Gaussian
 

@@ -11,7 +11,6 @@ from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import Payload, Statics
 from pa10cal.arrays import Array
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
@@ -29,6 +28,7 @@ from pa10cal.discovery.noise import (
     same_circumstances,
     whitener_of,
 )
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.wander import NO_MOTION, TimeFindings

@@ -13,7 +13,6 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.discovery.computing import COMPUTING
 from pa10cal.discovery.evidence.likelihood import CandidateRows, CandidateSet, Score, SetEvidence
 from pa10cal.discovery.evidence.problem import (
     EvidenceFit,
@@ -25,6 +24,7 @@ from pa10cal.discovery.evidence.problem import (
 )
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end
+from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import computable, effects_in, why_hidden
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.fit.problem import possible_sizes

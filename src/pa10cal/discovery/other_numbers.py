@@ -1,6 +1,6 @@
-"""Steps, damping and rounding of the fits of discovery: no verdict hangs on them.
+"""Numbers of discovery that no verdict hangs on: what to measure next, pictures, steps of fits.
 
-They stand on the page of rules with those on which it does (`discovery/rules.py`).
+Those on which it does stand in `discovery/rules.py`; one page of the documentation has them all.
 """
 
 from __future__ import annotations
@@ -10,6 +10,49 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array
+
+
+@dataclass(frozen=True)
+class NextPoses:
+    """What to measure next, to bring rivals apart."""
+
+    # a pair that the best poses bring apart by less cannot be distinguished: odds of 20 to 1 [nat]
+    # (level)
+    apart_nats: float = 3.0
+    pool: int = 1024  # poses drawn to choose from (computing)
+    most_pairs: int = 8  # pairs that poses are sought for (told)
+    most_sweeps: int = 2  # sweeps of exchanges (computing)
+    # parameters of models that poses are sought for: of more they would take many times as long as
+    # the search (computing)
+    most_parameters: int = 400
+    most_measured: int = 1000  # measured poses that stand for more (computing)
+    limit_share: float = 0.05  # part of each joint's range kept clear at either end (safety)
+    # least width by which the box of the measured places is widened [m] (safety)
+    box_margin_m: float = 0.3
+    # end and targets stay so far above the base's origin, unless poses were measured nearer [m]
+    # (safety)
+    floor_m: float = 0.15
+    column_m: float = 0.25  # and so far off its axis [m] (safety)
+    clearance_m: float = 0.15  # targets stay so far off the line from joint to joint [m] (safety)
+    drawn: int = 2000  # poses drawn to find some at angles not seen (computing)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where what remains sits, for pictures and words."""
+
+    # joint error thought possible, a standard deviation, where a pose cannot separate joints [rad]
+    # (size)
+    possible_rad: float = 1e-3
+    least_order: float = 0.5  # lowest order of the periodogram [cycles a turn] (computing)
+    most_ratios: float = 2.5  # highest order, in gear ratios of the joint (trials)
+    # gear ratio by which that is counted where the arm's own is not known (size)
+    usual_ratio: float = 100.0
+    steps_a_peak: int = 5  # steps of the periodogram within the width of a peak (computing)
+    largest_step: float = 0.25  # its largest step [cycles a turn] (computing)
+    most_cells: int = 1200  # cells, spread evenly over time, that stand for more (computing)
+    digits: int = 6  # digits of what is drawn (told)
+    most_shown: int = 8  # effects that are printed (told)
 
 
 @dataclass(frozen=True)
@@ -54,6 +97,8 @@ class Computing:
     least_weight: float = 1e-12  # least weight of a line, in the largest (computing)
 
 
+NEXT_POSES = NextPoses()
+PLACES = Places()
 COMPUTING = Computing()
 
 
