@@ -251,7 +251,9 @@ class BlindTrial:
         for named in self.effects:
             every = {named.name: named.probability}
             every |= {each.name: each.probability for each in named.alternatives}
-            right = {name: name in true or self._is_nameless(name, named) for name in every}
+            # A set may have members that are too improbable to be listed.
+            names = {*every, *(each.name for each in named.set95)}
+            right = {name: name in true or self._is_nameless(name, named) for name in names}
             for name, probability in every.items():
                 of = "name" if name == named.name else "alternative"
                 yield Claim(of, probability, right[name])
@@ -262,11 +264,14 @@ class BlindTrial:
             yield Claim("set", SURE, held or (none and named.none_of_these > 1.0 - SURE))
 
     def _is_nameless(self, name: Name, named: FoundEffect) -> bool:
-        """Return whether a map stands for what has no name, or is named for an error by angle."""
+        """Return whether a map or a line stands for an error by a joint's angle without a name.
+
+        Waves behind everything (`outside`) are what a map was found for, and no alternative.
+        """
         here = [each for each in self.hidden if each.of == name.of and _kind_of(each).by_angle]
-        if name.id not in (MAP, LINE):
-            return False
-        return any(each.id in nameless() or name == named.name for each in here)
+        return name.id in (MAP, LINE) and any(
+            name == named.name or not each.outside for each in here
+        )
 
     def without_springs(self) -> BlindTrial:
         """Return it without findings of springs that the arm has and the calibration did not."""

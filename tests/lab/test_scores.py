@@ -524,3 +524,39 @@ def test_a_power_curve_needs_both_outcomes_and_claims_nothing_outside_the_sizes_
     curve = power(size, size > 2.5)
     assert 1.0 < curve.half < 3.0
     assert curve.most is None
+
+
+def claims(what, said, kind="single"):
+    """What a trial's findings claim, by what they claim it of."""
+    found = {}
+    for claim in trial(kind, what, verdict(said)).claims():
+        found.setdefault(claim.of, []).append((claim.probability, claim.right))
+    return found
+
+
+def test_probabilities_are_held_against_what_is_hidden():
+    said = claims((DISK,), named(WAVE, DISK, ELLIPSE))
+    assert [right for _, right in said["name"]] == [False]
+    assert [right for _, right in said["alternative"]] == [True, False]
+    assert said["none of these"] == [(pytest.approx(0.01), False)]
+    assert said["set"] == [(0.95, True)]
+
+
+def test_nothing_that_was_named_is_none_of_these_and_no_member_of_the_set_unless_likely():
+    said = claims((LOST,), named(WAVE, DISK))
+    assert said["none of these"] == [(pytest.approx(0.01), True)]
+    assert said["set"] == [(0.95, False)]
+    likely = named(WAVE).model_copy(update={"none_of_these": 0.3, "probability": 0.7})
+    assert claims((LOST,), likely)["set"] == [(0.95, True)]
+
+
+def test_a_set_counts_as_it_is_said_whoever_is_named_and_listed():
+    unlikely = named(WAVE).model_copy(update={"set95": (named(DISK),)})
+    assert claims((WAVE,), unlikely)["set"] == [(0.95, False)]
+    assert claims((DISK,), unlikely)["set"] == [(0.95, True)]
+
+
+def test_a_map_comes_true_where_an_error_by_angle_has_no_name():
+    assert claims((THIRD,), named(MAP), "outside")["name"][0][1]
+    assert not claims((DISK,), named(MAP))["name"][0][1]
+    assert not claims((DISK,), named(WAVE, MAP))["alternative"][0][1]
