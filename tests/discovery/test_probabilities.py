@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pa10cal.discovery.finding import Explanations, Finding, Rival, weight_beside
+from pa10cal.discovery.finding import Explanations, Finding, Rival
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
-from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.unnamed import DirectionMap
 
 SURE = 1.0 - PROBABILITIES.unknown
-BACKLASH, GEAR, MAP = Backlash("joint 1"), GearRatioError("joint 1"), JointErrorMap("joint 1")
+BACKLASH, GEAR = Backlash("joint 1"), GearRatioError("joint 1")
 ELSEWHERE = Backlash("joint 2")
 NAMELESS = DirectionMap("joint 1", 10.0, 1.0)
 
@@ -63,16 +62,10 @@ def test_blocks_that_contradict_each_other_leave_both_likely():
 
 
 def test_what_has_no_name_makes_none_of_these_likely():
-    weight = weight_beside(NAMELESS, BACKLASH)
+    weight = PROBABILITIES.flexible
     said = finding(Rival(NAMELESS, np.zeros(1), weight)).explanations
     assert said.of(NAMELESS) == 0.0
     assert said.none_of_these == pytest.approx(PROBABILITIES.unknown + SURE * weight / (1 + weight))
-
-
-def test_a_map_is_weighed_beside_a_name_and_not_beside_a_map():
-    assert weight_beside(MAP, GEAR) == PROBABILITIES.flexible
-    assert weight_beside(MAP, JointErrorMap("joint 2")) == 1.0
-    assert weight_beside(GEAR, MAP) == 1.0
 
 
 @given(st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=6), st.sampled_from([1, 10]))

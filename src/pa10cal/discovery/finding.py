@@ -66,12 +66,6 @@ class Rival:
     weight: float = 1.0  # how likely it is beside that effect before the data are looked at
 
 
-def weight_beside(effect: Effect, found: Effect) -> float:
-    """Return how likely an effect is beside one that was found, before data are looked at."""
-    flexible = effect.generic or (is_error_map(effect) and not is_error_map(found))
-    return PROBABILITIES.flexible if flexible else 1.0
-
-
 @dataclass(frozen=True)
 class Explanations:
     """What may explain what was found, with probabilities that sum to one."""

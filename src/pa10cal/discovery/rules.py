@@ -242,9 +242,9 @@ class Probabilities:
 
     # what scores by blocks of poses are divided by, as poses err alike (trials)
     blocks: float = 3.0
-    repeats: float = 1.0  # what log evidence of repeats is divided by (statistics)
     draws: int = 1000  # draws of the weights of blocks (computing)
-    # weight beside a name of what can do all that it does and more: maps, smooth functions (level)
+    # weight beside a name of what can do all that it does and more, maps and smooth functions, by
+    # blocks of poses (level)
     flexible: float = 1.0 / Evidence.odds_over_map
     pull: float = 0.3  # weight of a pull at a joint beside its gear ratio (trials)
     unknown: float = 0.01  # probability that nothing that was tried is there (trials)

@@ -9,8 +9,10 @@ from pa10cal.discovery.blocked_cv.family import Candidate, Columns, both_kinds_a
 from pa10cal.discovery.blocked_cv.judge import in_place_of, over_floor, unexplained
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Products, ShapedEffect
+from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.results.discovery import Remaining, Tried
 from pa10cal.terms.effects.joint import Backlash
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.unnamed import WindupMap
 
 BLOCKS, ROWS = 5, 40
@@ -218,3 +220,24 @@ def test_what_imitates_a_rival_is_no_alternative_to_a_name():
     assert close == ()
     assert rival_of_it.nats.shape == (BLOCKS,)
     assert rival_of_it.nats.sum() < 0.0
+
+
+@pytest.mark.parametrize("found", [Backlash("joint 1"), JointErrorMap("joint 1")])
+def test_what_can_do_more_than_a_name_weighs_less_beside_one(found):
+    rng = np.random.default_rng(6)
+    columns = rng.standard_normal((BLOCKS, 200, 5))
+    data = columns[..., 1] + 0.1 * rng.standard_normal((BLOCKS, 200))
+    products = products_of(columns, data)
+    others = (Backlash("joint 2"), WindupMap("joint 3", 10.0), JointErrorMap("joint 2"))
+    member, *rivals = (
+        Candidate(np.array([at]), np.ones(1), ShapedEffect(effect))
+        for at, effect in enumerate((found, *others), start=1)
+    )
+    own = Columns(np.array([0]), np.ones(1))
+    search = Search(products, own, (member, *rivals), BLOCKS * 2.0, 0.01)
+    chosen = start(products, own).extended(member)
+    beside = dict(zip(rivals, chosen.with_each(rivals), strict=True))
+    _, tried = in_place_of(search, chosen, 0, beside, len(data))
+    of_map = 1.0 if found == JointErrorMap("joint 1") else PROBABILITIES.flexible
+    weights = {each.effect: each.weight for each in tried}
+    assert weights == dict(zip(others, (1.0, PROBABILITIES.flexible, of_map), strict=True))

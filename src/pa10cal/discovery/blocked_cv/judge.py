@@ -31,7 +31,7 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
 from pa10cal.discovery.blocked_cv.search import Level, Search, level, refine_maps
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, ShapedEffect, Survey
-from pa10cal.discovery.finding import MayHaveCarrier, Rival, Untestable, carrier_of, weight_beside
+from pa10cal.discovery.finding import MayHaveCarrier, Rival, Untestable, carrier_of
 from pa10cal.discovery.linear import (
     by_effects,
     by_own_terms,
@@ -186,7 +186,9 @@ def in_place_of(
         nats = 0.5 * (chosen.squares - alone) / variance / PROBABILITIES.blocks
         known = best.get(other.name)
         if known is None or nats.sum() > known.nats.sum():
-            weight = weight_beside(other.effect, own.effect)
+            # Held-out squares hardly weigh that it can do more than a name, as evidence does.
+            flexible = other.effect.generic or (other.is_map and not own.is_map)
+            weight = PROBABILITIES.flexible if flexible else 1.0
             best[other.name] = Rival(other.effect, nats, weight)
         own_map = other.is_map and own.effect.coordinates == other.effect.coordinates
         if other.effect.generic or own_map or not as_good(alone, chosen.squares):

@@ -33,10 +33,10 @@ from pa10cal.discovery.evidence.search import (
     linearise,
     threshold,
 )
-from pa10cal.discovery.finding import Finding, MayHaveCarrier, Rival, carrier_of, weight_beside
+from pa10cal.discovery.finding import Finding, MayHaveCarrier, Rival, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in
-from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
+from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import reading_groups
@@ -277,10 +277,7 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tup
     same = [found.family[k] for k in np.flatnonzero(found.same[place]) if k != place]
     # Nothing that was measured in these poses speaks for either of what looks the same.
     scores |= dict.fromkeys((each for each in same if each in scores), here)
-    every = tuple(
-        Rival(each, np.array([nats - here]) / PROBABILITIES.repeats, weight_beside(each, effect))
-        for each, nats in scores.items()
-    )
+    every = tuple(Rival(each, np.array([nats - here])) for each, nats in scores.items())
     return tuple(dict.fromkeys([*same, *rivals])), every
 
 
