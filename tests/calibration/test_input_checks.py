@@ -102,6 +102,14 @@ def test_joint_signs_and_order_are_named(tmp_path, robot, instrument, change, ki
     assert found.would_leave_mm < 10.0
 
 
+@pytest.mark.parametrize("pair", [(1, 3), (2, 6)])
+def test_any_two_joints_may_be_exchanged(tmp_path, pair):
+    folder = simulated(tmp_path / "c", "ur10", "points", poses=40)
+    mend(folder, "poses.csv", exchanged_joints(*pair))
+    (found,) = findings(folder)
+    assert (found.kind, found.where) == ("joint_order", "q{}, q{}".format(*pair))
+
+
 @pytest.mark.slow
 def test_several_reversed_joints_are_named(tmp_path):
     folder = simulated(tmp_path / "c", "ur10", "pose")

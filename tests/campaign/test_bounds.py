@@ -52,6 +52,44 @@ def test_right_campaigns_lose_no_row(right):
         assert (campaign.quarantined, campaign.warnings) == ((), ())
 
 
+IRB = [f"q{k}_deg" for k in range(1, 7)]
+
+
+@pytest.mark.parametrize("first", [0.0, -360.0])
+def test_angles_logged_within_one_turn_are_moved_into_the_limits(copy, first):
+    folder = copy("points")
+    before = read_campaign(folder).observations.states.q_rad
+
+    def wrap(table):
+        table.put(IRB, first + np.mod(table.numbers(IRB) - first, 360.0))
+
+    mend(folder, "poses.csv", wrap)
+    found = read_campaign(folder)
+    np.testing.assert_allclose(found.observations.states.q_rad, before, atol=1e-9)
+    (note,) = (each for each in found.notes if " by whole turns" in each)
+    assert "q2_deg" in note
+
+
+def test_one_row_a_turn_off_stays_so(copy):
+    folder = copy("points")
+    mend(folder, "poses.csv", lambda table: table.fill("q2_deg", "359.5", ONE))
+    found = read_campaign(folder)
+    assert len(found.quarantined) == 1
+    assert not any(" by whole turns" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("times", [10.0, 57.3])
+def test_numbers_of_more_than_a_turn_are_no_angles_within_one(copy, times):
+    folder = copy("points")
+    mend(
+        folder,
+        "poses.csv",
+        lambda table: table.put(IRB, times * np.mod(table.numbers(IRB), 360.0)),
+    )
+    with pytest.raises(Pa10calError, match="beyond the limits of joint"):
+        read_campaign(folder)
+
+
 @pytest.mark.parametrize(
     ("instrument", "column", "text", "reason"),
     [

@@ -13,8 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from made_up_sightings import sighted
 from pa10cal.__main__ import main
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.exports import urdf_text
 from pa10cal.campaign.read import read_campaign
-from pa10cal.files.arms import arm_text, load_arm
+from pa10cal.files.arms import arm_text, joint_names, load_arm
 
 Q = [f"q{j}_deg" for j in range(1, 7)]
 PLACE, QUATERNION = ["x_mm", "y_mm", "z_mm"], ["qw", "qx", "qy", "qz"]
@@ -218,3 +220,59 @@ def test_the_mapping_of_the_measured_ur10_is_found(ipa_data, capsys, series):
     assert columns["rotation"]["convention"] == "euler_XYZ"
     assert ("time" in columns) == series.startswith("A")
     assert ("u" in columns["position"]) == series.startswith("C")
+
+
+UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+
+
+def test_joints_are_mapped_by_their_names_whatever_their_order(tmp_path, proposed):
+    raw, table = tracked(tmp_path, "points")
+    called = dict(zip(Q, (f"{name}_joint" for name in UR), strict=True))
+    own = table.rename(columns=called)
+    own = own[[*sorted(called.values()), *(set(own) - set(called.values()))]]
+    content, _, folder = proposed(own, "--robot", "ur10")
+    assert content["columns"]["poses"]["joints"]["names"] == list(called.values())
+    np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
+
+
+def test_names_in_columns_of_text_give_the_order_and_are_no_angles(tmp_path, proposed):
+    """A table of /joint_states: names, positions, efforts, in the order of the alphabet."""
+    raw, table = tracked(tmp_path, "points")
+    own = table.drop(columns=Q)
+    order = np.argsort(UR)
+    for k, joint in enumerate(order):
+        own[f"name{k}"] = f"{UR[joint]}_joint"
+        own[f"position{k}"] = np.radians(table[Q[joint]])
+        own[f"velocity{k}"] = 0.0
+        own[f"effort{k}"] = float(joint)
+    content, text, folder = proposed(own, "--robot", "ur10")
+    columns = content["columns"]["poses"]
+    inverse = np.argsort(order)
+    assert columns["joints"]["names"] == [f"position{k}" for k in inverse]
+    assert columns["torques"]["names"] == [f"effort{k}" for k in inverse]
+    assert "# check torques.unit: Nm, assumed" in text
+    assert re.search(r"name0 +not read", text)
+    every = read_campaign(folder).observations
+    np.testing.assert_allclose(every.states.q_rad, raw.q, atol=1e-8)
+    np.testing.assert_allclose(every.states.tau_Nm[0], np.arange(6.0))
+
+
+def test_joints_have_the_names_of_the_urdf_that_the_arm_came_from(tmp_path, proposed):
+    _, table = tracked(tmp_path, "points")
+    arms, names = tmp_path / "arms", list("fedcba")
+    arms.mkdir()
+    arm = load_arm("ur10")
+    urdf = urdf_text(Chain.of(arm), Chain.of(arm).nominal, "ours")
+    for k, name in enumerate(names, start=1):
+        urdf = urdf.replace(f'"joint_{k}"', f'"{name}_joint"')
+    (arms / "ours.urdf").write_text(urdf, encoding="utf-8")
+    source = {"file": "ours.urdf", "base": "base", "tip": "flange"}
+    text = arm_text(arm, urdf=source).replace("ur10", "ours")
+    (arms / "ours.yaml").write_text(text, encoding="utf-8")
+    own = table.rename(columns=dict(zip(Q, (f"{name}.pos" for name in names), strict=True)))
+    own = own[sorted(own)]
+    content, _, _ = proposed(own, "--robot", "ours")
+    columns = content["columns"]["poses"]["joints"]["names"]
+    assert columns == [f"{name}.pos" for name in names]
+    (arms / "ours.urdf").write_text("<robot", encoding="utf-8")  # names are then not known
+    assert joint_names("ours", tmp_path / "mine") == ()

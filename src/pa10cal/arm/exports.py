@@ -104,6 +104,12 @@ class UrdfSource:
     base: str
     tip: str
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Return the names of the joints that move between the two links, in order."""
+        joints = read_tree(self.text, self.where).path(self.base, self.tip)[2]
+        return tuple(joint.name for joint in joints if joint.kind in MOVING)
+
 
 def patched_urdf(
     source: UrdfSource,

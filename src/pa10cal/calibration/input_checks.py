@@ -383,9 +383,11 @@ def _changes(arm: Arm) -> Iterator[_Change]:
     yield _Change("joint_sign", tuple(range(1, arm.n + 1)))
     for joint in range(1, arm.n + 1):
         yield _Change("joint_sign", (joint,))
-    for joint in range(1, arm.n):
-        if arm.prismatic[joint - 1] == arm.prismatic[joint]:
-            yield _Change("joint_order", (joint, joint + 1))
+    pairs = itertools.combinations(range(1, arm.n + 1), 2)
+    # Of equals the nearest.
+    for one, other in sorted(pairs, key=lambda pair: pair[1] - pair[0]):
+        if arm.prismatic[one - 1] == arm.prismatic[other - 1]:
+            yield _Change("joint_order", (one, other))
 
 
 def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:

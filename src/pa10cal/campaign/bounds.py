@@ -6,9 +6,12 @@ Bounds are wide: no right reading is outside. `docs/raw-data.md` lists them.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.campaign.own_columns import UNIT_WORDS, OwnWords
@@ -30,6 +33,8 @@ STANDARD_M_S2 = 9.80665
 #: Tools heavier than their arm are in grams; as are those of arms without masses above this a metre
 #: of reach.
 TOOL_KG_PER_M = 1000.0
+#: Joints are logged within one turn where so many numbers are in their limits only a turn away.
+LEAST_WRAPPED = 2
 #: Part of the rows that are within bounds in another unit, for that unit to be meant.
 NEARLY_ALL = 0.9
 
@@ -144,6 +149,37 @@ def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:
                 values = [raw.shown(name, int(row)) for row in np.flatnonzero(off)]
                 return within_bounds(raw.take(~off, reason, values), names, arm)
     return raw
+
+
+def unwrapped(raw: RawRows, q: Sequence[str], arm: Arm) -> RawRows:
+    """Bring joints that were logged within one turn, such as 0 to 360 deg, back into their limits.
+
+    Where whole turns put nearly all numbers beyond a joint's limits within them, the log wraps
+    angles: then those of every joint are meant nearest to the middle of its limits.
+    """
+    turned: dict[str, NDArray[Any]] = {}
+    wraps = False
+    for name, (low, high) in zip(q, np.degrees(arm.limits_rad), strict=True):
+        column = raw[name]
+        if not name.endswith("_deg") or not np.isfinite(column).any():
+            continue
+        beyond = BEYOND_LIMITS["deg"]
+        outside = (column < low - beyond) | (column > high + beyond)
+        turns = np.round((column - 0.5 * (low + high)) / 360.0)
+        nearest = column - 360.0 * turns
+        inside = (nearest >= low - beyond) & (nearest <= high + beyond)
+        if (
+            np.nanmax(column) - np.nanmin(column) <= 360.0
+            and inside[outside].sum() >= NEARLY_ALL * outside.sum()
+        ):
+            turned[name] = np.where(inside, nearest, column)
+            wraps |= outside.sum() >= LEAST_WRAPPED
+    moved = {name: column for name, column in turned.items() if (column != raw[name]).any()}
+    if not wraps:
+        return raw
+    words = ", ".join(OwnWords(raw.own).column(name) for name in moved)
+    note = f"{words}: angles logged within one turn are moved by whole turns, into the limits"
+    return replace(raw.with_columns(moved), notes=(*raw.notes, f"{raw.file}: {note}"))
 
 
 def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:

@@ -24,7 +24,7 @@ from pa10cal.options import Section
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
 ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "d": 86400.0}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "d": 86400.0}
 FORCES = {"N": 1.0, "kg": 9.80665}
 #: What a number is multiplied by, and what is added then, for the contract's unit.
 FACTORS = {
@@ -70,7 +70,9 @@ class Time(Section):
     """When a row was taken."""
 
     names: Names = Field(description="one column, or two with date and time of day")
-    unit: Literal["s", "ms", "us", "min", "d"] = Field("s", description="d: days, as in workbooks")
+    unit: Literal["s", "ms", "us", "ns", "min", "d"] = Field(
+        "s", description="d: days, as in workbooks"
+    )
     format: Name | None = Field(
         default=None,
         description="of dates and times: iso, or such as %d.%m.%Y %H:%M:%S; without it, numbers",

@@ -20,6 +20,7 @@ from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.conventions import FOUR, THREE, attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout, Sniffed
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
+from pa10cal.campaign.joint_names import file_roles
 from pa10cal.campaign.own_columns import (
     ANGLES,
     FORCES,
@@ -37,7 +38,6 @@ from pa10cal.campaign.recognise import (
     Roles,
     format_of,
     plain,
-    roles_of,
     standing,
     unit_of,
 )
@@ -67,16 +67,23 @@ class ColumnsProposal:
     read_as: tuple[str, ...]  # every column of the files, and what it is read as
 
 
-def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None) -> ColumnsProposal:
+def propose(
+    sniffed: Sniffed,
+    file: str,
+    name: str,
+    robot: str,
+    arm: Arm | None,
+    joint_names: Sequence[str] = (),
+) -> ColumnsProposal:
     """Propose a campaign.yaml for a file.
 
     Where the arm is not known (None), units and conventions rest on the header and on the size of
-    the numbers alone.
+    the numbers alone. Joints are found under the names that the arm's description has, if any.
 
     Raises:
         RawDataError: when no joint positions, or nothing that was measured, are recognised.
     """
-    roles = roles_of(sniffed.names, None if arm is None else arm.n)
+    roles = file_roles(sniffed, None if arm is None else arm.n, joint_names)
     _refuse_unrecognised(roles, sniffed, file)
     making = _Proposing(sniffed, roles, arm)
     columns = making.joints() | making.readings(making.T_base_ee)
@@ -84,7 +91,12 @@ def propose(sniffed: Sniffed, file: str, name: str, robot: str, arm: Arm | None)
 
 
 def propose_two_logs(
-    logs: tuple[Sniffed, Sniffed], files: tuple[Path, Path], name: str, robot: str, arm: Arm | None
+    logs: tuple[Sniffed, Sniffed],
+    files: tuple[Path, Path],
+    name: str,
+    robot: str,
+    arm: Arm | None,
+    joint_names: Sequence[str] = (),
 ) -> ColumnsProposal:
     """Propose a campaign.yaml for a log of joints and a log of readings, in either order.
 
@@ -95,7 +107,10 @@ def propose_two_logs(
         RawDataError: when neither has joint positions, or the other nothing that was measured.
     """
     count = None if arm is None else arm.n
-    both = [(roles_of(log.names, count), log, file) for log, file in zip(logs, files, strict=True)]
+    both = [
+        (file_roles(log, count, joint_names), log, file)
+        for log, file in zip(logs, files, strict=True)
+    ]
     if not both[0][0].joints:
         both.reverse()
     (of_joints, joints_log, joints_file), (of_readings, readings_log, readings_file) = both
@@ -261,7 +276,13 @@ class _Proposing:
             columns["joints"]["stroke_unit"] = stroke_unit
             factor[slides] = LENGTHS[stroke_unit]
         if torques:
-            unit = self._stated(torques, TORQUES) or "Nm"
+            stated = self._stated(torques, TORQUES)
+            unit = stated or "Nm"
+            if stated is None:
+                self.checks.append(
+                    f"torques.unit: Nm, assumed; if {torques[0]} … are currents of the motors, "
+                    "remove torques"
+                )
             columns["torques"] = {"names": list(torques)} | _unless(unit, "Nm")
         if self.arm is not None:
             self.T_base_ee = Chain.of(self.arm).forward(in_radians(logged * factor, slides))
@@ -360,7 +381,7 @@ class _Proposing:
         finite = numbers[np.isfinite(numbers)]
         least, most = finite.min(), finite.max()
         if most > 1e11:
-            return "us" if most > 1e14 else "ms"
+            return "ns" if most > 1e17 else "us" if most > 1e14 else "ms"
         parts = np.mod(finite, 1.0)
         if _SERIAL_DAYS[0] < least and most < _SERIAL_DAYS[1] and (parts > 1e-9).mean() > 0.5:
             if most - least < 60.0:  # of days, such as a campaign takes

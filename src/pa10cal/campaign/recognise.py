@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -85,7 +85,7 @@ def plain(text: str) -> str:
 
 
 @lru_cache(maxsize=4096)
-def _words(name: str) -> tuple[str, ...]:
+def words_of_name(name: str) -> tuple[str, ...]:
     """Return the words of a name without its unit: camel case and signs between are boundaries."""
     if len(name) > MOST_LETTERS:
         return ()
@@ -93,7 +93,7 @@ def _words(name: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z]+\d*|\d+", plain(bare)))
 
 
-def _has(words: Sequence[str], *kinds: str) -> bool:
+def has_word(words: Sequence[str], *kinds: str) -> bool:
     """Return whether one of the words is of one of these kinds of `WORDS`."""
     return any(not _VOCABULARY[kind].isdisjoint(words) for kind in kinds)
 
@@ -113,53 +113,71 @@ class Roles:
     times: tuple[str, ...] = ()  # every column that may hold a date or a time of day
 
 
-def roles_of(names: Sequence[str], joints: int | None) -> Roles:
-    """Return what columns may be; `joints` is how many the arm has, None where not known."""
+def roles_of(
+    names: Sequence[str],
+    joints: int | None,
+    text: Collection[str] = (),
+    turns: tuple[str, ...] = (),
+) -> Roles:
+    """Return what columns may be.
+
+    Args:
+        names: of the columns.
+        joints: how many the arm has; None where not known.
+        text: columns that hold no numbers: labels, kinds of rows or times, and nothing measured.
+        turns: columns of joint positions in order, where the joints' names say so.
+    """
     of = _uncertain(names)
     certain = [
         name
         for name in names
         if name not in of.values()
-        and not _has(_words(name)[:1], "uncertain")
-        and not _has(_words(name), "deviation")
+        and name not in text
+        and name not in turns
+        and not has_word(words_of_name(name)[:1], "uncertain")
+        and not has_word(words_of_name(name), "deviation")
     ]
-    attitude = _attitude([name for name in certain if not _has(_words(name), "no position")])
+    attitude = _attitude(
+        [name for name in certain if not has_word(words_of_name(name), "no position")]
+    )
     free = [name for name in certain if attitude is None or name not in attitude[0]]
     positions: dict[str, tuple[str, ...]] = {}
     for some in _measured_first(free):
         for axes, place in _by_axis(some, "xyz"):
-            if not _has(place, "rotation", "no position", "torque", "force"):
+            if not has_word(place, "rotation", "no position", "torque", "force"):
                 before = _around_axis(axes["x"])
                 label = before if before not in positions else f"{before}{len(positions) + 1}"
                 positions[label] = tuple(axes.values())
     taken = {name for triple in positions.values() for name in triple}
     free = [name for name in free if name not in taken]
-    torques = _numbered([name for name in free if _has(_words(name), "torque")], joints)
-    free = [name for name in free if not _has(_words(name), "torque")]
-    still = [name for name in free if not _has(_words(name), "no position")]
-    turns = _numbered(still, joints)
+    torques = _numbered([name for name in free if has_word(words_of_name(name), "torque")], joints)
+    free = [name for name in free if not has_word(words_of_name(name), "torque")]
+    still = [name for name in free if not has_word(words_of_name(name), "no position")]
+    turns = turns or _numbered(still, joints)
     if not turns and attitude is not None and attitude[1].startswith("quaternion"):
         # q0 … q3 of an arm with four joints are these, where nothing else is.
         turns = _numbered([*still, *attitude[0]], joints) if joints == 4 else ()
         attitude = None if turns else attitude
-    free = [name for name in free if name not in turns]
+    free = [name for name in names if name in (*free, *text) and name not in turns]
     single: dict[str, str] = {}
     for key, vocabulary in WORDS["single"].items():
         some = [name for name in free if name not in single.values()]
-        whole = [name for name in some if _has(_words(name), key)]
+        if key in ("temperature", "load", "distance"):
+            some = [name for name in some if name not in text]
+        whole = [name for name in some if has_word(words_of_name(name), key)]
         if not whole and key in ("time", "temperature", "load", "distance"):
             part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
-            whole = [name for name in some if any(map(part.search, _words(name)))]
+            whole = [name for name in some if any(map(part.search, words_of_name(name)))]
         if whole:
             single[key] = whole[0]
     others = {name for key, name in single.items() if key != "time"}
-    times = [name for name in free if _has(_words(name), "time") and name not in others]
+    times = [name for name in free if has_word(words_of_name(name), "time") and name not in others]
     return Roles(turns, torques, positions, attitude, of, single, tuple(times))
 
 
 def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return columns of what was measured, then those of what was commanded."""
-    commanded = [name for name in names if _has(_words(name), "commanded")]
+    commanded = [name for name in names if has_word(words_of_name(name), "commanded")]
     return [name for name in names if name not in commanded], commanded
 
 
@@ -176,13 +194,13 @@ def _numbered(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
         numbers = itertools.count(0 if 0 in listed else 1)
         run = [listed[k] for k in itertools.takewhile(listed.__contains__, numbers)]
         around_words = re.findall(r"[a-z]+", " ".join(around))
-        a_joint = _has(around_words, "joint")
+        a_joint = has_word(around_words, "joint")
         fits = joints is None or len(run) == joints
-        score = (fits, not _has(around_words, "commanded"), a_joint, len(run))
+        score = (fits, not has_word(around_words, "commanded"), a_joint, len(run))
         if score > best[0] and around_words and (a_joint or joints is not None):
             best = score, tuple(run)
     (fits, *_), numbered = best
-    called = tuple(name for name in names if _has(_words(name), "called joint"))
+    called = tuple(name for name in names if has_word(words_of_name(name), "called joint"))
     if (joints is None or len(called) == joints) and len(called) > len(numbered) * fits:
         return called if len(called) >= 2 else ()
     return numbered if len(numbered) >= 2 and fits else ()
@@ -202,11 +220,11 @@ def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
                 known = convention.startswith("quaternion")
                 return quaternion(columns) if known else (columns, convention)
         for axes, place in _by_axis(some, "wxyz"):
-            if _has(place, "quaternion", "rotation"):
+            if has_word(place, "quaternion", "rotation"):
                 return quaternion(tuple(axes.values()))
         for axes, place in _by_axis(some, "xyz"):
-            if _has(place, "rotation"):
-                vector = _has(place, "vector")
+            if has_word(place, "rotation"):
+                vector = has_word(place, "vector")
                 return tuple(axes.values()), "rotation_vector" if vector else "rpy"
     return None
 
@@ -216,7 +234,7 @@ def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tupl
     beyond = {"q0": "q4", "q1": "q5"}.get(endings[0], "")
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
-        listed = _words(name)
+        listed = words_of_name(name)
         for k, word in enumerate(listed):
             rest = (*listed[:k], *listed[k + 1 :])
             if word in (*endings, beyond):
@@ -234,7 +252,7 @@ def _by_axis(
     """Yield columns that differ by a letter x, y, z (w) alone, by it, and the words around it."""
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
-        listed = _words(name)
+        listed = words_of_name(name)
         for k, word in enumerate(listed):
             found = re.fullmatch(f"[{letters}]", word) or (
                 _AXIS.fullmatch(word) if letters == "xyz" else None
@@ -262,10 +280,10 @@ def _uncertain(names: Sequence[str]) -> dict[str, str]:
     known = _VOCABULARY["uncertain"]
     called: dict[str, str] = {}
     for name in names:
-        called.setdefault("".join(_words(name)), name)
+        called.setdefault("".join(words_of_name(name)), name)
     uncertain = {}
     for name in names:
-        listed = _words(name)
+        listed = words_of_name(name)
         rest = [word for word in listed if word not in known]
         if len(rest) == len(listed):  # no word of its own says so
             run_on = re.fullmatch(r"(?:s|u|std|sigma)([xyz]|q\d)", listed[-1]) if listed else None

@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign import balls, nominal_fit, screens
-from pa10cal.campaign.bounds import labelled, whole, within_bounds
+from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
@@ -167,7 +167,7 @@ def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
     joints = range(1, arm.n + 1)
     q, tau = [f"q{j}_deg" for j in joints], [f"tau{j}_Nm" for j in joints]
     names = ["time_s", *q, *tau, "temperature_C"]
-    raw = within_bounds(file.read(names).finite(names), names, arm)
+    raw = within_bounds(unwrapped(file.read(names).finite(names), q, arm), names, arm)
     time_s = raw["time_s"]
     order = np.argsort(time_s, kind="stable")
     first = np.ones(len(time_s), dtype=bool)

@@ -21,7 +21,7 @@ from pa10cal.campaign.base_motion import (
     refuse_base_targets,
     steadied,
 )
-from pa10cal.campaign.bounds import labelled, within_bounds
+from pa10cal.campaign.bounds import labelled, unwrapped, within_bounds
 from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
@@ -152,6 +152,7 @@ def _read_poses(
     raw = raw.finite(["time_s", "load_N", *q, *logged])
     raw = raw.finite(measured.names, may_be_blank=measured.may_be_blank)
     raw = raw.finite([*on_base], may_be_blank=True).finite(given, may_be_blank=True)
+    raw = unwrapped(raw, q, arm)
     raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], arm)
     remaining = np.ones(len(raw), dtype=bool)
     for off in instrument.unusable(measured, raw.numbers_of(measured.names)):

@@ -20,7 +20,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
-from pa10cal.campaign.bounds import LEAST_U
+from pa10cal.campaign.bounds import LEAST_U, unwrapped
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
 from pa10cal.campaign.nominal_fit import (
     EXPECTED_SHIFTED_M,
@@ -435,7 +435,7 @@ class TwoLogs:
             unused=(*read.unused, *logged.unused),
             quarantined=(*read.quarantined, *logged.quarantined),
             own={**logged.own, **read.own},
-            notes=(note,),
+            notes=(note, *logged.notes),
         )
         return whole.take(station >= 0, NOT_JOINED[self._by])
 
@@ -472,6 +472,7 @@ class TwoLogs:
                 allowed="rows of joint positions",
                 remedy="correct columns.joints",
             )
+        raw = unwrapped(raw, q, self.arm)
         time_s = raw["time_s"] if "time_s" in text else np.arange(float(len(raw)))
         if self._by == "time":
             order = np.argsort(time_s, kind="stable")

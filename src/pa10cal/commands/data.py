@@ -45,7 +45,7 @@ def columns(
     from pa10cal.campaign.csv_rows import sniff
     from pa10cal.campaign.propose import follows_contract, label_of, propose, propose_two_logs
     from pa10cal.errors import SettingsError, one_line, visible
-    from pa10cal.files.arms import load_arm
+    from pa10cal.files.arms import joint_names, load_arm
 
     if len(files) > 2 or len({file.absolute().parent for file in files}) > 1:
         raise SettingsError(
@@ -58,13 +58,15 @@ def columns(
     file = files[0]
     robot = None if robot is None else robot.removesuffix(".yaml")
     arm = None if robot is None else load_arm(robot, file.parent, arms)
+    called = () if robot is None else joint_names(robot, file.parent, arms)
     label = name or label_of(file.absolute().parent)
     if len(files) == 2:
         logs = sniff(files[0]), sniff(files[1])
-        proposal = propose_two_logs(logs, (files[0], files[1]), label, robot or "my_arm", arm)
+        paths = files[0], files[1]
+        proposal = propose_two_logs(logs, paths, label, robot or "my_arm", arm, called)
     else:
         found = sniff(file)
-        proposal = propose(found, file.name, label, robot or "my_arm", arm)
+        proposal = propose(found, file.name, label, robot or "my_arm", arm, called)
         if follows_contract(found):
             del proposal.content["columns"]
 
@@ -112,7 +114,8 @@ def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
         except Pa10calError as error:
             return [f"# check all of it: it is refused: {error}".replace(f"{folder}/", "")]
         rows = f"{len(found.observations)} rows can be used, {len(found.quarantined)} cannot"
-        joined = [f"# {note}" for note in found.notes if " joined by " in note]
+        said = (" joined by ", " by whole turns")
+        joined = [f"# {note}" for note in found.notes if any(word in note for word in said)]
         return [f"# read so: {rows}", *joined, *(f"# check: {each}" for each in found.warnings)]
 
 

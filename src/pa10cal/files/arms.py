@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -332,14 +333,28 @@ def copy_description(name: str, folder: Path, to: Path) -> None:
     write_text(to / own.name, text)
 
 
-def urdf_of_arm(name: str, folder: Path) -> UrdfSource | None:
+def joint_names(name: str, folder: Path, arms: Path | None = None) -> tuple[str, ...]:
+    """Return what the URDF that an arm came from calls its joints, in order.
+
+    Nothing where it came from none, or from one that is not there any more or cannot be read:
+    names help to read a file, and the export of a model says what is wrong with the URDF.
+    """
+    with suppress(ArmError):
+        if (source := urdf_of_arm(name, folder, arms)) is not None:
+            return source.joints
+    return ()
+
+
+def urdf_of_arm(name: str, folder: Path, arms: Path | None = None) -> UrdfSource | None:
     """Return the URDF that the arm of a campaign came from; None where it came from none.
+
+    Descriptions are looked for as `load_arm` does.
 
     Raises:
         ArmError: when the description names a file that cannot be read.
         SettingsError: when a key of the description is unknown, missing or of the wrong kind.
     """
-    own = own_description(name, folder)
+    own = own_description(name, folder, arms)
     if own is None:
         return None
     raw = read_yaml(own, ArmError, what=_UNREADABLE, within=own.parent)
