@@ -102,6 +102,15 @@ def rivals() -> str:
     return "\n".join(["| id | meaning |", "| --- | --- |", *rows])
 
 
+def formats() -> str:
+    """Return a table of the known formats of files."""
+    from pa10cal.campaign.formats import FORMATS
+
+    head = ["| `format` | file | told by | what is read |", "| --- | --- | --- | --- |"]
+    rows = [f"| `{each.name}` | {each.title} | {each.told_by} | {each.holds} |" for each in FORMATS]
+    return "\n".join([*head, *rows])
+
+
 #: How a comment on a number of `rules.py` is read: what it bounds [unit] (where it is from).
 RULE = re.compile(r"(?P<what>.*?)(?: \[(?P<unit>[^]]*)\])? \((?P<source>[^()]*)\)")
 
@@ -148,6 +157,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "commands": commands,
     "effects": effects,
     "rivals": rivals,
+    "formats": formats,
     "rules": rules,
     "calibration_rules": calibration_rules,
 }

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.campaign.two_logs import Samples, best_clock_offset, find_dwells
+from pa10cal.campaign.dwells import Samples, best_clock_offset, find_dwells
 
 STILL = 0.02
 

@@ -23,9 +23,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.formats import Format, format_of_file, table_lines
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
-from pa10cal.campaign.text_lines import TextLine, encoding_of, is_workbook, lines_of
+from pa10cal.campaign.text_lines import TextLine, encoding_of, is_workbook
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import from_csv_cell
 
@@ -56,8 +57,14 @@ class Layout:
     first: int = 0  # line of the first row; 0 for the one that follows the names
     text: tuple[str, ...] = TEXT  # columns of text
     own: bool = False  # whether a campaign describes it: names that occur twice are told apart
+    format: str = ""  # of a file whose table is made by `formats`; then as `of_table` has it
     key: str = ""  # where campaign.yaml describes it, such as columns.poses
     keys: Mapping[str, str] = field(default_factory=dict)  # what maps each of its columns
+
+    @classmethod
+    def of_table(cls, name: str) -> Layout:
+        """Return how the table is written that is made of a file of a known format."""
+        return cls("\t", own=True, format=name)
 
     def fields(self, text: str) -> list[str]:
         """Return the fields of a line."""
@@ -138,7 +145,7 @@ def numbered_apart(names: Sequence[str]) -> list[str]:
 
 def column_names(path: Path, layout: Layout = CONTRACT, within: Path | None = None) -> list[str]:
     """Return the names of the columns of a file, none where it is empty; see `lines_of`."""
-    first = _first(lines_of(path, within), layout)
+    first = _first(table_lines(path, layout.format, within), layout)
     return [] if first is None else layout.names(first.text)
 
 
@@ -168,7 +175,7 @@ def read_rows(
         RawDataError: when the file is empty or too large, is no text, uses another separator or
             decimal commas throughout, or lacks a required column.
     """
-    lines = lines_of(path, within)
+    lines = table_lines(path, layout.format, within)
     first = _first(lines, layout)
     if first is None:
         raise _empty(path)
@@ -354,7 +361,7 @@ def _remedy_for_missing(
             "columns 1, 2, 3, …; or export the file with a header"
         )
     if layout.key:
-        for line in islice(lines_of(path, within), _LINES_ABOVE):
+        for line in islice(table_lines(path, layout.format, within), _LINES_ABOVE):
             if set(missing) <= set(layout.names(line.text)):
                 return (
                     f"the names stand in line {line.number}: set {layout.key}.header: {line.number}"
@@ -403,6 +410,8 @@ class Sniffed:
     lines: tuple[int, ...]  # (N,) physical line of each row
     text: NDArray[np.object_]  # (N, k) fields of the rows
     numbers: Array  # (N, k) the same as numbers, nan where a field is none
+    format: Format | None = None  # the known format of the file that the table is made of
+    notes: tuple[str, ...] = ()  # what of the file is not in the table
 
     def column(self, name: str) -> Array:
         """Return a column of numbers."""
@@ -416,6 +425,19 @@ class Sniffed:
         """Return a column as it is written."""
         return [str(each) for each in self.text[:, self.names.index(name)]]
 
+    @property
+    def texts(self) -> dict[str, list[str]]:
+        """Return columns that may hold labels: words, or whole numbers that do not count rows."""
+
+        def labels(values: Array) -> bool:
+            known = values[np.isfinite(values)]
+            if len(known) < 0.5 * len(values):
+                return True
+            return bool((known == np.round(known)).all() and len(np.unique(np.diff(known))) > 1)
+
+        every = zip(self.names, self.numbers.T, strict=True)
+        return {name: self.words(name) for name, values in every if labels(values)}
+
     def titled(self, name: str) -> str:
         """Return a name with the unit that a line below the names gives it."""
         unit = self.units[self.names.index(name)] if self.units else ""
@@ -424,23 +446,29 @@ class Sniffed:
 
 def sniff(path: Path) -> Sniffed:
     """Find out how a file of rows of numbers is written; refuse one without such rows."""
-    lines = [(line.number, line.text) for line in _part_of(lines_of(path), LINES, LETTERS)]
+    of, notes = format_of_file(path), list[str]()
+    name = "" if of is None else of.name
+    below = table_lines(path, name, notes=notes)
+    lines = [(line.number, line.text) for line in _part_of(below, LINES, LETTERS)]
     if not lines:
         raise _empty(path)
     for number, line in lines:
         if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
             raise _too_many_columns(f"{path}:{number}", most)
     workbook = is_workbook(path)
+    of_table = Layout.of_table(name)
     ways = [
-        _judged(lines, Layout(separator, decimal, own=True))
-        for separator in (("\t",) if workbook else _SEPARATORS)
+        _judged(lines, replace(of_table, separator=separator, decimal=decimal))
+        for separator in (("\t",) if workbook or of else _SEPARATORS)
         for decimal in ("." if workbook else ".,")
         if separator != decimal and lines
     ]
     share, width, layout = max(
         ways or [(0.0, 0, Layout())], key=lambda way: (round(way[0], 3), way[1])
     )
-    if share < 0.3 or width < LEAST_FIELDS:
+    if of is not None:
+        width = len(layout.fields(lines[0][1]))
+    elif share < 0.3 or width < LEAST_FIELDS:
         raise RawDataError(
             "no rows of numbers were found",
             where=str(path),
@@ -453,10 +481,12 @@ def sniff(path: Path) -> Sniffed:
     every = np.array([[layout.number(field) for field in fields] for _, fields in rows])
     starts = np.mean(~np.isnan(every), axis=1)
     usual = float(np.median(starts))
-    body = next(k for k, share in enumerate(starts) if share >= 0.6 * usual)
+    body = next(k for k, share in enumerate(starts) if share >= 0.6 * usual) if of is None else 1
     named = body > 0
     units: tuple[str, ...] = ()
-    if named:
+    if of is not None:
+        names = tuple(numbered_apart(rows[0][1]))
+    elif named:
         titles = rows[body - 1]
         # Most words of a line of units are known ones.
         known = [canonical_unit(unit_alone(field)) != "" for field in titles[1] if field]
@@ -472,7 +502,17 @@ def sniff(path: Path) -> Sniffed:
     text = np.array([fields for _, fields in rows[body:]], dtype=object)
     encoding = "" if workbook else encoding_of(path)
     of_rows = tuple(number for number, _ in rows[body:])
-    return Sniffed(layout, encoding, names, units, of_rows, text.reshape(-1, width), every[body:])
+    return Sniffed(
+        layout,
+        encoding,
+        names,
+        units,
+        of_rows,
+        text.reshape(-1, width),
+        every[body:],
+        of,
+        tuple(dict.fromkeys(notes)),
+    )
 
 
 def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, int, Layout]:

@@ -15,6 +15,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
 from pa10cal.campaign.csv_rows import REPEATED
+from pa10cal.campaign.formats import BY_NAME
 from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
 from pa10cal.campaign.recognise import format_of, unit_of
 from pa10cal.errors import RawDataError
@@ -56,6 +57,12 @@ def _rotation(word: str) -> str:
             "(row by row)"
         )
     return word
+
+
+def _known_format(name: str) -> str:
+    if name not in BY_NAME:
+        raise ValueError(", ".join(BY_NAME))
+    return name
 
 
 Name = Annotated[str, StringConstraints(min_length=1)]
@@ -148,6 +155,11 @@ class KindColumn(Section):
 class FileColumns(Section):
     """Layout of one file, and what its columns are. What is not mapped is not read."""
 
+    format: Annotated[str, AfterValidator(_known_format)] | None = Field(
+        default=None,
+        description="of a file whose table is made by the program, such as kuka or motive; its "
+        "columns then have the names that pa10cal columns prints",
+    )
     separator: Annotated[str, StringConstraints(pattern=r"^(.|tab|blanks)$")] = Field(
         default=",", description="one character, tab, or blanks for any number of them"
     )

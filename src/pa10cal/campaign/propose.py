@@ -41,7 +41,7 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.two_logs import LABELS, TwoLogs
+from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
 from pa10cal.options import IngestOptions
@@ -65,6 +65,7 @@ class ColumnsProposal:
     content: dict[str, Any]  # of campaign.yaml
     checks: tuple[str, ...]  # what its reader should check or fill in, one sentence each
     read_as: tuple[str, ...]  # every column of the files, and what it is read as
+    known: tuple[str, ...] = ()  # the known format of each file that has one, and what it holds
 
 
 def propose(
@@ -111,7 +112,14 @@ def propose_two_logs(
         (file_roles(log, count, joint_names), log, file)
         for log, file in zip(logs, files, strict=True)
     ]
-    if not both[0][0].joints:
+    # What a known format holds is known; else the log of the joints is that which has some.
+    of_joints_first = [log.format is not None and not log.format.measured for _, log, _ in both]
+    of_readings_first = [log.format is not None and log.format.measured for _, log, _ in both]
+    if any(of_joints_first) or any(of_readings_first):
+        exchanged = of_joints_first[1] or of_readings_first[0]
+    else:
+        exchanged = not both[0][0].joints
+    if exchanged:
         both.reverse()
     (of_joints, joints_log, joints_file), (of_readings, readings_log, readings_file) = both
     _refuse_unrecognised(of_joints, joints_log, joints_file.name, measured=True)
@@ -119,6 +127,15 @@ def propose_two_logs(
     _refuse_unrecognised(
         replace(of_readings, joints=of_joints.joints), readings_log, readings_file.name
     )
+    texts = [
+        {name: words for name, words in log.texts.items() if name not in roles.times}
+        for roles, log in ((of_joints, joints_log), (of_readings, readings_log))
+    ]
+    if labels := shared_labels(*texts):
+        of_joints, of_readings = (
+            replace(roles, single={**roles.single, "pose": name})
+            for roles, name in zip((of_joints, of_readings), labels, strict=True)
+        )
     joints = _Proposing(joints_log, of_joints, arm)
     readings = _Proposing(readings_log, of_readings, arm, joints.checks)
     files_read: dict[str, Any] = {"joints": (joints_file.name, joints_log, joints.joints())}
@@ -194,7 +211,12 @@ def _proposal(
         "columns": {key: columns for key, (_, _, columns) in files.items()},
     }
     lines = [line for file, log, columns in files.values() for line in read_as(log, columns, file)]
-    return ColumnsProposal(content, tuple(checks), tuple(lines))
+    known = tuple(
+        "; ".join((f"{file}: {log.format.title}: {log.format.holds}", *log.notes)).replace("`", "")
+        for file, log, _ in files.values()
+        if log.format is not None
+    )
+    return ColumnsProposal(content, tuple(checks), tuple(lines), known)
 
 
 def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
@@ -329,6 +351,9 @@ class _Proposing:
             ("first_row", layout.first, 0),
         )
         columns: dict[str, Any] = {key: value for key, value, usual in written if value != usual}
+        if layout.format:
+            columns = {"format": layout.format, "decimal": layout.decimal}
+            columns = columns if layout.decimal != "." else {"format": layout.format}
         columns |= self._time()
         if "pose" in single and all(sniffed.words(single["pose"])):
             columns["pose"] = single["pose"]

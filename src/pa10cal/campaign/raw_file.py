@@ -154,16 +154,16 @@ class RawFile:
         keys = {
             own: source.key for source in self.sources.values() for own in source.name.split(", ")
         }
-        return Layout(
+        written = Layout(
             SEPARATORS.get(columns.separator, columns.separator),
             columns.decimal,
             columns.header,
             columns.first_row,
-            tuple(text),
             own=True,
-            key=f"columns.{self.key}",
-            keys=keys,
         )
+        if columns.format is not None:
+            written = replace(Layout.of_table(columns.format), decimal=columns.decimal)
+        return replace(written, text=tuple(text), key=f"columns.{self.key}", keys=keys)
 
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()

@@ -10,7 +10,7 @@ import gzip
 import io
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple, cast
@@ -40,12 +40,21 @@ _ASCII = bytes(range(128))
 _ARCHIVE, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 
 
+#: Signs that end a field of a table, or quote it.
+_NOT_IN_FIELDS = str.maketrans('\t"\n', " ' ")
+
+
 class TextLine(NamedTuple):
     """A line that is not blank."""
 
     number: int  # from 1
     text: str
     ended: bool  # whether a line end follows
+
+
+def table_row(fields: Iterable[str]) -> str:
+    """Return a row of a table that is made of a file: tabs between the fields."""
+    return "\t".join(field.translate(_NOT_IN_FIELDS) for field in fields)
 
 
 def lines_of(path: Path, within: Path | None = None) -> Iterator[TextLine]:

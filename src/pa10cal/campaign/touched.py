@@ -15,10 +15,10 @@ from pa10cal.arrays import Array, Index
 from pa10cal.campaign import balls, nominal_fit, screens
 from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
+from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
-from pa10cal.campaign.two_logs import Samples, Stations, best_clock_offset, find_dwells
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.pose import Touched

@@ -85,7 +85,8 @@ def columns(
         text = proposed(as_it_is=False)
     told = [] if arm is None else _tried(files, text, arm)
     read_as = (f"# {line}" for line in proposal.read_as)
-    comments = (*told, *read_as, *(f"# check {each}" for each in proposal.checks))
+    known = (f"# {line}" for line in proposal.known)
+    comments = (*known, *told, *read_as, *(f"# check {each}" for each in proposal.checks))
     print("\n".join(map(one_line, comments)))
     print(text, end="")
     if sys.stdout.isatty():

@@ -1,0 +1,247 @@
+"""Points in the programs of controllers as tables of joint positions: KUKA, FANUC, ABB, Yaskawa.
+
+Each reader takes the lines of a file and yields those of a table: labels, and joint positions as
+the controller has them. Points that hold a pose of the tool have none, and are counted.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from pa10cal.campaign.text_lines import TextLine, table_row
+from pa10cal.errors import RawDataError
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+#: What to do where a program holds poses of the tool alone.
+_LOG_JOINTS = (
+    "export the joint positions: teach the points anew as joint positions, or log where the arm "
+    "stood at each of them"
+)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A point of a program."""
+
+    line: int  # where it begins
+    labels: tuple[str, ...]  # its name, and its comment where points have such
+    axes: dict[str, str]  # positions by the name of the axis; empty where it holds a pose
+    whole: bool = True  # whether its end is there
+
+
+def _table(
+    points: Sequence[_Point], axis: str, cut: TextLine | None, where: str, notes: list[str]
+) -> Iterator[TextLine]:
+    """Yield a table of points; an `axis` that stands still at 0 in all of them is left out.
+
+    The program ends with the line `cut` where its end is missing.
+    """
+    placed = [point for point in points if point.axes]
+    if not placed:
+        found = f"{len(points)} points with a pose of the tool" if points else "no point"
+        raise RawDataError(
+            "no joint positions are in the program",
+            where=where,
+            value=found,
+            allowed=f"points with a position for each axis, such as {axis}",
+            remedy=_LOG_JOINTS if points else "export the program with its points",
+        )
+    if len(placed) < len(points):
+        notes.append(f"{len(points) - len(placed)} points hold a pose of the tool and are not read")
+    names = list(dict.fromkeys(name for point in placed for name in point.axes))
+    extra = [name for name in names if name[0] == "E"]
+    used = [name for name in names if name not in extra or _moves(name, placed)]
+    labelled = any(point.labels[1:] != ("",) for point in placed if len(point.labels) > 1)
+    labels = ["Point", "Comment"] if labelled else ["Point"]
+    yield TextLine(1, table_row([*labels, *used]), ended=True)
+    for point in placed:
+        values = [point.axes.get(name, "") for name in used if point.whole or name in point.axes]
+        fields = [*point.labels[: len(labels)], *values]
+        yield TextLine(point.line, table_row(fields), ended=point.whole)
+    if cut is not None and placed[-1].whole:
+        yield TextLine(cut.number, cut.text.strip().replace("\t", " "), ended=False)
+
+
+def _moves(name: str, points: Iterable[_Point]) -> bool:
+    return any(float(point.axes.get(name, 0.0)) != 0.0 for point in points)
+
+
+# KUKA: DECL E6AXIS XP1={A1 10.0,A2 -90.0,…,E1 0.0,…}
+
+_KUKA = re.compile(
+    r"\b(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)(?:\[\d*\])?\s*=\s*\{([^}]*)(\}?)", re.I
+)
+_KUKA_AXIS = re.compile(rf"\b([AE]\d)\s+({_NUMBER})", re.I)
+
+
+def kuka_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield the E6AXIS and AXIS points of a data list: A1 … A6, and axes E1 … that are used.
+
+    Points of the inline forms are called XP1 there, and P1 by their users.
+    """
+    points, last, ended = [], None, False
+    for line in lines:
+        last = line
+        ended = ended or bool(re.match(r"\s*ENDDAT\b", line.text, re.I))
+        for kind, name, inside, end in _KUKA.findall(line.text.partition(";")[0]):
+            if kind.upper() == "FRAME":
+                continue
+            label = name[1:] if len(name) > 1 and name[0] in "Xx" else name
+            axes = {}
+            if kind.upper().endswith("AXIS"):
+                for axis, value in _KUKA_AXIS.findall(inside):
+                    axes[f"{axis.upper()} [deg]" if axis[0] in "Aa" else axis.upper()] = value
+            points.append(_Point(line.number, (label,), axes, bool(end)))
+    yield from _table(points, "A1 … A6 of E6AXIS", None if ended else last, where, notes)
+
+
+# FANUC: P[1:"name"]{ GP1: … J1= 10.0 deg, … }; and position registers.
+
+_FANUC = re.compile(r'^\s*P\[(\d+)\s*(?::\s*"?([^"\]]*)"?\s*)?\]\s*\{')
+_REGISTER = re.compile(r"^\s*\[(\d+),(\d+)\]\s*=\s*'([^']*)'(\s*Uninitialized)?")
+_REGISTERS = re.compile(r"\$POSREG\b.*ARRAY\[\d+,(\d+)\]")
+_FANUC_AXIS = re.compile(rf"\b([JE]|EXT)(\d)\s*[=:]\s*({_NUMBER})\s*(deg|mm|rad)\b")
+_POSE = re.compile(r"\bX\s*[=:]")
+
+
+def fanuc_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield the points of a program that are taught as joint positions, by group 1."""
+    yield from _fanuc(lines, where, notes, _FANUC, ends=re.compile(r"^\s*/END\b"))
+
+
+def fanuc_registers(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield the position registers (POSREG.VA) that hold joint positions, by group 1."""
+    yield from _fanuc(lines, where, notes, _REGISTER, ends=None)
+
+
+def _fanuc(
+    lines: Iterable[TextLine],
+    where: str,
+    notes: list[str],
+    begins: re.Pattern[str],
+    ends: re.Pattern[str] | None,
+) -> Iterator[TextLine]:
+    """Yield points that span lines, each from the one on which it begins to the next or its end."""
+    points: list[_Point] = []
+    units: dict[str, str] = {}
+    begun: tuple[int, tuple[str, ...]] | None = None
+    axes: dict[str, str] = {}
+    pose, group, last, ended, most = False, 1, None, False, 0
+
+    def close(*, whole: bool) -> None:
+        nonlocal begun, axes, pose
+        if begun is not None and (axes or pose):
+            points.append(_Point(begun[0], begun[1], axes, whole))
+        begun, axes, pose = None, {}, False
+
+    for line in lines:
+        last = line
+        ended = ended or bool(ends is not None and ends.match(line.text))
+        if begins is _REGISTER and (sizes := _REGISTERS.search(line.text)) is not None:
+            most = int(sizes[1])
+        if (found := begins.match(line.text)) is not None:
+            close(whole=ends is None or begun is None)
+            if begins is _REGISTER:
+                group, label = int(found[1]), f"PR{found[2]}"
+                ended = ended or int(found[2]) == most
+                begun = None if found[4] else (line.number, (label, found[3].strip()))
+            else:
+                group, begun = 1, (line.number, (f"P{found[1]}", (found[2] or "").strip()))
+        if begins is _FANUC and (of_group := re.match(r"\s*GP(\d)\s*:", line.text)):
+            group = int(of_group[1])
+        if begun is None or group != 1:
+            continue
+        pose = pose or bool(_POSE.search(line.text))
+        for letter, number, value, unit in _FANUC_AXIS.findall(line.text):
+            axis = f"{letter[0]}{number}"
+            if units.setdefault(axis, unit) != unit:
+                raise RawDataError(
+                    f"{axis} is in two units",
+                    where=f"{where}:{line.number}",
+                    value=f"{value} {unit}",
+                    allowed=f"{units[axis]}, as in the points before",
+                    remedy="export points of one motion group, all in the same units",
+                )
+            axes[f"{axis} [{unit}]"] = value
+        if pose and not any(name[0] == "J" for name in axes):
+            axes = {}  # external axes of a pose alone
+        if begins is _FANUC and "}" in line.text:
+            close(whole=True)
+    close(whole=ended and ends is None)
+    cut = None if ended else last
+    yield from _table(points, "J1 … J6 in deg", cut, where, notes)
+
+
+# ABB: CONST jointtarget p1:=[[r1,…,r6],[9E+09,…]];
+
+_ABB_NAMED = re.compile(r"\b(jointtarget|robtarget)\s+(\w+)\s*(?:\{[^}]*\})?\s*:=", re.I)
+_SIX = rf"\[\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{0,5}})\s*\]"
+_ABB_JOINTS = re.compile(rf"\[\s*{_SIX}\s*,\s*{_SIX}\s*\]")
+#: An external axis that is not there stands at this.
+_ABB_NONE = 9e9
+
+
+def abb_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield the joint targets of a RAPID module, declared, in arrays, or in MoveAbsJ itself."""
+    points: list[_Point] = []
+    last, ended, begins, statement = None, False, 0, ""
+    for line in lines:
+        last = line
+        ended = ended or bool(re.match(r"\s*ENDMODULE\b", line.text, re.I))
+        for part in re.split(r"(?<=;)", line.text.partition("!")[0]):
+            if not part.strip():
+                continue
+            begins, statement = (begins if statement else line.number), statement + part
+            if part.endswith(";"):
+                points += _abb_statement(statement, begins)
+                statement = ""
+    if not ended:  # an array that was cut short
+        points += _abb_statement(statement, begins)
+    yield from _table(points, "jointtarget", None if ended else last, where, notes)
+
+
+def _abb_statement(statement: str, line: int) -> Iterator[_Point]:
+    named = _ABB_NAMED.search(statement)
+    if named is None and not re.search(r"\bMoveAbsJ\b", statement, re.I):
+        return
+    label = f"line{line}" if named is None else named[2]
+    if named is not None and named[1].lower() == "robtarget":
+        yield _Point(line, (label,), {})
+        return
+    every = _ABB_JOINTS.findall(statement)
+    for k, (robot, external) in enumerate(every, start=1):
+        values = [value.strip() for value in robot.split(",")]
+        axes = {f"J{j} [deg]": value for j, value in enumerate(values, start=1)}
+        for j, value in enumerate(external.split(","), start=1):
+            if float(value) < _ABB_NONE:
+                axes[f"E{j}"] = value.strip()
+        yield _Point(line, (label if len(every) == 1 else f"{label}{{{k}}}",), axes)
+
+
+# Yaskawa: C00000=pulses of the motors.
+
+
+def yaskawa_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Refuse a job: its points are pulses of the motors, or poses of the tool."""
+    for line in lines:
+        if (kind := re.match(r"\s*///POSTYPE\s+(\w+)", line.text)) is not None:
+            pulses = kind[1] == "PULSE"
+            raise RawDataError(
+                "a Yaskawa job holds "
+                + ("pulses of the motors" if pulses else "poses of the tool")
+                + ", and no joint positions",
+                where=f"{where}:{line.number}",
+                value=line.text.strip(),
+                allowed="joint positions in degrees",
+                remedy="export a table of the points with the axes S, L, U, R, B, T in degrees: "
+                "the current position of the pendant shown as ANGLE at each point, or a log of the "
+                "controller"
+                + (
+                    ", or the pulses divided by the pulses per degree of each axis"
+                    if pulses
+                    else ""
+                ),
+            )
+    yield from _table([], "S, L, U, R, B, T in deg", None, where, notes)

@@ -1,0 +1,165 @@
+"""Formats that are known by their content: how each is told, what it holds, how it is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, islice
+from pathlib import Path
+
+from pa10cal.campaign.controller_programs import (
+    abb_points,
+    fanuc_points,
+    fanuc_registers,
+    kuka_points,
+    yaskawa_points,
+)
+from pa10cal.campaign.instrument_exports import motive_table, qualisys_table, vicon_table
+from pa10cal.campaign.text_lines import TextLine, lines_of
+from pa10cal.errors import RawDataError
+
+#: So many lines at the beginning of a file tell its format.
+HEAD = 60
+
+#: Turns the lines of a file, called so in messages, into those of a table with tabs; adds to notes
+#: what is not in it.
+TableOf = Callable[[Iterator[TextLine], str, list[str]], Iterator[TextLine]]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of files: programs of controllers, exports of instruments."""
+
+    name: str  # in campaign.yaml
+    title: str
+    told_by: str  # what in the file tells it
+    holds: str
+    begins: Callable[[Sequence[str]], bool]  # whether the first lines, in small letters, tell it
+    table: TableOf
+    measured: bool  # whether it holds readings, not joint positions
+
+
+_RAPID = re.compile(
+    r"\s*module \w+\s*(\(.*)?$|\s*((local|task) )?(const|pers|var) (joint|rob)target "
+)
+
+
+def _some(*beginnings: str) -> Callable[[Sequence[str]], bool]:
+    """Return whether a line begins so."""
+    return lambda head: any(line.lstrip(" \t&").startswith(beginnings) for line in head)
+
+
+def _first(beginning: str) -> Callable[[Sequence[str]], bool]:
+    return lambda head: head[0].lstrip('" ').startswith(beginning)
+
+
+FORMATS = (
+    Format(
+        "motive",
+        "OptiTrack Motive",
+        "`Format Version` at the beginning of the first line",
+        "rigid bodies (position, quaternion) and markers in the take's own unit and axes (Y up or "
+        "Z up is the same: the base is found), time",
+        _first("format version,"),
+        motive_table,
+        measured=True,
+    ),
+    Format(
+        "vicon",
+        "Vicon Nexus or Tracker",
+        "a section `Trajectories`, `Segments` or `Objects`, and its line `Frame,Sub Frame`",
+        "markers, or bodies with their orientation; time by the frame and the rate",
+        lambda head: any(line.startswith("frame,sub frame") for line in head),
+        vicon_table,
+        measured=True,
+    ),
+    Format(
+        "qualisys",
+        "Qualisys QTM, TSV",
+        "the line `NO_OF_FRAMES`",
+        "markers, or bodies with their matrix; zeros are targets that were not seen",
+        _some("no_of_frames\t"),
+        qualisys_table,
+        measured=True,
+    ),
+    Format(
+        "kuka",
+        "KUKA data list (`.dat`)",
+        "the line `DEFDAT`",
+        "points of E6AXIS and AXIS; XP1 is called P1",
+        _some("defdat "),
+        kuka_points,
+        measured=False,
+    ),
+    Format(
+        "fanuc_ls",
+        "FANUC program (`.ls`)",
+        "the line `/PROG`",
+        "points taught as joint positions, of group 1",
+        _some("/prog"),
+        fanuc_points,
+        measured=False,
+    ),
+    Format(
+        "fanuc_posreg",
+        "FANUC position registers (`posreg.va`)",
+        "`$POSREG` in the first lines",
+        "registers with joint positions, of group 1, called PR1, PR2, …",
+        lambda head: any("]$posreg" in line for line in head[:3]),
+        fanuc_registers,
+        measured=False,
+    ),
+    Format(
+        "abb",
+        "ABB RAPID module (`.mod`)",
+        "the line `MODULE`, or a `jointtarget` or `robtarget`",
+        "jointtargets, declared, in arrays or in MoveAbsJ; robtargets are poses of the tool and "
+        "are not read",
+        lambda head: any(map(_RAPID.match, head)),
+        abb_points,
+        measured=False,
+    ),
+    Format(
+        "yaskawa",
+        "Yaskawa job (`.jbi`)",
+        "the line `/JOB`",
+        "pulses of the motors: refused, with what to export",
+        _first("/job"),
+        yaskawa_points,
+        measured=False,
+    ),
+)
+#: By the name that campaign.yaml has for each.
+BY_NAME = {each.name: each for each in FORMATS}
+
+
+def format_of_file(path: Path, within: Path | None = None) -> Format | None:
+    """Return the format of a file, None where it is none of those known; see `lines_of`."""
+    head = [line.text.lower() for line in islice(lines_of(path, within), HEAD)]
+    return next((each for each in FORMATS if head and each.begins(head)), None)
+
+
+def table_lines(
+    path: Path, name: str = "", within: Path | None = None, notes: list[str] | None = None
+) -> Iterator[TextLine]:
+    """Yield the lines of a file, or of the table that a file of a known format holds.
+
+    Raises:
+        RawDataError: as `lines_of`, and when the file is none of that format.
+    """
+    lines = lines_of(path, within)
+    if not name:
+        yield from lines
+        return
+    known, head = BY_NAME[name], list(islice(lines, HEAD))
+    if not head or not known.begins([line.text.lower() for line in head]):
+        raise RawDataError(
+            f"the file is no {known.title}",
+            where=f"{path}:{head[0].number if head else 1}",
+            value=head[0].text[:80] if head else "an empty file",
+            allowed=known.told_by,
+            remedy="give the file that was described, or propose anew: "
+            f"pa10cal columns {path.name}",
+        )
+    yield from known.table(chain(head, lines), str(path), [] if notes is None else notes)

@@ -1,0 +1,271 @@
+"""Exports of instruments whose columns are named over several lines, as tables: motion capture.
+
+Each reader takes the lines of a file and yields those of a table, times in seconds among them.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+from pa10cal.campaign.text_lines import TextLine, table_row
+from pa10cal.errors import RawDataError
+
+#: Words of headers for lengths and angles, by the unit.
+_UNITS = {
+    **{"meters": "m", "metres": "m", "millimeters": "mm", "millimetres": "mm"},
+    **{"centimeters": "cm", "centimetres": "cm", "inches": "in"},
+}
+
+
+def _refuse_header(what: str, where: str, value: str, allowed: str) -> RawDataError:
+    return RawDataError(
+        what,
+        where=where,
+        value=value,
+        allowed=allowed,
+        remedy="export the take again as CSV with its header, or write columns for the file by "
+        "hand: header states the line of the names",
+    )
+
+
+def _fields(text: str) -> list[str]:
+    """Return the fields of a line with commas between them."""
+    try:
+        return [field.strip() for field in next(csv.reader([text]), [])]
+    except csv.Error:
+        return [field.strip() for field in text.split(",")]
+
+
+# OptiTrack Motive.
+
+#: Columns of a body's orientation, by the axis.
+_QUATERNION = {"X": "qx", "Y": "qy", "Z": "qz", "W": "qw"}
+#: Columns of the frame and the time.
+_BEFORE_BODIES = 2
+#: Lines that a header of Motive has at the most.
+_MOTIVE_LINES = 20
+
+
+def motive_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield a table of rigid bodies (position, orientation) and markers (position)."""
+    first = next(lines, TextLine(1, "", ended=True))
+    stated = _fields(first.text)
+    about = {key.lower(): value for key, value in zip(stated[::2], stated[1::2], strict=False)}
+    above: list[list[str]] = []
+    last = first
+    for last in lines:
+        fields = _fields(last.text)
+        if fields[0].lower() == "frame":
+            break
+        above.append(fields)
+        if len(above) > _MOTIVE_LINES:
+            break
+    axes = _fields(last.text)
+    version = about.get("format version", "")
+    if axes[0].lower() != "frame" or not above:
+        raise _refuse_header(
+            "the header of the take lacks the line with Frame and Time",
+            f"{where}:{last.number}",
+            f"format version {version}",
+            "lines of Type, Name, ID, then Rotation and Position, then Frame, Time and X, Y, Z",
+        )
+    words = about.get("length units", "").lower()
+    if words not in _UNITS:
+        raise _refuse_header(
+            "the unit of lengths is not known",
+            f"{where}:{first.number}: Length Units",
+            words or "nothing",
+            ", ".join(_UNITS),
+        )
+    unit, rotation = _UNITS[words], about.get("rotation type", "Quaternion")
+    by_title = {row[1].lower(): row for row in above if len(row) > 1 and row[1]}
+    kinds, names = by_title.get("type", []), by_title.get("name", above[0])
+    titles = [
+        _motive_title(axis, k, kinds, names, above[-1], unit, rotation)
+        for k, axis in enumerate(axes)
+    ]
+    if any(" solved " in title for title in titles):
+        notes.append("markers where the bodies have them (Rigid Body Marker) are not read")
+    yield TextLine(last.number, table_row(titles), ended=True)
+    for line in lines:
+        yield TextLine(line.number, table_row(_fields(line.text)), line.ended)
+
+
+def _motive_title(
+    axis: str,
+    k: int,
+    kinds: Sequence[str],
+    names: Sequence[str],
+    parts: Sequence[str],
+    unit: str,
+    rotation: str,
+) -> str:
+    """Return a name for a column of Motive with its unit."""
+
+    def at(row: Sequence[str]) -> str:
+        return row[k] if k < len(row) else ""
+
+    if k < _BEFORE_BODIES and axis.lower().startswith("time"):
+        return "Time [s]"
+    name, part = at(names), at(parts)
+    if k < _BEFORE_BODIES or not name:
+        return axis
+    if at(kinds).lower() == "rigid body marker" and axis in _QUATERNION:
+        return f"{name} solved {'XYZW'.index(axis) + 1}"  # by the body, not where it was seen
+    if part == "Position" and axis in ("X", "Y", "Z"):
+        return f"{name} {axis.lower()} [{unit}]"
+    if part == "Rotation" and rotation.lower() == "quaternion" and axis in _QUATERNION:
+        return f"{name} {_QUATERNION[axis]}"
+    if part == "Rotation":
+        return f"{name} r{axis.lower()} [deg]"
+    return " ".join(word for word in (name, part, axis) if word)
+
+
+# Vicon: sections with a name, a rate, names of bodies or markers, axes, units, rows.
+
+_VICON_AXES = {
+    **{"X": "x", "Y": "y", "Z": "z", "TX": "x", "TY": "y", "TZ": "z"},
+    **{"RX": "rx", "RY": "ry", "RZ": "rz"},
+}
+_VICON_SECTIONS = ("trajectories", "segments", "objects", "bodies", "global angles")
+_VICON_HEADER = 4  # lines below the name of a section
+
+
+@dataclass
+class _Section:
+    """A section of an export of Vicon."""
+
+    title: TextLine
+    head: list[TextLine]
+
+    def columns(self, where: str) -> tuple[float, list[str]]:
+        """Return the rate in Hz, and a name for every column."""
+        if len(self.head) < _VICON_HEADER or not _fields(self.head[2].text)[0].startswith("Frame"):
+            raise _refuse_header(
+                f"the section {self.title.text.strip(', ')} lacks a part of its header",
+                f"{where}:{self.title.number}",
+                self.head[-1].text.strip(", ") if self.head else "nothing",
+                "a line each with the rate, the names, Frame and Sub Frame and axes, and units",
+            )
+        rate, names, axes, units = (_fields(line.text) for line in self.head[:_VICON_HEADER])
+        try:
+            rate_hz = float(rate[0])
+        except ValueError:
+            rate_hz = 0.0
+        if rate_hz <= 0.0:
+            raise _refuse_header(
+                "the rate is not a number",
+                f"{where}:{self.head[0].number}",
+                rate[0],
+                "frames a second, such as 100",
+            )
+        turns, titles, name = "RW" in axes, [], ""
+        for k, axis in enumerate(axes):
+            name = names[k] if k < len(names) and names[k] else name
+            unit = units[k] if k < len(units) else ""
+            word = _VICON_AXES.get(axis.upper(), axis)
+            if axis.upper() in ("RX", "RY", "RZ", "RW") and turns:
+                word, unit = f"q{axis[1].lower()}", ""
+            bare = name.rpartition(":")[2] or name
+            titles.append(f"{bare} {word} [{unit}]" if unit else f"{bare} {word}".strip())
+        return rate_hz, ["Frame", "Sub Frame", "Time [s]", *titles[2:]]
+
+
+def vicon_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield a table of the first section with bodies or markers; others are named."""
+    section: _Section | None = None
+    rate_hz, done = 0.0, False
+    for line in lines:
+        fields = _fields(line.text)
+        if not fields[0][:1].isdigit() and fields[0].lower() in _VICON_SECTIONS:
+            done = section is not None
+            if done:
+                notes.append(f"the section {fields[0]} is not read")
+            else:
+                section = _Section(line, [])
+            continue
+        if section is None or done:
+            continue
+        if len(section.head) < _VICON_HEADER:
+            section.head.append(line)
+            if len(section.head) == _VICON_HEADER:
+                rate_hz, names = section.columns(where)
+                yield TextLine(line.number, table_row(names), ended=True)
+            continue
+        if not fields[0].isdigit():  # the name of a section that is not known
+            notes.append(f"the section {fields[0]} is not read")
+            done = True
+            continue
+        time_s = f"{int(fields[0]) / rate_hz:.6f}"
+        yield TextLine(line.number, table_row([*fields[:2], time_s, *fields[2:]]), line.ended)
+    if section is None or len(section.head) < _VICON_HEADER:
+        (section or _Section(TextLine(1, "", ended=True), [])).columns(where)
+
+
+# Qualisys: lines of a word and values, then rows; of bodies 16 numbers each.
+
+#: Elements of the rotation matrix in the order in which a row has them: column by column.
+_ROT = tuple(f"r{row}{column}" for column in (1, 2, 3) for row in (1, 2, 3))
+_OF_A_BODY = ("X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{k}]" for k in range(9)))
+
+
+def qualisys_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield a table of bodies (position, matrix) or of markers; zeros where one was not seen."""
+    about: dict[str, list[str]] = {}
+    last = TextLine(1, "", ended=True)
+    row: list[str] = []
+    for last in lines:
+        row = [field.strip() for field in last.text.split("\t")]
+        if re.fullmatch(r"[-+\d.,eE]+", row[0]):
+            break
+        if re.fullmatch(r"[A-Z0-9_]{4,}", row[0]):
+            about[row[0]] = row[1:]
+    bodies = [name for name in about.get("BODY_NAMES", []) if name]
+    markers = [name for name in about.get("MARKER_NAMES", []) if name]
+    of_each = _OF_A_BODY if bodies else ("X", "Y", "Z")
+    names = bodies or markers
+    before = len(row) - len(of_each) * len(names) - (row[-1:] == [""])
+    if not names or before not in (0, 1, 2) or not row[0][:1].strip("-+").isdigit():
+        raise _refuse_header(
+            "the rows do not have the columns that the header names",
+            f"{where}:{last.number}",
+            f"{len(row)} fields, {len(names)} names",
+            f"{len(of_each)} numbers for each name of BODY_NAMES or MARKER_NAMES, with Frame and "
+            "Time before them or without",
+        )
+    try:
+        rate_hz = float(about["FREQUENCY"][0])
+    except (KeyError, IndexError, ValueError):
+        rate_hz = 0.0
+    if before < 2 and rate_hz <= 0.0:
+        raise _refuse_header(
+            "neither a time nor the rate is in the file",
+            where,
+            "FREQUENCY is missing",
+            "a column Time, or the line FREQUENCY",
+        )
+    words: tuple[str, ...] = ("x [mm]", "y [mm]", "z [mm]")
+    if bodies:
+        notes.append("Roll, Pitch and Yaw are not read, but the matrix")
+        words = (*words, "turn 1", "turn 2", "turn 3", "residual [mm]", *_ROT)
+    titles = [f"{name} {word}" for name in names for word in words]
+    yield TextLine(last.number, table_row(["Frame", "Time [s]", *titles]), ended=True)
+    for frame, line in enumerate(chain([last], lines)):
+        values = [field.strip() for field in line.text.split("\t")]
+        start = values[:before]
+        number = start[0] if start else str(frame + 1)
+        time_s = start[1] if before == 2 and len(start) == 2 else f"{frame / rate_hz:.6f}"
+        body = values[before:]
+        body = body[:-1] if len(body) == len(titles) + 1 and body[-1] == "" else body
+        for k in range(0, len(body), len(of_each)):
+            if all(_is_zero(value) for value in body[k : k + 3]):
+                body[k : k + 3] = [""] * len(body[k : k + 3])
+        yield TextLine(line.number, table_row([number, time_s, *body]), line.ended)
+
+
+def _is_zero(value: str) -> bool:
+    return value == "" or not value.strip("-+0.,")

@@ -1,0 +1,216 @@
+"""Files of controllers and instruments in formats that are known, read as proposed."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+from made_up_formats import PROGRAMS, TAKES, YASKAWA
+from made_up_sightings import sighted
+from pa10cal.__main__ import main
+from pa10cal.campaign.formats import BY_NAME
+from pa10cal.campaign.read import read_campaign
+from pa10cal.errors import Pa10calError
+
+#: What most formats round joints to [rad], and positions to [m].
+WRITTEN_RAD, WRITTEN_M = np.radians(1e-3), 2e-6
+
+
+@pytest.fixture
+def proposed(tmp_path, capsys):
+    """Write files, propose a campaign.yaml for them, and keep it beside them."""
+
+    def run(**files):
+        for name, text in files.items():
+            (tmp_path / name.replace("_", ".", 1)).write_bytes(text.encode())
+        paths = [str(tmp_path / name.replace("_", ".", 1)) for name in files]
+        assert main(["columns", *paths, "--robot", "ur10"]) == 0, capsys.readouterr().err
+        text = capsys.readouterr().out
+        (tmp_path / "campaign.yaml").write_text(text, encoding="utf-8")
+        return text
+
+    return run
+
+
+def tracker(p_m, called):
+    """Return a tracker's list of points, in another order than they were driven to."""
+    lines = ["Name,X [mm],Y [mm],Z [mm]"]
+    lines += [f"{called.format(k)},{x:.6f},{y:.6f},{z:.6f}" for k, (x, y, z) in p_m]
+    return "\n".join([*lines, ""])
+
+
+def points(raw, seed=3):
+    """Return numbers from 1 and positions in mm, shuffled."""
+    order = np.random.default_rng(seed).permutation(len(raw.q))
+    return [(k + 1, 1e3 * raw.T_instr_target[k, :3, 3]) for k in order.tolist()]
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_points_of_a_program_are_joined_with_readings_by_their_names(tmp_path, proposed, name):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    write, called = PROGRAMS[name]
+    text = proposed(program_dat=write(np.degrees(raw.q)), tracker_csv=tracker(points(raw), called))
+    assert text.startswith(f"# program.dat: {BY_NAME[name].title.replace('`', '')}")
+    assert yaml.safe_load(text)["columns"]["joints"]["format"] == name
+    found = read_campaign(tmp_path)
+    assert found.quarantined == ()
+    states, measured = found.observations.states, found.observations.measured
+    assert len(states.q_rad) == len(raw.q)
+    for q, p_m in zip(states.q_rad, measured.places_m[:, 0], strict=True):
+        k = int(np.argmin(np.abs(raw.q - q).max(axis=1)))
+        np.testing.assert_allclose(q, raw.q[k], atol=WRITTEN_RAD)
+        np.testing.assert_allclose(p_m, raw.T_instr_target[k, :3, 3], atol=WRITTEN_M)
+
+
+@pytest.mark.parametrize("title", TAKES)
+def test_a_take_of_motion_capture_is_read(tmp_path, proposed, title):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    write, turns = TAKES[title]
+    time_s = 10.0 * np.arange(len(raw.q))
+    joints = ["t;" + ";".join(f"A{k}" for k in range(1, 7))]
+    joints += [
+        f"{t};" + ";".join(f"{v:.9f}" for v in q)
+        for t, q in zip(time_s, np.degrees(raw.q), strict=True)
+    ]
+    text = proposed(joints_csv="\n".join([*joints, ""]), take_txt=write(time_s, raw.T_instr_target))
+    name = title.split()[0]
+    assert text.startswith(f"# take.txt: {BY_NAME[name].title}")
+    content = yaml.safe_load(text)
+    assert content["columns"]["readings"]["format"] == name
+    assert content["instrument"]["kind"] == ("pose" if turns else "points")
+    found = read_campaign(tmp_path)
+    assert found.quarantined == ()
+    order = np.argsort(found.observations.states.time_s)
+    measured = found.observations.measured
+    if turns:
+        np.testing.assert_allclose(measured.T_instr_target[order], raw.T_instr_target, atol=3e-6)
+    else:
+        expected = raw.T_instr_target[:, :3, 3]
+        np.testing.assert_allclose(measured.places_m[order, 0], expected, atol=WRITTEN_M)
+
+
+def test_what_was_not_seen_in_a_take_is_left_out(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    time_s = 10.0 * np.arange(len(raw.q))
+    joints = ["t;" + ";".join(f"A{k}" for k in range(1, 7))]
+    joints += [
+        f"{t};" + ";".join(f"{v:.9f}" for v in q)
+        for t, q in zip(time_s, np.degrees(raw.q), strict=True)
+    ]
+    take = TAKES["motive"][0](time_s, raw.T_instr_target, lost=(4, 9))
+    proposed(joints_csv="\n".join([*joints, ""]), take_csv=take)
+    found = read_campaign(tmp_path)
+    assert len(found.observations) == len(raw.q) - 2
+    assert [row.line for row in found.quarantined] == [12, 17]  # below seven lines
+
+
+def test_pulses_are_refused_with_what_to_export(tmp_path, capsys):
+    (tmp_path / "job.jbi").write_text(YASKAWA)
+    (tmp_path / "tracker.csv").write_text("Name,X,Y,Z\nC00000,1,2,3\nC00001,4,5,6\n")
+    paths = [str(tmp_path / name) for name in ("job.jbi", "tracker.csv")]
+    assert main(["columns", *paths, "--robot", "ur10"]) == 2
+    said = capsys.readouterr().err
+    assert "job.jbi:6" in said
+    assert "pulses" in said
+    assert "S, L, U, R, B, T in degrees" in said
+
+
+EVERY = {
+    **{name: write for name, (write, _) in PROGRAMS.items()},
+    **{k: w for k, (w, _) in TAKES.items()},
+}
+
+
+def written(raw, name):
+    if name in PROGRAMS:
+        return EVERY[name](np.degrees(raw.q))
+    return EVERY[name](10.0 * np.arange(len(raw.q)), raw.T_instr_target)
+
+
+def said_of(folder):
+    """Return why rows are quarantined, or why a campaign is refused."""
+    try:
+        return "; ".join(row.reason for row in read_campaign(folder).quarantined)
+    except Pa10calError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("share", [0.02, 0.5, pytest.param(0.93, marks=pytest.mark.slow)])
+def test_a_file_that_was_cut_short_is_told(tmp_path, capsys, name, share):
+    """A part of a row is quarantined as cut; a part of a header is refused with its place."""
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    text = written(raw, name)
+    cut = text[: int(share * len(text))].rstrip("\r\n")[:-1]
+    file = "program.dat" if name in PROGRAMS else "take.txt"
+    (tmp_path / file).write_bytes(cut.encode())
+    if name in PROGRAMS:
+        other = "tracker.csv"
+        (tmp_path / other).write_text(tracker(points(raw), PROGRAMS[name][1]))
+    else:
+        other = "joints.csv"
+        rows = ["A1;A2;A3;A4;A5;A6", *(";".join(f"{v:.6f}" for v in q) for q in np.degrees(raw.q))]
+        (tmp_path / other).write_text("\n".join(rows))
+    code = main(["columns", str(tmp_path / file), str(tmp_path / other), "--robot", "ur10"])
+    out, said = capsys.readouterr()
+    if code == 0:
+        (tmp_path / "campaign.yaml").write_text(out)
+        assert re.search("cut short|; allowed: ", said_of(tmp_path))
+    else:
+        assert code == 2
+        assert re.match(r"pa10cal columns: .*(program\.dat|take\.txt).*: .*; allowed: .*; ", said)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "told"),
+    [
+        ("motive", "Frame,Time (Seconds)", "Index,Clock", "lacks the line with Frame"),
+        ("motive", "Length Units,Meters", "Length Units,Ells", "unit of lengths is not known"),
+        ("motive", "Length Units,Meters,", "", "unit of lengths is not known"),
+        ("vicon", "Segments\n100\n", "Segments\n", "lacks a part of its header"),
+        ("vicon", "\n100\n", "\nfast\n", "rate is not a number"),
+        ("qualisys", "BODY_NAMES\tFlange", "BODY_NAMES\tFlange\tBase", "do not have the columns"),
+        ("qualisys", "BODY_NAMES\tFlange\r\n", "", "do not have the columns"),
+        ("fanuc_ls", "J1=", "J1 is", "no joint positions|axes|refused"),
+        ("kuka", "E6AXIS", "E7AXIS", "no joint positions"),
+        ("abb", "jointtarget", "poseframe", "no joint positions"),
+    ],
+)
+def test_a_header_of_another_version_is_refused(tmp_path, capsys, name, old, new, told):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    text = written(raw, name)
+    assert old in text
+    (tmp_path / "file.txt").write_bytes(text.replace(old, new).encode())
+    (tmp_path / "other.csv").write_text(tracker(points(raw), "P{}"))
+    paths = [str(tmp_path / each) for each in ("file.txt", "other.csv")]
+    code = main(["columns", *paths, "--robot", "ur10"])
+    out, said = capsys.readouterr()
+    assert re.search(told, said + out)
+    assert code == 2 or "it is refused" in out
+
+
+def test_a_program_in_two_units_is_refused(tmp_path, capsys):
+    raw = sighted(tmp_path, "pose")
+    text = PROGRAMS["fanuc_ls"][0](np.degrees(raw.q))
+    last = text.rindex("J2=")
+    text = text[:last] + text[last:].replace(" deg", " mm", 1)
+    (tmp_path / "file.ls").write_bytes(text.encode())
+    (tmp_path / "other.csv").write_text(tracker(points(raw), "P{}"))
+    paths = [str(tmp_path / each) for each in ("file.ls", "other.csv")]
+    assert main(["columns", *paths, "--robot", "ur10"]) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"file\.ls:\d+: J2 is in two units", said)
+
+
+def test_a_file_of_another_format_than_is_stated_is_refused(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    proposed(
+        program_dat=PROGRAMS["kuka"][0](np.degrees(raw.q)),
+        tracker_csv=tracker(points(raw), "P{}"),
+    )
+    (tmp_path / "program.dat").write_text(PROGRAMS["abb"][0](np.degrees(raw.q)))
+    with pytest.raises(Pa10calError, match="the file is no KUKA data list"):
+        read_campaign(tmp_path)
