@@ -12,18 +12,27 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    FiniteFloat,
+    StringConstraints,
+    model_validator,
+)
 
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.formats import BY_NAME
 from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
 from pa10cal.campaign.recognise import format_of, unit_of
 from pa10cal.errors import RawDataError
-from pa10cal.options import Section
+from pa10cal.options import Positive, Section
 
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
 ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
+#: The unit of joint positions that are counts of an encoder.
+COUNTS = "counts"
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "d": 86400.0}
 FORCES = {"N": 1.0, "kg": 9.80665}
@@ -45,6 +54,11 @@ def _some(value: object) -> object:
     """Take one name for a list of one; a number for a name, as files without a header have."""
     listed = value if isinstance(value, list | tuple) else [value]
     return tuple(str(each) if isinstance(each, int) else each for each in listed)
+
+
+def _each(value: object) -> object:
+    """Take one number for a list of one."""
+    return value if isinstance(value, list | tuple) else (value,)
 
 
 def _rotation(word: str) -> str:
@@ -90,9 +104,33 @@ class Joints(Section):
     """Joint positions, in the order of the arm's joints."""
 
     names: Names
-    unit: Literal["deg", "rad", "mrad"] = "deg"
+    unit: Literal["deg", "rad", "mrad", "counts"] = "deg"
     stroke_unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
+    counts_per_turn: Annotated[tuple[Positive, ...], BeforeValidator(_each)] | None = Field(
+        default=None,
+        description="of unit counts: how many a turn of the joint; one number, or one a joint",
+    )
+    zero_count: Annotated[tuple[FiniteFloat, ...], BeforeValidator(_each)] = Field(
+        default=(0.0,), description="count at which the joint is at zero; one, or one a joint"
+    )
     u: Names | None = Field(default=None, description="standard uncertainties, in the same unit")
+
+    @model_validator(mode="after")
+    def _counted(self) -> Joints:
+        if (self.unit == COUNTS) != (self.counts_per_turn is not None):
+            raise ValueError("counts_per_turn with unit: counts, and only with it")
+        for each in (self.counts_per_turn or (1.0,), self.zero_count):
+            if len(each) not in (1, len(self.names)):
+                raise ValueError("one number of counts, or one for each joint")
+        return self
+
+    def scale(self, joint: int) -> tuple[float, float]:
+        """Return the degrees a count of a joint, from 0, and the degrees at count 0."""
+        per_turn, zero = (
+            each[joint if len(each) > 1 else 0]
+            for each in (self.counts_per_turn or (1.0,), self.zero_count)
+        )
+        return 360.0 / per_turn, -360.0 / per_turn * zero
 
 
 class Torques(Section):

@@ -15,14 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.conventions import FOUR, THREE, attitude_scatter, modelled_attitudes
 from pa10cal.campaign.csv_rows import Layout, Sniffed
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
+from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
 from pa10cal.campaign.joint_names import file_roles
 from pa10cal.campaign.own_columns import (
     ANGLES,
+    COUNTS,
     FORCES,
     LENGTHS,
     TIMES,
@@ -185,7 +187,7 @@ def _proposal(
     """Put a campaign.yaml together of what was found in each file."""
     every = {key for _, _, columns in files.values() for key in columns}
     kind = "pose" if "rotation" in every else "distance" if "distance" in every else "points"
-    checks = list(making.checks)
+    checks, signs = list(making.checks), making.signs
     if arm is None:
         checks.append(
             "robot: name the arm, and run pa10cal columns again with --robot: units and the "
@@ -207,6 +209,7 @@ def _proposal(
         "gravity_m_s2": [0.0, 0.0, -9.81],
         "reference_temperature_C": making.temperature_C,
         "files": {key: file for key, (file, _, _) in files.items()},
+        **({"joint_signs": list(signs)} if signs else {}),
         **({} if "kind" in every else {"holdout": {"every": 5}}),
         "columns": {key: columns for key, (_, _, columns) in files.items()},
     }
@@ -274,6 +277,7 @@ class _Proposing:
     arm: Arm | None
     checks: list[str] = field(default_factory=list)
     stated_mm: float | None = None
+    signs: tuple[int, ...] = ()  # of the joints, for `joint_signs`; empty where none is reversed
     temperature_C: float = 20.0
     T_base_ee: Array | None = None  # (N, 4, 4) the nominal end at each row, of joints in the file
 
@@ -284,13 +288,19 @@ class _Proposing:
         slides = np.zeros(len(names), bool) if self.arm is None else self.arm.prismatic
         turns = [name for name, slide in zip(names, slides, strict=True) if not slide]
         columns = self._labels()
-        unit = self._stated(turns, ANGLES)
+        unit = self._stated(turns, {**ANGLES, COUNTS: 1.0})
+        if unit is None and turns and looks_like_counts(logged[:, ~slides]):
+            unit = COUNTS
         if unit is None:
             largest = np.nanmax(np.abs(logged[:, ~slides]), initial=0.0)
             unit = "rad" if largest < 2.0 * np.pi + 0.1 else "deg" if largest < 760.0 else "mrad"
             self.checks.append(f"joints.unit: {unit}, by the size of the numbers")
         columns["joints"] = {"names": list(names), "unit": unit}
-        factor = np.full(len(names), ANGLES[unit])
+        factor = np.full(len(names), ANGLES.get(unit, 1.0))
+        if unit == COUNTS:
+            scale = self._scale_of_counts(logged, slides)
+            columns["joints"] |= {"counts_per_turn": scale.per_turn, "zero_count": scale.zero}
+            logged[:, ~slides] = scale.degrees(logged)[:, ~slides]
         if slides.any():
             size = "mm" if np.nanmax(np.abs(logged[:, slides])) > 5.0 else "m"
             strokes = [name for name in names if name not in turns]
@@ -309,6 +319,24 @@ class _Proposing:
         if self.arm is not None:
             self.T_base_ee = Chain.of(self.arm).forward(in_radians(logged * factor, slides))
         return columns | self._temperatures()
+
+    def _scale_of_counts(self, logged: Array, slides: Mask) -> CountScale:
+        """Return how counts (N, n) are read, and note what is to be checked of it."""
+        places = list(self.roles.positions.values())
+        p_m = None
+        if places and self.arm is not None and not slides.any():
+            p = self.sniffed.columns(places[0])
+            p_m = 1e-3 * LENGTHS[self._stated(places[0], LENGTHS) or _unit_by_size(p)] * p
+        scale = scale_of_counts(logged, self.arm, p_m)
+        by = "the nominal arm agrees so" if np.isfinite(scale.misfit_m) else "by the numbers alone"
+        self.checks.append(
+            f"joints.counts_per_turn: {scale.per_turn:.10g} counts of the encoder a turn of the "
+            f"joint, {scale.zero:g} at its zero, {by}"
+        )
+        if -1 in scale.signs:
+            self.signs = scale.signs
+            self.checks.append("joint_signs: the nominal arm agrees with these directions")
+        return scale
 
     def readings(self, T_base_ee: Array | None) -> dict[str, Any]:
         """Return the columns of what was measured, with how the file is written and its labels.
@@ -471,9 +499,7 @@ class _Proposing:
             best = min(near, key=lambda unit: near[unit], default=None)
             if best is not None and near[best] < np.log(1.5):
                 return best
-        far = np.abs(p[seen]).max(initial=0.0)  # of what stands still, too
-        extent = np.ptp(p[seen], axis=0).max() if seen.any() else 0.0
-        unit = "mm" if max(extent, 0.2 * far) > 20.0 else "m"
+        unit = _unit_by_size(p)
         self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
         return unit
 
@@ -515,6 +541,14 @@ class _Proposing:
                 f"{np.degrees(scatter):.1f} deg off: check it, the joints' order and signs"
             )
         return chosen | u
+
+
+def _unit_by_size(p: Array) -> str:
+    """Return the unit of positions (N, k) of a target by their size: metres or millimetres."""
+    seen = np.isfinite(p).all(axis=1)
+    far = np.abs(p[seen]).max(initial=0.0)  # of what stands still, too
+    extent = np.ptp(p[seen], axis=0).max() if seen.any() else 0.0
+    return "mm" if max(extent, 0.2 * far) > 20.0 else "m"
 
 
 def _unless(unit: str, usual: str) -> dict[str, str]:

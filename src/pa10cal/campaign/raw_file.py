@@ -19,6 +19,7 @@ from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
 from pa10cal.campaign.own_columns import (
     ANGLES,
+    COUNTS,
     FACTORS,
     OFFSETS,
     SEPARATORS,
@@ -298,9 +299,13 @@ def own_columns(
         for k, name in enumerate(ours if part is not None else ()):
             slides = key == "joints" and name.endswith("_mm")
             unit = part.stroke_unit if slides else part.unit
-            yield name, at(key, part.names[k], unit)
+            factor, offset = (
+                part.scale(k) if unit == COUNTS else (FACTORS[unit], OFFSETS.get(unit, 0.0))
+            )
+            where = f"{section}.{key}"
+            yield name, OwnColumn(part.names[k], unit, factor, offset, where)
             if (u := getattr(part, "u", None)) is not None:
-                yield f"u_{name}", at(key, u[k], unit)
+                yield f"u_{name}", OwnColumn(u[k], unit, factor, 0.0, where)
     if (turned := columns.rotation) is not None:
         for name in QUATERNION:
             yield name, at("rotation", ", ".join(turned.names))
