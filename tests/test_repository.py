@@ -67,6 +67,7 @@ MAY_IMPORT = {
         "files.output",
         "arm",
         "files.arms",
+        "files.coupling",
         "fit.weighed_arm",
         "frame",
         "observe",
@@ -137,6 +138,7 @@ MAY_IMPORT = {
     "datasets": {"campaign", "files", "settings"},
     "files": {
         "arm.chain",
+        "arm.coupling",
         "arm.description",
         "arm.imported",
         "arm.exports",

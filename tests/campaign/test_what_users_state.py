@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from made_up_sightings import sighted
+from mended import describe, mend, simulated
+from pa10cal import calibrate
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 
@@ -53,6 +55,41 @@ def test_signs_and_offsets_of_joints_are_taken_out(raw):
     np.testing.assert_allclose(
         mended.observations.states.q_rad, right.observations.states.q_rad, atol=1e-9
     )
+
+
+def test_coupled_joints_are_those_of_the_arm_and_commands_those_of_the_controller(raw):
+    right = read(raw)
+    changed(raw, lambda q_deg, _: q_deg - 1.0 * q_deg[1] * np.eye(6)[2])
+    stated = [{"joint": 3, "by": 2, "factor": 1}]
+    mended = read(raw, coupling=stated)
+    q_rad = mended.observations.states.q_rad
+    np.testing.assert_allclose(q_rad, right.observations.states.q_rad, atol=1e-9)
+    assert mended.quarantined == ()
+    model = calibrate(mended)
+    logged_rad = mended.arm.coupling.to_axes(q_rad)
+    assert np.abs(logged_rad - q_rad).max() > 0.1
+    plain = calibrate(right)
+    T = model.predict(logged_rad).T
+    assert np.abs(T - plain.predict(q_rad).T).max() < 1e-9
+    found = model.compensate(T, seed=logged_rad)
+    np.testing.assert_allclose(found.q, logged_rad, atol=1e-6)
+    with pytest.raises(Pa10calError, match="coupling, entry 1"):
+        read(raw, coupling=[{"joint": 7, "by": 2, "factor": 1}])
+
+
+def test_directions_of_arrival_are_those_of_coupled_joints(tmp_path):
+    folder = simulated(tmp_path / "c", "pa10_6ce", "touches")
+    right = read_campaign(folder).observations
+
+    def logged(table):
+        q_deg = table.numbers(JOINTS)
+        table.put(JOINTS, q_deg - 0.5 * q_deg[:, [1]] * np.eye(6)[2])
+
+    mend(folder, "resolver.csv.gz", logged)
+    describe(folder, "coupling", [{"joint": 3, "by": 2, "factor": 0.5}])
+    mended = read_campaign(folder).observations
+    np.testing.assert_allclose(mended.states.q_rad, right.states.q_rad, atol=1e-9)
+    np.testing.assert_array_equal(mended.states.arrival, right.states.arrival)
 
 
 def test_bounds_are_told_in_the_number_of_the_file(raw):

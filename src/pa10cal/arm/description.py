@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.coupling import CoupledJoint, Coupling
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
@@ -104,7 +106,8 @@ class Arm:
     # departure in d; see `with_hayati_rows`
     hayati: NDArray[np.bool_]
     prismatic: NDArray[np.bool_]  # (n,) whether the joint slides along its z axis
-    limits_rad: Array  # (n, 2) joint limits (metres for a prismatic joint)
+    # (n, 2) joint limits (metres for a prismatic joint), as the controller counts them
+    limits_rad: Array
     gear_ratio: Array  # (n,) motor turns a joint turn; nan where not known
     # (n,) rated joint torques (newtons for a prismatic joint); nan where not known
     torque_limit_Nm: Array
@@ -118,16 +121,38 @@ class Arm:
     T_row_n_ee: Array = field(default_factory=lambda: np.eye(4))
     # how well masses and centres are known; None as makers state them
     weights_known: WeightsKnown | None = None
+    # joints that move with an axis of another; none where every joint is an axis
+    coupled: tuple[CoupledJoint, ...] = ()
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.theta_rad)
 
+    @cached_property
+    def coupling(self) -> Coupling:
+        """Return how the joints follow from the m axes that the controller counts."""
+        return Coupling(self.n, self.coupled)
+
+    @property
+    def axes_slide(self) -> NDArray[np.bool_]:
+        """Return whether each axis slides, (m,)."""
+        return self.prismatic[self.coupling.own]
+
+    @property
+    def axis_limits_rad(self) -> Array:
+        """Return the limits of the axes, (m, 2)."""
+        return self.limits_rad[self.coupling.own]
+
+    @property
+    def joint_ranges_rad(self) -> Array:
+        """Return the least and largest position of each joint within the limits, (n, 2)."""
+        return self.coupling.joint_ranges(self.axis_limits_rad)
+
     @property
     def reach_m(self) -> float:
         """No point of the end-effector's frame is further than this from the base's origin [m]."""
-        slide_m = np.abs(self.limits_rad).max(axis=1)[self.prismatic].sum()
+        slide_m = np.abs(self.joint_ranges_rad).max(axis=1)[self.prismatic].sum()
         ends = self.T_base_row1[:3, 3], self.T_row_n_ee[:3, 3]
         return float(np.hypot(self.a_m, self.d_m).sum() + slide_m + sum(map(np.linalg.norm, ends)))
 
@@ -162,6 +187,15 @@ class Arm:
                     allowed=f"{n} entries, one a joint",
                     remedy="complete the arm description",
                 )
+        if self.coupling.singular:
+            raise ArmError(
+                "the coupling makes two joints one: some axes of the controller move nothing",
+                where=f"{self.name}: coupling",
+                value=", ".join(f"joint {c.joint} by {c.by}: {c.factor:g}" for c in self.coupled),
+                allowed="axes that move the joints in as many ways as there are axes",
+                remedy="remove one of these couplings, or set follows: true of a joint that has no "
+                "axis of its own",
+            )
         places = [*np.column_stack([self.a_m, self.d_m])]
         names = [f"row {row}" for row in range(1, n + 1)]
         for T, name in ((self.T_base_row1, "base"), (self.T_row_n_ee, "tool")):

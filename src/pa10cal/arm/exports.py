@@ -38,6 +38,7 @@ def urdf_text(
 
     Returns:
         The text of the file; forward kinematics of its joints `joint_1` … `joint_n` is the chain's.
+        Joints that follow another mimic it; other couplings have no place in it.
     """
     robot = ElementTree.Element("robot", name=name)
     for comment in comments:
@@ -56,7 +57,7 @@ def urdf_text(
             kind = "prismatic" if not motion.turns else "revolute"
             element = _joint(robot, f"joint_{joint}", kind, parent, child, constant)
             ElementTree.SubElement(element, "axis", xyz="0 0 1")
-            lower, upper = chain.arm.limits_rad[driven[column]]
+            lower, upper = chain.arm.joint_ranges_rad[driven[column]]
             ElementTree.SubElement(
                 element,
                 "limit",
@@ -65,6 +66,10 @@ def urdf_text(
                 effort=repr(float(np.nan_to_num(chain.arm.torque_limit_Nm[driven[column]]))),
                 velocity="1.0",
             )
+            leads = chain.arm.coupling.leads(driven[column])
+            if leads is not None:
+                leader, factor = f"joint_{leads.by}", repr(leads.factor)
+                ElementTree.SubElement(element, "mimic", joint=leader, multiplier=factor)
             constant, parent = np.eye(4), child
         constant = constant @ motion.frame_at(value)
     _joint(robot, "to_flange", "fixed", parent, "flange", constant)

@@ -211,20 +211,21 @@ def draw_within(
     """Draw poses by Sobol's sequence, and keep those within all constraints.
 
     Args:
-        ranges: least and largest joint positions, (n,) each [rad, m].
+        ranges: least and largest positions of the axes, (m,) each [rad, m].
         constraints: the quickest first, by what states them.
         wanted: N at most; fewer where hardly any pose keeps to the constraints.
     """
     low, high = ranges
-    unit = np.where(chain.arm.prismatic, 1e-3, np.radians(1.0))
+    unit, coupling = np.where(chain.arm.axes_slide, 1e-3, np.radians(1.0)), chain.arm.coupling
     from scipy.stats import qmc  # late: half a second, for plans alone
 
-    sobol = qmc.Sobol(chain.arm.n, rng=random_seed)
+    sobol = qmc.Sobol(len(unit), rng=random_seed)
     removed = np.zeros(len(constraints), dtype=np.int64)
     kept: list[Array] = []
     draws = 0
     while draws < _MOST_DRAWS and sum(map(len, kept)) < wanted:
-        q = np.round((low + (high - low) * sobol.random(_AT_ONCE)) / unit, _DECIMALS) * unit
+        axes = np.round((low + (high - low) * sobol.random(_AT_ONCE)) / unit, _DECIMALS) * unit
+        q = coupling.to_joints(axes)
         allowed, fewer = admissible(PosturePoints.of(chain, q, targets_m), [*constraints.values()])
         kept.append(q[allowed])
         removed += fewer

@@ -239,7 +239,7 @@ def _hidden(problem: Problem, x: Array) -> frozenset[str]:
         generator.integers(len(problem.observations), size=UNKNOWNS.paper_postures)
     )
     states, arm = observations.states, problem.model.chain.arm
-    low, high = arm.limits_rad.T
+    low, high = arm.joint_ranges_rad.T
     drawn = replace(
         states,
         q_rad=generator.uniform(low, high, (UNKNOWNS.paper_postures, arm.n)),

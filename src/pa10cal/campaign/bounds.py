@@ -120,7 +120,7 @@ def bound_of(name: str, arm: Arm) -> Bound:
     if rule.key != "joints":
         return rule.bound
     joint = int(name[1:].partition("_")[0])
-    limits = arm.limits_rad[joint - 1]
+    limits = arm.axis_limits_rad[joint - 1]
     low, high = 1e3 * np.array(limits) if unit == "mm" else np.degrees(limits)
     text = (
         f"beyond the limits of joint {joint} in the description of {arm.name} "
@@ -159,7 +159,7 @@ def unwrapped(raw: RawRows, q: Sequence[str], arm: Arm) -> RawRows:
     """
     turned: dict[str, NDArray[Any]] = {}
     wraps = False
-    for name, (low, high) in zip(q, np.degrees(arm.limits_rad), strict=True):
+    for name, (low, high) in zip(q, np.degrees(arm.axis_limits_rad), strict=True):
         column = raw[name]
         if not name.endswith("_deg") or not np.isfinite(column).any():
             continue

@@ -20,6 +20,8 @@ from pa10cal.campaign.bounds import refuse_impossible_gravity, refuse_impossible
 from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
 from pa10cal.errors import RawDataError, remedy_for
+from pa10cal.files.arms import load_arm
+from pa10cal.files.coupling import StatedCoupling, coupled_joints
 from pa10cal.input_files import is_file, open_file, reason
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
@@ -180,6 +182,10 @@ class CampaignDescription(Section):
         default=None,
         description="one a joint, added after that: mastering offsets (mm of one that slides)",
     )
+    coupling: tuple[StatedCoupling, ...] | None = Field(
+        default=None,
+        description="joints that move with an axis of another; in place of the arm's own",
+    )
     repeat_tolerance_deg: Annotated[FiniteFloat, Field(gt=0, le=1)] = Field(
         default=0.01,
         description="joint positions within it are one place (mm of a joint that slides)",
@@ -314,6 +320,21 @@ def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None
                 allowed=f"{joints}, one for each joint of {campaign.robot}, in order",
                 remedy="state as many",
             )
+
+
+def nominal_arm(campaign: CampaignDescription, folder: Path, arms: Path | None = None) -> Arm:
+    """Return the arm of a campaign, its joints coupled as campaign.yaml states.
+
+    Raises:
+        ArmError: when there is no arm of that name, its file cannot be used, or what is stated
+            couples no joints of it.
+        SettingsError: when a key of its file is unknown, missing or of the wrong kind.
+    """
+    arm = load_arm(campaign.robot, folder, arms)
+    if campaign.coupling is None:
+        return arm
+    where = str(folder / DESCRIPTION_FILE)
+    return replace(arm, coupled=coupled_joints(campaign.coupling, arm.prismatic, where))
 
 
 def exclusions_of(campaign: CampaignDescription, folder: Path) -> Exclusions:

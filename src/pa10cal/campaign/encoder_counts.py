@@ -75,7 +75,7 @@ def scale_of_counts(counts: Array, arm: Arm | None, p_m: Array | None) -> CountS
 
 def _tried(counts: Array, arm: Arm, p_m: Array) -> Iterator[CountScale]:
     """Yield scales with which the counts lie within the limits of the joints."""
-    limits_deg = np.degrees(arm.limits_rad) + BEYOND_LIMITS["deg"] * np.array([-1.0, 1.0])
+    limits_deg = np.degrees(arm.axis_limits_rad) + BEYOND_LIMITS["deg"] * np.array([-1.0, 1.0])
 
     def within(scale: CountScale) -> bool:
         q_deg = scale.degrees(counts)
@@ -83,12 +83,14 @@ def _tried(counts: Array, arm: Arm, p_m: Array) -> Iterator[CountScale]:
         return bool(inside.all(axis=1).mean() >= _WITHIN)
 
     for per_turn, part in product(dict.fromkeys(_USUAL), (0.5, 0.0)):
-        scale = CountScale(per_turn, part * per_turn, (1,) * arm.n)
+        scale = CountScale(per_turn, part * per_turn, (1,) * len(limits_deg))
         if not within(scale):
             continue
         scale = _fitted(scale, counts, arm, p_m)
-        for _ in range(arm.n):
-            turned = [_fitted(_reversed(scale, k), counts, arm, p_m) for k in range(arm.n)]
+        for _ in limits_deg:
+            turned = [
+                _fitted(_reversed(scale, k), counts, arm, p_m) for k in range(len(limits_deg))
+            ]
             better = min(turned, key=lambda other: other.misfit_m)
             if not within(better) or better.misfit_m >= scale.misfit_m / 1.2:
                 break
@@ -103,7 +105,8 @@ def _reversed(scale: CountScale, joint: int) -> CountScale:
 
 def _fitted(scale: CountScale, counts: Array, arm: Arm, p_m: Array) -> CountScale:
     """Return a scale with the misfit of the nominal arm."""
-    T_base_ee = Chain.of(arm).forward(np.radians(scale.degrees(counts)))
+    q_rad = arm.coupling.to_joints(np.radians(scale.degrees(counts)))
+    T_base_ee = Chain.of(arm).forward(q_rad)
     located = placed_by_points(T_base_ee, p_m[:, None])
     if located is None:
         return scale

@@ -86,7 +86,7 @@ def propose(
     Raises:
         RawDataError: when no joint positions, or nothing that was measured, are recognised.
     """
-    roles = file_roles(sniffed, None if arm is None else arm.n, joint_names)
+    roles = file_roles(sniffed, None if arm is None else len(arm.axes_slide), joint_names)
     _refuse_unrecognised(roles, sniffed, file)
     making = _Proposing(sniffed, roles, arm)
     columns = making.joints() | making.readings(making.T_base_ee)
@@ -109,7 +109,7 @@ def propose_two_logs(
     Raises:
         RawDataError: when neither has joint positions, or the other nothing that was measured.
     """
-    count = None if arm is None else arm.n
+    count = None if arm is None else len(arm.axes_slide)
     both = [
         (file_roles(log, count, joint_names), log, file)
         for log, file in zip(logs, files, strict=True)
@@ -171,7 +171,8 @@ def _at_joints(
         return None
     row = {line: k for k, line in enumerate(sniffed.lines)}
     known = [k for k, line in enumerate(raw.line.tolist()) if line in row]
-    q = in_radians(raw.numbers_of(position_columns(arm.prismatic))[known], arm.prismatic)
+    axes = raw.numbers_of(position_columns(arm.axes_slide))[known]
+    q = arm.coupling.to_joints(in_radians(axes, arm.axes_slide))
     T_base_ee = np.full((len(sniffed.lines), 4, 4), np.nan)
     T_base_ee[[row[int(raw.line[k])] for k in known]] = Chain.of(arm).forward(q)
     return T_base_ee
@@ -285,7 +286,7 @@ class _Proposing:
         """Return the columns of the joints, with how the file is written and its labels."""
         names, torques = self.roles.joints, self.roles.torques
         logged = self.sniffed.columns(names)
-        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.prismatic
+        slides = np.zeros(len(names), bool) if self.arm is None else self.arm.axes_slide
         turns = [name for name, slide in zip(names, slides, strict=True) if not slide]
         columns = self._labels()
         unit = self._stated(turns, {**ANGLES, COUNTS: 1.0})
@@ -317,7 +318,8 @@ class _Proposing:
                 )
             columns["torques"] = {"names": list(torques)} | _unless(unit, "Nm")
         if self.arm is not None:
-            self.T_base_ee = Chain.of(self.arm).forward(in_radians(logged * factor, slides))
+            q = self.arm.coupling.to_joints(in_radians(logged * factor, slides))
+            self.T_base_ee = Chain.of(self.arm).forward(q)
         return columns | self._temperatures()
 
     def _scale_of_counts(self, logged: Array, slides: Mask) -> CountScale:

@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import csv_text, from_csv_cell
@@ -298,6 +299,22 @@ def position_columns(prismatic: NDArray[np.bool_]) -> list[str]:
 def in_radians(q: Array, prismatic: NDArray[np.bool_]) -> Array:
     """Return logged joint positions (N, n) in radians; in metres of prismatic joints."""
     return np.asarray(np.where(prismatic, 1e-3 * q, np.radians(q)))
+
+
+def as_joints(logged: Array, arm: Arm) -> Array:
+    """Return the positions of an arm's joints (N, n) [deg, mm] of those of its axes (N, m)."""
+    if arm.coupling.none:
+        return logged
+    q = arm.coupling.to_joints(in_radians(logged, arm.axes_slide))
+    return np.where(arm.prismatic, 1e3 * q, np.degrees(q))
+
+
+def as_logged(q: Array, arm: Arm) -> Array:
+    """Return the positions of an arm's axes (N, m) [deg, mm] of those of its joints (N, n)."""
+    if arm.coupling.none:
+        return q
+    axes = arm.coupling.to_axes(in_radians(q, arm.prismatic))
+    return np.where(arm.axes_slide, 1e3 * axes, np.degrees(axes))
 
 
 def with_labels(raw: RawRows, q: Sequence[str], same_deg: float) -> RawRows:

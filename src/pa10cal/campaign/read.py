@@ -20,6 +20,7 @@ from pa10cal.campaign.description import (
     CampaignDescription,
     Holdout,
     describe_group,
+    nominal_arm,
     read_description,
 )
 from pa10cal.campaign.nominal_fit import EXCHANGED, NOT_RIGID
@@ -29,7 +30,6 @@ from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
 from pa10cal.errors import RawDataError
-from pa10cal.files.arms import load_arm
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import along_a_path, stretches_held_out, with_time_validity
@@ -138,7 +138,7 @@ def read_campaign(
             allowed="the folder of one campaign",
             remedy="give the folders of its campaigns to read_group, or to pa10cal join",
         )
-    arm = load_arm(description.robot, folder, None if arms is None else Path(arms))
+    arm = nominal_arm(description, folder, None if arms is None else Path(arms))
     refuse_impossible_tool(description.tool.mass_kg, arm, str(folder / DESCRIPTION_FILE))
     instrument, options = description.instrument.type, options or IngestOptions()
     if instrument.from_touches and arm.prismatic.any():

@@ -188,7 +188,7 @@ def refuse_wrong_angle_unit(
     """
     (log_s, q), (time_s, p_mm) = log, places
     reach_mm = 1e3 * arm.reach_m + tool_reach_mm
-    lever_mm = np.where(arm.prismatic, 1.0, np.radians(reach_mm))
+    lever_mm = np.where(arm.axes_slide, 1.0, np.radians(reach_mm))
     low, high = np.quantile(p_mm, [TAIL, 1.0 - TAIL], axis=0)
     moved_mm = float((high - low).max())
     ranges = np.ptp(q, axis=0)
@@ -204,7 +204,7 @@ def refuse_wrong_angle_unit(
         longer = moves_mm[real] > MARGIN * possible_mm[real] + MARGIN_MM
         too_far = 2 * longer.sum() > len(longer)
     if too_far:
-        range_deg = float(ranges[~arm.prismatic].sum())
+        range_deg = float(ranges[~arm.axes_slide].sum())
         value = (
             f"joint ranges of {range_deg:.3g} deg in all, while the tool moved {moved_mm:.0f} mm"
         )
@@ -212,7 +212,7 @@ def refuse_wrong_angle_unit(
         remedy = "check the unit of these columns, and of the measured places"
         if radians:
             what = "the joint angles look like radians"
-            remedy = words.set_unit(f"q{int(np.argmin(arm.prismatic)) + 1}_deg", "rad", "degrees")
+            remedy = words.set_unit(f"q{int(np.argmin(arm.axes_slide)) + 1}_deg", "rad", "degrees")
         raise RawDataError(
             what, where=where, value=value, allowed="joint positions in degrees", remedy=remedy
         )
@@ -220,7 +220,7 @@ def refuse_wrong_angle_unit(
 
 def may_be_radians(q: Array, arm: Arm) -> bool:
     """Return whether no joint that turns is logged further from zero than one turn in radians."""
-    turns = q[:, ~arm.prismatic]
+    turns = q[:, ~arm.axes_slide]
     return bool(turns.size and np.abs(turns).max() <= 2.0 * np.pi)
 
 

@@ -21,10 +21,9 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import CUT, MOST_COLUMNS, MOST_LABEL_LETTERS, column_names, read_rows
-from pa10cal.campaign.description import CampaignDescription
+from pa10cal.campaign.description import CampaignDescription, nominal_arm
 from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError
-from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_line, csv_text
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.input_files import open_file, reason
@@ -108,7 +107,7 @@ def arm_of(
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
     total_kg = None if campaign.masses is None else campaign.masses.total_kg
-    arm = load_arm(campaign.robot, folder) if arm is None else arm
+    arm = nominal_arm(campaign, folder) if arm is None else arm
     return weighed_arm(arm, every, campaign.payload, total_kg)
 
 

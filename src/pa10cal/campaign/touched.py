@@ -18,7 +18,15 @@ from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
-from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
+from pa10cal.campaign.raw_rows import (
+    Exclusions,
+    Ingested,
+    Quarantined,
+    RawRows,
+    as_joints,
+    as_logged,
+    quarantined,
+)
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.pose import Touched
@@ -47,14 +55,14 @@ def read_touched(
         RawDataError: when a file, or too much of it, cannot be used.
     """
     cmm, resolver = (
-        RawFile.of(campaign, folder, key, arm.prismatic) for key in ("cmm", "resolver")
+        RawFile.of(campaign, folder, key, arm.axes_slide) for key in ("cmm", "resolver")
     )
     names = campaign.ball_names
     touches = _read_touches(cmm, names, arm, exclusions_of(campaign, folder))
     samples, log = _read_samples(resolver, arm)
     logged = len(np.unique(touches.configurations))
     listed: list[Quarantined] = []
-    words = words_of(campaign, arm.prismatic)
+    words = words_of(campaign, arm.axes_slide)
 
     def unused() -> tuple[Quarantined, ...]:
         return (*touches.quarantined, *log.quarantined, *listed)
@@ -64,14 +72,15 @@ def read_touched(
         refuse_too_many(unused(), totals, settings.max_quarantined_fraction, words)
 
     refuse_too_many_lost()
+    last = f"q{len(arm.axes_slide)}_deg"
     # The joints' motion beside that of one ball's touches.
     one = touches["ball"] == np.bincount(touches["ball"]).argmax()
     screens.refuse_wrong_angle_unit(
-        (samples.time_s, samples.q_deg),
+        (samples.time_s, as_logged(samples.q_deg, arm)),
         (touches["time_s"][one], touches.numbers_of(_PLACE)[one]),
         arm,
         float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max()),
-        f"{resolver.path}: {words.column('q1_deg')} … {words.column(f'q{arm.n}_deg')}",
+        f"{resolver.path}: {words.column('q1_deg')} … {words.column(last)}",
         words,
     )
 
@@ -164,8 +173,8 @@ def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
     Returns:
         The samples in order of time, and the rows that they were read from, without columns.
     """
-    joints = range(1, arm.n + 1)
-    q, tau = [f"q{j}_deg" for j in joints], [f"tau{j}_Nm" for j in joints]
+    axes = range(1, len(arm.axes_slide) + 1)
+    q, tau = [f"q{k}_deg" for k in axes], [f"tau{k}_Nm" for k in axes]
     names = ["time_s", *q, *tau, "temperature_C"]
     raw = within_bounds(unwrapped(file.read(names).finite(names), q, arm), names, arm)
     time_s = raw["time_s"]
@@ -174,9 +183,9 @@ def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
     first[order[1:]] = np.diff(time_s[order]) > 0.0
     raw = raw.take(first, "another sample has this time", [f"{t:g} s" for t in time_s[~first]])
     raw = raw.in_time()
-    samples = Samples(
-        raw.line, raw["time_s"], raw.numbers_of(q), raw.numbers_of(tau), raw["temperature_C"]
-    )
+    q_deg = as_joints(raw.numbers_of(q), arm)
+    tau_Nm = arm.coupling.beside_joints(raw.numbers_of(tau))
+    samples = Samples(raw.line, raw["time_s"], q_deg, tau_Nm, raw["temperature_C"])
     return samples, replace(raw, columns={})
 
 

@@ -70,7 +70,7 @@ def read_tracked(
         RawDataError: when the file, or too much of it, cannot be used.
     """
     file: RawFile | TwoLogs = (
-        RawFile.of(description, folder, "poses", arm.prismatic)
+        RawFile.of(description, folder, "poses", arm.axes_slide)
         if description.files.joints is None
         else TwoLogs.of(description, folder, arm, options.still_speed_deg_s)
     )
@@ -137,8 +137,8 @@ def _read_poses(
     refuse_base_targets(description, file.path, file.words, watched)
     on_base = base_columns(watched)
     measured = instrument.raw_columns([n for n in file.names if base_target_names([n]) == ()])
-    q = position_columns(arm.prismatic)
-    tau = [f"tau{joint}_Nm" for joint in range(1, arm.n + 1)]
+    q, coupling = position_columns(arm.axes_slide), arm.coupling
+    tau = [f"tau{axis}_Nm" for axis in range(1, len(q) + 1)]
     labelling = ["pose", "load_N", "repeat", *(["kind"] if description.holdout is None else [])]
     lengths = [*measured.names, *on_base]
     optional = ["temperature_C", *(f"u_{name}" for name in (*q, *tau, *lengths))]
@@ -166,8 +166,8 @@ def _read_poses(
         return raw.numbers_of([f"u_{name}" for name in names])
 
     states = PoseStates(
-        q_rad=in_radians(raw.numbers_of(q), arm.prismatic),
-        tau_Nm=raw.numbers_of(tau),
+        q_rad=coupling.to_joints(in_radians(raw.numbers_of(q), arm.axes_slide)),
+        tau_Nm=coupling.beside_joints(raw.numbers_of(tau)),
         # 0 where the file says nothing of it
         arrival=np.nan_to_num(raw.numbers_of([f"arrival{joint}" for joint in range(1, arm.n + 1)])),
         load_N=raw["load_N"],
@@ -185,7 +185,11 @@ def _read_poses(
         kind=raw.text_of("kind"),
         repeat=raw["repeat"],
         readings=np.ones(len(raw), dtype=np.int64),
-        log=JointLog(in_radians(uncertain(q), arm.prismatic), uncertain(tau), samples),
+        log=JointLog(
+            coupling.uncertainty(in_radians(uncertain(q), arm.axes_slide)),
+            coupling.beside_joints(uncertain(tau)),
+            samples,
+        ),
         base=base,
     )
     return raw, found, measured
@@ -324,7 +328,8 @@ class Screen:
         places_m, column = measured.places_m, self.columns.targets[best][0]
         what = "distances" if places_m.shape[2] == 1 else "positions"
         where, scale = f"{self.file.path}: {self._target(best)}", measured.scale(T_base_ee)
-        slides, q_rad = self.arm.prismatic, self.found.states.q_rad
+        slides, coupling = self.arm.axes_slide, self.arm.coupling
+        q_rad = coupling.to_axes(self.found.states.q_rad)
         q = np.where(slides, 1e3 * q_rad, np.degrees(q_rad))  # as logged
         radians = screens.may_be_radians(q, self.arm)
         if not radians:  # of joints that may be in radians the scale says nothing yet
@@ -342,7 +347,7 @@ class Screen:
         logged = misfit_of(measured, T_base_ee) if tried else None
         logged_m = 0.0 if logged is None else float(np.median(logged.size_m))
         for quantity, unit, right_unit, factor in tried if logged_m > BAD_M else ():
-            moved = Chain.of(self.arm).forward(in_radians(q * factor, slides))
+            moved = Chain.of(self.arm).forward(coupling.to_joints(in_radians(q * factor, slides)))
             misfit = misfit_of(measured, moved)
             misfit_m = np.inf if misfit is None else float(np.median(misfit.size_m))
             if BETTER * misfit_m <= logged_m:
@@ -448,8 +453,9 @@ class Screen:
                         remedy=remedy,
                     )
                 warnings.append(f"if the instrument's axes are {axes.name}: {value}, {STILL_WRONG}")
-        names = position_columns(self.arm.prismatic)
-        for k in np.flatnonzero(np.ptp(self.found.states.q_rad, axis=0) == 0.0):
+        names = position_columns(self.arm.axes_slide)
+        logged = self.arm.coupling.to_axes(self.found.states.q_rad)
+        for k in np.flatnonzero(np.ptp(logged, axis=0) == 0.0):
             warnings.append(
                 f"{path.name}: {words.column(names[k])}: the same number in all rows: if that "
                 "joint moved, export what was logged of it"

@@ -32,7 +32,13 @@ from pa10cal.campaign.nominal_fit import (
 )
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
+from pa10cal.campaign.raw_rows import (
+    RawRows,
+    as_joints,
+    as_logged,
+    in_radians,
+    position_columns,
+)
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
 
@@ -127,14 +133,15 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
 
 
 def _uncertainties(
-    logged: RawRows, stations: Stations, names: Sequence[str]
+    logged: RawRows, stations: Stations, names: Sequence[str], own: Index
 ) -> dict[str, NDArray[Any]]:
     """Return the uncertainties (K,) of joint positions, and of torques where named, by column.
 
     They are those that the log states, else what the samples of a dwell scatter by. Equal samples
-    of a coarse read-back show no scatter, which says nothing.
+    of a coarse read-back show no scatter, which says nothing. That of an axis is of its joint, from
+    0 in `own`.
     """
-    scatter = np.hstack([stations.q_u_deg, stations.tau_u_Nm])[:, : len(names)]
+    scatter = np.hstack([stations.q_u_deg[:, own], stations.tau_u_Nm])[:, : len(names)]
     scatter = np.where(scatter >= LEAST_U, scatter, np.nan)
     columns = [f"u_{name}" for name in names]
     stated = pd.DataFrame(logged.numbers_of(columns)).groupby(stations.of_sample).mean()
@@ -168,7 +175,7 @@ class TwoLogs:
     ) -> TwoLogs:
         """Return the two logs that campaign.yaml names."""
         joints, readings = (
-            RawFile.of(campaign, folder, key, arm.prismatic) for key in ("joints", "readings")
+            RawFile.of(campaign, folder, key, arm.axes_slide) for key in ("joints", "readings")
         )
         return cls(joints, readings, campaign, arm, still_deg_s)
 
@@ -203,7 +210,7 @@ class TwoLogs:
     ) -> RawRows:
         """Read columns of the contract, joined; those `together` all or none (`RawFile.read`)."""
         self._refuse_exchanged()
-        q = position_columns(self.arm.prismatic)
+        q = position_columns(self.arm.axes_slide)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
         own, theirs = set(self.readings.names), set(self.joints.names)
         there = [name for name in required if name not in of_joints]
@@ -222,9 +229,9 @@ class TwoLogs:
         at = np.maximum(station, 0)
         first = stations.first[at]
         columns, non_numeric = dict(read.columns), dict(read.non_numeric)
-        columns |= zip(q, stations.q_deg[at].T, strict=True)
+        columns |= zip(q, as_logged(stations.q_deg[at], self.arm).T, strict=True)
         further = dict(zip(together, stations.tau_Nm.T, strict=False))
-        further |= _uncertainties(logged, stations, [*q, *together])
+        further |= _uncertainties(logged, stations, [*q, *together], self.arm.coupling.own)
         for name, values in further.items():
             if name in (*together, *optional) and np.isfinite(values).any():
                 columns[name] = values[at]
@@ -297,7 +304,8 @@ class TwoLogs:
             raw, time_s = raw.at(order), time_s[order]
         tau_Nm = raw.numbers_of([f"tau{k}_Nm" for k in range(1, len(q) + 1)])
         temperature_C = raw.numbers_of(["temperature_C"])[:, 0]
-        return raw, Samples(raw.line, time_s, raw.numbers_of(q), tau_Nm, temperature_C)
+        q_deg = as_joints(raw.numbers_of(q), self.arm)
+        return raw, Samples(raw.line, time_s, q_deg, tau_Nm, temperature_C)
 
     @property
     def _by(self) -> Literal["row", "label", "time"]:

@@ -119,7 +119,7 @@ def predict(
     from pa10cal.fit import contradictions
 
     fitted = model_in_use(model, force=force)
-    asked = read_joints(joints, fitted.arm.prismatic)
+    asked = read_joints(joints, fitted.arm.axes_slide)
     loads_N, sides = stated(asked, load_N, arrival)
     away = 0
     blocks = fitted.predict_in_blocks(
@@ -204,7 +204,7 @@ def compensate(
         )
     fitted = model_in_use(model, force=force)
     arm = fitted.arm
-    asked = read_targets(targets, arm.prismatic)
+    asked = read_targets(targets, arm.axes_slide)
     loads_N, sides = stated(asked, load_N, arrival)
     found = fitted.compensate(
         asked.T,
@@ -232,7 +232,7 @@ def compensate(
         for rows in blocks(len(found)):
             of_rows = {name: values[rows] for name, values in columns.items()}
             first = not len(rows) or rows[0] == 0
-            answers = asked.ids[rows], found.q[rows], arm.prismatic, of_rows
+            answers = asked.ids[rows], found.q[rows], arm.axes_slide, of_rows
             file.write(commands_text(*answers, header=first))
     said = [*contradictions.of_targets(fitted, asked.T, asked.q, frame)]
     said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, loads_N)]

@@ -46,10 +46,14 @@ def run(
     from typing import Any
 
     # What a folder can be refused for is checked before anything heavy is imported or started.
-    from pa10cal.campaign.description import check_joints, check_names, read_description
+    from pa10cal.campaign.description import (
+        check_joints,
+        check_names,
+        nominal_arm,
+        read_description,
+    )
     from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.files import ARMS
-    from pa10cal.files.arms import load_arm
     from pa10cal.files.output import writing_into
     from pa10cal.running.run_lock import run_lock
 
@@ -64,8 +68,8 @@ def run(
     out, names, places = out.absolute(), [], [folder.absolute() for folder in folders]
     for folder in places:
         described = read_description(folder)
-        arm = load_arm(described.robot, folder, arms)
-        check_joints(described, arm.n, str(folder / "campaign.yaml"))
+        arm = nominal_arm(described, folder, arms)
+        check_joints(described, len(arm.axes_slide), str(folder / "campaign.yaml"))
         names.append(described.name)
     if group is not None:
         check_names(group, names, f"--group {group}")

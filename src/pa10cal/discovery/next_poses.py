@@ -69,7 +69,7 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
         "off the column": room.off_column(min(NEXT_POSES.column_m, off_axis_m)),
         "off the links": room.off_links(NEXT_POSES.clearance_m),
     }
-    low, high = chain.arm.limits_rad.T
+    low, high = chain.arm.axis_limits_rad.T
     margin = NEXT_POSES.limit_share * (high - low)
     ranges = low + margin, high - margin
     found = room.draw_within(chain, targets, ranges, constraints, count, random_seed)
@@ -146,16 +146,17 @@ def separating_poses(
         steps.append(every.values)
     nats = np.array(steps)  # of each pair before any pose, and after each
     even_share = (nats[-1] - nats[0]) / max(len(order), 1)
-    suggestions = []
+    suggestions, coupling = [], problem.baseline.arm.coupling
     for pose, last, after in zip(order.tolist(), nats[:-1], nats[1:], strict=True):
         nearest = min(sought, key=lambda k: last[k])
         helped = [k for k in sought if k == nearest or after[k] - last[k] >= even_share[k]]
+        axes_rad = coupling.to_axes(pool.q_rad[pose])
         suggestions.append(
             SuggestedPose(
-                q_deg=np.degrees(pool.q_rad[pose]),
-                q_rad=pool.q_rad[pose],
+                q_deg=np.degrees(axes_rad),
+                q_rad=axes_rad,
                 load_N=float(pool.load_N[pose]),
-                arrive_from=-pool.arrival[pose],
+                arrive_from=-pool.arrival[pose][coupling.own],
                 separation_nats=float(after[sought].min()),
                 for_=tuple(label_of(*rivals[k]) for k in helped),
             )
@@ -436,12 +437,14 @@ def poses_at_unseen_angles(
     new = ~seen.each(q_rad) & np.array(seen.turns)
     place = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * WITHIN_RAD)).astype(np.intp)
     load_N = float(measured.cells.states.load_N.min())
+    coupling = measured.baseline.arm.coupling
     chosen: list[SuggestedPose] = []
     while len(chosen) < count and new.any():
         best = int(np.argmax(new.sum(axis=1)))
         joints = np.flatnonzero(new[best])
         purposes = tuple(f"angle of joint {joint + 1} not seen" for joint in joints)
-        q_deg = np.degrees(q_rad[best])
-        chosen.append(SuggestedPose(q_deg=q_deg, q_rad=q_rad[best], load_N=load_N, for_=purposes))
+        axes_rad = coupling.to_axes(q_rad[best])
+        q_deg = np.degrees(axes_rad)
+        chosen.append(SuggestedPose(q_deg=q_deg, q_rad=axes_rad, load_N=load_N, for_=purposes))
         new[:, joints] &= place[:, joints] != place[best, joints]
     return tuple(chosen)

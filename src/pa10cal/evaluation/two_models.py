@@ -230,7 +230,7 @@ def _postures(first: FittedModel, second: FittedModel) -> Array:
     There is none where both have seen no common angle of some joint.
     """
     arm = first.arm
-    low, high = np.nan_to_num(arm.limits_rad, posinf=2 * np.pi, neginf=-2 * np.pi).T
+    low, high = np.nan_to_num(arm.joint_ranges_rad, posinf=2 * np.pi, neginf=-2 * np.pi).T
     grid = np.linspace(low, high, _STEPS)
     common = np.ones_like(grid, dtype=bool)
     for model in (first, second):

@@ -27,6 +27,7 @@ from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
 from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, one_line
 from pa10cal.files import arm_places, own_description
+from pa10cal.files.coupling import StatedCoupling, coupled_joints, stated_coupling
 from pa10cal.files.output import write_text
 from pa10cal.input_files import read_file, reason
 from pa10cal.options import Positive, Section
@@ -229,6 +230,7 @@ class _ArmFile(Section):
     base: _Frame = _Frame()
     tool: _Frame = _Frame()
     urdf: _Urdf | None = None
+    coupling: tuple[StatedCoupling, ...] = ()
 
 
 def arm_names() -> list[str]:
@@ -400,6 +402,7 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
     check_rows(rows, where)
     for key, frame in (("base", content.base), ("tool", content.tool)):
         refuse_far(frame.xyz_m, "xyz_m", f"{where}: {key}")
+    prismatic = np.array([row.prismatic for row in rows])
     arm = Arm(
         name=content.name,
         title=content.title or content.name,
@@ -409,7 +412,7 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         a_m=np.array([row.a_m for row in rows]),
         alpha_rad=np.radians([row.alpha_deg for row in rows]),
         hayati=np.zeros(len(rows), dtype=bool),
-        prismatic=np.array([row.prismatic for row in rows]),
+        prismatic=prismatic,
         limits_rad=np.array([row.limits for row in rows]),
         gear_ratio=np.array([row.gear_ratio or math.nan for row in rows]),
         torque_limit_Nm=np.array([row.rated for row in rows]),
@@ -418,6 +421,7 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         beta_rad=np.radians([row.beta_deg for row in rows]),
         T_base_row1=content.base.pose,
         T_row_n_ee=content.tool.pose,
+        coupled=coupled_joints(content.coupling, prismatic, where),
     )
     arm = with_hayati_rows(arm)
     axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
@@ -503,6 +507,9 @@ def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | N
             numbers = {"xyz_m": T[:3, 3], "rpy_deg": np.degrees(roll_pitch_yaw(T[:3, :3]))}
             frame = {name: list(map(_number, values)) for name, values in numbers.items()}
             lines.append(f"{key}: {_flow(frame)}")
+    if arm.coupled:
+        entries = [stated_coupling(each, arm.prismatic) for each in arm.coupled]
+        lines.append(f"coupling: {_flow(entries)}")
     lines.append("rows:")
     columns = {
         "theta_deg": np.degrees(arm.theta_rad),

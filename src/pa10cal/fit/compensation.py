@@ -3,6 +3,7 @@
 A search starts on a branch of the arm as designed and goes down to rounding on the model with all
 its terms: damped Newton steps (Sugihara 2011), all poses at once. Where no closed form gives the
 branches, a pose starts from the one before, and else from postures drawn within the joint limits.
+Positions are those of the m axes that the controller counts, see `arm.coupling`.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def compensate(
     Args:
         T: (N, 4, 4) poses of the frame in the base frame [m].
         given: what they are besides; joint positions in it do not matter.
-        seed: (N, n) or (n,) joint positions, nan where there are none.
+        seed: (N, m) or (m,) joint positions, nan where there are none.
         T_flange_tcp: (4, 4) TCP that the controller holds; None for the frame as the model has it.
 
     Raises:
@@ -88,7 +89,7 @@ def compensate(
     else:
         tcp = np.asarray(T_flange_tcp, dtype=float)
         _refuse_no_pose(tcp[None], "T_flange_tcp")
-    q, other = np.zeros((0, model.arm.n)), np.zeros(0, dtype=bool)
+    q, other = np.zeros((0, len(model.arm.axes_slide))), np.zeros(0, dtype=bool)
     if len(T):
         q, other = _searched(model, T, frame, given, seed)
     branch = np.where(other, "other", "nearest")
@@ -111,16 +112,16 @@ def _judged(
     tcp: Array,
 ) -> Compensation:
     """Return joint positions that were found, how near they come to T (N, 4, 4), their status."""
-    forward = Forward.of(model, frame)
-    given = replace(given, q_rad=q)
+    forward, arm = Forward.of(model, frame), model.arm
+    joints = arm.coupling.to_joints(q)
+    given = replace(given, q_rad=joints)
     found = predicted(model, given, frame)
     off = pose_difference(found.T, T)
     off_m, off_rad = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
-    arm = model.arm
-    low, high = arm.limits_rad.T
+    low, high = arm.axis_limits_rad.T
     status = np.full(len(T), "ok", dtype="U14")
-    lever = np.where(arm.prismatic, arm.reach_m, 1.0)
-    J = forward.by_joints(forward.states(given), terms=False)[1]
+    lever = np.where(arm.axes_slide, arm.reach_m, 1.0)
+    J = arm.coupling.by_axes(forward.by_joints(forward.states(given), terms=False)[1])
     sizes = np.linalg.svd(J * lever / np.repeat([arm.reach_m, 1.0], 3)[:, None])[1]
     status[sizes[:, -1] < SINGULAR] = "near_singular"
     beyond = ((q < low - _AT_LIMIT) | (q > high + _AT_LIMIT)).any(axis=1)
@@ -133,7 +134,7 @@ def _judged(
     off_mm, off_deg = 1e3 * off_m, np.degrees(off_rad)
     # The controller works out the flange from the pose and its TCP, and the joints from the flange
     # of the arm as designed: with both taken the same way back it comes to q.
-    T_send = Chain.of(arm).forward(q) @ tcp
+    T_send = Chain.of(arm).forward(joints) @ tcp
     promised = found.u_mm, found.u_parameters_mm, found.inside
     return Compensation(q, status, branch, off_mm, off_deg, *promised, T_send, tcp)
 
@@ -141,7 +142,7 @@ def _judged(
 def _searched(
     model: Fitted, T: Array, frame: str, given: PoseStates, seed: ArrayLike | None
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return joint positions (N, n), and which are on another branch than the nearest.
+    """Return joint positions (N, m), and which are on another branch than the nearest.
 
     Where the model falls back, they are those of what it falls back to.
     """
@@ -154,7 +155,7 @@ def _searched(
     if model.falls_back is None:
         return q, other
     away = model.falls_back
-    outside = np.flatnonzero(~away.within.inside(q))
+    outside = np.flatnonzero(~away.within.inside(model.arm.coupling.to_joints(q)))
     if len(outside):
         T_away = np.linalg.inv(T_base_away(away, model)) @ T[outside]
         q[outside], again = _searched(away.model, T_away, frame, given.take(outside), q[outside])
@@ -182,11 +183,11 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
 
 
 def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, NDArray[np.bool_]]:
-    """Return seeds (N, n), nan where there is none, and for which rows a branch was asked for.
+    """Return seeds (N, m), nan where there is none, and for which rows a branch was asked for.
 
     The first row always has a seed. A row without one follows the row before.
     """
-    n = model.arm.n
+    n = len(model.arm.axes_slide)
     given = np.full(n, np.nan) if seed is None else np.asarray(seed, dtype=float)
     if given.shape not in ((n,), (count, n)):
         raise ModelError(
@@ -207,19 +208,19 @@ def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, ND
 
 def _reached(arm: Arm, off_m: Array, off_rad: Array) -> NDArray[np.bool_]:
     """Return which differences (N,) of position and orientation count as none."""
-    near_rad = REACHED if arm.n >= 6 else _NEAR_RAD
+    near_rad = REACHED if len(arm.axes_slide) >= 6 else _NEAR_RAD
     return np.asarray((off_m < REACHED) & (off_rad < near_rad))
 
 
 def _middle(model: Fitted) -> Array:
     """Return the middle of the joint positions that the fit has seen, else of the limits."""
     arm, seen = model.arm, model.seen
-    middle: Array = arm.limits_rad.mean(axis=1)
+    middle: Array = arm.coupling.to_joints(arm.axis_limits_rad.mean(axis=1))
     if seen is not None:
         for joint, stretches in enumerate(seen.intervals):
             if len(stretches):
                 middle[joint] = 0.5 * (stretches[0, 0] + stretches[-1, 1])
-    return np.clip(middle, *arm.limits_rad.T)
+    return np.clip(arm.coupling.to_axes(middle), *arm.axis_limits_rad.T)
 
 
 class _InverseSearch:
@@ -232,12 +233,14 @@ class _InverseSearch:
     def __init__(self, forward: Forward, T: Array, given: PoseStates) -> None:
         arm = forward.whole.arm
         self._forward, self._T, self._given = forward, T, given
-        self._arm, self._low, self._high = arm, *arm.limits_rad.T
-        self._wide = (self._high - self._low >= _TURN) & ~arm.prismatic
+        self._arm, self._low, self._high = arm, *arm.axis_limits_rad.T
+        self._slides, self._coupling = arm.axes_slide, arm.coupling
+        self._turns = arm.coupling.turns(arm.prismatic)
+        self._wide = (self._high - self._low >= _TURN) & ~self._slides
         # An arm of fewer than six joints reaches the position first.
-        of_attitude = 1.0 if arm.n >= 6 else 1e-3
+        of_attitude = 1.0 if len(self._slides) >= 6 else 1e-3
         self._weight = np.repeat([1.0 / arm.reach_m, of_attitude], 3)
-        self.branches = branches_of(arm)
+        self.branches = branches_of(arm) if len(self._slides) == arm.n else None
 
     def on_branches(
         self, seeds: Array, asked: NDArray[np.bool_]
@@ -245,12 +248,12 @@ class _InverseSearch:
         """Search from the branches of the arm as designed, nearest to seed or row before.
 
         Returns:
-            Joint positions (N, n), and which are on another branch than the nearest.
+            Joint positions (N, m), and which are on another branch than the nearest.
         """
         assert self.branches is not None
         # The flange in the frame, as it is in the middle of the positions seen.
         whole = self._forward.whole
-        at = states_at(whole, _middle(whole)[None])
+        at = states_at(whole, self._coupling.to_joints(_middle(whole)[None]))
         T_base_frame, T_base_end = (
             forward.T_base_frame(forward.states(at))[0]
             for forward in (self._forward, Forward.of(whole))
@@ -282,19 +285,19 @@ class _InverseSearch:
         return q, other
 
     def _branches_of(self, T_base_flange: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return all branches (N, B, n) of the arm as designed, and which are out of reach."""
+        """Return all branches (N, B, m) of the arm as designed, and which are out of reach."""
         assert self.branches is not None
         found = self.branches(T_base_flange)
         ends = Chain.of(self._arm).forward(found.reshape(-1, self._arm.n))[:, :3, 3]
         wanted = np.repeat(T_base_flange[:, :3, 3], found.shape[1], axis=0)
         off_m = np.linalg.norm(ends - wanted, axis=1).reshape(found.shape[:2])
-        return found, np.asarray(off_m >= _NEARLY)
+        return self._coupling.to_axes(found), np.asarray(off_m >= _NEARLY)
 
     def along(self, seeds: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Search from the seed, or from the row before, in blocks that grow on a smooth path.
 
         Returns:
-            Joint positions (N, n), and for which a jump was needed.
+            Joint positions (N, m), and for which a jump was needed.
         """
         q, row, size, last = seeds.copy(), 0, _FIRST_BLOCK, seeds[:0]
         other = np.zeros(len(q), dtype=bool)
@@ -320,10 +323,10 @@ class _InverseSearch:
         return q, other
 
     def newton(self, rows: NDArray[np.intp], starts: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Go down to the poses of some rows from starts (R, n).
+        """Go down to the poses of some rows from starts (R, m).
 
         Returns:
-            Joint positions (R, n), the best on the way, and whether they reach the pose.
+            Joint positions (R, m), the best on the way, and whether they reach the pose.
         """
         found, done = starts.copy(), np.zeros(len(rows), dtype=bool)
         for part in blocks(len(rows)):
@@ -335,7 +338,7 @@ class _InverseSearch:
         found, best, done = self._descend(rows, starts, exact=False)
         # Near a singularity what the geometry leaves out of the derivative is too much.
         hard = np.flatnonzero((best > _SETTLED) & (best < _CLOSE))
-        if len(hard) and self._arm.n >= 6:
+        if len(hard) and len(self._slides) >= 6:
             found[hard], _, done[hard] = self._descend(rows[hard], found[hard], exact=True)
         return found, done
 
@@ -361,7 +364,7 @@ class _InverseSearch:
             found[kept], best[kept] = q[kept], size[better]
             off_m, off_rad = (np.linalg.norm(part, axis=1) for part in (off[:, :3], off[:, 3:]))
             done[kept] = _reached(self._arm, off_m, off_rad)[better]
-            step = self._step(J, off)
+            step = self._step(self._coupling.by_axes(J), off)
             ended = (np.abs(step).max(axis=1) < _DONE) | (size < _DONE)
             ended |= slow[open_] > np.where(best[open_] < _SETTLED, 1, patience)
             q[open_] += step
@@ -371,12 +374,13 @@ class _InverseSearch:
         return found, best, done
 
     def _states(self, q: Array, rows: NDArray[np.intp]) -> PoseStates:
-        """Return the states of some rows at joint positions (R, n)."""
+        """Return the states of some rows at joint positions (R, m)."""
+        q = self._coupling.to_joints(q)
         return self._forward.states(replace(self._given.take(rows), q_rad=q))
 
     def _step(self, J: Array, off: Array) -> Array:
-        """Return damped Newton steps (R, n): the damping fades with the square of what is left."""
-        lever = np.where(self._arm.prismatic, self._arm.reach_m, 1.0)
+        """Return damped Newton steps (R, m): the damping fades with the square of what is left."""
+        lever = np.where(self._slides, self._arm.reach_m, 1.0)
         J = J * self._weight[:, None] * lever
         e = off * self._weight
         damping = np.minimum(np.einsum("pi,pi->p", e, e), 1e-2)[:, None, None]
@@ -394,7 +398,7 @@ class _InverseSearch:
     def _nearest(
         self, found: Array, beside: NDArray[np.bool_], seeds: Array
     ) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
-        """Return the branch to begin with (N, n), the order of all (N, B), whether one is nearer.
+        """Return the branch to begin with (N, m), the order of all (N, B), whether one is nearer.
 
         The nearest to seed or row before comes first, but for those beyond limits or reach.
         """
@@ -416,10 +420,21 @@ class _InverseSearch:
         return starts, order, other
 
     def _turned_near(self, q: Array, reference: Array) -> Array:
-        """Return joint positions (R, n) whole turns off, as near to others as limits allow."""
-        near = np.where(self._arm.prismatic, q, q + _TURN * np.rint((reference - q) / _TURN))
-        near = near - _TURN * (near > self._high) * ~self._arm.prismatic
-        return np.asarray(near + _TURN * (near < self._low) * ~self._arm.prismatic)
+        """Return joint positions (R, m) whole turns off, as near to others as limits allow."""
+        if self._coupling.none:
+            near = np.where(self._slides, q, q + _TURN * np.rint((reference - q) / _TURN))
+            near = near - _TURN * (near > self._high) * ~self._slides
+            return np.asarray(near + _TURN * (near < self._low) * ~self._slides)
+        # A turn of one joint is one of its axis, and may move others that are coupled to it.
+        near = np.array(q, dtype=float)
+        turning = np.flatnonzero(self._turns.any(axis=1))
+        for k in (*turning, *turning):
+            turns = np.rint((reference - near)[:, k] / _TURN)
+            near += turns[:, None] * self._turns[k]
+        for k in turning:
+            back = (near[:, k] < self._low[k]) * 1.0 - (near[:, k] > self._high[k])
+            near += back[:, None] * self._turns[k]
+        return near
 
     def _inside(self, q: Array) -> NDArray[np.bool_]:
         return np.asarray(

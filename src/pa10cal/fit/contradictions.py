@@ -38,9 +38,10 @@ def of_joints(model: Fitted, q: Array) -> Iterator[str]:
     if as_radians is None or model.seen is None:
         return
     # A program that keeps to a few degrees about zero is within a fit that came through there.
-    beyond = model.inside(q).mean() <= _FEW
+    to_joints = model.arm.coupling.to_joints
+    beyond = model.inside(to_joints(q)).mean() <= _FEW
     hardly_moves = len(q) >= _ROWS and np.median(np.ptp(as_radians, axis=0)) > _WIDE_RAD
-    if (beyond or hardly_moves) and model.inside(as_radians).mean() > _MOST:
+    if (beyond or hardly_moves) and model.inside(to_joints(as_radians)).mean() > _MOST:
         as_degrees = "beyond the angles of the fit" if beyond else "hardly a motion"
         yield (
             f"{_columns(model)}: the joint positions look like radians under columns in degrees: "
@@ -58,7 +59,8 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
     T_flange = T_flange_frame(model, frame)
 
     def away(q: Array, wanted: Array) -> tuple[Array, Array]:
-        off = pose_difference(Chain.of(model.arm).forward(q) @ T_flange, wanted)
+        joints = model.arm.coupling.to_joints(q)
+        off = pose_difference(Chain.of(model.arm).forward(joints) @ T_flange, wanted)
         return np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
 
     off_m, off_rad = away(seed, T)
@@ -112,7 +114,7 @@ _RENAMED = "name the columns qx,qy,qz,qw if so"
 
 def _columns(model: Fitted) -> str:
     """Return the columns of joint positions in a list."""
-    slides = model.arm.prismatic
+    slides = model.arm.axes_slide
     first, last = ("mm" if slides[k] else "deg" for k in (0, -1))
     return f"q1_{first} … q{len(slides)}_{last}"
 
@@ -131,7 +133,7 @@ def _scalar_last(T: Array) -> Array:
 
 def _read_as_radians(model: Fitted, q: Array) -> Array | None:
     """Return positions (N, n) of the same numbers as radians; None where they can be none."""
-    turning = ~model.arm.prismatic
+    turning = ~model.arm.axes_slide
     numbers = np.where(turning, np.degrees(q), q)
     within = np.abs(numbers[:, turning]) <= _TURN
     return numbers if turning.any() and within.all() and numbers.any() else None

@@ -133,7 +133,7 @@ Status = Literal["ok", "outside_limits", "unreachable", "near_singular"]
 class Compensation:
     """Joint positions that bring a frame of the robot to N poses, by its model."""
 
-    # (N, n) joint positions to command [rad, m]; of an unreachable pose those that come nearest
+    # (N, m) positions to command [rad, m]; of an unreachable pose those that come nearest
     q: Array
     status: NDArray[np.str_]  # (N,) one of `Status`
     # (N,) `nearest` to the seed, or to the row before, or an `other` branch: the arm swings round

@@ -13,6 +13,7 @@ import yaml
 from numpy.typing import ArrayLike
 
 from pa10cal.arm.chain import BASE, TOOL, Chain
+from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import ROW_FIELDS, Arm, WeighedByLog, WeightsKnown
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
@@ -66,12 +67,12 @@ class FittedModel(Fitted):
         torque log shows falsely, moves no robot and plays no part.
 
         Args:
-            q: (N, n) or (n,) motor-side joint positions [rad; m for a prismatic joint].
+            q: (N, m) or (m,) joint positions, as the controller counts them [rad; m if prismatic].
             frame: `flange`, the last frame of the nominal arm; `tool`, the target of a pose
                 instrument, else the first target with the flange's orientation; `target_<name>`. Of
                 a group also `tool@<campaign>` and `target_<name>@<campaign>`.
             load_N: external load, one for all poses or (N,).
-            arrival: direction in which each joint arrives, -1 or 1, one for all or (N, n); 0 where
+            arrival: direction in which each joint arrives, -1 or 1, one for all or (N, m); 0 where
                 it is not known, whose lost motion is then part of `u_mm`.
             temperature_C: temperature, one or (N,); None for the mean of the fit.
             time_s: time on the campaign's clock, one or (N,); None for the middle of the fit.
@@ -82,7 +83,7 @@ class FittedModel(Fitted):
                 of the fit, or the model has springs and the masses that load them are not known.
         """
         of_pose = load_N, arrival, temperature_C, time_s
-        given = states_at(self, self._positions(q), *of_pose, extrapolate=extrapolate)
+        given = states_at(self, self._joints_at(q), *of_pose, extrapolate=extrapolate)
         return predicted(self, given, frame)
 
     def predict_in_blocks(
@@ -102,7 +103,7 @@ class FittedModel(Fitted):
         Raises:
             ModelError: see `predict`, before anything is predicted.
         """
-        given = states_at(self, self._positions(q), load_N, arrival, extrapolate=extrapolate)
+        given = states_at(self, self._joints_at(q), load_N, arrival, extrapolate=extrapolate)
         for first in range(0, len(given.q_rad), rows):
             part = slice(first, first + rows)
             here = given.take(np.arange(len(given.q_rad))[part])
@@ -128,8 +129,8 @@ class FittedModel(Fitted):
 
         Args:
             T: (N, 4, 4) or (4, 4) poses wanted of the frame, in the robot's base frame [m].
-            seed: (N, n) or (n,) joint positions; of all branches the nearest within the joint
-                limits is taken. A row of nan, and every row but the first where (n,) is given, has
+            seed: (N, m) or (m,) joint positions; of all branches the nearest within the joint
+                limits is taken. A row of nan, and every row but the first where (m,) is given, has
                 the nearest to the row before; without any the first row has the nearest to the
                 middle of the angles that the fit has seen.
             frame, load_N, arrival, temperature_C, time_s, extrapolate: see `predict`.
@@ -147,13 +148,14 @@ class FittedModel(Fitted):
         return compensate(self, wanted, frame, given, seed, T_flange_tcp)
 
     def jacobian(self, q: ArrayLike, *, frame: str = FLANGE, load_N: ArrayLike = 0.0) -> Array:
-        """Return how a frame moves with the joints, (N, 6, n), at positions as for `predict`.
+        """Return how a frame moves with the joints, (N, 6, m), at positions as for `predict`.
 
         Velocity of its origin [m] over angular velocity [rad], along base axes, a unit of each
         joint. Exact: springs and effects, which change with angles and weights, are in it.
         """
-        forward, given = Forward.of(self, frame), states_at(self, self._positions(q), load_N)
-        return forward.by_joints(forward.states(given), terms=True)[1]
+        forward, given = Forward.of(self, frame), states_at(self, self._joints_at(q), load_N)
+        by_joints = forward.by_joints(forward.states(given), terms=True)[1]
+        return self.arm.coupling.by_axes(by_joints)
 
     def states(self, q: ArrayLike, load_N: ArrayLike = 0.0) -> PoseStates:
         """Return the states in which poses are predicted, with what their weights do.
@@ -161,7 +163,7 @@ class FittedModel(Fitted):
         Raises:
             ModelError: see `predict`.
         """
-        return Forward.of(self).states(states_at(self, self._positions(q), load_N))
+        return Forward.of(self).states(states_at(self, self._joints_at(q), load_N))
 
     def T_flange_frame(self, frame: str) -> Array:
         """Return where a frame is in the flange, unloaded, (4, 4) [m].
@@ -171,14 +173,10 @@ class FittedModel(Fitted):
         """
         return T_flange_frame(self, frame)
 
-    def _positions(self, q: ArrayLike) -> Array:
-        """Return joint positions (N, n).
-
-        Raises:
-            ModelError: when they are of an arm with other joints, or are no numbers.
-        """
+    def _joints_at(self, q: ArrayLike) -> Array:
+        """Return joint positions (N, n) of those counted; refuse those of other joints."""
         positions = np.atleast_2d(np.asarray(q, dtype=float))
-        n = self.arm.n
+        n = len(self.arm.axes_slide)
         if positions.ndim != 2 or positions.shape[1] != n or not np.isfinite(positions).all():
             raise ModelError(
                 f"joint positions of {positions.shape[-1]} joints"
@@ -189,7 +187,7 @@ class FittedModel(Fitted):
                 allowed=f"(N, {n}) for {self.arm.name}",
                 remedy="give one column a joint, in radians (metres for a joint that slides)",
             )
-        return positions
+        return self.arm.coupling.to_joints(positions)
 
 
 def load_model(path: str | Path) -> FittedModel:
@@ -479,6 +477,8 @@ def _arm_to_plain(model: Fitted) -> dict[str, Any]:
         "T_base_row1": arm.T_base_row1.tolist(),
         "T_row_n_flange": arm.T_row_n_ee.tolist(),
     }
+    if arm.coupled:
+        plain["coupling"] = [vars(each) for each in arm.coupled]
     if (known := arm.weights_known) is not None:
         plain["weights"] = {
             "from": known.origin,
@@ -523,6 +523,7 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
         weights_known=known,
+        coupled=tuple(CoupledJoint(**each) for each in content.get("coupling", ())),
     )
 
 

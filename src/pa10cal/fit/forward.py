@@ -40,7 +40,7 @@ def states_at(
     """Return the states in which poses are asked for, without torques; see `FittedModel.predict`.
 
     Args:
-        q: (N, n) joint positions.
+        q: (N, n) joint positions; `arrival` is of the axes that the controller counts.
 
     Raises:
         ModelError: when a load is no load, or heavier than any that the fit has seen; when a side
@@ -55,7 +55,7 @@ def states_at(
     every_N = _of_every_pose("load_N", load_N, (count,))
     of_temperature = _of_every_pose("temperature_C", temperature_C, (count,))
     of_time = _of_every_pose("time_s", time_s, (count,))
-    directions = _of_every_pose("arrival", arrival, (count, model.arm.n))
+    directions = _of_every_pose("arrival", arrival, (count, len(model.arm.axes_slide)))
     if not np.isin(directions, (-1.0, 0.0, 1.0)).all():
         row, joint = np.argwhere(~np.isin(directions, (-1.0, 0.0, 1.0)))[0]
         where = f"arrival of joint {joint + 1}, pose {row + 1}"
@@ -81,7 +81,7 @@ def states_at(
             remedy="calibrate with this load too; or extrapolate (on the command line --force), "
             "which the uncertainty does not cover",
         )
-    unknown_Nm = np.full_like(q, np.nan)
+    unknown_Nm, directions = np.full_like(q, np.nan), model.arm.coupling.arrivals(directions)
     return PoseStates(q, unknown_Nm, directions, every_N, of_temperature, of_time)
 
 

@@ -136,7 +136,7 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
     Raises:
         SettingsError: when no place of the plane can be reached.
     """
-    low, high = chain.arm.limits_rad.T
+    low, high = chain.arm.joint_ranges_rad.T
     starts = np.random.default_rng(0).uniform(low, high, (_STARTS, chain.arm.n))
     starts[0] = (low + high) / 2.0
     near, far = reach_m
@@ -175,7 +175,7 @@ def follow(
         Joint positions (P, n), and (P,) whether the flange is at its place and orientation, inside
         the limits: where it is not, they are meaningless.
     """
-    low, high = chain.arm.limits_rad.T
+    low, high = chain.arm.joint_ranges_rad.T
     q_rad = np.tile(reference.q_rad, (len(radius_m), 1))
     height = np.full_like(radius_m, reference.height_m)
     for part in np.linspace(0.0, 1.0, _PATH_STEPS + 1)[1:]:
@@ -208,7 +208,7 @@ def _search_residual(chain: Chain, q_rad: Array, place: Array) -> tuple[Array, A
 
     The flange's roll is free; the joint ranges fix it.
     """
-    low, high = chain.arm.limits_rad.T
+    low, high = chain.arm.joint_ranges_rad.T
     half_range = (high - low) / 2.0
     end = chain.forward_with_screws(q_rad)
     screws = end.screws[:, :, chain.joint_columns]

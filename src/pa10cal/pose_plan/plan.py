@@ -73,22 +73,22 @@ class PlanSetup:
 
     @property
     def joint_ranges(self) -> tuple[Array, Array]:
-        """Return the least and largest joint positions of a plan, (n,) each [rad, m].
+        """Return the least and largest positions of a plan's axes, (m,) each [rad, m].
 
         Raises:
             CalibrationError: when ranges are given and are not one a joint, within its limits.
         """
         arm, options = self.arm, self.options
-        low, high = arm.limits_rad.T
+        low, high = arm.axis_limits_rad.T
         if options.joints_deg:
-            unit = np.where(arm.prismatic, _MM, np.radians(1.0))
+            unit = np.where(arm.axes_slide, _MM, np.radians(1.0))
             given = np.array(options.joints_deg, dtype=float)
-            if len(given) != arm.n:
+            if len(given) != len(unit):
                 raise CalibrationError(
                     "not one range a joint",
                     where="joints_deg",
                     value=f"{len(given)} ranges",
-                    allowed=f"{arm.n} ranges, least and largest",
+                    allowed=f"{len(unit)} ranges, least and largest",
                     remedy="give one range a joint",
                 )
             first, last = given.T * unit
@@ -104,7 +104,7 @@ class PlanSetup:
                 )
             return first, last
         margin = options.limit_margin * (high - low)
-        widest = np.where(arm.prismatic, np.inf, np.radians(options.largest_angle_deg))
+        widest = np.where(arm.axes_slide, np.inf, np.radians(options.largest_angle_deg))
         return np.maximum(low + margin, -widest), np.minimum(high - margin, widest)
 
     @property
@@ -344,7 +344,7 @@ class PosePlan:
     arm: Arm  # the nominal arm
     kind: type[Instrument]  # what measures
     options: PlanOptions  # what was wanted
-    q: Array  # (N, n) joint positions [rad, or m of a prismatic joint]
+    q: Array  # (N, n) positions to command [rad, or m of a prismatic joint]
     p_base_target_m: Array  # (N, 3) where the first target comes, by the nominal arm
     u_tool_mm: Array  # (N,) expected standard uncertainty of that position after the calibration
     expected: records.PlanRecord  # what to expect of the poses together, as plan.json holds it
@@ -396,7 +396,7 @@ def plan_poses(
             remedy="plan more poses",
         )
     found = _choose(rows, poses, options.effects)
-    order = short_path(candidates.q[found.chosen])
+    order = short_path(arm.coupling.to_axes(candidates.q[found.chosen]))
     return _planned(setup, candidates, rows, found.chosen[order], found.values)
 
 
@@ -433,9 +433,9 @@ def _planned(
     others = [rng.choice(count, len(chosen), replace=False) for _ in range(_RANDOM_SETS)]
     at_random = [rms_mm(rows.tool, covariance_of(rows.white[o][..., :k])) for o in others]
     target_m = next(iter(setup.targets.values()))
-    T = Chain.of(arm).forward(q)
+    T, q = Chain.of(arm).forward(q), arm.coupling.to_axes(q)
     p_m, u_mm = T[:, :3, 3] + T[:, :3, :3] @ target_m, _u_mm(rows.tool[chosen], covariance)
-    in_files = np.where(arm.prismatic, 1e3 * q, np.degrees(q)).tolist()
+    in_files = np.where(arm.axes_slide, 1e3 * q, np.degrees(q)).tolist()
     rows_of = zip(in_files, p_m, u_mm, strict=True)
     expected = records.PlanRecord(
         robot=arm.name,
@@ -592,7 +592,7 @@ def read_keep_out(path: Path) -> tuple[KeepOutBox, ...]:
 
 def plan_text(plan: PosePlan) -> str:
     """Return the poses as `id,q1_deg,…,x_mm,y_mm,z_mm,u_tool_mm`."""
-    header = ["id", *position_columns(plan.arm.prismatic), *_PLACE, "u_tool_mm"]
+    header = ["id", *position_columns(plan.arm.axes_slide), *_PLACE, "u_tool_mm"]
     rows = []
     for pose in plan.expected.poses:
         words = [f"{value:.3f}" for value in (*pose.q, *pose.target_mm)]

@@ -67,7 +67,9 @@ def discover(
     judged = verdict_record(found, campaign, ahead)
     model = extended_record(found, judged, campaign.robot, record.load)
     shown = analysis_record(found, campaign)
-    table_text = suggestion_table(ahead.poses, arm.n, with_sides=ahead.separations is not None)
+    table_text = suggestion_table(
+        ahead.poses, len(arm.axes_slide), with_sides=ahead.separations is not None
+    )
     outputs = (suggested, covariance_path(extended), extended, analysis, verdict)
     with whole_files(*outputs) as besides:
         table_beside, covariance, extended_beside, analysis_beside, verdict_beside = besides

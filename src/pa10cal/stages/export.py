@@ -48,6 +48,7 @@ def export(
     from pa10cal.arm.exports import flange_off_m, patched_urdf, ur_kinematics, urdf_text
     from pa10cal.errors import CalibrationError, ModelError
     from pa10cal.files.arms import urdf_of_arm
+    from pa10cal.files.coupling import coupling_in_words
     from pa10cal.files.output import write_text
     from pa10cal.fit.fitted_model import save_model
     from pa10cal.fit.rigid import (
@@ -88,6 +89,8 @@ def export(
     forced = f"exported with --force; {grade}" if withheld else None
     source = None if campaign_dir is None else urdf_of_arm(record.robot, campaign_dir)
     comments = [f"{record.campaign}, {record.provenance}", forced or grade]
+    if counted := coupling_in_words(fitted.arm):
+        comments.append(f"positions of its joints by what the controller counts (J): {counted}")
     part = rigid_part(fitted)
     at = part.chain, part.coordinates
 

@@ -77,12 +77,13 @@ def join(
         DESCRIPTION_FILE,
         describe_group,
         group_text,
+        nominal_arm,
         read_description,
     )
     from pa10cal.campaign.raw_rows import joined_listings
     from pa10cal.campaign.table import read_findings, read_observations, write_pose_table
     from pa10cal.errors import RawDataError
-    from pa10cal.files.arms import copy_description, load_arm
+    from pa10cal.files.arms import copy_description
     from pa10cal.files.output import whole_files
     from pa10cal.observe.joined import Member
     from pa10cal.observe.joined import join as join_campaigns
@@ -102,7 +103,7 @@ def join(
         description = read_description(folder)
         every = read_observations(table, description)
         seed = read(BaseFrameRecord, frame, description.name)
-        members.append((description, load_arm(description.robot, folder)))
+        members.append((description, nominal_arm(description, folder)))
         start = start_of(seed, every.measured)
         placed.append(Member(description.name, every, start))
     group = describe_group(name, members)
@@ -145,15 +146,14 @@ def seed(
     Examples:
         pa10cal seed --campaign-dir data/raw/mine --poses poses.parquet --out base_frame.json
     """
-    from pa10cal.campaign.description import read_description
+    from pa10cal.campaign.description import nominal_arm, read_description
     from pa10cal.campaign.table import read_observations
-    from pa10cal.files.arms import load_arm
     from pa10cal.observe.seed import locate_base, summary
     from pa10cal.results.codec import write
 
     campaign = read_description(campaign_dir)
     every = read_observations(poses, campaign)
-    arm = load_arm(campaign.robot, campaign_dir)
+    arm = nominal_arm(campaign, campaign_dir)
     record = locate_base(every, arm, settings, poses, campaign.name, campaign.provenance)
     write(record, out)
     print(f"{campaign.name}: {summary(record)}")

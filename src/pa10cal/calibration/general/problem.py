@@ -75,7 +75,7 @@ def choose_unknowns(
     frames = (base, *own)
     model = Model(Chain.of(arm), (*frames, links))
     generator = np.random.default_rng(UNKNOWNS.random_seed)
-    low, high = arm.limits_rad.T
+    low, high = arm.joint_ranges_rad.T
     low = np.where(arm.prismatic, low, np.maximum(low, -_WIDEST_RAD))
     high = np.where(arm.prismatic, high, np.minimum(high, _WIDEST_RAD))
     q_rad = generator.uniform(low, high, (UNKNOWNS.configurations, arm.n))

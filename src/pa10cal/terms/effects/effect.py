@@ -394,7 +394,7 @@ def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
         tau_span_Nm=arm.rated_Nm(np.ones(arm.n)),
         T_instr_base=np.eye(4),
         p_instr_middle_m=np.zeros(3),
-        q_span_rad=arm.limits_rad,
+        q_span_rad=arm.joint_ranges_rad,
         time_span_s=(0.0, 3600.0),
         commanded=True,
     )

@@ -188,11 +188,12 @@ def as_written(arm: Arm, q: Array) -> Array:
 
 def position_columns(arm: Arm, q: Array) -> dict[str, Array]:
     """Return the columns of joint positions (N, n) [rad, or m if prismatic], as in a file."""
+    axes = zip(arm.axes_slide, arm.coupling.to_axes(q).T, strict=True)
     return {
         f"q{joint}_mm" if slides else f"q{joint}_deg": (
             (1e3 * column).round(MM_DECIMALS) if slides else np.degrees(column).round(DEG_DECIMALS)
         )
-        for joint, (slides, column) in enumerate(zip(arm.prismatic, q.T, strict=True), start=1)
+        for joint, (slides, column) in enumerate(axes, start=1)
     }
 
 
