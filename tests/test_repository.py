@@ -140,6 +140,7 @@ MAY_IMPORT = {
         "arm.chain",
         "arm.coupling",
         "arm.description",
+        "arm.dh_rows",
         "arm.imported",
         "arm.exports",
         "settings",

@@ -316,6 +316,71 @@ def test_what_cannot_be_meant_is_refused_with_row_and_key(old, new, message):
         parsed(text)
 
 
+#: A factory table of a UR5: joints 2 to 4 are nearly parallel, and lengths along them cancel.
+FACTORY = """
+name: small
+rows:
+  - {theta_deg: -0.000551, d_m: 0.08887, a_m: 0.00027, alpha_deg: 89.973773}
+  - {theta_deg: -82.338068, d_m: 574.24138, a_m: -0.05668, alpha_deg: -0.042048}
+  - {theta_deg: 116.048659, d_m: -507.36340, a_m: -0.32646, alpha_deg: 0.186559}
+  - {theta_deg: -33.704510, d_m: -66.76768, a_m: 0.00001, alpha_deg: 89.977295}
+  - {theta_deg: 0.002370, d_m: 0.09497, a_m: 0.00000, alpha_deg: -90.012242}
+  - {theta_deg: 0.000468, d_m: 0.08256}
+"""
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_a_table_whose_lengths_cancel_is_laid_anew_through_the_same_axes(convention):
+    content = yaml.safe_load(FACTORY)
+    rows = content["rows"]
+    if convention == "modified":  # the same axes: a and alpha stand a row later
+        for key in ("a_m", "alpha_deg"):
+            moved = [row.pop(key, 0.0) for row in rows]
+            for row, value in zip(rows, [0.0, *moved[:-1]], strict=True):
+                row[key] = value
+    arm = parse_arm({**content, "convention": convention}, where="small.yaml")
+    assert arm.laid_anew
+    assert max(np.abs(arm.d_m).max(), np.abs(arm.a_m).max()) < 0.5
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (20, 6))
+    end, expected = Chain.of(arm).forward(q), []
+    for of_pose in q:
+        T = np.eye(4)
+        for row, turn in zip(rows, of_pose, strict=True):
+            about_z, about_x = np.eye(4), np.eye(4)
+            theta = np.radians(row["theta_deg"]) + turn
+            about_z[:3, :3] = Rotation.from_euler("z", theta).as_matrix()
+            about_z[2, 3] = row["d_m"]
+            about_x[:3, :3] = Rotation.from_euler(
+                "x", row.get("alpha_deg", 0.0), degrees=True
+            ).as_matrix()
+            about_x[0, 3] = row.get("a_m", 0.0)
+            T = T @ (about_x @ about_z if convention == "modified" else about_z @ about_x)
+        expected.append(T)
+    np.testing.assert_allclose(end, expected, atol=1e-9)
+    for row in rows:
+        row |= {"mass_kg": 1.0, "com_m": [0.0, 0.0, 0.1]}
+    with pytest.raises(ArmError, match="row 1: a centre of mass stands in a frame"):
+        parse_arm({**content, "convention": convention}, where="small.yaml")
+    again = parsed(arm_text(arm))
+    assert not again.laid_anew
+    np.testing.assert_allclose(Chain.of(again).forward(q), end, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("d_m: -507.36340", "d_m: -500.0", "row 2: d_m is out of proportion"),  # no sum
+        ("alpha_deg: -0.042048", "alpha_deg: 90", "row 2: d_m is out of proportion"),
+        ("alpha_deg: 89.977295", "alpha_deg: 1.5708", "row 4: alpha_deg looks like radians"),
+        ("d_m: 0.08887", "d_m: 1.0e+300", "row 1: d_m is out of proportion"),
+    ],
+)
+def test_long_lengths_that_do_not_cancel_are_refused(old, new, message):
+    assert old in FACTORY
+    with pytest.raises(ArmError, match=message):
+        parsed(FACTORY.replace(old, new))
+
+
 def test_an_arm_in_millimetres_is_refused():
     text = SCARA.replace("0.3", "300").replace("0.25", "250").replace("d_m: 0.1", "d_m: 100")
     with pytest.raises(ArmError, match=r"small.yaml: row 1: a_m exceeds 10 m .got 300.*by 1000"):

@@ -123,6 +123,9 @@ class Arm:
     weights_known: WeightsKnown | None = None
     # joints that move with an axis of another; none where every joint is an axis
     coupled: tuple[CoupledJoint, ...] = ()
+    # whether the rows are not those described but laid anew through the same axes, as those of
+    # tables whose nearly parallel axes give lengths of hundreds of metres
+    laid_anew: bool = False
 
     @property
     def n(self) -> int:

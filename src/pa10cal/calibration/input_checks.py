@@ -72,6 +72,7 @@ def check_input(
         _scale,
         signs_and_order,
         _joint_zeros,
+        _joints_without_motion,
         _gravity_by_torques,
         _small_signs,
         _gravity,
@@ -483,4 +484,30 @@ def _joint_zeros(checked: CheckedCampaign) -> InputFinding | None:
         if right
         else _CHECK_ALL,
         would_leave_mm=1e3 * left_m,
+    )
+
+
+def _joints_without_motion(checked: CheckedCampaign) -> InputFinding | None:
+    """Name joints with the same number in all poses, where the nominal arm is far from them all."""
+    q = checked.grid.states.q_rad
+    still = np.flatnonzero(np.ptp(q, axis=0) == 0.0)
+    if not len(still) or len(still) == checked.arm.n:
+        return None
+    left_m = checked.nominal_misfit_m(q)
+    spread_m = 1e-3 * checked.grid.measured.spread_mm
+    if left_m < max(CHECKS.not_departures_m, CHECKS.no_arm_share * spread_m):
+        return None
+    where = ", ".join(checked.words.joint(int(k) + 1) for k in still)
+    last = bool((still == np.arange(checked.arm.n - len(still), checked.arm.n)).all())
+    shifted = "; or the columns hold the joints that come after theirs, the first ones lost"
+    one = len(still) == 1
+    return InputFinding(
+        kind="joint_without_motion",
+        where=where,
+        what=f"the same number in all poses, and the nominal arm is {1e3 * left_m:.3g} mm off: "
+        f"{'a joint' if one else 'joints'} that moved {'was' if one else 'were'} not logged"
+        + (shifted if last else ""),
+        remedy="export what was logged of "
+        + ("this joint" if one else "these joints")
+        + (", and check the order of all columns" if last else ""),
     )

@@ -134,6 +134,9 @@ class Checks:
     # misfit of the shape of targets over what is usual that is a mistake (trials)
     shape_ratio: float = 10.0
     shape_errors: float = 5.0  # the same in its standard uncertainties (trials)
+    # misfit of the nominal arm, in the spread of the measured positions, that only a joint that
+    # was not logged leaves (size)
+    no_arm_share: float = 0.05
     # part of the misfit that one more change may leave to be taken (trials)
     change_left_share: float = 0.7
 

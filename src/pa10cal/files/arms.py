@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from statistics import median
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
-from pa10cal.arm.chain import placed, roll_pitch_yaw
+from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arm.description import (
     MOST_ROWS,
     NEARLY_PARALLEL_RAD,
@@ -27,191 +26,24 @@ from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
 from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, one_line
 from pa10cal.files import arm_places, own_description
+from pa10cal.files.arm_rows import (
+    ArmRow,
+    Frame,
+    check_rows,
+    refuse_far,
+    rows_through_far_ones,
+)
 from pa10cal.files.coupling import StatedCoupling, coupled_joints, stated_coupling
 from pa10cal.files.output import write_text
 from pa10cal.input_files import read_file, reason
-from pa10cal.options import Positive, Section
+from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import MAX_BYTES, parse_yaml, read_yaml
 
 if TYPE_CHECKING:
     from pa10cal.arm.imported import ImportedArm
 
-# One row of an arm's file: its keys, and what its figures give away of wrong units.
-
-Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-
-_FULL_TURN_DEG = 360.0
-#: A length so much longer than the others of its arm, and than this, was meant in another unit.
-_OUT_OF_PROPORTION = 20.0
-_LONG_M = 2.0
-#: No link is longer, and no centre of mass, slide or constant frame is further.
-_FAR_M = 10.0
-#: No link is heavier: whole arms that carry a ton weigh less than five.
-_HEAVY_KG = 2000.0
-#: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
-_QUARTER_TURN_DIGITS = 6e-4
-
-
-class ArmRow(Section):
-    """One row of Denavit-Hartenberg parameters and what is known of its joint and its link."""
-
-    theta_deg: FiniteFloat = 0.0
-    d_m: FiniteFloat = 0.0
-    a_m: FiniteFloat = 0.0
-    alpha_deg: FiniteFloat = 0.0
-    beta_deg: FiniteFloat = 0.0
-    hayati: bool | None = None
-    prismatic: bool = False
-    limits_deg: tuple[FiniteFloat, FiniteFloat] | None = None
-    limits_m: tuple[FiniteFloat, FiniteFloat] | None = None
-    gear_ratio: Positive | None = None
-    torque_limit_Nm: Positive | None = None
-    force_limit_N: Positive | None = None
-    mass_kg: Annotated[float, Field(ge=0.0, le=_HEAVY_KG, allow_inf_nan=False)] | None = None
-    com_m: Triple | None = None
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Joint limits in radians, or in metres for a prismatic joint."""
-        if self.prismatic:
-            return self.limits_m or (math.nan, math.nan)
-        low, high = self.limits_deg or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
-        return math.radians(low), math.radians(high)
-
-    @property
-    def rated(self) -> float:
-        """Rated torque [N m], or force [N] of a prismatic joint; nan where not stated."""
-        stated = self.force_limit_N if self.prismatic else self.torque_limit_Nm
-        return math.nan if stated is None else stated
-
-
-def check_rows(rows: Sequence[ArmRow], where: str) -> None:
-    """Refuse rows of one arm, of the file `where`, whose keys or figures cannot be meant.
-
-    Raises:
-        ArmError: naming row and key.
-    """
-    for number, row in enumerate(rows, start=1):
-        _check_row(row, f"{where}: row {number}")
-    limits_deg = {number: row.limits_deg for number, row in enumerate(rows, 1) if row.limits_deg}
-    if limits_deg and all(max(map(abs, pair)) < 6.3 for pair in limits_deg.values()):
-        number, pair = next(iter(limits_deg.items()))
-        raise ArmError(
-            "limits_deg looks like radians, in this and every other row",
-            where=f"{where}: row {number}",
-            value=list(pair),
-            allowed="degrees",
-            remedy="multiply by 180/pi",
-        )
-    lengths_m = [
-        (getattr(row, key), number, key)
-        for number, row in enumerate(rows, start=1)
-        for key in ("d_m", "a_m")
-        if getattr(row, key)
-    ]
-    for k, (length_m, number, key) in enumerate(lengths_m):
-        others = [abs(other) for other, _, _ in lengths_m[:k] + lengths_m[k + 1 :]]
-        usual_m = median(others) if others else math.inf
-        if abs(length_m) > max(_LONG_M, _OUT_OF_PROPORTION * usual_m):
-            raise ArmError(
-                f"{key} is out of proportion to the other lengths",
-                where=f"{where}: row {number}",
-                value=length_m,
-                allowed=f"metres, as the others are (their median is {usual_m:g})",
-                remedy="divide by 1000 if this one is in millimetres",
-            )
-    for number, row in enumerate(rows, start=1):
-        refuse_far((row.a_m,), "a_m", f"{where}: row {number}")
-        refuse_far((row.d_m,), "d_m", f"{where}: row {number}")
-    stated = any(row.mass_kg is not None for row in rows)
-    for number, row in enumerate(rows, start=1):
-        missing = [key for key in ("mass_kg", "com_m") if stated and getattr(row, key) is None]
-        if missing or (row.com_m is not None and row.mass_kg is None):
-            keys = " and ".join(missing) or "mass_kg"
-            raise ArmError(
-                f"{keys} is missing",
-                where=f"{where}: row {number}",
-                allowed="mass_kg and com_m in every row, or in none",
-                remedy="complete the row, or remove all masses",
-            )
-
-
-def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
-    """Refuse lengths under a key that cannot be metres.
-
-    Raises:
-        ArmError: naming the key; `where` is file and row, or file and frame.
-    """
-    if max(map(abs, values_m), default=0.0) > _FAR_M:
-        value = values_m[0] if len(values_m) == 1 else list(values_m)
-        raise ArmError(
-            f"{key} exceeds {_FAR_M:g} m",
-            where=where,
-            value=value,
-            allowed="metres",
-            remedy="divide by 1000 if the lengths are in millimetres",
-        )
-
-
-def _check_row(row: ArmRow, where: str) -> None:
-    keys = {"turns": ["limits_deg", "torque_limit_Nm"], "slides": ["limits_m", "force_limit_N"]}
-    kind, other = ("slides", "turns") if row.prismatic else ("turns", "slides")
-    own = keys[kind]
-    for key in (*keys[other], *(["gear_ratio"] if row.prismatic else [])):
-        if (value := getattr(row, key)) is not None:
-            prismatic = str(not row.prismatic).lower()
-            raise ArmError(
-                f"{key} is for a joint that {other}, and this one {kind}",
-                where=where,
-                value=value,
-                allowed=" and ".join(own),
-                remedy=f"correct the key, or set prismatic: {prismatic}",
-            )
-    if row.prismatic and row.limits_m is None:
-        raise ArmError(
-            "a prismatic joint needs limits",
-            where=where,
-            allowed="limits_m: [lowest, highest], in metres",
-            remedy="set limits_m",
-        )
-    low, high = getattr(row, own[0]) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
-    if low >= high:
-        raise ArmError(
-            f"{own[0]} allows the joint no motion",
-            where=where,
-            value=[low, high],
-            allowed="the lower limit first, then a higher one",
-            remedy=f"correct {own[0]}",
-        )
-    refuse_far(row.limits_m or (), "limits_m", where)
-    refuse_far(row.com_m or (), "com_m", where)
-    for key in ("theta_deg", "alpha_deg"):
-        value = getattr(row, key)
-        quarters = round(abs(value) / (math.pi / 2.0))
-        near = quarters * math.pi / 2.0
-        if 1 <= quarters <= 4 and math.isclose(abs(value), near, rel_tol=_QUARTER_TURN_DIGITS):
-            raise ArmError(
-                f"{key} looks like radians",
-                where=where,
-                value=value,
-                allowed="degrees",
-                remedy=f"write {math.copysign(90.0 * quarters, value):g}",
-            )
-
-
 _UNREADABLE = "the arm description cannot be read"
-
-
-class _Frame(Section):
-    """A constant frame: where it stands, and its turns about fixed axes x, y, z in that order."""
-
-    xyz_m: Triple = (0.0, 0.0, 0.0)
-    rpy_deg: Triple = (0.0, 0.0, 0.0)
-
-    @property
-    def pose(self) -> Array:
-        return placed(np.array(self.xyz_m), np.radians(self.rpy_deg))
 
 
 class _Urdf(Section):
@@ -227,8 +59,8 @@ class _ArmFile(Section):
     title: str | None = None
     convention: Literal["standard", "modified"] = "standard"
     rows: tuple[Any, ...] = Field(min_length=1, max_length=MOST_ROWS)
-    base: _Frame = _Frame()
-    tool: _Frame = _Frame()
+    base: Frame = Frame()
+    tool: Frame = Frame()
     urdf: _Urdf | None = None
     coupling: tuple[StatedCoupling, ...] = ()
 
@@ -399,6 +231,11 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
                 remedy="correct it; numbers have decimal points, not commas",
             )
         rows.append(parse_section(ArmRow, row, where=place))
+    laid_anew = rows_through_far_ones(rows, content.convention, (content.base, content.tool), where)
+    if laid_anew is not None:
+        rows, (base, tool) = laid_anew
+        ends = {"base": base, "tool": tool, "convention": "standard"}
+        content = content.model_copy(update=ends)
     check_rows(rows, where)
     for key, frame in (("base", content.base), ("tool", content.tool)):
         refuse_far(frame.xyz_m, "xyz_m", f"{where}: {key}")
@@ -422,6 +259,7 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         T_base_row1=content.base.pose,
         T_row_n_ee=content.tool.pose,
         coupled=coupled_joints(content.coupling, prismatic, where),
+        laid_anew=laid_anew is not None,
     )
     arm = with_hayati_rows(arm)
     axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}

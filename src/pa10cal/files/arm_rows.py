@@ -1,0 +1,254 @@
+"""Rows of an arm's file: their keys, and what their figures give away of wrong units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from statistics import median
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, FiniteFloat
+
+from pa10cal.arm.chain import placed, roll_pitch_yaw
+from pa10cal.arm.dh_rows import rows_of_table
+from pa10cal.arrays import Array
+from pa10cal.errors import ArmError
+from pa10cal.options import Positive, Section
+
+Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+_FULL_TURN_DEG = 360.0
+#: A length so much longer than the others of its arm, and than this, was meant in another unit.
+_OUT_OF_PROPORTION = 20.0
+_LONG_M = 2.0
+#: Lengths that cancel are not longer: axes so nearly parallel are written as parallel ones.
+_FARTHEST_CANCELLED_M = 1e5
+#: No link is longer, and no centre of mass, slide or constant frame is further.
+_FAR_M = 10.0
+#: No link is heavier: whole arms that carry a ton weigh less than five.
+_HEAVY_KG = 2000.0
+#: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
+_QUARTER_TURN_DIGITS = 6e-4
+
+
+class ArmRow(Section):
+    """One row of Denavit-Hartenberg parameters and what is known of its joint and its link."""
+
+    theta_deg: FiniteFloat = 0.0
+    d_m: FiniteFloat = 0.0
+    a_m: FiniteFloat = 0.0
+    alpha_deg: FiniteFloat = 0.0
+    beta_deg: FiniteFloat = 0.0
+    hayati: bool | None = None
+    prismatic: bool = False
+    limits_deg: tuple[FiniteFloat, FiniteFloat] | None = None
+    limits_m: tuple[FiniteFloat, FiniteFloat] | None = None
+    gear_ratio: Positive | None = None
+    torque_limit_Nm: Positive | None = None
+    force_limit_N: Positive | None = None
+    mass_kg: Annotated[float, Field(ge=0.0, le=_HEAVY_KG, allow_inf_nan=False)] | None = None
+    com_m: Triple | None = None
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Joint limits in radians, or in metres for a prismatic joint."""
+        if self.prismatic:
+            return self.limits_m or (math.nan, math.nan)
+        low, high = self.limits_deg or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
+        return math.radians(low), math.radians(high)
+
+    @property
+    def rated(self) -> float:
+        """Rated torque [N m], or force [N] of a prismatic joint; nan where not stated."""
+        stated = self.force_limit_N if self.prismatic else self.torque_limit_Nm
+        return math.nan if stated is None else stated
+
+
+def check_rows(rows: Sequence[ArmRow], where: str) -> None:
+    """Refuse rows of one arm, of the file `where`, whose keys or figures cannot be meant.
+
+    Raises:
+        ArmError: naming row and key.
+    """
+    for number, row in enumerate(rows, start=1):
+        _check_row(row, f"{where}: row {number}")
+    limits_deg = {number: row.limits_deg for number, row in enumerate(rows, 1) if row.limits_deg}
+    if limits_deg and all(max(map(abs, pair)) < 6.3 for pair in limits_deg.values()):
+        number, pair = next(iter(limits_deg.items()))
+        raise ArmError(
+            "limits_deg looks like radians, in this and every other row",
+            where=f"{where}: row {number}",
+            value=list(pair),
+            allowed="degrees",
+            remedy="multiply by 180/pi",
+        )
+    _check_lengths(rows, where)
+    stated = any(row.mass_kg is not None for row in rows)
+    for number, row in enumerate(rows, start=1):
+        missing = [key for key in ("mass_kg", "com_m") if stated and getattr(row, key) is None]
+        if missing or (row.com_m is not None and row.mass_kg is None):
+            keys = " and ".join(missing) or "mass_kg"
+            raise ArmError(
+                f"{keys} is missing",
+                where=f"{where}: row {number}",
+                allowed="mass_kg and com_m in every row, or in none",
+                remedy="complete the row, or remove all masses",
+            )
+
+
+def _check_lengths(rows: Sequence[ArmRow], where: str) -> None:
+    lengths_m = [
+        (getattr(row, key), number, key)
+        for number, row in enumerate(rows, start=1)
+        for key in ("d_m", "a_m")
+        if getattr(row, key)
+    ]
+    for k, (length_m, number, key) in enumerate(lengths_m):
+        others = [abs(other) for other, _, _ in lengths_m[:k] + lengths_m[k + 1 :]]
+        usual_m = median(others) if others else math.inf
+        if abs(length_m) > max(_LONG_M, _OUT_OF_PROPORTION * usual_m):
+            raise ArmError(
+                f"{key} is out of proportion to the other lengths",
+                where=f"{where}: row {number}",
+                value=length_m,
+                allowed=f"metres, as the others are (their median is {usual_m:g})",
+                remedy="divide by 1000 if this one is in millimetres",
+            )
+    for number, row in enumerate(rows, start=1):
+        refuse_far((row.a_m,), "a_m", f"{where}: row {number}")
+        refuse_far((row.d_m,), "d_m", f"{where}: row {number}")
+
+
+def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
+    """Refuse lengths under a key that cannot be metres.
+
+    Raises:
+        ArmError: naming the key; `where` is file and row, or file and frame.
+    """
+    if max(map(abs, values_m), default=0.0) > _FAR_M:
+        value = values_m[0] if len(values_m) == 1 else list(values_m)
+        raise ArmError(
+            f"{key} exceeds {_FAR_M:g} m",
+            where=where,
+            value=value,
+            allowed="metres",
+            remedy="divide by 1000 if the lengths are in millimetres",
+        )
+
+
+def _check_row(row: ArmRow, where: str) -> None:
+    keys = {"turns": ["limits_deg", "torque_limit_Nm"], "slides": ["limits_m", "force_limit_N"]}
+    kind, other = ("slides", "turns") if row.prismatic else ("turns", "slides")
+    own = keys[kind]
+    for key in (*keys[other], *(["gear_ratio"] if row.prismatic else [])):
+        if (value := getattr(row, key)) is not None:
+            prismatic = str(not row.prismatic).lower()
+            raise ArmError(
+                f"{key} is for a joint that {other}, and this one {kind}",
+                where=where,
+                value=value,
+                allowed=" and ".join(own),
+                remedy=f"correct the key, or set prismatic: {prismatic}",
+            )
+    if row.prismatic and row.limits_m is None:
+        raise ArmError(
+            "a prismatic joint needs limits",
+            where=where,
+            allowed="limits_m: [lowest, highest], in metres",
+            remedy="set limits_m",
+        )
+    low, high = getattr(row, own[0]) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
+    if low >= high:
+        raise ArmError(
+            f"{own[0]} allows the joint no motion",
+            where=where,
+            value=[low, high],
+            allowed="the lower limit first, then a higher one",
+            remedy=f"correct {own[0]}",
+        )
+    refuse_far(row.limits_m or (), "limits_m", where)
+    refuse_far(row.com_m or (), "com_m", where)
+    for key in ("theta_deg", "alpha_deg"):
+        value = getattr(row, key)
+        quarters = round(abs(value) / (math.pi / 2.0))
+        near = quarters * math.pi / 2.0
+        if 1 <= quarters <= 4 and math.isclose(abs(value), near, rel_tol=_QUARTER_TURN_DIGITS):
+            raise ArmError(
+                f"{key} looks like radians",
+                where=where,
+                value=value,
+                allowed="degrees",
+                remedy=f"write {math.copysign(90.0 * quarters, value):g}",
+            )
+
+
+class Frame(Section):
+    """A constant frame: where it stands, and its turns about fixed axes x, y, z in that order."""
+
+    xyz_m: Triple = (0.0, 0.0, 0.0)
+    rpy_deg: Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> Array:
+        """Return it as (4, 4) [m]."""
+        return placed(np.array(self.xyz_m), np.radians(self.rpy_deg))
+
+
+def rows_through_far_ones(
+    rows: Sequence[ArmRow],
+    convention: Literal["standard", "modified"],
+    ends: tuple[Frame, Frame],
+    where: str,
+) -> tuple[list[ArmRow], tuple[Frame, Frame]] | None:
+    """Return standard rows through the axes of rows whose lengths are out of all proportion.
+
+    Between nearly parallel axes such lengths cancel each other. None where lengths are usual ones,
+    and where they do not cancel.
+
+    Args:
+        rows, convention: of one arm, of the file `where`.
+        ends: the frames that the first row starts from and that the last one ends with; they are
+            returned for the rows laid anew.
+
+    Raises:
+        ArmError: when they cancel, and centres of mass stand in frames that are far away, or other
+            figures cannot be meant.
+    """
+    with suppress(ArmError):
+        _check_lengths(rows, where)
+        return None
+    table = np.array([[r.theta_deg, r.d_m, r.a_m, r.alpha_deg, r.beta_deg] for r in rows])
+    table[:, [0, 3, 4]] = np.radians(table[:, [0, 3, 4]])
+    if np.abs(table[:, 1:3]).max() > _FARTHEST_CANCELLED_M:
+        return None
+    laid = rows_of_table(table, convention, *(end.pose for end in ends))
+    far_m = [*laid.parameters[:, 1:3].ravel(), *laid.T_base_row1[:3, 3], *laid.T_row_n_ee[:3, 3]]
+    if np.abs(far_m).max() > _LONG_M or not np.isfinite(far_m).all():
+        return None
+    if massive := [number for number, row in enumerate(rows, start=1) if row.com_m is not None]:
+        raise ArmError(
+            "a centre of mass stands in a frame that is far from its link",
+            where=f"{where}: row {massive[0]}",
+            value=f"d_m up to {np.abs(table[:, 1]).max():.4g}, of nearly parallel axes",
+            allowed="no com_m in rows whose lengths cancel each other",
+            remedy="remove mass_kg and com_m, and state masses.total_kg in campaign.yaml; or "
+            "describe the arm by its maker's nominal rows",
+        )
+    for number, row in enumerate(rows, start=1):
+        _check_row(row, f"{where}: row {number}")
+    new = []
+    for row, of_row in zip(rows, laid.parameters.tolist(), strict=True):
+        theta, d_m, a_m, alpha, beta = of_row
+        geometry = {"theta_deg": math.degrees(theta), "alpha_deg": math.degrees(alpha)}
+        geometry |= {"beta_deg": math.degrees(beta), "d_m": d_m, "a_m": a_m}
+        new.append(row.model_copy(update={**geometry, "hayati": None}))
+    base, tool = (
+        Frame(
+            xyz_m=tuple(T[:3, 3].tolist()),
+            rpy_deg=tuple(np.degrees(roll_pitch_yaw(T[:3, :3])).tolist()),
+        )
+        for T in (laid.T_base_row1, laid.T_row_n_ee)
+    )
+    return new, (base, tool)
