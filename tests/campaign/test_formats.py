@@ -214,3 +214,83 @@ def test_a_file_of_another_format_than_is_stated_is_refused(tmp_path, proposed):
     (tmp_path / "program.dat").write_text(PROGRAMS["abb"][0](np.degrees(raw.q)))
     with pytest.raises(Pa10calError, match="the file is no KUKA data list"):
         read_campaign(tmp_path)
+
+
+# Plain tables whose columns hold a place only together.
+
+
+def with_joints(raw, **columns):
+    """Return a table of joint positions and further columns, to nine decimals."""
+    every = {f"J{k} [deg]": values for k, values in enumerate(np.degrees(raw.q.T), start=1)}
+    every |= columns
+    lines = [";".join(every)]
+    lines += [";".join(f"{v:.9f}" for v in row) for row in zip(*every.values(), strict=True)]
+    return "\n".join([*lines, ""])
+
+
+TURN = {"deg": 360.0, "gon": 400.0, "rad": 2.0 * np.pi}
+
+
+@pytest.mark.parametrize("horizontal", ["clockwise", "counterclockwise"])
+@pytest.mark.parametrize("vertical", ["zenith", "horizon"])
+@pytest.mark.parametrize("unit", [*TURN, "gon, not stated"])
+def test_polar_readings_are_read_as_the_arm_shows(tmp_path, proposed, horizontal, vertical, unit):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    p_m = raw.T_instr_target[:, :3, 3]
+    d_m = np.linalg.norm(p_m, axis=1)
+    of_unit = TURN[unit[:3]] / (2.0 * np.pi)
+    hz = np.arctan2(p_m[:, 1], p_m[:, 0]) * (-1 if horizontal == "clockwise" else 1)
+    down = np.arccos(p_m[:, 2] / d_m)
+    v = down if vertical == "zenith" else 0.5 * np.pi - down
+    stated = "" if "not" in unit else f" [{unit}]"
+    columns = {f"Hz{stated}": hz % (2.0 * np.pi) * of_unit, f"V{stated}": v * of_unit, "D [m]": d_m}
+    text = proposed(readings_csv=with_joints(raw, **columns))
+    assert text.startswith("# readings.csv: polar readings")
+    (target,) = yaml.safe_load(text)["columns"]["poses"]["targets"].values()
+    expected = {"unit": unit[:3], "horizontal": horizontal, "vertical": vertical}
+    assert target["polar"] == expected
+    found = read_campaign(tmp_path)
+    order = np.argsort(found.observations.states.time_s)
+    np.testing.assert_allclose(found.observations.measured.places_m[order, 0], p_m, atol=3e-6)
+
+
+@pytest.mark.parametrize("order", ["rows", "columns", "twelve"])
+@pytest.mark.parametrize("header", ["O_T_EE_{}", "m{}"])
+def test_matrices_are_read_by_rows_or_by_columns(tmp_path, proposed, order, header):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    T = raw.T_instr_target if order != "columns" else np.swapaxes(raw.T_instr_target, 1, 2)
+    values = T.reshape(-1, 16)[:, : 12 if order == "twelve" else 16]
+    still = np.tile(np.eye(4).ravel(), (len(T), 1))
+    columns = {f"F_T_EE_{k}": v for k, v in enumerate(still.T)}
+    columns |= {header.format(k): v for k, v in enumerate(values.T)}
+    text = proposed(readings_csv=with_joints(raw, **columns))
+    assert text.startswith("# readings.csv: matrices of 4 by 4")
+    found = read_campaign(tmp_path)
+    assert found.quarantined == ()
+    order = np.argsort(found.observations.states.time_s)
+    measured = found.observations.measured.T_instr_target[order]
+    np.testing.assert_allclose(measured, raw.T_instr_target, atol=3e-6)
+
+
+def test_a_log_of_rtde_is_read(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    names = [
+        "timestamp",
+        *(f"target_q_{k}" for k in range(6)),
+        *(f"actual_q_{k}" for k in range(6)),
+    ]
+    names += [f"actual_qd_{k}" for k in range(6)] + [f"actual_TCP_pose_{k}" for k in range(6)]
+    lines = [" ".join(names)]
+    for k, q in enumerate(raw.q):
+        values = [100.0 + 10 * k, *(q + 1e-3), *q, *np.zeros(6), *raw.T_instr_target[k, 0], 0, 0]
+        lines.append(" ".join(f"{value:.9f}" for value in values))
+    rows = ["Zeit;X [mm];Y [mm];Z [mm]"]
+    rows += [
+        f"{5 + 10 * k};" + ";".join(f"{v:.6f}" for v in p)
+        for k, p in enumerate(1e3 * raw.T_instr_target[:, :3, 3])
+    ]
+    text = proposed(robot_txt="\n".join([*lines, ""]), tracker_csv="\n".join([*rows, ""]))
+    assert text.startswith("# robot.txt: Universal Robots RTDE log")
+    found = read_campaign(tmp_path)
+    order = np.argsort(found.observations.states.time_s)
+    np.testing.assert_allclose(found.observations.states.q_rad[order], raw.q, atol=1e-8)

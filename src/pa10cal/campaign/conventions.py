@@ -1,8 +1,8 @@
-"""Orientations in the usual other conventions: which of them agrees with the nominal arm?"""
+"""Orientations, axes and polar readings: which of the usual conventions agrees with the arm?"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Literal, cast
@@ -11,8 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index
+from pa10cal.campaign.composed_columns import polar_to_xyz
 from pa10cal.campaign.nominal_fit import placed_by_points
-from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.own_columns import ANGLES_OF_POLAR, LENGTHS, RotationColumns
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.frame.rigid_fit import Located
@@ -248,6 +249,53 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
     turned = tuple(column for column, k in enumerate(order) if signs[k] < 0.0)
     held = ", ".join(f"{'-' if signs[k] < 0.0 else ''}{'xyz'[k]}" for k in order)
     return OtherAxes(f"{held} in place of x, y, z", read_m, left_m, tuple(order), turned)
+
+
+@dataclass(frozen=True)
+class PolarReading:
+    """How polar readings count, and how far that is from the nominal arm."""
+
+    angle: str  # unit of the angles
+    length: str  # unit of the distance
+    horizontal: str
+    vertical: str
+    scatter_m: float | None  # rms; None where nothing told it
+
+
+def read_polar(
+    values: Array,
+    angles: Sequence[str],
+    lengths: Sequence[str],
+    T_base_ee: Array | None,
+    *,
+    by_horizon: bool,
+) -> PolarReading:
+    """Return how polar readings (N, 3) count, by the nominal arm at (N, 4, 4) where it is known.
+
+    Without it, or where the poses do not tell: the unit of angles is the largest in which they are
+    within a turn, and the vertical angle counts as its name says.
+    """
+    usual = "horizon" if by_horizon else "zenith"
+    turn = {unit: 360.0 / ANGLES_OF_POLAR[unit] for unit in angles}
+    largest = float(np.nanmax(np.abs(values[:, :2]), initial=0.0))
+    able = [unit for unit in ("rad", "deg", "gon", "mrad") if largest <= 1.05 * turn.get(unit, 0.0)]
+    able = able or list(angles)
+    far = float(np.nanmedian(values[:, 2])) if len(values) else 0.0
+    length = lengths[0] if len(lengths) == 1 else "mm" if far > 100.0 else "m"
+    named = PolarReading(able[0], length, "clockwise", usual, None)
+    if T_base_ee is None:
+        return named
+    finite = np.isfinite(values).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
+    rows = np.flatnonzero(finite)
+    rows = rows[_spread(len(rows))]
+    tried = [named]
+    for unit, way, up in product(able, ("clockwise", "counterclockwise"), ("zenith", "horizon")):
+        rad = np.radians(ANGLES_OF_POLAR[unit])
+        p_m = 1e-3 * LENGTHS[length] * polar_to_xyz(values[rows], rad, way, up)
+        located = placed_by_points(T_base_ee[rows], p_m[:, None]) if len(rows) >= 4 else None
+        if located is not None:
+            tried.append(PolarReading(unit, length, way, up, located.scatter_m))
+    return min(tried, key=lambda way: np.inf if way.scatter_m is None else way.scatter_m)
 
 
 def modelled_attitudes(T_base_ee: Array, p_instr_m: Array) -> Array | None:

@@ -23,7 +23,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.formats import Format, format_of_file, table_lines
+from pa10cal.campaign.formats import (
+    Format,
+    format_of_columns,
+    format_of_file,
+    table_lines,
+)
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
 from pa10cal.campaign.text_lines import TextLine, encoding_of, is_workbook
@@ -510,7 +515,7 @@ def sniff(path: Path) -> Sniffed:
         of_rows,
         text.reshape(-1, width),
         every[body:],
-        of,
+        of or format_of_columns(names, every[body:]),
         tuple(dict.fromkeys(notes)),
     )
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 
+from pa10cal.arrays import Array
+from pa10cal.campaign.composed_columns import matrix_columns, polar_columns
 from pa10cal.campaign.controller_programs import (
     abb_points,
     fanuc_points,
@@ -16,6 +18,7 @@ from pa10cal.campaign.controller_programs import (
     yaskawa_points,
 )
 from pa10cal.campaign.instrument_exports import motive_table, qualisys_table, vicon_table
+from pa10cal.campaign.recognise import roles_of
 from pa10cal.campaign.text_lines import TextLine, lines_of
 from pa10cal.errors import RawDataError
 
@@ -35,11 +38,14 @@ class Format:
     title: str
     told_by: str  # what in the file tells it
     holds: str
-    begins: Callable[[Sequence[str]], bool]  # whether the first lines, in small letters, tell it
-    table: TableOf
-    measured: bool  # whether it holds readings, not joint positions
+    # whether the first lines, in small letters, tell it; or the columns of a plain table
+    begins: Callable[[Sequence[str]], bool] = lambda _: False
+    columns: Callable[[Sequence[str], Array], bool] = lambda *_: False
+    table: TableOf | None = None  # how its table is made; None of a plain table
+    measured: bool | None = None  # whether it holds readings, or joint positions; None for any
 
 
+_RTDE = re.compile(r"(actual|target)_q_?\[?[05]\]?")
 _RAPID = re.compile(
     r"\s*module \w+\s*(\(.*)?$|\s*((local|task) )?(const|pers|var) (joint|rob)target "
 )
@@ -62,7 +68,7 @@ FORMATS = (
         "rigid bodies (position, quaternion) and markers in the take's own unit and axes (Y up or "
         "Z up is the same: the base is found), time",
         _first("format version,"),
-        motive_table,
+        table=motive_table,
         measured=True,
     ),
     Format(
@@ -71,7 +77,7 @@ FORMATS = (
         "a section `Trajectories`, `Segments` or `Objects`, and its line `Frame,Sub Frame`",
         "markers, or bodies with their orientation; time by the frame and the rate",
         lambda head: any(line.startswith("frame,sub frame") for line in head),
-        vicon_table,
+        table=vicon_table,
         measured=True,
     ),
     Format(
@@ -80,7 +86,7 @@ FORMATS = (
         "the line `NO_OF_FRAMES`",
         "markers, or bodies with their matrix; zeros are targets that were not seen",
         _some("no_of_frames\t"),
-        qualisys_table,
+        table=qualisys_table,
         measured=True,
     ),
     Format(
@@ -89,7 +95,7 @@ FORMATS = (
         "the line `DEFDAT`",
         "points of E6AXIS and AXIS; XP1 is called P1",
         _some("defdat "),
-        kuka_points,
+        table=kuka_points,
         measured=False,
     ),
     Format(
@@ -98,7 +104,7 @@ FORMATS = (
         "the line `/PROG`",
         "points taught as joint positions, of group 1",
         _some("/prog"),
-        fanuc_points,
+        table=fanuc_points,
         measured=False,
     ),
     Format(
@@ -107,7 +113,7 @@ FORMATS = (
         "`$POSREG` in the first lines",
         "registers with joint positions, of group 1, called PR1, PR2, …",
         lambda head: any("]$posreg" in line for line in head[:3]),
-        fanuc_registers,
+        table=fanuc_registers,
         measured=False,
     ),
     Format(
@@ -117,7 +123,7 @@ FORMATS = (
         "jointtargets, declared, in arrays or in MoveAbsJ; robtargets are poses of the tool and "
         "are not read",
         lambda head: any(map(_RAPID.match, head)),
-        abb_points,
+        table=abb_points,
         measured=False,
     ),
     Format(
@@ -126,18 +132,49 @@ FORMATS = (
         "the line `/JOB`",
         "pulses of the motors: refused, with what to export",
         _first("/job"),
-        yaskawa_points,
+        table=yaskawa_points,
         measured=False,
     ),
+    Format(
+        "rtde",
+        "Universal Robots RTDE log",
+        "columns `actual_q_0` or `target_q_0` …",
+        "joint positions in rad, times; `actual_TCP_pose` is what the controller computes and no "
+        "measurement",
+        columns=lambda names, _: any(_RTDE.fullmatch(name) for name in names),
+        measured=False,
+    ),
+    Format(
+        "matrix",
+        "matrices of 4 by 4",
+        "16 numbers a row that are a rotation and a place, row by row or column by column (the "
+        "zeros tell which), or 12 without the last row",
+        "position and orientation; of several the first that moves and is not commanded",
+        columns=lambda names, numbers: bool(matrix_columns(names, numbers)),
+    ),
+    Format(
+        "polar",
+        "polar readings",
+        "columns such as `Hz`, `V`, `D` and none of x, y, z; deg, gon or rad",
+        "positions; how the angles count is found by the nominal arm",
+        columns=lambda names, _: (
+            polar_columns(names) is not None and not roles_of(names, None).positions
+        ),
+    ),
 )
-#: By the name that campaign.yaml has for each.
-BY_NAME = {each.name: each for each in FORMATS}
+#: Those whose table is made of their files, by the name that campaign.yaml has for each.
+BY_NAME = {each.name: each for each in FORMATS if each.table is not None}
 
 
 def format_of_file(path: Path, within: Path | None = None) -> Format | None:
     """Return the format of a file, None where it is none of those known; see `lines_of`."""
     head = [line.text.lower() for line in islice(lines_of(path, within), HEAD)]
     return next((each for each in FORMATS if head and each.begins(head)), None)
+
+
+def format_of_columns(names: Sequence[str], numbers: Array) -> Format | None:
+    """Return the known format of a plain table with columns (N, k) of numbers; None for none."""
+    return next((each for each in FORMATS if each.columns(names, numbers)), None)
 
 
 def table_lines(
@@ -162,4 +199,5 @@ def table_lines(
             remedy="give the file that was described, or propose anew: "
             f"pa10cal columns {path.name}",
         )
+    assert known.table is not None
     yield from known.table(chain(head, lines), str(path), [] if notes is None else notes)

@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -31,6 +31,8 @@ from pa10cal.options import Positive, Section
 #: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
 ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
+#: Of polar readings too.
+ANGLES_OF_POLAR = {**ANGLES, "gon": 0.9}
 #: The unit of joint positions that are counts of an encoder.
 COUNTS = "counts"
 TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
@@ -141,12 +143,34 @@ class Torques(Section):
     u: Names | None = None
 
 
+class Polar(Section):
+    """How polar readings are to be read: horizontal angle, vertical angle, distance."""
+
+    unit: Literal["deg", "gon", "rad", "mrad"] = "deg"
+    horizontal: Literal["clockwise", "counterclockwise"] = Field(
+        default="clockwise", description="how the horizontal angle counts, seen from above"
+    )
+    vertical: Literal["zenith", "horizon"] = Field(
+        default="zenith", description="from where the vertical angle counts: down, or up"
+    )
+
+
 class Position(Section):
-    """A measured position: x, y, z in the instrument's frame."""
+    """A measured position: x, y, z in the instrument's frame, or polar readings."""
 
     names: Three
     unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
+    polar: Polar | None = Field(
+        default=None,
+        description="the columns are horizontal angle, vertical angle and distance (unit)",
+    )
     u: Three | None = None
+
+    @model_validator(mode="after")
+    def _no_u_of_polar(self) -> Self:
+        if self.polar is not None and self.u is not None:
+            raise ValueError("u of x, y and z alone; state instrument.uncertainty_mm for polar")
+        return self
 
 
 class DistanceColumns(Section):

@@ -16,24 +16,32 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
-from pa10cal.campaign.bounds import in_words
-from pa10cal.campaign.conventions import FOUR, THREE, attitude_scatter, modelled_attitudes
-from pa10cal.campaign.csv_rows import Layout, Sniffed
+from pa10cal.campaign.composed_columns import (
+    from_horizon,
+)
+from pa10cal.campaign.conventions import (
+    FOUR,
+    THREE,
+    attitude_scatter,
+    modelled_attitudes,
+    read_polar,
+)
+from pa10cal.campaign.csv_rows import Sniffed
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
-from pa10cal.campaign.joint_names import file_roles
 from pa10cal.campaign.own_columns import (
     ANGLES,
+    ANGLES_OF_POLAR,
     COUNTS,
     FORCES,
     LENGTHS,
     TIMES,
     TORQUES,
-    FileColumns,
     RotationColumns,
 )
-from pa10cal.campaign.raw_file import own_columns, quaternions
+from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.raw_rows import in_radians, position_columns
+from pa10cal.campaign.read_as import read_as, refuse_unrecognised, roles_of_file
 from pa10cal.campaign.recognise import (
     JUDGED,
     WORDS,
@@ -51,6 +59,8 @@ from pa10cal.settings_reading import parse_section
 
 #: Orientations agree with the nominal arm within this; positions of a nominal arm scatter by less.
 AGREES_RAD = np.radians(3.0)
+#: Polar readings agree with it within this.
+AGREES_M = 0.03
 #: A date alone, and a time of day alone, which together are a time.
 _DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
@@ -86,8 +96,8 @@ def propose(
     Raises:
         RawDataError: when no joint positions, or nothing that was measured, are recognised.
     """
-    roles = file_roles(sniffed, None if arm is None else len(arm.axes_slide), joint_names)
-    _refuse_unrecognised(roles, sniffed, file)
+    roles = roles_of_file(sniffed, None if arm is None else len(arm.axes_slide), joint_names)
+    refuse_unrecognised(roles, sniffed, file)
     making = _Proposing(sniffed, roles, arm)
     columns = making.joints() | making.readings(making.T_base_ee)
     return _proposal(making, {"poses": (file, sniffed, columns)}, name, robot, arm)
@@ -111,22 +121,19 @@ def propose_two_logs(
     """
     count = None if arm is None else len(arm.axes_slide)
     both = [
-        (file_roles(log, count, joint_names), log, file)
+        (roles_of_file(log, count, joint_names), log, file)
         for log, file in zip(logs, files, strict=True)
     ]
     # What a known format holds is known; else the log of the joints is that which has some.
-    of_joints_first = [log.format is not None and not log.format.measured for _, log, _ in both]
-    of_readings_first = [log.format is not None and log.format.measured for _, log, _ in both]
-    if any(of_joints_first) or any(of_readings_first):
-        exchanged = of_joints_first[1] or of_readings_first[0]
-    else:
-        exchanged = not both[0][0].joints
-    if exchanged:
+    first, second = (log.format.measured if log.format else None for _, log, _ in both)
+    if first is None and second is None:
+        first = not both[0][0].joints
+    if first is True or second is False:
         both.reverse()
     (of_joints, joints_log, joints_file), (of_readings, readings_log, readings_file) = both
-    _refuse_unrecognised(of_joints, joints_log, joints_file.name, measured=True)
+    refuse_unrecognised(of_joints, joints_log, joints_file.name, measured=True)
     of_readings = replace(of_readings, joints=(), torques=())
-    _refuse_unrecognised(
+    refuse_unrecognised(
         replace(of_readings, joints=of_joints.joints), readings_log, readings_file.name
     )
     texts = [
@@ -221,52 +228,6 @@ def _proposal(
         if log.format is not None
     )
     return ColumnsProposal(content, tuple(checks), tuple(lines), known)
-
-
-def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
-    """Return a line for every column of a file: what it is read as, or that it is not read."""
-    model = FileColumns.model_validate(columns)
-    count = 0 if model.joints is None else len(model.joints.names)
-    uses: dict[str, dict[str, None]] = {}
-    for ours, source in own_columns(model, np.zeros(count, dtype=bool)):
-        one = source.name in sniffed.names
-        for own in [source.name] if one else source.name.split(", "):
-            how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
-            uses.setdefault(own, {})[how] = None
-    encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
-    lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
-    width = max(map(len, sniffed.names))
-    for name in sniffed.names:
-        lines.append(f"  {name:{width}}  {'; '.join(uses.get(name, ['not read']))}")
-    return tuple(lines)
-
-
-def follows_contract(sniffed: Sniffed) -> bool:
-    """Return whether a file has the contract's own names and layout, and needs no mapping."""
-    names = set(sniffed.names)
-    labelled = {"time_s", "pose", "load_N", "repeat"} <= names and names & {"q1_deg", "q1_mm"}
-    return sniffed.layout == Layout(own=True) and bool(labelled)
-
-
-def _refuse_unrecognised(
-    roles: Roles, sniffed: Sniffed, file: str, *, measured: bool = False
-) -> None:
-    measured = measured or bool(roles.positions) or "distance" in roles.single
-    if roles.joints and measured:
-        return
-    what, other = "no joint positions were", "joint positions are"
-    if roles.joints:
-        what, other = "no position and no distance was", "readings are"
-    raise RawDataError(
-        f"{what} recognised",
-        where=file,
-        value=", ".join(sniffed.names),
-        allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
-        "as x, y, z",
-        remedy=f"give both logs where the {other} in another: pa10cal columns JOINTS READINGS; or "
-        "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may "
-        "also be numbers",
-    )
 
 
 @dataclass
@@ -386,7 +347,10 @@ class _Proposing:
             columns = columns if layout.decimal != "." else {"format": layout.format}
         columns |= self._time()
         if "pose" in single and all(sniffed.words(single["pose"])):
-            columns["pose"] = single["pose"]
+            numbers = sniffed.column(single["pose"])
+            # A number with decimals is none, such as actual_TCP_pose_0.
+            if np.mean(np.isfinite(numbers) & (numbers != np.round(numbers))) < 0.5:
+                columns["pose"] = single["pose"]
         if "repeat" in single and np.isfinite(sniffed.column(single["repeat"])).all():
             columns["repeat"] = single["repeat"]
         if "kind" in single:
@@ -481,6 +445,8 @@ class _Proposing:
 
         The unit is that of the names, else found by the arm, or by the size of the numbers.
         """
+        if names == self.roles.polar:
+            return self._polar(names, T_base_ee)
         unit = self._stated(names, LENGTHS) or self._unit_of_lengths(names, T_base_ee)
         columns = {"names": list(names), "unit": unit}
         u = [self.roles.uncertain[name] for name in names if name in self.roles.uncertain]
@@ -490,6 +456,27 @@ class _Proposing:
         if np.isfinite(u_mm).any():
             self.stated_mm = float(f"{np.sqrt(np.nanmean(u_mm**2)):.2g}")
         return columns | {"u": u}
+
+    def _polar(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
+        """Return columns of polar readings: how angles count is found by the arm, else by names."""
+        unit = self._stated(names[2:], LENGTHS)
+        angle = self._stated(names[:2], ANGLES_OF_POLAR)
+        found = read_polar(
+            self.sniffed.columns(names),
+            [angle] if angle else list(ANGLES_OF_POLAR),
+            [unit] if unit else ["m", "mm"],
+            T_base_ee,
+            by_horizon=from_horizon(names[1]),
+        )
+        if found.scatter_m is None:
+            self.checks.append("polar: how the angles count is by the names alone; check it")
+        elif found.scatter_m > AGREES_M:
+            self.checks.append(
+                f"polar: no way of counting the angles agrees with the nominal arm; the nearest is "
+                f"{1e3 * found.scatter_m:.0f} mm off: check units, the joints' order and signs"
+            )
+        polar = {"unit": found.angle, "horizontal": found.horizontal, "vertical": found.vertical}
+        return {"names": list(names), "unit": found.length, "polar": polar}
 
     def _unit_of_lengths(self, names: Sequence[str], T_base_ee: Array | None) -> str:
         p = self.sniffed.columns(names)

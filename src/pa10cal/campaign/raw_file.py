@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,20 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import rule_of
+from pa10cal.campaign.composed_columns import polar_to_xyz
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
 from pa10cal.campaign.own_columns import (
     ANGLES,
+    ANGLES_OF_POLAR,
     COUNTS,
     FACTORS,
+    LENGTHS,
     OFFSETS,
     SEPARATORS,
     FileColumns,
     OwnWords,
+    Position,
     RotationColumns,
     Time,
 )
@@ -109,10 +114,12 @@ class RawFile:
                     )
         sources = dict(own_columns(columns, self.prismatic, where))
         uses: dict[str, dict[str, str]] = {}
+        polar = {f"{before}{axis}_mm" for before, _ in _polar_places(columns) for axis in "xyz"}
         for ours, source in sources.items():
             if not ours.startswith("u_"):  # one uncertainty may be that of several
                 for name in source.name.split(", "):
                     of = "rotation" if ours in QUATERNION else ours
+                    of = source.key if ours in polar else of
                     uses.setdefault(name, {})[of] = source.key
         for name, keys in uses.items():
             if len(keys) > 1:
@@ -217,6 +224,14 @@ class RawFile:
             raw = raw if turned.u is None else raw.finite(turned.u, may_be_blank=True)
         made: dict[str, NDArray[Any]] = {}
         non_numeric: dict[str, dict[int, str]] = {}
+        for before, place in _polar_places(columns):
+            ours = [f"{before}{axis}_mm" for axis in "xyz"]
+            made |= zip(ours, _from_polar(raw.numbers_of(place.names), place).T, strict=True)
+            known = (raw.non_numeric[own].items() for own in place.names)
+            no_numbers = dict(chain.from_iterable(known))
+            non_numeric |= dict.fromkeys(ours, no_numbers)
+        made = {name: values for name, values in made.items() if name in wanted}
+        wanted = wanted - set(made)
         for name in sorted(wanted - {*QUATERNION, *(f"u_{part}" for part in QUATERNION)}):
             source = self.sources[name]
             if name in TEXT:
@@ -296,6 +311,9 @@ def own_columns(
         ("distance", columns.distance, ["d_mm"]),
     ]
     for key, part, ours in mapped:
+        if getattr(part, "polar", None) is not None:
+            yield from ((name, at(key, ", ".join(part.names))) for name in ours)
+            continue
         for k, name in enumerate(ours if part is not None else ()):
             slides = key == "joints" and name.endswith("_mm")
             unit = part.stroke_unit if slides else part.unit
@@ -311,6 +329,22 @@ def own_columns(
             yield name, at("rotation", ", ".join(turned.names))
             if turned.u is not None:
                 yield f"u_{name}", at("rotation", ", ".join(turned.u))
+
+
+def _polar_places(columns: FileColumns) -> Iterator[tuple[str, Position]]:
+    """Yield the positions that are polar readings, by what stands before their axes."""
+    targets = ((f"{name}_", each) for name, each in columns.targets.items())
+    for before, place in (("", columns.position), *targets):
+        if place is not None and place.polar is not None:
+            yield before, place
+
+
+def _from_polar(values: Array, place: Position) -> Array:
+    """Return places (N, 3) in mm of polar readings."""
+    assert place.polar is not None
+    rad = np.radians(ANGLES_OF_POLAR[place.polar.unit])
+    xyz = polar_to_xyz(values, rad, place.polar.horizontal, place.polar.vertical)
+    return LENGTHS[place.unit] * xyz
 
 
 def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:

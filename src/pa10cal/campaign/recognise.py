@@ -111,6 +111,8 @@ class Roles:
     uncertain: dict[str, str]  # uncertainties by the column that they are of
     single: dict[str, str]  # further columns, by the key of `columns`
     times: tuple[str, ...] = ()  # every column that may hold a date or a time of day
+    # polar readings, which then are the one position: horizontal angle, vertical angle, distance
+    polar: tuple[str, ...] | None = None
 
 
 def roles_of(

@@ -43,7 +43,8 @@ def columns(
     import yaml
 
     from pa10cal.campaign.csv_rows import sniff
-    from pa10cal.campaign.propose import follows_contract, label_of, propose, propose_two_logs
+    from pa10cal.campaign.propose import label_of, propose, propose_two_logs
+    from pa10cal.campaign.read_as import follows_contract
     from pa10cal.errors import SettingsError, one_line, visible
     from pa10cal.files.arms import joint_names, load_arm
 

@@ -1,0 +1,73 @@
+"""What the columns of a whole file may be, whether that suffices, and what each is read as."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pa10cal.campaign.bounds import in_words
+from pa10cal.campaign.composed_columns import with_matrix, with_polar
+from pa10cal.campaign.csv_rows import Layout, Sniffed
+from pa10cal.campaign.joint_names import file_roles
+from pa10cal.campaign.own_columns import FileColumns
+from pa10cal.campaign.raw_file import own_columns
+from pa10cal.campaign.recognise import Roles
+from pa10cal.errors import RawDataError
+
+
+def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:
+    """Return what the columns of a file may be, those too that hold a place only together."""
+    roles = with_matrix(file_roles(sniffed, joints, joint_names), sniffed.names, sniffed.numbers)
+    return with_polar(roles, sniffed.names)
+
+
+def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
+    """Return a line for every column of a file: what it is read as, or that it is not read."""
+    model = FileColumns.model_validate(columns)
+    count = 0 if model.joints is None else len(model.joints.names)
+    uses: dict[str, dict[str, None]] = {}
+    for ours, source in own_columns(model, np.zeros(count, dtype=bool)):
+        one = source.name in sniffed.names
+        for own in [source.name] if one else source.name.split(", "):
+            how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
+            uses.setdefault(own, {})[how] = None
+    encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
+    lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
+    width = max(map(len, sniffed.names))
+    for name in sniffed.names:
+        lines.append(f"  {name:{width}}  {'; '.join(uses.get(name, ['not read']))}")
+    return tuple(lines)
+
+
+def follows_contract(sniffed: Sniffed) -> bool:
+    """Return whether a file has the contract's own names and layout, and needs no mapping."""
+    names = set(sniffed.names)
+    labelled = {"time_s", "pose", "load_N", "repeat"} <= names and names & {"q1_deg", "q1_mm"}
+    return sniffed.layout == Layout(own=True) and bool(labelled)
+
+
+def refuse_unrecognised(
+    roles: Roles, sniffed: Sniffed, file: str, *, measured: bool = False
+) -> None:
+    """Stop where no joint positions are recognised, or nothing that was measured.
+
+    It is known from elsewhere that something was `measured`, or not.
+    """
+    measured = measured or bool(roles.positions) or "distance" in roles.single
+    if roles.joints and measured:
+        return
+    what, other = "no joint positions were", "joint positions are"
+    if roles.joints:
+        what, other = "no position and no distance was", "readings are"
+    raise RawDataError(
+        f"{what} recognised",
+        where=file,
+        value=", ".join(sniffed.names),
+        allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
+        "as x, y, z",
+        remedy=f"give both logs where the {other} in another: pa10cal columns JOINTS READINGS; or "
+        "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may "
+        "also be numbers",
+    )
