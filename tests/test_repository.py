@@ -80,6 +80,7 @@ MAY_IMPORT = {
         "campaign.nominal_fit",
         "campaign.own_columns",
         "campaign.raw_file",
+        "files.coupling",
         "fit",
         "frame",
         "observe",

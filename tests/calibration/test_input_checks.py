@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import sighted
 from mended import QUATERNION, describe, findings, mend, simulated
 from pa10cal.arm.chain import Chain
-from pa10cal.calibration.input_checks import explained, signs_and_order
+from pa10cal.calibration.input_checks import explained
+from pa10cal.calibration.joint_slips import signs_and_order
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.results.calibration import InputFinding
@@ -260,8 +261,6 @@ def test_a_refusal_says_what_was_found():
 
 def test_no_change_of_signs_or_order_is_told_where_nothing_fits():
     arm = load_arm("ur10")
-    states = SimpleNamespace(q_rad=np.zeros((3, arm.n)))
-    checked = SimpleNamespace(
-        arm=arm, grid=SimpleNamespace(states=states), nominal_misfit_m=lambda q: np.inf
-    )
+    axes = np.zeros((3, arm.n))
+    checked = SimpleNamespace(arm=arm, axes=axes, nominal_misfit_m=lambda q: np.inf)
     assert signs_and_order(checked) is None

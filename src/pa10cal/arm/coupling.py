@@ -116,6 +116,18 @@ class Coupling:
         ends = self.matrix[..., None] * axis_ranges
         return np.column_stack([ends.min(axis=2).sum(axis=1), ends.max(axis=2).sum(axis=1)])
 
+    def axis_ranges(self, limits: Array) -> Array:
+        """Return the widest range of every axis (m, 2) whose limits (m, 2) are those of its joint.
+
+        They may be meant of the axis as well, which counts what its joint is at and others.
+        """
+        if self.none:
+            return limits
+        others = (self.matrix[self.own] - np.eye(len(self.own)))[..., None] * limits
+        low = limits[:, 0] - others.max(axis=2).sum(axis=1)
+        high = limits[:, 1] - others.min(axis=2).sum(axis=1)
+        return np.column_stack([np.minimum(low, limits[:, 0]), np.maximum(high, limits[:, 1])])
+
     def turns(self, prismatic: NDArray[np.bool_]) -> Array:
         """Return by how much axes change (m, m) for a whole turn of each joint that has one.
 

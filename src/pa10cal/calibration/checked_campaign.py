@@ -56,6 +56,11 @@ class CheckedCampaign:
         return self.campaign.payload(self.arm)
 
     @property
+    def axes(self) -> Array:
+        """Return the positions that the controller counts, (P, m)."""
+        return self.arm.coupling.to_axes(self.grid.states.q_rad)
+
+    @property
     def logs_torques(self) -> bool:
         """Return whether every pose has torques."""
         return bool(np.isfinite(self.grid.states.tau_Nm).all())
@@ -63,12 +68,12 @@ class CheckedCampaign:
     @property
     def signs(self) -> list[int]:
         """Return the signs of the joints that campaign.yaml states."""
-        return list(self.campaign.joint_signs or [1] * self.arm.n)
+        return list(self.campaign.joint_signs or [1] * len(self.arm.axes_slide))
 
     @property
     def offsets_deg(self) -> list[float]:
         """Return the offsets of the joints that campaign.yaml states."""
-        return list(self.campaign.joint_offsets_deg or [0.0] * self.arm.n)
+        return list(self.campaign.joint_offsets_deg or [0.0] * len(self.arm.axes_slide))
 
     @cached_property
     def above_noise(self) -> bool:

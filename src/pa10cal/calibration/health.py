@@ -21,6 +21,8 @@ from pa10cal.results import calibration as records
 from pa10cal.results.evaluation import BETWEEN
 from pa10cal.terms.term import TermParameter
 
+#: Findings of a check that held-out poses refute where they would leave more.
+_OF_JOINTS = ("joint_sign", "joint_order", "joint_coupling")
 #: What acquits readings that are far from the model.
 RIGID = (
     "the targets keep their distances, so the readings are right: the model lacks something there, "
@@ -275,12 +277,13 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
 def _is_moot(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
     """Return whether a finding of a check is none: confirmed, or refuted, by held-out poses.
 
-    A sign or an order of joints that would leave more than the model does cannot be right.
+    A sign or an order of joints that would leave more than the model does cannot be right, nor can
+    joints that move together.
     """
     if not evidence.confirmed:
         return False
     left_mm = finding.would_leave_mm
-    refuted = finding.kind in ("joint_sign", "joint_order") and left_mm is not None
+    refuted = finding.kind in _OF_JOINTS and left_mm is not None
     return finding in evidence.departures or (refuted and (left_mm or 0.0) > evidence.train_rms_mm)
 
 

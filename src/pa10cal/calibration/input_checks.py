@@ -7,8 +7,8 @@ found here leaves the campaign running, marked: `docs/raw-data.md` lists all of 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,8 +17,15 @@ from scipy.optimize import minimize_scalar
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array
 from pa10cal.calibration.checked_campaign import CheckedCampaign, scatter_of_repeats_mm, spread_rows
+from pa10cal.calibration.joint_slips import (
+    CHECK_ALL,
+    joint_zeros,
+    joints_without_motion,
+    signs_and_order,
+    small_screws,
+    small_signs,
+)
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
@@ -27,6 +34,7 @@ from pa10cal.campaign.nominal_fit import exchange_text, stated_order, stated_sha
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import words_of
 from pa10cal.errors import Pa10calError
+from pa10cal.files.coupling import coupled_joints
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.weighed_arm import weights_finding
 from pa10cal.observe.observations import Observations, average_repeats
@@ -57,7 +65,9 @@ def check_input(
             for finding in check_input(members[name], arm, own, options)
         )
     single = every.of_kind("grid")
-    grid, words = average_repeats(single), words_of(campaign, arm.prismatic)
+    if campaign.coupling is not None:  # of a member of a group, its own
+        arm = replace(arm, coupled=coupled_joints(campaign.coupling, arm.prismatic, campaign.name))
+    grid, words = average_repeats(single), words_of(campaign, arm.axes_slide)
     checked = CheckedCampaign(
         campaign,
         arm,
@@ -71,10 +81,11 @@ def check_input(
         _attitudes,
         _scale,
         signs_and_order,
-        _joint_zeros,
-        _joints_without_motion,
+        joint_zeros,
+        joints_without_motion,
         _gravity_by_torques,
-        _small_signs,
+        small_signs,
+        small_screws,
         _gravity,
     )
     others = (finding for hypothesis in hypotheses if (finding := hypothesis(checked)))
@@ -165,7 +176,7 @@ def _scale(checked: CheckedCampaign) -> InputFinding | None:
         remedy=f"divide the positions by {times:.4g}: check the size of the tag or target as the "
         "instrument holds it, and the unit of the file"
         if right
-        else _CHECK_ALL,
+        else CHECK_ALL,
         would_leave_mm=1e3 * left_m,
     )
 
@@ -315,199 +326,3 @@ def _temperature(
             f"Fahrenheit it would be {fahrenheit_C:.0f} deg C",
             remedy=remedy,
         )
-
-
-# Signs, order and zeros of the joints: would much less error be left if they were changed?
-
-_CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
-
-
-@dataclass(frozen=True)
-class _Change:
-    """A change of the joint columns."""
-
-    kind: str  # `joint_sign` or `joint_order`
-    joints: tuple[int, ...]  # from 1; the one that is reversed, or the two that are exchanged
-
-    def of(self, q: Array) -> Array:
-        """Return joint columns (P, n) with the change made."""
-        q, at = q.copy(), [joint - 1 for joint in self.joints]
-        if self.kind == "joint_sign":
-            q[:, at] *= -1.0
-        else:
-            q[:, at] = q[:, at[::-1]]
-        return q
-
-    @property
-    def text(self) -> str:
-        """Say what seems wrong."""
-        if self.kind == "joint_sign" and len(self.joints) > 1:
-            return "the signs of all joints are reversed"
-        if self.kind == "joint_sign":
-            return f"the sign of joint {self.joints[0]} is reversed"
-        return f"joints {self.joints[0]} and {self.joints[1]} are exchanged"
-
-    def where(self, words: OwnWords) -> str:
-        """Say which columns are meant."""
-        return ", ".join(words.joint(joint) for joint in self.joints)
-
-
-def _remedies(made: Sequence[_Change], checked: CheckedCampaign) -> str:
-    """Say what to state, so that the changes are made."""
-    words, n = checked.words, checked.arm.n
-    stated = np.array([checked.signs, checked.offsets_deg, range(1, n + 1)], dtype=float)
-    changed = stated
-    for change in made:
-        changed = change.of(changed)
-    order = np.abs(changed[2]).astype(int)
-    remedies = []
-    exchanged = bool((order != stated[2]).any())
-    if exchanged:
-        units = np.where(checked.arm.prismatic, "mm", "deg")
-        names = [f"q{k}_{units[k - 1]}" for k in order]
-        moved = next(change.where(words) for change in made if change.kind == "joint_order")
-        by_hand = f"exchange the columns {moved}"
-        remedies.append(words.set_names(names) if words.key(names[0]) else by_hand)
-    if (changed[0] != stated[0]).any():
-        remedies.append(f"set joint_signs: [{', '.join(str(int(sign)) for sign in changed[0])}]")
-    if (changed[1] != stated[1]).any():
-        remedies.append(_set_offsets(changed[1]))
-    also = "" if exchanged else ", or reverse the axis in the arm's description"
-    return " and ".join(remedies) + also
-
-
-def _set_offsets(offsets_deg: Iterable[float]) -> str:
-    return f"set joint_offsets_deg: [{', '.join(f'{each + 0.0:.6g}' for each in offsets_deg)}]"
-
-
-def _changes(arm: Arm) -> Iterator[_Change]:
-    yield _Change("joint_sign", tuple(range(1, arm.n + 1)))
-    for joint in range(1, arm.n + 1):
-        yield _Change("joint_sign", (joint,))
-    pairs = itertools.combinations(range(1, arm.n + 1), 2)
-    # Of equals the nearest.
-    for one, other in sorted(pairs, key=lambda pair: pair[1] - pair[0]):
-        if arm.prismatic[one - 1] == arm.prismatic[other - 1]:
-            yield _Change("joint_order", (one, other))
-
-
-def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
-    """Change signs and order of joints one after the other, as long as much less is left."""
-    q = checked.grid.states.q_rad
-    first_m = left_m = checked.nominal_misfit_m(q)
-    if first_m < CHECKS.not_departures_m:
-        return None
-    made: list[_Change] = []
-    for _ in range(CHECKS.most_changes):
-        tried = [(checked.nominal_misfit_m(each.of(q)), each) for each in _changes(checked.arm)]
-        least_m, best = min(tried, key=lambda each: each[0])
-        if least_m > CHECKS.change_left_share * left_m:
-            break
-        q, left_m = best.of(q), least_m
-        made.append(best)
-    # Where nothing at all fits, infinity is left, and no change of it is less.
-    least_m = max(CHECKS.not_departures_m, CHECKS.misfit_left_share * first_m)
-    most_m = min(CHECKS.nominal_left_share * first_m, least_m)
-    if not left_m <= most_m or not np.isfinite(left_m):
-        return None
-    right = checked.may_be_offered(q, left_m)
-    return _changed(made, checked, 1e3 * first_m, 1e3 * left_m, "the nominal arm fits to", right)
-
-
-def _small_signs(checked: CheckedCampaign) -> InputFinding | None:
-    """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
-    if not checked.above_noise:
-        return None
-    q = checked.grid.states.q_rad
-    most_m, tried = CHECKS.worth_trying * checked.nominal_misfit_m(q), []
-    for change in _changes(checked.arm):
-        nominal_m = checked.nominal_misfit_m(change.of(q))
-        if nominal_m < most_m:
-            tried.append((checked.calibrated_mm(None, change.of(q))[0], nominal_m, change))
-    if not tried:
-        return None
-    now_mm, _ = checked.calibrated_mm(None)
-    left_mm, nominal_m, best = min(tried, key=lambda each: each[0])
-    if not left_mm < CHECKS.calibrated_left_share * now_mm < np.inf:
-        return None
-    right = checked.may_be_offered(best.of(q), nominal_m)
-    return _changed([best], checked, now_mm, left_mm, "the arm calibrates to", right)
-
-
-def _changed(
-    made: Sequence[_Change],
-    checked: CheckedCampaign,
-    now_mm: float,
-    left_mm: float,
-    fits: str,
-    right: bool,
-) -> InputFinding:
-    text = " and ".join(change.text for change in made)
-    then = "that is put right" if right else f"so, {STILL_WRONG}"
-    return InputFinding(
-        kind=made[0].kind,
-        where="; ".join(change.where(checked.words) for change in made),
-        what=f"{text}: {fits} {now_mm:.3g} mm as logged, {left_mm:.3g} mm if {then}",
-        remedy=_remedies(made, checked) if right else _CHECK_ALL,
-        would_leave_mm=left_mm,
-    )
-
-
-def _joint_zeros(checked: CheckedCampaign) -> InputFinding | None:
-    """Find the zero of a joint that is off by more than any mastering, by calibrating."""
-    arm, q = checked.arm, checked.grid.states.q_rad
-    first_m = checked.nominal_misfit_m(q)
-    found = None if first_m < CHECKS.not_departures_m else checked.calibration(checked.payload)
-    if found is None:
-        return None
-    values = {p.name: x for p, x in zip(found.problem.parameters, found.fit.x, strict=True)}
-    zeros_rad = np.array([values.get(f"delta_theta_{k}", 0.0) for k in range(1, arm.n + 1)])
-    zeros_rad[arm.prismatic] = 0.0
-    k = int(np.argmax(np.abs(zeros_rad)))
-    if abs(zeros_rad[k]) < float(np.radians(CHECKS.no_mastering_deg)):
-        return None
-    moved = q.copy()
-    moved[:, k] += zeros_rad[k]
-    left_m = checked.nominal_misfit_m(moved)
-    if left_m > CHECKS.nominal_left_share * first_m:
-        return None
-    right = checked.may_be_offered(moved, left_m)
-    off_deg, offsets = float(np.degrees(zeros_rad[k])), checked.offsets_deg
-    offsets[k] = round(offsets[k] + off_deg, 3)
-    then = "" if right else f", {STILL_WRONG}"
-    return InputFinding(
-        kind="joint_zero",
-        where=checked.words.joint(k + 1),
-        what=f"the zero of joint {k + 1} is {abs(off_deg):.3g} deg off: the nominal arm fits "
-        f"to {1e3 * first_m:.3g} mm as logged, {1e3 * left_m:.3g} mm without that{then}",
-        remedy=f"check the zero of this joint in the log, or {_set_offsets(offsets)}"
-        if right
-        else _CHECK_ALL,
-        would_leave_mm=1e3 * left_m,
-    )
-
-
-def _joints_without_motion(checked: CheckedCampaign) -> InputFinding | None:
-    """Name joints with the same number in all poses, where the nominal arm is far from them all."""
-    q = checked.grid.states.q_rad
-    still = np.flatnonzero(np.ptp(q, axis=0) == 0.0)
-    if not len(still) or len(still) == checked.arm.n:
-        return None
-    left_m = checked.nominal_misfit_m(q)
-    spread_m = 1e-3 * checked.grid.measured.spread_mm
-    if left_m < max(CHECKS.not_departures_m, CHECKS.no_arm_share * spread_m):
-        return None
-    where = ", ".join(checked.words.joint(int(k) + 1) for k in still)
-    last = bool((still == np.arange(checked.arm.n - len(still), checked.arm.n)).all())
-    shifted = "; or the columns hold the joints that come after theirs, the first ones lost"
-    one = len(still) == 1
-    return InputFinding(
-        kind="joint_without_motion",
-        where=where,
-        what=f"the same number in all poses, and the nominal arm is {1e3 * left_m:.3g} mm off: "
-        f"{'a joint' if one else 'joints'} that moved {'was' if one else 'were'} not logged"
-        + (shifted if last else ""),
-        remedy="export what was logged of "
-        + ("this joint" if one else "these joints")
-        + (", and check the order of all columns" if last else ""),
-    )

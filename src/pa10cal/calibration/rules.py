@@ -139,6 +139,11 @@ class Checks:
     no_arm_share: float = 0.05
     # part of the misfit that one more change may leave to be taken (trials)
     change_left_share: float = 0.7
+    # steps of the pitch of a screw [mm/turn] by which the nominal arm tells it, and then
+    # calibrated ones (computing)
+    screw_steps_mm: tuple[float, float, float] = (20.0, 1.0, 0.2)
+    # error left over the noise above which a pitch is sought by calibrating (trials)
+    screw_above_noise: float = 1.5
 
 
 @dataclass(frozen=True)

@@ -120,13 +120,23 @@ def bound_of(name: str, arm: Arm) -> Bound:
     if rule.key != "joints":
         return rule.bound
     joint = int(name[1:].partition("_")[0])
-    limits = arm.axis_limits_rad[joint - 1]
+    # Limits of a coupled joint may be meant of what the controller counts, or of the joint.
+    limits = arm.coupling.axis_ranges(arm.axis_limits_rad)[joint - 1]
     low, high = 1e3 * np.array(limits) if unit == "mm" else np.degrees(limits)
     text = (
         f"beyond the limits of joint {joint} in the description of {arm.name} "
         f"({low:g} to {high:g} {unit})"
     )
     return _both(float(low) - BEYOND_LIMITS[unit], float(high) + BEYOND_LIMITS[unit], text)
+
+
+def outside_bounds(raw: RawRows, names: Sequence[str], arm: Arm) -> NDArray[np.bool_]:
+    """Return the rows (N,) with a number outside the bounds of its column."""
+    off = np.zeros(len(raw), dtype=bool)
+    for name in names:
+        bound = bound_of(name, arm)
+        off |= (raw[name] < bound.low) | (raw[name] > bound.high)
+    return off
 
 
 def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,9 @@ from pa10cal.campaign.base_motion import (
     refuse_base_targets,
     steadied,
 )
-from pa10cal.campaign.bounds import labelled, unwrapped, within_bounds
+from pa10cal.campaign.bounds import labelled, outside_bounds, unwrapped, within_bounds
 from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
+from pa10cal.campaign.coupled_logs import Coupled, arm_of_log, coupling_that_fits
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.nominal_fit import (
@@ -53,6 +55,7 @@ from pa10cal.campaign.raw_rows import (
 )
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
+from pa10cal.files.coupling import coupling_in_words, set_coupling
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import Misfit, RawColumns
 from pa10cal.options import IngestOptions
@@ -153,7 +156,17 @@ def _read_poses(
     raw = raw.finite(measured.names, may_be_blank=measured.may_be_blank)
     raw = raw.finite([*on_base], may_be_blank=True).finite(given, may_be_blank=True)
     raw = unwrapped(raw, q, arm)
-    raw = within_bounds(raw, ["time_s", *q, *logged, *lengths, *given], arm)
+    bounded = ["time_s", *q, *logged, *lengths, *given]
+    of_log = arm
+    if outside_bounds(raw, q, arm).any():
+        values = raw.numbers_of(measured.names)
+        usable = ~outside_bounds(raw, [name for name in bounded if name not in q], arm)
+        for off in instrument.unusable(measured, values):
+            usable &= ~off.rows
+        unknown = np.full(values[usable].shape, np.nan)
+        seen = instrument.from_raw(measured, values[usable], unknown, stated)
+        of_log = arm_of_log(raw.at(np.flatnonzero(usable)), q, arm, seen)
+    raw = within_bounds(raw, bounded, of_log)
     remaining = np.ones(len(raw), dtype=bool)
     for off in instrument.unusable(measured, raw.numbers_of(measured.names)):
         shown = list(map(file.words.text, off.values))
@@ -250,9 +263,18 @@ class Screen:
         misfit = misfit_of(self.found.measured, self.T_base_ee)
         if misfit is not None:
             self._look_at_poor_fit(misfit)
-            off = screens.off_model(misfit, self.found.kind == "holdout")
+            held_out = self.found.kind == "holdout"
+            off = screens.off_model(misfit, held_out)
+            if off.any() and self._coupled is not None:  # these rows are right
+                off &= screens.off_model(self._coupled[1], held_out)
             self._quarantine_targets(off, screens.OFF_MODEL)
         self._quarantine_targets(not_rigid(self.found.measured.places_m), NOT_RIGID)
+
+    @cached_property
+    def _coupled(self) -> tuple[Coupled, Misfit] | None:
+        """Return the coupling of joints with which the nominal arm fits all rows; None for none."""
+        axes = self.arm.coupling.to_axes(self.found.states.q_rad)
+        return coupling_that_fits(self.arm, axes, self.found.measured)
 
     def quarantine(self, off: Mask, reason: str, values: Iterable[object]) -> None:
         """Quarantine rows (N,), with what was found in each."""
@@ -453,6 +475,14 @@ class Screen:
                         remedy=remedy,
                     )
                 warnings.append(f"if the instrument's axes are {axes.name}: {value}, {STILL_WRONG}")
+        if self._coupled is not None:
+            coupled, fits = self._coupled
+            in_words = coupling_in_words(replace(self.arm, coupled=coupled)) or "each is counted"
+            warnings = [
+                f"the nominal model, base and target fitted, is {' and '.join(off)} off in the "
+                f"median, and {1e3 * float(np.median(fits.size_m)):.2g} mm if joints move together "
+                f"({in_words}): {set_coupling(coupled, self.arm)}"
+            ]
         names = position_columns(self.arm.axes_slide)
         logged = self.arm.coupling.to_axes(self.found.states.q_rad)
         for k in np.flatnonzero(np.ptp(logged, axis=0) == 0.0):

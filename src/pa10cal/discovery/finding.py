@@ -244,6 +244,7 @@ def with_a_name(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, .
 _OF_INPUT: dict[str, FaultKind] = {
     "joint_sign": "joint_sign",
     "joint_order": "joint_sign",
+    "joint_coupling": "joint_sign",
     "joint_zero": "joint_zero",
     "target_label": "label",
     "campaigns": "step_in_time",
@@ -280,7 +281,7 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
     faults = []
     for finding in suspicions:
         kind = _OF_INPUT.get(finding.kind)
-        joint = re.fullmatch(r"(?:.* \(`)?(?:delta_theta_|q)(\d+)(?:`\))?", finding.where)
+        joint = re.fullmatch(r"(?:[^,;]* \(`)?(?:delta_theta_|q)(\d+)(?:`\))?", finding.where)
         if finding.kind == "departure" and joint is not None:
             kind = "joint_zero"
         if kind is None:

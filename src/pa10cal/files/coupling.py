@@ -137,6 +137,20 @@ def _short(value: float) -> float | int:
     return int(shown) if shown.is_integer() else shown
 
 
+def set_coupling(coupled: Sequence[CoupledJoint], arm: Arm) -> str:
+    """Say what to set so that joints of an arm are coupled."""
+    entries = [stated_coupling(each, arm.prismatic) for each in coupled]
+    shown = ", ".join(
+        f"{{{', '.join(f'{key}: {_in_yaml(value)}' for key, value in entry.items())}}}"
+        for entry in entries
+    )
+    return f"set coupling: [{shown}] in campaign.yaml, or in the arm's description"
+
+
+def _in_yaml(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else f"{value:.6g}"
+
+
 def coupling_in_words(arm: Arm) -> str:
     """Say what joints are of what the controller counts, such as `joint 3 = J3 + J2`."""
     axis = {joint + 1: f"J{k}" for k, joint in enumerate(arm.coupling.own.tolist(), start=1)}

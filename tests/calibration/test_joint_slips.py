@@ -1,0 +1,152 @@
+"""Joints that move together and are not said to: cause, joints, size and key to set are named."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from made_up_poses import states_of
+from mended import findings
+from pa10cal.arm.chain import Chain
+from pa10cal.campaign.read import read_campaign
+from pa10cal.files.arms import arm_text, parse_arm
+from pa10cal.options import Tolerances
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import link_departures
+
+
+def industrial(rng, along):
+    """Rows of an arm with six joints, whose third axis goes along the second or against it."""
+    a1, a2, a3, d1, d4, d6 = rng.uniform(
+        [0.1, 0.5, 0.1, 0.3, 0.6, 0.1], [0.3, 1.0, 0.3, 0.6, 1.2, 0.2]
+    )
+    side = float(along)
+    return [
+        {"d_m": d1, "a_m": a1, "alpha_deg": -90.0, "limits_deg": [-170, 170]},
+        {
+            "theta_deg": -90.0,
+            "a_m": a2,
+            "alpha_deg": 0.0 if along > 0 else 180.0,
+            "limits_deg": [-80, 90],
+        },
+        {"a_m": a3, "alpha_deg": -90.0, "limits_deg": [-120, 150]},
+        {"d_m": side * d4, "alpha_deg": 90.0, "limits_deg": [-190, 190]},
+        {"alpha_deg": -90.0, "limits_deg": [-120, 120]},
+        {"d_m": side * d6, "limits_deg": [-360, 360]},
+    ]
+
+
+def scara(rng):
+    a1, a2, d1 = rng.uniform([0.2, 0.2, 0.1], [0.4, 0.35, 0.3])
+    return [
+        {"d_m": d1, "a_m": a1, "limits_deg": [-130, 130]},
+        {"a_m": a2, "alpha_deg": 180.0, "limits_deg": [-140, 140]},
+        {"prismatic": True, "limits_m": [0.0, 0.2]},
+        {"d_m": 0.03, "limits_deg": [-350, 350]},
+    ]
+
+
+def telescope(rng):
+    d1, a2 = rng.uniform([0.3, 0.1], [0.6, 0.3])
+    return [
+        {"d_m": d1, "alpha_deg": 90.0, "limits_deg": [-170, 170]},
+        {"a_m": a2, "alpha_deg": 90.0, "theta_deg": 90.0, "limits_deg": [-60, 60]},
+        {"prismatic": True, "limits_m": [0.0, 0.5]},
+        {"prismatic": True, "d_m": 0.4, "limits_m": [0.0, 0.5]},
+        {"d_m": 0.1, "alpha_deg": 90.0, "limits_deg": [-170, 170]},
+        {"d_m": 0.1, "limits_deg": [-170, 170]},
+    ]
+
+
+#: What is logged of each kind of arm, as the coupling that it takes to read it.
+KINDS = {
+    "fanuc": (lambda rng: industrial(rng, -1), {"joint": 3, "by": 2, "factor": 1}),
+    "parallelogram": (lambda rng: industrial(rng, 1), {"joint": 3, "by": 2, "factor": -1}),
+    "wrist": (lambda rng: industrial(rng, 1), {"joint": 6, "by": 5, "factor": 1}),
+    "quill": (scara, {"joint": 3, "by": 4, "mm_per_turn": 20.0}),
+    "rest of a quill": (scara, {"joint": 3, "by": 4, "mm_per_turn": -0.4}),
+    "telescope": (telescope, {"joint": 4, "by": 3, "factor": -1}),
+}
+
+
+def logged(folder, kind, seed, poses=60):
+    """Write what a controller logs and an instrument reads of an arm a little off nominal."""
+    rows, coupling = KINDS[kind]
+    rng = np.random.default_rng(seed)
+    plain = parse_arm({"name": "mine", "rows": rows(rng)}, where="mine.yaml")
+    arm = parse_arm({**yaml.safe_load(arm_text(plain)), "coupling": [coupling]}, where="mine.yaml")
+    model = Model(Chain.of(plain), (link_departures(plain, Tolerances()),))
+    x = np.array([p.scale for p in model.parameters]) * rng.normal(0.0, 1.0, len(model.parameters))
+    low, high = arm.limits_rad.T
+    q = low + (high - low) * rng.uniform(0.1, 0.9, (poses, arm.n))
+    T = model.predict(states_of(plain, poses=poses, q_rad=q), x)
+    targets_m = np.add(rng.uniform(-0.15, 0.15, (3, 3)), [0.0, 0.0, 0.1])
+    p_m = np.einsum("pij,bj->pbi", T[:, :3, :3], targets_m) + T[:, None, :3, 3]
+    p_mm = 1e3 * np.add(p_m, [1.2, -0.4, 0.3]) + rng.normal(0.0, 0.02, p_m.shape)
+    axes = arm.coupling.to_axes(q)
+    in_file = np.where(arm.axes_slide, 1e3 * axes, np.degrees(axes)).round(5)
+    units = np.where(arm.axes_slide, "mm", "deg")
+    columns = {f"q{k + 1}_{unit}": in_file[:, k] for k, unit in enumerate(units)}
+    columns |= {
+        f"T{b + 1}_{axis}_mm": p_mm[:, b, k].round(5)
+        for b in range(3)
+        for k, axis in enumerate("xyz")
+    }
+    table = pd.DataFrame(
+        {"pose": [f"P{k}" for k in range(poses)], "load_N": 0.0, "repeat": 1} | columns
+    )
+    folder.mkdir()
+    table.to_csv(folder / "poses.csv", index=False)
+    (folder / "mine.yaml").write_text(arm_text(plain))
+    description = {
+        "schema": "pa10cal-campaign/1",
+        "name": folder.name,
+        "provenance": "made up",
+        "robot": "mine",
+        "instrument": {"kind": "points", "uncertainty_mm": 0.03},
+        "tool": {"mass_kg": 0.0, "com_mm": [0, 0, 0], "load_point_mm": [0, 0, 0]},
+        "gravity_m_s2": [0, 0, -9.81],
+        "reference_temperature_C": 20,
+        "holdout": {"every": 5},
+        "files": {"poses": "poses.csv"},
+    }
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description))
+    return coupling, description
+
+
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("kind", KINDS)
+def test_joints_logged_together_are_told_with_what_to_set(tmp_path, kind, seed):
+    folder = tmp_path / "c"
+    coupling, description = logged(folder, kind, seed)
+    read = read_campaign(folder)
+    assert read.quarantined == (), "a row is thrown out that the coupling fits"
+    (found,) = findings(folder)
+    assert found.kind == "joint_coupling"
+    stated = yaml.safe_load(re.search(r"coupling: (\[\{.*?\}\])", found.remedy)[1])
+    (entry,) = stated
+    assert (entry["joint"], entry["by"]) == (coupling["joint"], coupling["by"])
+    size = "factor" if "factor" in coupling else "mm_per_turn"
+    assert entry[size] == pytest.approx(coupling[size], abs=0.03)
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description | {"coupling": stated}))
+    assert read_campaign(folder).quarantined == ()
+    assert findings(folder) == ()
+
+
+@pytest.mark.parametrize("kind", ["fanuc", "quill"])
+def test_what_is_coupled_and_said_so_is_not_accused(tmp_path, kind):
+    folder = tmp_path / "c"
+    coupling, description = logged(folder, kind, 4)
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description | {"coupling": [coupling]}))
+    assert findings(folder) == ()
+    wrong = coupling | ({"factor": -1} if kind == "fanuc" else {"mm_per_turn": -20.0})
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description | {"coupling": [wrong]}))
+    (found,) = findings(folder)
+    size = "factor: 1}" if kind == "fanuc" else "mm_per_turn: 20"
+    assert size in found.remedy or "mm_per_turn: 19.9" in found.remedy
