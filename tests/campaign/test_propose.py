@@ -276,3 +276,56 @@ def test_joints_have_the_names_of_the_urdf_that_the_arm_came_from(tmp_path, prop
     assert columns == [f"{name}.pos" for name in names]
     (arms / "ours.urdf").write_text("<robot", encoding="utf-8")  # names are then not known
     assert joint_names("ours", tmp_path / "mine") == ()
+
+
+@pytest.mark.parametrize(
+    ("names", "unit", "coverage"),
+    [
+        (["U(95) X", "U(95) Y", "U(95) Z"], None, 2.0),
+        (["X U95 [mm]", "Y U95 [mm]", "Z U95 [mm]"], None, 2.0),
+        (["Ux (k=2)", "Uy (k=2)", "Uz (k=2)"], None, 2.0),
+        (["3 sigma X", "3 sigma Y", "3 sigma Z"], None, 3.0),
+        (["U(95)"], None, 2.0),
+        (["U(95) [µm]"], "um", 2.0),
+        (["Uncertainty"], None, 1.0),
+        (["uX", "uY", "uZ"], None, 1.0),
+    ],
+)
+def test_expanded_uncertainties_are_divided_by_their_factor(
+    tmp_path, proposed, names, unit, coverage
+):
+    _, table = tracked(tmp_path)
+    own = table.drop(columns=QUATERNION).rename(columns=dict(zip(PLACE, "XYZ", strict=True)))
+    size = 0.04 * (1e3 if unit == "um" else 1.0)
+    own = own.assign(**dict.fromkeys(names, size))
+    content, text, folder = proposed(own, "--robot", "ur10")
+    position = content["columns"]["poses"]["targets"]["T1"]
+    assert position["u"] == (names if len(names) == 3 else 3 * names)
+    assert position.get("coverage", 1.0) == coverage
+    assert position.get("u_unit") == unit
+    assert (" are divided by " in text) == (coverage != 1.0)
+    assert content["instrument"]["uncertainty_mm"] == pytest.approx(0.04 / coverage, abs=6e-4)
+    variance = read_campaign(folder).observations.measured.stated_covariance
+    np.testing.assert_allclose(np.sqrt(variance[:, 0, 0]), 4e-5 / coverage)
+
+
+def test_a_target_called_a_b_c_is_no_euler_angle(tmp_path, proposed):
+    _, table = tracked(tmp_path, "points")
+    names = {
+        f"T{k}_{axis}_mm": f"Target {letter} {axis.upper()}"
+        for k, letter in enumerate("ABC", start=1)
+        for axis in "xyz"
+    }
+    own = table.rename(columns=names).assign(robot="ours")
+    own.insert(0, "Point name", [f"Pose {k}" for k in range(len(own))])
+    content, _, folder = proposed(own, "--robot", "ur10")
+    columns = content["columns"]["poses"]
+    assert list(columns["targets"]) == ["TargetA", "TargetB", "TargetC"]
+    assert "Pose 3" in read_campaign(folder).observations.pose
+
+
+def test_a_name_that_all_rows_have_is_no_label(tmp_path, proposed):
+    _, table = tracked(tmp_path, "points")
+    content, text, _ = proposed(table.assign(Name="cell 1"), "--robot", "ur10")
+    assert "pose" not in content["columns"]["poses"]
+    assert re.search(r"Name +not read", text)

@@ -13,7 +13,7 @@ import sys
 from collections import ChainMap, Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -24,14 +24,11 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.formats import (
-    Format,
-    format_of_columns,
-    format_of_file,
     table_lines,
 )
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
-from pa10cal.campaign.recognise import canonical_unit, mistaken_encoding, unit_alone
-from pa10cal.campaign.text_lines import TextLine, encoding_of, is_workbook
+from pa10cal.campaign.recognise import mistaken_encoding
+from pa10cal.campaign.text_lines import TextLine
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import from_csv_cell
 
@@ -79,10 +76,15 @@ class Layout:
             except csv.Error:  # a field of more than 131072 characters: no number, quoted or not
                 pass
             else:
-                return [field.strip() for field in split]
+                return [self._bare(field.strip()) for field in split]
         fields = text.split(self.separator)
-        bare = not (" " in text or "\t" in text or '"' in text)  # most are, and no field to strip
-        return fields if bare else [field.strip(' \t"') for field in fields]
+        # Most texts are bare, and no field is to strip.
+        bare = not (" " in text or "\t" in text or '"' in text or "'" in text)
+        return fields if bare else [self._bare(field.strip(' \t"')) for field in fields]
+
+    def _bare(self, field: str) -> str:
+        """Return a field without the apostrophe by which workbooks mark one as text."""
+        return field[1:] if self.own and field[:1] == "'" else field
 
     def names(self, text: str) -> list[str]:
         """Return the names of the columns, of the line that has them or else of the first."""
@@ -183,7 +185,7 @@ def read_rows(
     lines = table_lines(path, layout.format, within)
     first = _first(lines, layout)
     if first is None:
-        raise _empty(path)
+        raise empty_file(path)
     header = layout.names(first.text)
     width = len(header)
     needed = [*required, *(together if set(together) & set(header) else ())]
@@ -192,7 +194,7 @@ def read_rows(
     below = lines if layout.header else chain([first], lines)
     below = (line for line in below if line.number >= layout.first)
     parts, last, unreadable, rows_read = [], first, 0, 0
-    while part := _part_of(below):
+    while part := part_of(below):
         parts.append(read := _read_part(part, header, used, layout))
         last, rows_read = part[-1], rows_read + len(part)
         unreadable += int(np.count_nonzero(read[0][1] != width)) + sum(map(len, read[2].values()))
@@ -255,7 +257,7 @@ def read_rows(
     return raw if repeats else raw.take(~pd.Series(hashes).duplicated().to_numpy(), REPEATED)
 
 
-def _part_of(
+def part_of(
     lines: Iterator[TextLine], most: int = ROWS_A_PART, most_letters: int = LETTERS_A_PART
 ) -> list[TextLine]:
     """Return some of the lines that follow."""
@@ -311,7 +313,7 @@ def _check_header(
 ) -> None:
     where, here = f"{path}:{first.number}", layout.separator
     if len(header) > MOST_COLUMNS:
-        raise _too_many_columns(where, len(header))
+        raise too_many_columns(where, len(header))
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
         if here and here != separator and first.text.count(separator) > first.text.count(here):
             allowed = "commas between fields, decimal points"
@@ -378,7 +380,8 @@ def _remedy_for_missing(
     return f"is it {near[0]!r}? {f'correct {key} in {DESCRIPTION}' if key else 'rename it'}"
 
 
-def _empty(path: Path) -> RawDataError:
+def empty_file(path: Path) -> RawDataError:
+    """Return the refusal of a file in which nothing stands."""
     return RawDataError(
         "the file is empty",
         where=f"{path}:1",
@@ -387,148 +390,11 @@ def _empty(path: Path) -> RawDataError:
     )
 
 
-def _too_many_columns(where: str, columns: int) -> RawDataError:
+def too_many_columns(where: str, columns: int) -> RawDataError:
+    """Return the refusal of a line with more columns than are read."""
     return RawDataError(
         f"there are too many columns: {columns}",
         where=where,
         allowed=f"at most {MOST_COLUMNS}",
         remedy="check the separator, or leave out what is not needed",
     )
-
-
-# How an unknown file is written: separator, decimal sign, line of the names, numbers.
-
-#: So many lines, or letters, are looked at.
-LINES, LETTERS = 3000, 1 << 21
-LEAST_FIELDS = 3
-_SEPARATORS = (";", "\t", ",", "|", None)
-
-
-@dataclass(frozen=True)
-class Sniffed:
-    """A file, as far as it was looked at."""
-
-    layout: Layout  # how it is written
-    encoding: str  # of its text; empty of a workbook
-    names: tuple[str, ...]  # of its columns
-    units: tuple[str, ...]  # what a line of units below the names says of each; empty without one
-    lines: tuple[int, ...]  # (N,) physical line of each row
-    text: NDArray[np.object_]  # (N, k) fields of the rows
-    numbers: Array  # (N, k) the same as numbers, nan where a field is none
-    format: Format | None = None  # the known format of the file that the table is made of
-    notes: tuple[str, ...] = ()  # what of the file is not in the table
-
-    def column(self, name: str) -> Array:
-        """Return a column of numbers."""
-        return self.numbers[:, self.names.index(name)]
-
-    def columns(self, names: Sequence[str]) -> Array:
-        """Return columns of numbers (N, len(names))."""
-        return np.column_stack([self.column(name) for name in names])
-
-    def words(self, name: str) -> list[str]:
-        """Return a column as it is written."""
-        return [str(each) for each in self.text[:, self.names.index(name)]]
-
-    @property
-    def texts(self) -> dict[str, list[str]]:
-        """Return columns that may hold labels: words, or whole numbers that do not count rows."""
-
-        def labels(values: Array) -> bool:
-            known = values[np.isfinite(values)]
-            if len(known) < 0.5 * len(values):
-                return True
-            return bool((known == np.round(known)).all() and len(np.unique(np.diff(known))) > 1)
-
-        every = zip(self.names, self.numbers.T, strict=True)
-        return {name: self.words(name) for name, values in every if labels(values)}
-
-    def titled(self, name: str) -> str:
-        """Return a name with the unit that a line below the names gives it."""
-        unit = self.units[self.names.index(name)] if self.units else ""
-        return f"{name} [{unit}]" if unit else name
-
-
-def sniff(path: Path) -> Sniffed:
-    """Find out how a file of rows of numbers is written; refuse one without such rows."""
-    of, notes = format_of_file(path), list[str]()
-    name = "" if of is None else of.name
-    below = table_lines(path, name, notes=notes)
-    lines = [(line.number, line.text) for line in _part_of(below, LINES, LETTERS)]
-    if not lines:
-        raise _empty(path)
-    for number, line in lines:
-        if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
-            raise _too_many_columns(f"{path}:{number}", most)
-    workbook = is_workbook(path)
-    of_table = Layout.of_table(name)
-    ways = [
-        _judged(lines, replace(of_table, separator=separator, decimal=decimal))
-        for separator in (("\t",) if workbook or of else _SEPARATORS)
-        for decimal in ("." if workbook else ".,")
-        if separator != decimal and lines
-    ]
-    share, width, layout = max(
-        ways or [(0.0, 0, Layout())], key=lambda way: (round(way[0], 3), way[1])
-    )
-    if of is not None:
-        width = len(layout.fields(lines[0][1]))
-    elif share < 0.3 or width < LEAST_FIELDS:
-        raise RawDataError(
-            "no rows of numbers were found",
-            where=str(path),
-            allowed="a text file or a workbook with a row for each configuration: joint "
-            "positions, and what was measured",
-            remedy="export the rows as text; a binary log is not read",
-        )
-    rows = [(number, layout.row(text, width)) for number, text in lines]
-    rows = [(number, fields) for number, fields in rows if len(fields) == width]
-    every = np.array([[layout.number(field) for field in fields] for _, fields in rows])
-    starts = np.mean(~np.isnan(every), axis=1)
-    usual = float(np.median(starts))
-    body = next(k for k, share in enumerate(starts) if share >= 0.6 * usual) if of is None else 1
-    named = body > 0
-    units: tuple[str, ...] = ()
-    if of is not None:
-        names = tuple(numbered_apart(rows[0][1]))
-    elif named:
-        titles = rows[body - 1]
-        # Most words of a line of units are known ones.
-        known = [canonical_unit(unit_alone(field)) != "" for field in titles[1] if field]
-        if body > 1 and known and np.mean(known) > 0.6:
-            units, titles = tuple(map(unit_alone, titles[1])), rows[body - 2]
-        follows = rows[body][0] > titles[0] + 1 + bool(units)
-        first = rows[body][0] if units or follows else 0
-        layout = replace(layout, header=titles[0], first=first)
-        names = tuple(numbered_apart(titles[1]))
-    else:
-        layout = replace(layout, header=0, first=rows[0][0] if rows[0][0] > 1 else 0)
-        names = tuple(str(k) for k in range(1, width + 1))
-    text = np.array([fields for _, fields in rows[body:]], dtype=object)
-    encoding = "" if workbook else encoding_of(path)
-    of_rows = tuple(number for number, _ in rows[body:])
-    return Sniffed(
-        layout,
-        encoding,
-        names,
-        units,
-        of_rows,
-        text.reshape(-1, width),
-        every[body:],
-        of or format_of_columns(names, every[body:]),
-        tuple(dict.fromkeys(notes)),
-    )
-
-
-def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, int, Layout]:
-    """Return the share of fields that are numbers in rows of the usual width, and that width."""
-    rows = [layout.fields(text) for _, text in lines]
-    # A separator at the end of each line makes an empty field, which is none.
-    rows = [row[:-1] if row[-1] == "" else row for row in rows]
-    width, times = Counter(map(len, rows)).most_common(1)[0]
-    usual = [row for row in rows if len(row) == width]
-    shares = [
-        np.mean([not np.isnan(layout.number(field)) for field in row]) for row in usual[-200:]
-    ]
-    share = float(np.mean(shares))
-    return share * times / len(rows), width, layout

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from pa10cal.campaign.csv_rows import Sniffed
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
@@ -22,6 +21,7 @@ from pa10cal.campaign.recognise import (
     split_unit,
     words_of_name,
 )
+from pa10cal.campaign.sniffing import Sniffed
 
 _LIMB = WORDS["limb"]
 #: How far along the arm a word stands, and which motion of several there comes first.

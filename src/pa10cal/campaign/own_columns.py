@@ -84,6 +84,7 @@ def _known_format(name: str) -> str:
 Name = Annotated[str, StringConstraints(min_length=1)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(_some), Field(min_length=1)]
 Three = Annotated[tuple[Name, ...], BeforeValidator(_some), Field(min_length=3, max_length=3)]
+LengthUnit = Literal["mm", "cm", "m", "um", "in"]
 One = Annotated[tuple[Name], BeforeValidator(_some)]
 # No single u: it marks columns of uncertainties.
 Target = Annotated[str, StringConstraints(pattern=r"^([A-Za-tv-z0-9]|[A-Za-z0-9]{2,})$")]
@@ -107,7 +108,7 @@ class Joints(Section):
 
     names: Names
     unit: Literal["deg", "rad", "mrad", "counts"] = "deg"
-    stroke_unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
+    stroke_unit: LengthUnit = "mm"
     counts_per_turn: Annotated[tuple[Positive, ...], BeforeValidator(_each)] | None = Field(
         default=None,
         description="of unit counts: how many a turn of the joint; one number, or one a joint",
@@ -159,12 +160,16 @@ class Position(Section):
     """A measured position: x, y, z in the instrument's frame, or polar readings."""
 
     names: Three
-    unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
+    unit: LengthUnit = "mm"
     polar: Polar | None = Field(
         default=None,
         description="the columns are horizontal angle, vertical angle and distance (unit)",
     )
     u: Three | None = None
+    u_unit: LengthUnit | None = Field(default=None, description="of u, where it is another")
+    coverage: Positive = Field(
+        default=1.0, description="what u is divided by: 2 of expanded uncertainties, U(95)"
+    )
 
     @model_validator(mode="after")
     def _no_u_of_polar(self) -> Self:
@@ -177,8 +182,12 @@ class DistanceColumns(Section):
     """A measured distance."""
 
     names: One
-    unit: Literal["mm", "cm", "m", "um", "in"] = "mm"
+    unit: LengthUnit = "mm"
     u: One | None = None
+    u_unit: LengthUnit | None = Field(default=None, description="of u, where it is another")
+    coverage: Positive = Field(
+        default=1.0, description="what u is divided by: 2 of expanded uncertainties, U(95)"
+    )
 
 
 class RotationColumns(Section):

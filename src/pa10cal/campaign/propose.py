@@ -26,7 +26,6 @@ from pa10cal.campaign.conventions import (
     modelled_attitudes,
     read_polar,
 )
-from pa10cal.campaign.csv_rows import Sniffed
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
 from pa10cal.campaign.own_columns import (
@@ -46,11 +45,13 @@ from pa10cal.campaign.recognise import (
     JUDGED,
     WORDS,
     Roles,
+    coverage_of,
     format_of,
     plain,
     standing,
     unit_of,
 )
+from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
@@ -346,7 +347,8 @@ class _Proposing:
             columns = {"format": layout.format, "decimal": layout.decimal}
             columns = columns if layout.decimal != "." else {"format": layout.format}
         columns |= self._time()
-        if "pose" in single and all(sniffed.words(single["pose"])):
+        labels = sniffed.words(single["pose"]) if "pose" in single else [""]
+        if all(labels) and len(set(labels)) > 1:  # a name of all rows, as of the robot, is none
             numbers = sniffed.column(single["pose"])
             # A number with decimals is none, such as actual_TCP_pose_0.
             if np.mean(np.isfinite(numbers) & (numbers != np.round(numbers))) < 0.5:
@@ -448,14 +450,25 @@ class _Proposing:
         if names == self.roles.polar:
             return self._polar(names, T_base_ee)
         unit = self._stated(names, LENGTHS) or self._unit_of_lengths(names, T_base_ee)
-        columns = {"names": list(names), "unit": unit}
+        columns: dict[str, Any] = {"names": list(names), "unit": unit}
         u = [self.roles.uncertain[name] for name in names if name in self.roles.uncertain]
         if len(u) < len(names):
             return columns
-        u_mm = LENGTHS[unit] * self.sniffed.columns(u)
+        titles = list(map(self.sniffed.titled, u))
+        coverage = coverage_of(titles[0])
+        u_unit = next((own for own in map(unit_of, titles) if own in LENGTHS), unit)
+        u_mm = LENGTHS[u_unit] / coverage * self.sniffed.columns(u)
         if np.isfinite(u_mm).any():
             self.stated_mm = float(f"{np.sqrt(np.nanmean(u_mm**2)):.2g}")
-        return columns | {"u": u}
+        columns["u"] = u
+        if u_unit != unit:
+            columns["u_unit"] = u_unit
+        if coverage != 1.0:
+            columns["coverage"] = coverage
+            self.checks.append(f"coverage: {titles[0]} … are divided by {coverage:g}, as they say")
+        if len(u) > len(set(u)):
+            self.checks.append(f"u: {titles[0]} is taken for each of x, y and z")
+        return columns
 
     def _polar(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
         """Return columns of polar readings: how angles count is found by the arm, else by names."""

@@ -323,6 +323,9 @@ def own_columns(
             where = f"{section}.{key}"
             yield name, OwnColumn(part.names[k], unit, factor, offset, where)
             if (u := getattr(part, "u", None)) is not None:
+                if (u_unit := getattr(part, "u_unit", None)) is not None:
+                    unit, factor = u_unit, FACTORS[u_unit]
+                factor /= getattr(part, "coverage", 1.0)
                 yield f"u_{name}", OwnColumn(u[k], unit, factor, 0.0, where)
     if (turned := columns.rotation) is not None:
         for name in QUATERNION:

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.composed_columns import with_matrix, with_polar
-from pa10cal.campaign.csv_rows import Layout, Sniffed
+from pa10cal.campaign.csv_rows import Layout
 from pa10cal.campaign.joint_names import file_roles
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.raw_file import own_columns
 from pa10cal.campaign.recognise import Roles
+from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.errors import RawDataError
 
 
 def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:
     """Return what the columns of a file may be, those too that hold a place only together."""
-    roles = with_matrix(file_roles(sniffed, joints, joint_names), sniffed.names, sniffed.numbers)
-    return with_polar(roles, sniffed.names)
+    names = sniffed.titles or sniffed.names
+    called = replace(sniffed, names=names)
+    roles = with_matrix(file_roles(called, joints, joint_names), names, sniffed.numbers)
+    return with_polar(roles, names).renamed(dict(zip(names, sniffed.names, strict=True)))
 
 
 def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
@@ -35,9 +39,12 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
             uses.setdefault(own, {})[how] = None
     encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
     lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
-    width = max(map(len, sniffed.names))
-    for name in sniffed.names:
-        lines.append(f"  {name:{width}}  {'; '.join(uses.get(name, ['not read']))}")
+    shown = list(sniffed.names)
+    if sniffed.titles:
+        shown = [f"{k} ({title})" for k, title in zip(shown, sniffed.titles, strict=True)]
+    width = max(map(len, shown))
+    for name, label in zip(sniffed.names, shown, strict=True):
+        lines.append(f"  {label:{width}}  {'; '.join(uses.get(name, ['not read']))}")
     return tuple(lines)
 
 

@@ -114,6 +114,23 @@ class Roles:
     # polar readings, which then are the one position: horizontal angle, vertical angle, distance
     polar: tuple[str, ...] | None = None
 
+    def renamed(self, names: Mapping[str, str]) -> Roles:
+        """Return them with other names of the columns, by those that they have here."""
+
+        def of(columns: Sequence[str]) -> tuple[str, ...]:
+            return tuple(names[name] for name in columns)
+
+        return Roles(
+            of(self.joints),
+            of(self.torques),
+            {place: of(columns) for place, columns in self.positions.items()},
+            None if self.attitude is None else (of(self.attitude[0]), self.attitude[1]),
+            {names[name]: names[u] for name, u in self.uncertain.items()},
+            {key: names[name] for key, name in self.single.items()},
+            of(self.times),
+            None if self.polar is None else of(self.polar),
+        )
+
 
 def roles_of(
     names: Sequence[str],
@@ -129,11 +146,13 @@ def roles_of(
         text: columns that hold no numbers: labels, kinds of rows or times, and nothing measured.
         turns: columns of joint positions in order, where the joints' names say so.
     """
-    of = _uncertain(names)
+    of, of_whole = _uncertain(names)
+    lone = set(of_whole.values())
     certain = [
         name
         for name in names
         if name not in of.values()
+        and name not in lone
         and name not in text
         and name not in turns
         and not has_word(words_of_name(name)[:1], "uncertain")
@@ -150,6 +169,10 @@ def roles_of(
                 before = _around_axis(axes["x"])
                 label = before if before not in positions else f"{before}{len(positions) + 1}"
                 positions[label] = tuple(axes.values())
+    for label, triple in positions.items():
+        u = of_whole.get("".join(words_of_name(label)), of_whole.get(""))
+        if u is not None and not any(name in of for name in triple):
+            of |= dict.fromkeys(triple, u)
     taken = {name for triple in positions.values() for name in triple}
     free = [name for name in free if name not in taken]
     torques = _numbered([name for name in free if has_word(words_of_name(name), "torque")], joints)
@@ -172,6 +195,8 @@ def roles_of(
             whole = [name for name in some if any(map(part.search, words_of_name(name)))]
         if whole:
             single[key] = whole[0]
+    if "distance" in single and "" in of_whole:
+        of.setdefault(single["distance"], of_whole[""])
     others = {name for key, name in single.items() if key != "time"}
     times = [name for name in free if has_word(words_of_name(name), "time") and name not in others]
     return Roles(turns, torques, positions, attitude, of, single, tuple(times))
@@ -239,6 +264,8 @@ def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tupl
         listed = words_of_name(name)
         for k, word in enumerate(listed):
             rest = (*listed[:k], *listed[k + 1 :])
+            if any(map(_AXIS.fullmatch, rest)):
+                continue  # x of a target that is called so
             if word in (*endings, beyond):
                 groups.setdefault(rest, {}).setdefault(word, name)
         if len(listed) >= 2 and listed[-2] + listed[-1] in (*endings, beyond):
@@ -277,25 +304,47 @@ def _around_axis(name: str) -> str:
     return "".join((*parts[:k], *parts[k + 1 :]))
 
 
-def _uncertain(names: Sequence[str]) -> dict[str, str]:
-    """Return the columns of uncertainties by the one that each is of."""
+#: What says that an uncertainty is an expanded one, and by which factor; without, by 2.
+_EXPANDED = re.compile(
+    r"\bu\W*(?:95|0\.95)\b\W*|\b95\s*%|\bk\s*=\s*(?P<k>\d(?:\.\d+)?)|(?P<sigmas>[23])\s*-?sigma\b"
+    r"|\b(?:expanded|erweiterte|elargie|expandida)\b"
+)
+
+
+def coverage_of(name: str) -> float:
+    """Return by how much a column of uncertainties is expanded; 1 of standard uncertainties."""
+    found = _EXPANDED.search(plain(name)) if len(name) <= MOST_LETTERS else None
+    if found is None:
+        return 1.0
+    return float(found["k"] or found["sigmas"] or 2.0)
+
+
+def _uncertain(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the columns of uncertainties by the one that each is of, and those of whole targets.
+
+    These are by what stands before x, y, z of the target, in small letters; nothing for all.
+    """
     known = _VOCABULARY["uncertain"]
     called: dict[str, str] = {}
     for name in names:
         called.setdefault("".join(words_of_name(name)), name)
-    uncertain = {}
+    uncertain, whole = {}, {}
     for name in names:
-        listed = words_of_name(name)
+        expanded = coverage_of(name) != 1.0
+        bare = _EXPANDED.sub(" u ", plain(split_unit(name)[0])) if expanded else name
+        listed = words_of_name(bare)
         rest = [word for word in listed if word not in known]
-        if len(rest) == len(listed):  # no word of its own says so
-            run_on = re.fullmatch(r"(?:s|u|std|sigma)([xyz]|q\d)", listed[-1]) if listed else None
-            if run_on is None:
-                continue
+        run_on = re.fullmatch(r"(?:s|u|std|sigma)([xyz]|q\d)", rest[-1]) if rest else None
+        if len(rest) == len(listed) and run_on is None:
+            continue
+        if run_on is not None and (expanded or len(rest) == len(listed)):
             rest = [*rest[:-1], run_on[1]]
         of = called.get("".join(rest))
         if of is not None and of != name:
             uncertain[of] = name
-    return uncertain
+        elif expanded or not _VOCABULARY["uncertainty"].isdisjoint(listed):
+            whole["".join(rest)] = name
+    return uncertain, whole
 
 
 def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:

@@ -42,9 +42,9 @@ def columns(
 
     import yaml
 
-    from pa10cal.campaign.csv_rows import sniff
     from pa10cal.campaign.propose import label_of, propose, propose_two_logs
     from pa10cal.campaign.read_as import follows_contract
+    from pa10cal.campaign.sniffing import sniff
     from pa10cal.errors import SettingsError, one_line, visible
     from pa10cal.files.arms import joint_names, load_arm
 
@@ -97,6 +97,7 @@ def columns(
 
 def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
     """Read a campaign as it is proposed, and return what its reader is to know of that."""
+    from collections import Counter
     from shutil import copyfile
     from tempfile import TemporaryDirectory
 
@@ -116,9 +117,15 @@ def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
         except Pa10calError as error:
             return [f"# check all of it: it is refused: {error}".replace(f"{folder}/", "")]
         rows = f"{len(found.observations)} rows can be used, {len(found.quarantined)} cannot"
+        lost = Counter(row.reason for row in found.quarantined).most_common()
+        cannot = [
+            f"# cannot be used: {times} {'row' if times == 1 else 'rows'}: {reason}"
+            for reason, times in lost
+        ]
         said = (" joined by ", " by whole turns")
         joined = [f"# {note}" for note in found.notes if any(word in note for word in said)]
-        return [f"# read so: {rows}", *joined, *(f"# check: {each}" for each in found.warnings)]
+        warned = (f"# check: {each}" for each in found.warnings)
+        return [f"# read so: {rows}", *cannot, *joined, *warned]
 
 
 #: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.

@@ -1,0 +1,102 @@
+"""How an unknown file is written: names and rows that are not written alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from made_up_sightings import sighted
+from pa10cal.__main__ import main
+from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.sniffing import sniff
+
+NAMES = [*(f"Joint {k}" for k in range(1, 7)), "Pos X", "Pos Y", "Pos Z"]
+
+
+@pytest.fixture
+def rows(tmp_path):
+    """Return rows of joint positions and places, and the campaign they are of."""
+    raw = sighted(tmp_path / "made", "points", targets=1)
+    table = np.column_stack([np.degrees(raw.q), 1e3 * raw.T_instr_target[:, :3, 3]])
+    return raw, [[f"{value:.6f}" for value in row] for row in table]
+
+
+@pytest.fixture
+def read(tmp_path, capsys):
+    """Write lines, propose a campaign.yaml for them, and read the campaign so."""
+
+    def run(lines):
+        folder = tmp_path / "mine"
+        folder.mkdir()
+        (folder / "export.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        assert main(["columns", str(folder / "export.txt"), "--robot", "ur10"]) == 0
+        text = capsys.readouterr().out
+        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+        return text, read_campaign(folder)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("above", "between", "end"),
+    [
+        (",".join([*NAMES, "Remark"]), ",", ","),  # the last column is named, and empty
+        (";".join([*NAMES, "Remark"]), ";", ";"),
+        ("\t".join([*NAMES, "Remark"]), "\t", "\t"),
+        (",".join([*NAMES, "Remark"]), ",", ""),  # and has no field at all
+        (",".join([*NAMES, "a", "b", "c"]), ",", ""),
+        (" ".join(NAMES), " ", ""),  # names with blanks between blanks
+        ("  ".join(NAMES), "  ", ""),
+        (" ".join(f"{name} [deg]" if "J" in name else f"{name} [mm]" for name in NAMES), " ", ""),
+        ("\t".join(NAMES), "  ", ""),
+        (", ".join(NAMES), " ", ""),
+        (",".join(NAMES), ",", ","),  # a separator ends each row
+    ],
+)
+def test_names_that_are_not_written_as_the_rows_are_read(rows, read, above, between, end):
+    raw, fields = rows
+    text, found = read([above, *(between.join(row) + end for row in fields)])
+    assert "# read so: 40 rows can be used, 0 cannot" in text
+    np.testing.assert_allclose(found.observations.states.q_rad, raw.q, atol=2e-8)
+    columns = yaml.safe_load(text)["columns"]["poses"]
+    if columns.get("header", 1) == 0:
+        assert columns["joints"]["names"] == [str(k) for k in range(1, 7)]
+        assert "1 (Joint 1" in text
+
+
+@pytest.mark.parametrize(
+    ("how", "stated"),
+    [
+        ("'%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S"),
+        ("'%Y-%m-%d %H:%M:%S", "iso"),
+        ('"\'%d.%m.%Y %H:%M:%S"', "%d.%m.%Y %H:%M:%S"),
+    ],
+)
+def test_an_apostrophe_marks_text_and_is_no_part_of_it(rows, read, how, stated):
+    raw, fields = rows
+    at = np.datetime64("2026-03-04T10:00:00") + 37 * np.arange(40).astype("timedelta64[s]")
+    dates = [moment.item().strftime(how) for moment in at]
+    lines = [",".join([date, *row]) for date, row in zip(dates, fields, strict=True)]
+    text, found = read([",".join(["Time", *NAMES]), *lines])
+    assert yaml.safe_load(text)["columns"]["poses"]["time"]["format"] == stated
+    np.testing.assert_allclose(found.observations.states.time_s, 37.0 * np.arange(40))
+    np.testing.assert_allclose(found.observations.states.q_rad, raw.q, atol=2e-8)
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "measured on 4 March 2026",
+        "1 2 3 4 5 6 7 8 9",
+        "a,b",
+        "; ; ; ; ; ; ; ;",
+        "'",
+    ],
+)
+def test_a_line_that_holds_no_names_gives_none(tmp_path, rows, above):
+    path = tmp_path / "export.txt"
+    path.write_text("\n".join([above, *(" ".join(row) for row in rows[1])]), encoding="utf-8")
+    sniffed = sniff(path)
+    assert sniffed.titles == ()
+    assert sniffed.names == tuple(str(k) for k in range(1, 10))
