@@ -208,6 +208,23 @@ def test_a_tip_that_a_joint_carries_gets_a_flange_of_its_own():
     )
 
 
+def test_mimicry_stays_and_counts_from_where_the_urdf_has_it():
+    """The elbow is at half the lift and 0.2: calibrated origins are those of its own zero."""
+    mimic = '<axis xyz="0 0 1"/><mimic joint="lift" multiplier="0.5" offset="0.2"/>'
+    text = OWN.replace("TIP", "flange").replace('<axis xyz="0 0 1"/>', mimic)
+    source = UrdfSource(text, "mine.urdf", "base", "flange")
+    assert source.joints == ("shoulder", "lift", "slide")
+    chain = chain_of(source)
+    at, axes = departed(chain), Q[:, [0, 1, 3]]
+    q = chain.arm.coupling.to_joints(axes)
+    in_urdf = np.add(q, [0.0, 0.0, 0.2, 0.0])
+    patched = patched_urdf(source, chain, at, {})
+    assert patched.count("<mimic") == 1
+    np.testing.assert_allclose(
+        loaded(patched, "base", "flange", in_urdf), expected(chain, at, q), atol=1e-12
+    )
+
+
 def without_origins(text):
     root = ElementTree.fromstring(text.replace("drake:", ""))
     for joint in root.findall("joint"):

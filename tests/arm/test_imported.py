@@ -1,6 +1,7 @@
 """Arms from URDF files: the same forward kinematics, limits and masses, or one clear refusal."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -354,3 +355,74 @@ def test_a_small_tilt_of_parallel_axes_is_a_small_beta():
     np.testing.assert_allclose(d_m[:2], 0.0, atol=1e-12)
     assert alpha_rad[1] == pytest.approx(2e-6, rel=1e-3)
     assert beta_rad[1] == pytest.approx(1e-6, rel=1e-3)
+
+
+SERIAL = [
+    ("revolute", (0.0, 0.0, 0.3), (0.0, 0.0, 0.0), (0, 0, 1)),
+    ("revolute", (0.1, 0.0, 0.1), (1.2, 0.0, 0.0), (0, 0.6, 0.8)),
+    ("prismatic", (0.2, 0.1, 0.0), (0.0, 0.4, 0.0), (1, 0, 0)),
+    ("prismatic", (0.05, 0.0, 0.0), (0.0, 0.0, 0.0), (1, 0, 0)),
+    ("revolute", (0.0, 0.2, 0.0), (0.0, 0.0, 0.7), (0, 1, 0)),
+]
+
+
+def mimicking(follower, leader, multiplier, offset=0.0, text=None):
+    text = robot(SERIAL) if text is None else text
+    mimic = f'<mimic joint="{leader}" multiplier="{multiplier}" offset="{offset}"/>'
+    head, tail = text.split(f'<joint name="{follower}"')
+    return f'{head}<joint name="{follower}"{tail.replace("<axis", mimic + "<axis", 1)}'
+
+
+@pytest.mark.parametrize(
+    ("text", "positions"),
+    [
+        (mimicking("j3", "j2", 1.0), lambda q: [*q[:3], q[2], q[3]]),
+        (mimicking("j4", "j1", -0.5, 0.3), lambda q: [*q, 0.3 - 0.5 * q[1]]),
+        (
+            mimicking("j3", "j2", 2.0, 0.1, mimicking("j2", "j1", 0.1, 0.05)),
+            lambda q: [q[0], q[1], 0.05 + 0.1 * q[1], 0.2 + 0.2 * q[1], q[2]],
+        ),
+    ],
+)
+def test_mimicry_is_one_motor_that_drives_several_joints(text, positions):
+    found = imported(text)
+    arm, rng = found.arm, np.random.default_rng(2)
+    model = pin.buildModelFromXML(text)
+    data, end = model.createData(), model.getFrameId("l5")
+    low, high = arm.axis_limits_rad.T
+    for axes in rng.uniform(low, high, (20, len(low))):
+        q = np.array(positions(axes))
+        pin.framesForwardKinematics(model, data, q)
+        (T,) = Chain.of(arm).forward(arm.coupling.to_joints(axes)[None])
+        assert np.abs(T - data.oMf[end].homogeneous).max() < 1e-9
+        assert (np.clip(q, -1.5 - 1e-9, 2.0 + 1e-9) == q).all()
+    assert any("has no axis of its own" in note for note in found.notes)
+    back = imported(urdf_text(Chain.of(arm), Chain.of(arm).nominal, "again")).arm
+    assert [(c.joint, c.by, c.follows) for c in back.coupled] == [
+        (c.joint, c.by, True) for c in arm.coupled
+    ]
+
+
+def test_stages_of_a_telescope_are_told():
+    assert any(
+        "joints 3 to 4 (j2 … j3) slide along one" in note for note in imported(robot(SERIAL)).notes
+    )
+    assert not any("slide along" in note for note in imported(mimicking("j3", "j2", 1.0)).notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            mimicking("j3", "j2", 1.0, 0.0, mimicking("j2", "j3", 1.0)),
+            "joint j2: the joint follows",
+        ),
+        (mimicking("j3", "elsewhere", 1.0), "joint j3: the joint follows joint elsewhere"),
+        (mimicking("j3", "j2", 0.0), "multiplier 0"),
+        (mimicking("j3", "j2", 1.0, 9.0), "which follows it, allow the joint no motion"),
+        (mimicking("j3", "j2", "twice"), "multiplier cannot be read"),
+    ],
+)
+def test_mimicry_that_no_chain_can_follow_is_refused(text, says):
+    with pytest.raises(ArmError, match=says):
+        imported(text)

@@ -111,9 +111,11 @@ class UrdfSource:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the names of the joints that move between the two links, in order."""
-        joints = read_tree(self.text, self.where).path(self.base, self.tip)[2]
-        return tuple(joint.name for joint in joints if joint.kind in MOVING)
+        """Return the names of the joints with an axis of their own between the links, in order."""
+        tree = read_tree(self.text, self.where)
+        joints = tree.path(self.base, self.tip)[2]
+        follow = tree.leaders(joints)
+        return tuple(j.name for j in joints if j.kind in MOVING and j.name not in follow)
 
 
 def patched_urdf(
@@ -135,9 +137,11 @@ def patched_urdf(
     tree = read_tree(source.text, source.where)
     _, _, path = tree.path(source.base, source.tip)
     joints = [joint for joint in path if joint.kind in MOVING]
-    T_root = {tree.root: np.eye(4)}  # all joints at zero
+    # All joints at zero, and those that follow one where they are then.
+    at = {name: leader.offset for name, leader in tree.leaders(path).items()}
+    T_root = {tree.root: np.eye(4)}
     for joint in tree.below(tree.root):
-        T_root[joint.child] = T_root[joint.parent] @ _origin(joint)
+        T_root[joint.child] = T_root[joint.parent] @ joint.origin_at(at.get(joint.name, 0.0))
     T_base = {link: np.linalg.inv(T_root[source.base]) @ T for link, T in T_root.items()}
     own = np.array([T_base[joint.child] for joint in joints])
     _refuse_another_arm(source, chain, joints, own, T_base[source.tip])
@@ -148,10 +152,11 @@ def patched_urdf(
     origins, T = {}, T_base[path[0].parent]
     for joint in path:
         if joint.child in placed_at:
-            origins[joint.name] = np.linalg.inv(T) @ placed_at[joint.child]
+            off = np.linalg.inv(joint.origin_at(0.0)) @ joint.origin_at(at.get(joint.name, 0.0))
+            origins[joint.name] = np.linalg.inv(T) @ placed_at[joint.child] @ np.linalg.inv(off)
             T = placed_at[joint.child]
         else:
-            T = T @ _origin(joint)
+            T = T @ joint.origin_at(0.0)
     file = parse_urdf(source.text, comments=True)
     for element in file.robot.findall("joint"):
         if element.get("name") in origins:
@@ -180,10 +185,6 @@ def patched_urdf(
     for name, T_flange_link in frames.items():
         add_fixed(flange, name, T_flange_link)
     return file.text(*comments)
-
-
-def _origin(joint: UrdfJoint) -> Array:
-    return placed(np.array(joint.xyz), np.array(joint.rpy))
 
 
 def _refuse_another_arm(

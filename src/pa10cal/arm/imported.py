@@ -5,6 +5,7 @@ The rows are laid through the axes as pinocchio has them, and its forward kinema
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.description import Arm, with_hayati_rows
+from pa10cal.arm.coupling import CoupledJoint
+from pa10cal.arm.description import Arm, neighbouring_axes, with_hayati_rows
 from pa10cal.arm.dh_rows import DHRows, neat, rows_through
-from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, UrdfTree, read_tree
+from pa10cal.arm.urdf_reading import MOVING, Leader, UrdfJoint, UrdfTree, read_tree
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
@@ -57,10 +59,16 @@ def arm_from_urdf_text(
     tree = read_tree(text, where)
     base, tip, path = tree.path(base, tip)
     joints = [joint for joint in path if joint.kind in MOVING]
-    posed = _Posed(tree, joints, base, tip)
+    leaders = tree.leaders(path)
+    posed = _Posed(tree, joints, base, tip, leaders)
     T_base_joints, axes = posed.at_zero(joints)
     rows = rows_through(T_base_joints[:, :3, 3], axes, posed.T_base_ee(np.zeros(len(joints))))
-    limits, notes = _limits(joints, where)
+    limits, notes = _limits(joints, where, leaders)
+    names = [joint.name for joint in joints]
+    coupled = tuple(
+        CoupledJoint(names.index(name) + 1, names.index(of.name) + 1, of.multiplier, follows=True)
+        for name, of in leaders.items()
+    )
     mass_kg, com_m = posed.masses(T_base_joints, rows)
     theta_rad, d_m, a_m, alpha_rad, beta_rad = rows.parameters.T
     arm = Arm(
@@ -81,6 +89,7 @@ def arm_from_urdf_text(
         beta_rad=beta_rad,
         T_base_row1=rows.T_base_row1,
         T_row_n_ee=rows.T_row_n_ee,
+        coupled=coupled,
     )
     arm = with_hayati_rows(arm)
     low, high = arm.limits_rad.T
@@ -99,7 +108,7 @@ def arm_from_urdf_text(
             allowed=f"{_TOLERANCE:g} m and rad",
             remedy="report it with the file; describe the arm by hand meanwhile",
         )
-    notes += _omitted(tree, path, arm)
+    notes += [*_omitted(tree, path, arm), *_one_motor(arm, names, leaders)]
     return ImportedArm(
         arm, base, tip, tuple(joint.name for joint in joints), off_m, off_rad, tuple(notes)
     )
@@ -108,7 +117,14 @@ def arm_from_urdf_text(
 class _Posed:
     """The serial path in pinocchio, all other joints held at zero."""
 
-    def __init__(self, tree: UrdfTree, moving: list[UrdfJoint], base: str, tip: str) -> None:
+    def __init__(
+        self,
+        tree: UrdfTree,
+        moving: list[UrdfJoint],
+        base: str,
+        tip: str,
+        leaders: Mapping[str, Leader],
+    ) -> None:
         self._model = pin.Model()
         # Which joint of pinocchio carries each link, and where the link is on it.
         at = {tree.root: (0, pin.SE3.Identity())}
@@ -116,6 +132,11 @@ class _Posed:
         for joint in tree.below(tree.root):
             carrier, T = at[joint.parent]
             T = T * pin.SE3(pin.rpy.rpyToMatrix(np.array(joint.rpy)), np.array(joint.xyz))
+            if joint.name in leaders:  # counted from where it is when its leader is at zero
+                T = T * pin.SE3(
+                    np.linalg.inv(joint.origin_at(0.0))
+                    @ joint.origin_at(leaders[joint.name].offset)
+                )
             if joint.name in moves:
                 slides = joint.kind == "prismatic"
                 kind = (
@@ -162,8 +183,13 @@ def _direction(joint: UrdfJoint) -> Array:
     return np.asarray(np.array(joint.axis) / np.linalg.norm(joint.axis))
 
 
-def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
-    """Return the limits (n, 2), a full turn either way where a revolute joint states none."""
+def _limits(
+    joints: list[UrdfJoint], where: str, leaders: Mapping[str, Leader]
+) -> tuple[Array, list[str]]:
+    """Return the limits (n, 2), a full turn either way where a revolute joint states none.
+
+    Those of a joint that others follow are no wider than theirs.
+    """
     limits, notes = np.array([joint.limits for joint in joints]), []
     for row, joint in enumerate(joints):
         if np.isfinite(limits[row]).all():
@@ -178,7 +204,49 @@ def _limits(joints: list[UrdfJoint], where: str) -> tuple[Array, list[str]]:
         limits[row] = -_FULL_TURN_RAD, _FULL_TURN_RAD
         why = "turns without limit" if joint.kind == "continuous" else "states no limits"
         notes.append(f"joint {joint.name} {why}: -360 to 360 degrees are taken")
+    names = [joint.name for joint in joints]
+    for name, leader in leaders.items():
+        own, other = names.index(name), names.index(leader.name)
+        limits[own] -= leader.offset
+        low, high = np.sort(limits[own] / leader.multiplier)
+        limits[other] = max(limits[other, 0], low), min(limits[other, 1], high)
+        if limits[other, 0] >= limits[other, 1]:
+            raise ArmError(
+                f"the limits of joint {name}, which follows it, allow the joint no motion",
+                where=f"{where}: joint {leader.name}",
+                value=limits[other].tolist(),
+                allowed="limits that overlap, multiplier and offset of the mimicry taken off",
+                remedy="correct the limits",
+            )
     return limits, notes
+
+
+def _one_motor(arm: Arm, names: list[str], leaders: Mapping[str, Leader]) -> Iterator[str]:
+    """Yield joints that one motor drives, and those that may be: slides along one direction."""
+    for each in arm.coupled:
+        own = names[each.joint - 1]
+        yield (
+            f"joint {each.joint} ({own}) follows joint {each.by} ({leaders[own].name}), "
+            f"{each.factor:g} times: it has no axis of its own, and files have no column of it"
+        )
+    parallel = {axes.joints[0] for axes in neighbouring_axes(arm) if axes.parallel}
+    first = 1
+    while first <= arm.n:
+        last = first
+        while last in parallel and arm.prismatic[last - 1] and arm.prismatic[last]:
+            last += 1
+        following = {each.joint for each in arm.coupled}
+        if last > first and not following & set(range(first, last + 1)):
+            coupling = ", ".join(
+                f"{{joint: {joint}, by: {first}, factor: 1, follows: true}}"
+                for joint in range(first + 1, last + 1)
+            )
+            yield (
+                f"joints {first} to {last} ({names[first - 1]} … {names[last - 1]}) slide along "
+                "one direction, as the stages of a telescope: if one motor drives them, set "
+                f"coupling: [{coupling}]"
+            )
+        first = last + 1
 
 
 def _omitted(tree: UrdfTree, path: tuple[UrdfJoint, ...], arm: Arm) -> list[str]:

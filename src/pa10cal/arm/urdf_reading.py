@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import takewhile
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from pa10cal.arm.chain import roll_pitch_yaw
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.chain import placed, roll_pitch_yaw
 from pa10cal.arm.description import MOST_ROWS
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError, remedy_for, visible
 
 # XML of a URDF as robots have it: prefixes need no declaration, and comments may be kept.
@@ -117,12 +120,33 @@ class UrdfJoint:
     parent: str
     child: str
     follows: str  # the joint it mimics, or an empty text
+    # multiplier and offset: it is at multiplier times the position of that joint, and offset
+    multiplier: float
+    offset: float  # [rad or m]
     # xyz and rpy: place [m] and turns about fixed axes [rad] of its frame in the parent
     xyz: tuple[float, ...]
     rpy: tuple[float, ...]
     axis: tuple[float, ...]  # direction in which it moves, in its own frame
     limits: tuple[float, float]  # lower and upper [rad or m]; nan where they are not stated
     effort: float  # rated torque [N m] or force [N]; nan where it is not stated
+
+    def origin_at(self, position: float) -> Array:
+        """Return the pose (4, 4) of its child in its parent at a position [rad or m]."""
+        T = placed(np.array(self.xyz), np.array(self.rpy))
+        along = np.array(self.axis) / max(np.linalg.norm(self.axis), 1e-300) * position
+        if self.kind == "prismatic":
+            return T @ homogeneous(np.eye(3), along)
+        return T @ homogeneous(Rotation.from_rotvec(along).as_matrix(), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Leader:
+    """The joint that another mimics, at the end of all mimicry."""
+
+    name: str
+    # the follower is at multiplier times its position, and offset [rad or m]
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True)
@@ -196,14 +220,38 @@ class UrdfTree:
                     allowed="revolute, continuous, prismatic, fixed",
                     remedy="name a base beyond this joint with --base",
                 )
-            if joint.follows:
-                raise ArmError(
-                    f"the joint follows joint {joint.follows} (mimic)",
-                    where=place,
-                    allowed="independent joints",
-                    remedy="name a base beyond this joint, or a tip before it",
-                )
+        self.leaders(joints)
         return base, tip, tuple(joints)
+
+    def leaders(self, path: Sequence[UrdfJoint]) -> dict[str, Leader]:
+        """Return what joints of a path mimic, by their names.
+
+        Raises:
+            ArmError: when one of them mimics a joint that is not on the path, or itself.
+        """
+        on_path = {joint.name: joint for joint in path if joint.kind in MOVING}
+        found = {}
+        for joint in on_path.values():
+            leader, multiplier, offset, seen = joint, 1.0, 0.0, {joint.name}
+            while leader.follows:
+                multiplier, offset = (
+                    multiplier * leader.multiplier,
+                    offset + multiplier * leader.offset,
+                )
+                if leader.follows in seen or leader.follows not in on_path or multiplier == 0.0:
+                    raise ArmError(
+                        f"the joint follows joint {leader.follows} (mimic)",
+                        where=f"{self.where}: joint {joint.name}",
+                        value=f"multiplier {multiplier:g}" if multiplier == 0.0 else None,
+                        allowed="a joint that moves between base and tip, which it follows by more "
+                        "than nothing",
+                        remedy="name a base beyond this joint, or a tip before it",
+                    )
+                leader = on_path[leader.follows]
+                seen.add(leader.name)
+            if leader is not joint:
+                found[joint.name] = Leader(leader.name, multiplier, offset)
+        return found
 
     def above(self, link: str) -> tuple[UrdfJoint, ...]:
         """Return the joints that carry a link, from the root on."""
@@ -438,6 +486,8 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
         parent=_end(element, "parent", place),
         child=_end(element, "child", place),
         follows="" if mimic is None else mimic.get("joint", "another"),
+        multiplier=_numbers(mimic, "multiplier", (1.0,), f"{place}: mimic")[0],
+        offset=_numbers(mimic, "offset", (0.0,), f"{place}: mimic")[0],
         xyz=xyz,
         rpy=_numbers(origin, "rpy", _NOWHERE, f"{place}: origin"),
         axis=axis,
