@@ -173,6 +173,7 @@ MAY_IMPORT = {
         "observe.kinds",
         "campaign.description",
         "campaign.table",
+        "arm.coupling",
         "arm.statics",
         "files.output",
         "terms.wording",

@@ -11,6 +11,7 @@ import yaml
 
 from made_up_poses import states_of
 from mended import findings
+from pa10cal import calibrate
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import arm_text, parse_arm
@@ -71,11 +72,12 @@ KINDS = {
     "rest of a quill": (scara, {"joint": 3, "by": 4, "mm_per_turn": -0.4}),
     "telescope": (telescope, {"joint": 4, "by": 3, "factor": -1}),
 }
+ONE_MOTOR = {"one motor": (telescope, {"joint": 4, "by": 3, "factor": 1, "follows": True})}
 
 
 def logged(folder, kind, seed, poses=60):
     """Write what a controller logs and an instrument reads of an arm a little off nominal."""
-    rows, coupling = KINDS[kind]
+    rows, coupling = (KINDS | ONE_MOTOR)[kind]
     rng = np.random.default_rng(seed)
     plain = parse_arm({"name": "mine", "rows": rows(rng)}, where="mine.yaml")
     arm = parse_arm({**yaml.safe_load(arm_text(plain)), "coupling": [coupling]}, where="mine.yaml")
@@ -83,6 +85,8 @@ def logged(folder, kind, seed, poses=60):
     x = np.array([p.scale for p in model.parameters]) * rng.normal(0.0, 1.0, len(model.parameters))
     low, high = arm.limits_rad.T
     q = low + (high - low) * rng.uniform(0.1, 0.9, (poses, arm.n))
+    if coupling.get("follows"):
+        q = arm.coupling.to_joints(arm.coupling.to_axes(q))
     T = model.predict(states_of(plain, poses=poses, q_rad=q), x)
     targets_m = np.add(rng.uniform(-0.15, 0.15, (3, 3)), [0.0, 0.0, 0.1])
     p_m = np.einsum("pij,bj->pbi", T[:, :3, :3], targets_m) + T[:, None, :3, 3]
@@ -137,6 +141,23 @@ def test_joints_logged_together_are_told_with_what_to_set(tmp_path, kind, seed):
     (folder / "campaign.yaml").write_text(yaml.safe_dump(description | {"coupling": stated}))
     assert read_campaign(folder).quarantined == ()
     assert findings(folder) == ()
+
+
+def test_one_motor_that_drives_two_slides_is_calibrated_as_one(tmp_path):
+    """Files have no column of the joint that follows, and what moves them apart is no unknown."""
+    folder = tmp_path / "c"
+    coupling, description = logged(folder, "one motor", 1)
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(description | {"coupling": [coupling]}))
+    read = read_campaign(folder)
+    assert "q6" not in (folder / "poses.csv").read_text()
+    model = calibrate(read)
+    assert model.grade == "good"
+    states = read.held_out.states
+    axes = read.arm.coupling.to_axes(states.q_rad)
+    off_mm = model.deviations(read.held_out).position_mm
+    assert np.sqrt(np.mean(off_mm**2)) < 0.06
+    found = model.compensate(model.predict(axes).T, seed=axes)
+    assert found.q == pytest.approx(axes, abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["fanuc", "quill"])

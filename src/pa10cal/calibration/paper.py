@@ -239,10 +239,11 @@ def _hidden(problem: Problem, x: Array) -> frozenset[str]:
         generator.integers(len(problem.observations), size=UNKNOWNS.paper_postures)
     )
     states, arm = observations.states, problem.model.chain.arm
-    low, high = arm.joint_ranges_rad.T
+    low, high = arm.axis_limits_rad.T
+    axes_rad = generator.uniform(low, high, (UNKNOWNS.paper_postures, len(low)))
     drawn = replace(
         states,
-        q_rad=generator.uniform(low, high, (UNKNOWNS.paper_postures, arm.n)),
+        q_rad=arm.coupling.to_joints(axes_rad),
         tau_Nm=generator.permuted(states.tau_Nm, axis=0),
     )
     rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian

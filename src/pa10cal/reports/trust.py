@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from pa10cal.arm.coupling import CoupledJoint, Coupling
 from pa10cal.reports.blocks import Beside, Callout, Grid, Items, PageBlock, Paragraph, folded, grid
 from pa10cal.reports.formatting import NOT_KNOWN, count, display_name, listed, mm, named, sentence
 from pa10cal.reports.pictures import plane_drawings, poses_drawing
@@ -159,11 +160,17 @@ def _angles_seen(
 ) -> Iterator[tuple[Any, ...]]:
     """Yield joint, positions that the fit has seen, and those allowed."""
     fitted: Any = model.fitted_model
-    joints = zip(fitted.get("seen") or (), fitted["arm"]["rows"], strict=False)
+    rows = fitted["arm"]["rows"]
+    coupled = tuple(CoupledJoint(**each) for each in fitted["arm"].get("coupling", ()))
+    joints = zip(fitted.get("seen") or (), rows, strict=False)
     for number, (joint, row) in enumerate(joints, start=1):
         slides = bool(row.get("prismatic"))
         unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
         limits = row.get("limits_m" if slides else "limits_rad")
+        if coupled:  # limits are of what the controller counts
+            coupling = Coupling(len(rows), coupled)
+            of_axes = np.array([row["limits_rad"] for row in rows], float)[coupling.own]
+            limits = coupling.joint_ranges(of_axes)[number - 1].tolist()
         seen_at, allowed = (
             each
             and ", ".join(f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in each)

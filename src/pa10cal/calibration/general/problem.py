@@ -75,10 +75,11 @@ def choose_unknowns(
     frames = (base, *own)
     model = Model(Chain.of(arm), (*frames, links))
     generator = np.random.default_rng(UNKNOWNS.random_seed)
-    low, high = arm.joint_ranges_rad.T
-    low = np.where(arm.prismatic, low, np.maximum(low, -_WIDEST_RAD))
-    high = np.where(arm.prismatic, high, np.minimum(high, _WIDEST_RAD))
-    q_rad = generator.uniform(low, high, (UNKNOWNS.configurations, arm.n))
+    low, high = arm.axis_limits_rad.T
+    low = np.where(arm.axes_slide, low, np.maximum(low, -_WIDEST_RAD))
+    high = np.where(arm.axes_slide, high, np.minimum(high, _WIDEST_RAD))
+    axes_rad = generator.uniform(low, high, (UNKNOWNS.configurations, len(low)))
+    q_rad = arm.coupling.to_joints(axes_rad)
     zeros, zero = np.zeros_like(q_rad), np.zeros(UNKNOWNS.configurations)
     states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
     if measured.campaigns:
