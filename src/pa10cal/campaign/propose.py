@@ -51,7 +51,7 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.sniffing import Sniffed
+from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points
@@ -155,15 +155,22 @@ def propose_two_logs(
         found = _Proposing(readings_log, replace(of_readings, attitude=None), arm).readings(None)
         tried = files_read | {"readings": (readings_file.name, readings_log, found)}
         content = _proposal(joints, tried, name, robot, arm).content
-        T_base_ee = _at_joints(content, (joints_file, readings_file), arm, readings_log)
+        lines, T_known = _at_joints(content, (joints_file, readings_file), arm)
+        if not set(lines) <= set(readings_log.lines):
+            # Of a stream those are looked at that stand for a dwell.
+            readings = replace(readings, sniffed=rows_at(readings_file, readings_log, lines))
+        if lines:
+            row = {line: k for k, line in enumerate(readings.sniffed.lines)}
+            T_base_ee = np.full((len(row), 4, 4), np.nan)
+            T_base_ee[[row[line] for line in lines]] = T_known
     files_read["readings"] = (readings_file.name, readings_log, readings.readings(T_base_ee))
     return _proposal(readings, files_read, name, robot, arm)
 
 
 def _at_joints(
-    content: Mapping[str, Any], files: Sequence[Path], arm: Arm, sniffed: Sniffed
-) -> Array | None:
-    """Return the nominal end (N, 4, 4) at each reading, nan where its joints are not known."""
+    content: Mapping[str, Any], files: Sequence[Path], arm: Arm
+) -> tuple[list[int], Array]:
+    """Return the lines of readings whose joints are known, and the nominal end (K, 4, 4) there."""
     keys = {key: value for key, value in content.items() if key != "schema"}
     keys["columns"] = {
         key: {name: value for name, value in columns.items() if name not in ("temperature", "kind")}
@@ -176,14 +183,10 @@ def _at_joints(
         two = replace(two, readings=replace(two.readings, path=files[1]))
         raw = two.read([*LABELS[:-1], *two.measured_columns.names])
     except RawDataError:
-        return None
-    row = {line: k for k, line in enumerate(sniffed.lines)}
-    known = [k for k, line in enumerate(raw.line.tolist()) if line in row]
-    axes = raw.numbers_of(position_columns(arm.axes_slide))[known]
+        return [], np.zeros((0, 4, 4))
+    axes = raw.numbers_of(position_columns(arm.axes_slide))
     q = arm.coupling.to_joints(in_radians(axes, arm.axes_slide))
-    T_base_ee = np.full((len(sniffed.lines), 4, 4), np.nan)
-    T_base_ee[[row[int(raw.line[k])] for k in known]] = Chain.of(arm).forward(q)
-    return T_base_ee
+    return raw.line.tolist(), Chain.of(arm).forward(q)
 
 
 def _proposal(

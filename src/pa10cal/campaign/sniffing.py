@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,11 +22,13 @@ from pa10cal.campaign.csv_rows import (
 )
 from pa10cal.campaign.formats import Format, format_of_columns, format_of_file, table_lines
 from pa10cal.campaign.recognise import canonical_unit, unit_alone
-from pa10cal.campaign.text_lines import encoding_of, is_workbook
+from pa10cal.campaign.text_lines import TextLine, encoding_of, is_workbook
 from pa10cal.errors import RawDataError
 
 #: So many lines, or letters, are looked at.
 LINES, LETTERS = 3000, 1 << 21
+#: So many at least of the lines below them, spread to the end.
+SPREAD = 500
 LEAST_FIELDS = 3
 _SEPARATORS = (";", "\t", ",", "|", None)
 #: Lines of names and units over the rows, at most, in which a column is named.
@@ -89,7 +91,8 @@ def sniff(path: Path) -> Sniffed:
     of, notes = format_of_file(path), list[str]()
     name = "" if of is None else of.name
     below = table_lines(path, name, notes=notes)
-    lines = [(line.number, line.text) for line in part_of(below, LINES, LETTERS)]
+    head = part_of(below, LINES, LETTERS)
+    lines = [(line.number, line.text) for line in (*head, *_spread(below))]
     if not lines:
         raise empty_file(path)
     for number, line in lines:
@@ -186,6 +189,30 @@ def _titles(text: str, width: int) -> tuple[str, ...]:
         if len(words) > 0.6 * width:
             return tuple(numbered_apart(fields[:width]))
     return ()
+
+
+def _spread(lines: Iterator[TextLine]) -> list[TextLine]:
+    """Return some of the lines, evenly spread, however many there are."""
+    kept, every = [], 1
+    for k, line in enumerate(lines):
+        if k % every == 0:
+            kept.append(line)
+        if len(kept) > 2 * SPREAD:
+            kept, every = kept[::2], 2 * every
+    return kept
+
+
+def rows_at(path: Path, sniffed: Sniffed, lines: Collection[int]) -> Sniffed:
+    """Return a file as it was looked at, with the rows of these lines in place of the first."""
+    layout, wanted = sniffed.layout, set(lines)
+    found = (line for line in table_lines(path, layout.format) if line.number in wanted)
+    width = len(sniffed.names)
+    rows = [(line.number, layout.row(line.text, width)) for line in found]
+    rows = [(number, fields) for number, fields in rows if len(fields) == width]
+    every = np.array([[layout.number(field) for field in fields] for _, fields in rows])
+    text = np.array([fields for _, fields in rows], dtype=object).reshape(-1, width)
+    of_rows = tuple(number for number, _ in rows)
+    return replace(sniffed, lines=of_rows, text=text, numbers=every.reshape(-1, width))
 
 
 def _judged(lines: Sequence[tuple[int, str]], layout: Layout) -> tuple[float, int, Layout]:

@@ -22,7 +22,7 @@ from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.bounds import LEAST_U, unwrapped
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
-from pa10cal.campaign.dwells import Samples, Stations, offset_ranges, stations_of
+from pa10cal.campaign.dwells import DENSE, Samples, Stations, offset_ranges, stations_of
 from pa10cal.campaign.nominal_fit import (
     EXPECTED_SHIFTED_M,
     Fit,
@@ -38,6 +38,17 @@ from pa10cal.campaign.raw_rows import (
     as_logged,
     in_radians,
     position_columns,
+)
+from pa10cal.campaign.streams import (
+    LEAST_READINGS,
+    Clock,
+    averaged,
+    clock_by_edges,
+    clock_of_motion,
+    is_stream,
+    reading_dwells,
+    resolution_s,
+    spread_times,
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
@@ -78,6 +89,8 @@ def clock_offset(stations: Stations, time_s: Array, fit: Fit) -> tuple[float, fl
     return float(offset_s), float(width_s / np.sqrt(12.0))
 
 
+#: Dwells that last less are no poses [s]; those that are found are shorter than they were.
+SHORT_S = 0.4
 #: Columns of labels share at least so many, and so large a part of the shorter one's.
 SHARED, SHARED_PART = 3, 0.8
 
@@ -225,7 +238,10 @@ class TwoLogs:
             [name for name in optional if name not in of_joints],
         )
         logged, samples = self._joints_logged(q, together)
-        station, stations, note = self._joined(read, logged, samples)
+        if self._by == "time" and is_stream(read["time_s"]):
+            read, station, stations, note = self._streams(read, samples)
+        else:
+            station, stations, note = self._joined(read, logged, samples)
         at = np.maximum(station, 0)
         first = stations.first[at]
         columns, non_numeric = dict(read.columns), dict(read.non_numeric)
@@ -356,6 +372,105 @@ class TwoLogs:
             )
         return station, stations, f"{files} joined by {by}"
 
+    def _streams(self, read: RawRows, samples: Samples) -> tuple[RawRows, Index, Stations, str]:
+        """Return readings averaged over dwells, their stations, these, and how they are joined."""
+        lost = [row for row in read.quarantined if row.value.endswith("= ''")]  # not seen
+        rest = tuple(row for row in read.quarantined if row not in set(lost))
+        read = replace(read.at(np.argsort(read["time_s"], kind="stable")), quarantined=rest)
+        read = read.at(np.flatnonzero(np.isfinite(read["time_s"])))
+        rounded_s = max(map(resolution_s, (read["time_s"], samples.time_s)))
+        time_s, count = spread_times(read["time_s"]), len(read) + len(lost)
+        samples = replace(samples, time_s=spread_times(samples.time_s))
+        p_mm = self._most_seen(read)
+        dwells = reading_dwells(time_s, p_mm)
+        if len(dwells) < 2:
+            raise self._no_dwell(self.readings.path, count, "the target never stands still")
+        stations = stations_of(samples, len(dwells), self.still_deg_s)
+        in_motion = len(samples) >= DENSE * len(dwells)
+        if in_motion and len(stations) == len(samples):
+            what = "the arm is never at rest in the log of its joints"
+            raise self._no_dwell(self.joints.path, len(samples), what)
+        means = averaged(read, dwells.of_sample)
+        fit = self._fit(means, stations)
+        middle_s = 0.5 * (dwells.start_s + dwells.end_s)
+        stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
+        offset_s, u_s = (
+            (stated_s, 0.0) if stated_s is not None else clock_offset(stations, middle_s, fit)
+        )
+        station = stations.at(middle_s + offset_s)
+        inside = int((station >= 0).sum())
+        if 2 * inside <= len(dwells):
+            lasts_s = (np.median(each.end_s - each.start_s) for each in (dwells, stations))
+            if min(lasts_s) < SHORT_S or 2 * len(stations) < len(dwells):
+                what = (
+                    f"the arm hardly stands still: {len(stations)} steady phases of the joints, "
+                    f"{len(dwells)} of the target"
+                )
+                raise self._no_dwell(self.readings.path, count, what)
+            raise self._apart(inside, stations, middle_s, fit, "dwells of the target")
+        clock = Clock(offset_s, u_s, float(time_s[0]), float(time_s[-1]))
+        if stated_s is None:
+            if in_motion:
+                clock = self._clock(clock, samples, stations, station, dwells, time_s, p_mm)
+            u_s = float(np.hypot(clock.u_s, rounded_s / np.sqrt(12.0)))
+            clock = replace(clock, u_s=u_s)
+        station = stations.at(clock.joints_s(time_s))
+        steady = (dwells.of_sample >= 0) & (station >= 0)
+        # Joints and target both stood: readings of one dwell belong to one station.
+        visits, group = np.unique(station[steady], return_inverse=True)
+        of_group = np.full(len(read), -1)
+        of_group[steady] = group
+        few = np.bincount(group, minlength=len(visits)) < LEAST_READINGS
+        of_group[steady] = np.where(few[group], -1, (np.cumsum(~few) - 1)[group])
+        used = int((of_group >= 0).sum())
+        files = f"{self.joints.path.name} and {self.readings.path.name}"
+        note = (
+            f"{files} joined by time: the joints' clock is that of the readings {clock.words}; "
+            f"{used} of {count} readings lie in {int((~few).sum())} of {len(stations)} steady "
+            f"phases and are averaged there, {count - used} are set aside, taken in motion"
+            + (f" or without the target in sight ({len(lost)})" if lost else "")
+        )
+        return averaged(read, of_group), visits[~few], stations, note
+
+    def _clock(
+        self,
+        clock: Clock,
+        samples: Samples,
+        stations: Stations,
+        station: Index,
+        dwells: Stations,
+        time_s: Array,
+        p_mm: Array,
+    ) -> Clock:
+        """Return the clock by the edges of dwells (R,) at stations, or better by the motion."""
+        offset_s, u_s = clock_by_edges(dwells, stations, station)
+        by_edges = replace(clock, offset_s=offset_s, u_s=u_s)
+        if p_mm.shape[1] != 3:
+            return by_edges
+        by_motion = clock_of_motion(
+            samples, stations, time_s, 1e-3 * p_mm, dwells.of_sample, offset_s, self._ends
+        )
+        return by_motion or by_edges
+
+    def _most_seen(self, read: RawRows) -> Array:
+        """Return where the target that was seen most was measured (N, 3), or how far (N, 1)."""
+        places = [read.numbers_of(names) for names in self.measured_columns.targets]
+        return max(places, key=lambda p_mm: int(np.isfinite(p_mm).all(axis=1).sum()))
+
+    def _ends(self, q_deg: Array) -> Array:
+        """Return the nominal end (P, 4, 4) at positions of the joints."""
+        return Chain.of(self.arm).forward(in_radians(q_deg, self.arm.prismatic))
+
+    def _no_dwell(self, path: Path, rows: int, what: str) -> RawDataError:
+        return RawDataError(
+            what,
+            where=str(path),
+            value=f"{rows} rows",
+            allowed="a log in which the arm stands at every pose for a second and more",
+            remedy="let the arm stand still at every pose while it is measured, and check the "
+            "units of the time and of the positions",
+        )
+
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
         """Return how far readings are from the nominal arm, base and target fitted."""
         measured, instrument = self.measured_columns, self.campaign.instrument.type
@@ -365,14 +480,15 @@ class TwoLogs:
             usable &= ~unusable.rows
         unknown = np.full(values.shape, np.nan)
         seen = instrument.from_raw(measured, values, unknown, self.campaign.stated)
-        T_base_ee = Chain.of(self.arm).forward(in_radians(stations.q_deg, self.arm.prismatic))
-        return nominal_fit(seen, T_base_ee, usable)
+        return nominal_fit(seen, self._ends(stations.q_deg), usable)
 
-    def _apart(self, inside: int, stations: Stations, time_s: Array, fit: Fit) -> RawDataError:
+    def _apart(
+        self, inside: int, stations: Stations, time_s: Array, fit: Fit, of: str = "readings"
+    ) -> RawDataError:
         """Return the refusal of readings of which few lie where the arm stood."""
         stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
         offset = "the best offset of the clocks" if stated_s is None else f"{stated_s:+g} s"
-        value = f"{inside} of {len(time_s)} readings lie where the arm stood, at {offset}"
+        value = f"{inside} of {len(time_s)} {of} lie where the arm stood, at {offset}"
         where = str(self.readings.path)
         remedy = (
             "check that both logs are of the same run, and the units and formats of "
