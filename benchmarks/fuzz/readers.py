@@ -104,7 +104,7 @@ def _urdf() -> bytes:
 
 
 def _read_workbook(folder: Path) -> None:
-    from pa10cal.campaign.csv_rows import sniff
+    from pa10cal.campaign.sniffing import sniff
 
     sniff(folder / "a.xlsx")
 
