@@ -63,6 +63,13 @@ def _each(value: object) -> object:
     return value if isinstance(value, list | tuple) else (value,)
 
 
+def _worded(value: object) -> object:
+    """Take numbers for the words that they are in a file."""
+    if not isinstance(value, dict):
+        return value
+    return {str(word) if isinstance(word, int) else word: name for word, name in value.items()}
+
+
 def _rotation(word: str) -> str:
     axes = word.removeprefix("euler_").removeprefix("fixed_").lower()
     twice = len(axes) == 3 and (axes[0] == axes[1] or axes[1] == axes[2])
@@ -223,6 +230,38 @@ class KindColumn(Section):
     )
 
 
+class TargetOfRow(Section):
+    """Which target a row is of, in a file with one in each: `position` is where it was."""
+
+    names: One
+    words: Annotated[dict[Name, Target], BeforeValidator(_worded)] = Field(
+        default_factory=dict, description="what each word of the column stands for"
+    )
+    endings: dict[Name, Target] = Field(
+        default_factory=dict,
+        description="of labels such as P1_A: what each ending stands for, after the pose",
+    )
+
+    @model_validator(mode="after")
+    def _stated_once(self) -> Self:
+        if bool(self.words) == bool(self.endings):
+            raise ValueError("words of the column, or endings of its labels")
+        return self
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Return the names of the targets."""
+        return tuple(dict.fromkeys((self.words or self.endings).values()))
+
+    def of(self, field: str) -> tuple[str, str]:
+        """Return what a field says of the pose, and its target; empty for none that is stated."""
+        if self.words:
+            return field, self.words.get(field, "")
+        longest = sorted(self.endings, key=len, reverse=True)
+        ending = next((each for each in longest if field.endswith(each)), "")
+        return field.removesuffix(ending), self.endings.get(ending, "")
+
+
 class FileColumns(Section):
     """Layout of one file, and what its columns are. What is not mapped is not read."""
 
@@ -256,8 +295,19 @@ class FileColumns(Section):
     rotation: RotationColumns | None = None
     distance: DistanceColumns | None = None
     targets: dict[Target, Position] = Field(default_factory=dict)
+    target: TargetOfRow | None = Field(
+        default=None, description="of rows of one target each, whose place is position"
+    )
     ball: One | None = None
     touch: One | None = None
+
+    @model_validator(mode="after")
+    def _one_target_a_row(self) -> Self:
+        if self.target is not None and (
+            self.position is None or self.position.polar or self.rotation or self.targets
+        ):
+            raise ValueError("target goes with position as x, y, z, and not with rotation, targets")
+        return self
 
 
 class OwnColumns(Section):

@@ -51,6 +51,7 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
+from pa10cal.campaign.row_targets import labels_without_targets, target_column
 from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
@@ -141,7 +142,8 @@ def propose_two_logs(
         {name: words for name, words in log.texts.items() if name not in roles.times}
         for roles, log in ((of_joints, joints_log), (of_readings, readings_log))
     ]
-    if labels := shared_labels(*texts):
+    without = labels_without_targets(readings_log, of_readings)
+    if labels := shared_labels(*texts) or shared_labels(texts[0], without):
         of_joints, of_readings = (
             replace(roles, single={**roles.single, "pose": name})
             for roles, name in zip((of_joints, of_readings), labels, strict=True)
@@ -197,6 +199,10 @@ def _proposal(
     arm: Arm | None,
 ) -> ColumnsProposal:
     """Put a campaign.yaml together of what was found in each file."""
+    files = {
+        key: (file, log, {name: value for name, value in columns.items() if value is not None})
+        for key, (file, log, columns) in files.items()
+    }
     every = {key for _, _, columns in files.values() for key in columns}
     kind = "pose" if "rotation" in every else "distance" if "distance" in every else "points"
     checks, signs = list(making.checks), making.signs
@@ -432,6 +438,11 @@ class _Proposing:
             }
         else:
             position = self._place(names, T_base_ee)
+            if attitude is None and names != self.roles.polar:
+                p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
+                of_row = target_column(self.sniffed, self.roles, p_m, T_base_ee)
+                if of_row is not None and not still:
+                    return {"position": position} | self._of_row(of_row)
             if len(positions) > 1:
                 self.checks.append(
                     f"position: {', '.join(names)} taken, of {len(positions)} triples"
@@ -444,6 +455,20 @@ class _Proposing:
         base = [self._place(every[place], T_base_ee) for place in still]
         targets |= {f"base{k}": place for k, place in enumerate(base, start=1)}
         return columns | ({"targets": targets} if targets else {})
+
+    def _of_row(self, target: dict[str, Any]) -> dict[str, Any]:
+        """Return the columns of which target a row is of, and note it."""
+        listed = ", ".join((target.get("words") or target["endings"]).values())
+        name = target["names"]
+        self.checks.append(
+            f"target: every row is of one target, by {self.sniffed.titled(name)}: {listed}"
+        )
+        columns: dict[str, Any] = {"target": target}
+        if "endings" in target:
+            columns["pose"] = name
+        elif self.roles.single.get("pose") == name:
+            columns["pose"] = None  # it tells targets, not poses
+        return columns
 
     def _place(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
         """Return columns of lengths, with their unit and their uncertainties, whose size is noted.

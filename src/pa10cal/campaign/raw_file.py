@@ -35,6 +35,7 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
 from pa10cal.campaign.recognise import ISO, moments_of
+from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
 from pa10cal.errors import RawDataError
 
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -119,6 +120,7 @@ class RawFile:
             if not ours.startswith("u_"):  # one uncertainty may be that of several
                 for name in source.name.split(", "):
                     of = "rotation" if ours in QUATERNION else ours
+                    of = ours[-4:] if columns.target and source.key.endswith(".position") else of
                     of = source.key if ours in polar else of
                     uses.setdefault(name, {})[of] = source.key
         for name, keys in uses.items():
@@ -144,7 +146,8 @@ class RawFile:
     def own_names(self) -> list[str]:
         """Return the file's own names of the columns that are mapped."""
         names = (name for source in self.sources.values() for name in source.name.split(", "))
-        return list(dict.fromkeys(names))
+        stated = None if self.columns is None else self.columns.target
+        return list(dict.fromkeys((*names, *(stated.names if stated is not None else ()))))
 
     @property
     def header(self) -> list[str]:
@@ -158,6 +161,7 @@ class RawFile:
             return CONTRACT
         text = [*(columns.pose or ()), *(columns.ball or ())]
         text += columns.kind.names if columns.kind else ()
+        text += columns.target.names if columns.target else ()
         text += columns.time.names if columns.time and columns.time.format else ()
         keys = {
             own: source.key for source in self.sources.values() for own in source.name.split(", ")
@@ -216,6 +220,10 @@ class RawFile:
         """Return rows under the contract's names, in its units."""
         raw = read_rows(self.path, self.own_names, layout=self._layout, within=self.path.parent)
         raw = replace(raw, unused=())
+        of_row = poses = np.zeros(0, dtype=str)
+        if columns.target is not None and columns.position is not None:
+            raw, of_row, poses = targets_of_rows(raw, columns.target)
+            raw = raw.finite(columns.position.names, may_be_blank=True)
         turned = columns.rotation if wanted & set(QUATERNION) else None
         if turned is not None:
             raw = raw.finite(turned.names)
@@ -257,7 +265,12 @@ class RawFile:
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
                 made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
-        return replace(raw, columns=made, non_numeric=non_numeric, own=self.sources)
+        translated = replace(raw, columns=made, non_numeric=non_numeric, own=self.sources)
+        if columns.target is None:
+            return translated
+        if columns.pose == columns.target.names and "pose" in made:
+            translated = translated.with_columns({"pose": poses.astype(object)})
+        return one_row_a_pose(translated, of_row, position_columns(self.prismatic))
 
     def _unmapped(self, missing: Sequence[str]) -> RawDataError:
         key = rule_of(missing[0]).key
@@ -301,7 +314,9 @@ def own_columns(
         yield "kind", at("kind", columns.kind.names[0])
     count = 0 if columns.torques is None else len(columns.torques.names)
     targets = ((f"targets.{name}", f"{name}_", each) for name, each in columns.targets.items())
-    places = (("position", "", columns.position), *targets)
+    # A row is of one target: the same columns hold the places of all.
+    before = [""] if columns.target is None else [f"{each}_" for each in columns.target.targets]
+    places = (*(("position", each, columns.position) for each in before), *targets)
     mapped: list[tuple[str, Any, Sequence[str]]] = [
         ("load", columns.load, ["load_N"]),
         ("temperature", columns.temperature, ["temperature_C"]),

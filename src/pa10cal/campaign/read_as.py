@@ -37,6 +37,8 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
         for own in [source.name] if one else source.name.split(", "):
             how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
             uses.setdefault(own, {})[how] = None
+    if model.target is not None:
+        uses.setdefault(model.target.names[0], {})["which target the row is of"] = None
     encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
     lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
     shown = list(sniffed.names)

@@ -1,0 +1,203 @@
+"""Rows of one target each: by a column of targets, or by the endings of labels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from made_up_sightings import sighted
+from pa10cal.__main__ import main
+from pa10cal.campaign.own_columns import TargetOfRow
+from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.row_targets import label_endings
+from pa10cal.errors import Pa10calError
+
+Q = [f"J{j}" for j in range(1, 7)]
+NAMES = ("A", "B", "C")
+
+
+@pytest.fixture
+def sightings(tmp_path):
+    """Return a campaign of three targets, and a row for each that was seen."""
+    raw = sighted(tmp_path, "points")
+    rng = np.random.default_rng(4)
+    rows = [
+        {"Name": f"P{pose}", "Target": name, **dict(zip(Q, np.degrees(q), strict=True))}
+        | dict(zip("XYZ", 1e3 * p_m, strict=True))
+        for pose, (q, places_m) in enumerate(zip(raw.q, raw.p_instr_m, strict=True))
+        for name, p_m in zip(NAMES, places_m, strict=True)
+        if rng.random() > 0.1 and np.isfinite(p_m).all()
+    ]
+    return raw, pd.DataFrame(rows)
+
+
+@pytest.fixture
+def read(tmp_path, capsys):
+    """Write tables, propose a campaign.yaml for them, and read the campaign so."""
+
+    def run(*tables):
+        folder = tmp_path / "mine"
+        folder.mkdir()
+        paths = [folder / f"export{k}.csv" for k in range(len(tables))]
+        for path, table in zip(paths, tables, strict=True):
+            table.to_csv(path, index=False)
+        assert main(["columns", *map(str, paths), "--robot", "ur10"]) == 0
+        text = capsys.readouterr().out
+        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+        return text, read_campaign(folder)
+
+    return run
+
+
+def same_places(found, raw, table):
+    """Compare what was read with what was measured; blanks are targets without a row."""
+    every = found.observations
+    assert found.quarantined == ()
+    assert every.measured.target_names == NAMES
+    order = np.argsort([int(pose.removeprefix("P")) for pose in every.pose])
+    rows = set(zip(table["Name"], table["Target"], strict=True))
+    seen = np.array([[(f"P{k}", name) in rows for name in NAMES] for k in range(len(raw.q))])
+    expected = np.where(seen[..., None], raw.p_instr_m, np.nan)
+    np.testing.assert_allclose(every.measured.places_m[order], expected, atol=1e-9)
+    np.testing.assert_allclose(every.states.q_rad[order], raw.q, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        lambda row: f"{row['Name']}_{row['Target']}",
+        lambda row: f"{row['Name']}.{row['Target']}",
+        lambda row: f"{row['Name']} - {row['Target']}",
+        lambda row: f"{row['Name']}{row['Target']}",
+    ],
+)
+def test_rows_of_one_target_are_joined_by_their_labels(sightings, read, written):
+    raw, table = sightings
+    own = table.assign(Name=table.apply(written, axis=1)).drop(columns="Target")
+    text, found = read(own)
+    assert f"# read so: {len(raw.q)} rows can be used, 0 cannot" in text
+    assert "# check target: every row is of one target, by Name: A, B, C" in text
+    same_places(found, raw, table)
+
+
+def test_a_column_of_targets_beside_labels(sightings, read):
+    raw, table = sightings
+    text, found = read(table)
+    assert "which target the row is of" in text
+    same_places(found, raw, table)
+
+
+@pytest.mark.parametrize("labels", ["Name", "Measurement"])
+def test_joints_in_another_log_have_the_labels_without_targets(sightings, read, labels):
+    raw, table = sightings
+    joints = pd.DataFrame(np.degrees(raw.q), columns=Q)
+    joints.insert(0, "Name", [f"P{k}" for k in range(len(raw.q))])
+    readings = table[["X", "Y", "Z"]].copy()
+    readings.insert(0, labels, table["Name"] + "_" + table["Target"])
+    text, found = read(joints, readings)
+    assert "joined by label" in text
+    same_places(found, raw, table)
+
+
+@pytest.mark.parametrize("column", ["Target", "SMR no", "Reflector", "Remark"])
+def test_a_row_a_pose_with_the_number_of_its_target(sightings, read, column):
+    """A column that is not called after targets is found by the nominal arm."""
+    raw, table = sightings
+    one = table.groupby("Name", sort=False).sample(1, random_state=2).sort_index()
+    number = one["Target"].map({name: k for k, name in enumerate(NAMES, start=1)})
+    own = one.drop(columns=["Name", "Target"]).assign(**{column: number})
+    content, found = read(own)
+    stated = yaml.safe_load(content)["columns"]["poses"]["target"]
+    assert stated == {"names": column, "words": {"1": "T1", "2": "T2", "3": "T3"}}
+    seen = np.isfinite(found.observations.measured.places_m[..., 0])
+    assert (seen.sum(axis=1) == 1).all()
+    assert len(seen) == len(raw.q)
+    assert not any("nominal model" in warning for warning in found.warnings)
+
+
+def test_repeats_that_end_so_are_no_targets(sightings, read):
+    table = sightings[1]
+    one = table[table["Target"] == "A"]
+    again = pd.concat([one.assign(Name=one["Name"] + f"_{k}") for k in (1, 2)])
+    again[list("XYZ")] += np.random.default_rng(1).normal(0, 0.02, (len(again), 3))
+    text, found = read(again.drop(columns="Target"))
+    assert "every row is of one target" not in text
+    assert len(found.observations) == len(again)
+
+
+def test_other_labels_have_no_endings():
+    p = np.random.default_rng(1).uniform(-1.0, 1.0, (12, 3))
+    assert label_endings([f"P{k}" for k in range(12)], p) == []
+    assert label_endings([f"Pose {k}" for k in range(12)], p) == []
+    assert label_endings([""] * 12, p) == []
+    assert label_endings(["P1_A"] * 12, p) == []
+    assert label_endings([f"P{k // 2}_{'AB'[k % 2]}" for k in range(12)], p) == ["_A", "_B"]
+
+
+WORDS = {"A": "A", "B": "B", "C": "C"}
+
+
+@pytest.mark.parametrize(
+    ("target", "says"),
+    [
+        ({"names": "Target", "words": WORDS}, None),
+        ({"names": "Target", "words": {"A": "A", "B": "B"}}, "the row names no target"),
+        ({"names": "Target"}, "words of the column, or endings"),
+        ({"names": "Target", "words": WORDS, "endings": WORDS}, "words of the column, or endings"),
+        ({"names": "Target", "words": {"A": "a target"}}, "target.words"),
+        ({"names": "Targt", "words": WORDS}, "is it 'Target'"),
+        ({"names": ["Target", "Name"], "words": WORDS}, "target.names"),
+    ],
+)
+def test_targets_of_rows_are_stated_completely(tmp_path, sightings, target, says):
+    raw, table = sightings
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    table.to_csv(folder / "export.csv", index=False)
+    columns = {
+        "pose": "Name",
+        "joints": {"names": Q},
+        "position": {"names": list("XYZ")},
+        "target": target,
+    }
+    content = yaml.safe_load((raw.write() / "campaign.yaml").read_text(encoding="utf-8"))
+    content |= {"name": "mine", "files": {"poses": "export.csv"}, "holdout": {"every": 5}}
+    content |= {"columns": {"poses": columns}}
+    content["tool"].pop("balls_mm", None)
+    path = folder / "campaign.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    if says is None:
+        same_places(read_campaign(folder), raw, table)
+        return
+    with pytest.raises(Pa10calError, match=says):
+        read_campaign(folder)
+
+
+@pytest.mark.parametrize(
+    "other", [{"position": None}, {"targets": {"T1": {"names": ["X", "Y", "Z"]}}}]
+)
+def test_a_target_of_the_row_goes_with_one_position(tmp_path, sightings, other):
+    raw = sightings[0]
+    columns = {"joints": {"names": Q}, "position": {"names": list("XYZ")}}
+    columns |= {"target": {"names": "Target", "words": WORDS}} | other
+    folder = raw.write()
+    content = yaml.safe_load((folder / "campaign.yaml").read_text(encoding="utf-8"))
+    stated = {key: value for key, value in columns.items() if value is not None}
+    content["columns"] = {"poses": stated}
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(Pa10calError, match="target goes with position"):
+        read_campaign(folder)
+
+
+def test_numbers_are_words():
+    stated = TargetOfRow.model_validate({"names": "SMR", "words": {1: "T1", "2": "T2"}})
+    assert [stated.of(word)[1] for word in ("1", "2", "3")] == ["T1", "T2", ""]
+
+
+def test_the_longest_ending_counts():
+    stated = TargetOfRow(names=("Name",), endings={"A": "A", "_BA": "B"})
+    assert stated.of("P1_BA") == ("P1", "B")
+    assert stated.of("P1A") == ("P1", "A")
+    assert stated.of("P1C") == ("P1C", "")
