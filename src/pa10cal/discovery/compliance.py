@@ -8,7 +8,7 @@ assumed. All is linear about the model, the weights among the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -31,9 +31,10 @@ from pa10cal.discovery.linear import (
 )
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.other_numbers import COMPUTING
-from pa10cal.discovery.preparation import MeasurementSetup, computable, sought
-from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
-from pa10cal.discovery.verdict import Verdict, is_named
+from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.rules import SPRINGS, TORQUES
+from pa10cal.discovery.together import Together
+from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
@@ -42,8 +43,8 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import CandidateContext, Effect, is_effect
-from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance, SoftWindup
+from pa10cal.terms.effects.effect import CandidateContext, is_effect
+from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
@@ -64,7 +65,7 @@ def with_compliance(found: V) -> V:
     springs = [
         term
         for term in at.model.terms
-        if is_spring(term) and at.x[at.model.columns_of(term).start] > SPRINGS.least_rad
+        if is_spring(term) and at.values_of(term)[0] > SPRINGS.least_rad
     ]
     if not springs:
         return found
@@ -76,17 +77,12 @@ def with_compliance(found: V) -> V:
     }
     nats = {spring: 0.5 * float(loss - np.log(rows.readings)) for spring, loss in lost.items()}
     shown = sorted((s for s in springs if nats[s] >= needed), key=lambda s: -nats[s])
-    all_rigid = rows.rigid(*shown)
-    instead = _best_first(rows.instead_of(all_rigid, len(shown), needed))
+    all_rigid, rivals = rows.rigid(*shown), _rivals(found, rows)
     held_out, judging = rows.held_out, rows.held_out or rows.poses
     all_rigid_mm, now_mm = all_rigid.errors_mm(judging), rms(rows.errors_mm(rows.poses))
     findings, unexplained = [], list(found.unexplained)
     for spring in shown:
         rigid = rows.rigid(spring)
-        close, scores = rows.in_place_of(rigid, rows.design_effect(spring), needed)
-        others = tuple(dict.fromkeys((*instead, *_best_first(close))))
-        if len(others) > NAMES.most_alternatives:
-            continue
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
         if sag_rad - HALF_WIDTH_95 * sag_std > WINDS_UP[0]:
             why = (
@@ -115,23 +111,27 @@ def with_compliance(found: V) -> V:
         )
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         x, covariance = np.array([stiffness]), np.array([[std**2]])
-        # What bends under uncertain weights has more unknowns than a spring: that it fits better
-        # does not speak for it, that it fits worse does against it.
-        ways = (each for each in scores if each.id == SoftWindup.id and each.of == spring.of)
-        tied = tuple(
-            Rival(other, np.array([min(scores.get(other, 0.0), 0.0)]))
-            for other in dict.fromkeys((*others, *ways))
-        )
-        findings.append(Finding(effect, x, covariance, others, proof, tied))
+        findings.append(Finding(effect, x, covariance, (), proof, rivals.get(spring.of, ())))
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 
 
-def _best_first(found: Iterable[tuple[Effect, float]]) -> list[Effect]:
-    """Return effects, each by the least squares that any of its shapes leaves."""
-    least: dict[Effect, float] = {}
-    for effect, squares in found:
-        least[effect] = min(squares, least.get(effect, np.inf))
-    return sorted(least, key=lambda effect: least[effect])
+def _rivals(found: Verdict[Any], rows: _LinearProblem) -> dict[str, tuple[Rival, ...]]:
+    """Return what may stand for the spring of each place, by how likely sets with it are.
+
+    One that makes the rows likelier than what was found counts as equal.
+    """
+    at = found.extended.at
+    sets = Together.of(at, rows.poses, rows.whitener, found.context, found.prepared.setup)
+    rigid = [spring for spring in at.model.terms if is_spring(spring) and rows.is_rigid(spring)]
+    there = [term for term in at.model.terms if term not in rigid]
+    each = sets.rivals(sets.scored(sets.holding(there)))
+    return {
+        sets.members[k].effect.of: tuple(
+            Rival(effect, np.array([min(nats, 0.0)])) for effect, nats in others.items()
+        )
+        for k, others in each.items()
+        if sets.members[k].effect.id == JointCompliance.id
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,6 @@ class _LinearProblem:
     poses: Observations  # those fitted
     held_out: Observations | None  # those held out that are trusted; None without any
     whitener: Array  # (P, b, b) of the poses fitted
-    candidates: tuple[Effect, ...]  # effects that might stand in a spring's place
     # the poses under the moments alone that each uncertain weight adds, at its size
     moments: list[Observations]
 
@@ -155,13 +154,10 @@ class _LinearProblem:
         at, poses = found.extended.at, found.train.poses
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
-        trusted_holdout, logged = found.trusted_holdout, found.prepared.torques == "logged"
-        terms = at.model.terms
-        named = [e for e in sought(found.context, terms) if is_named(e) and e not in terms]
-        candidates, _ = computable(named, poses.states, logged=logged, weights=True)
+        trusted_holdout = found.trusted_holdout
         held_out = None if trusted_holdout is None else trusted_holdout.poses
         whitener, moments = weights.whiteners(), _moments(at, poses)
-        return cls(at, poses, held_out, whitener, tuple(candidates), moments)
+        return cls(at, poses, held_out, whitener, moments)
 
     def rigid(self, *springs: JointSpring) -> _LinearProblem:
         """Return the problem with some joints rigid."""
@@ -169,6 +165,10 @@ class _LinearProblem:
         for spring in springs:
             x[self.at.model.columns_of(spring).start] = calibration_rules.SPRINGS.rigid_rad
         return replace(self, at=replace(self.at, x=x))
+
+    def is_rigid(self, spring: JointSpring) -> bool:
+        """Return whether a joint with a spring is all but rigid."""
+        return bool(self.at.values_of(spring)[0] <= SPRINGS.least_rad)
 
     @property
     def readings(self) -> int:
@@ -198,10 +198,9 @@ class _LinearProblem:
         left, jacobian = residual_and_jacobian(at, self.poses)
         jacobian = jacobian + self._by_moments(jacobian.shape)
         for term in at.model.terms:
-            column = at.model.columns_of(term).start
             # A joint that is all but rigid cannot give way the other way round: it is held.
-            if is_spring(term) and at.x[column] <= SPRINGS.least_rad:
-                jacobian[:, :, column] = 0.0
+            if is_spring(term) and self.is_rigid(term):
+                jacobian[:, :, at.model.columns_of(term).start] = 0.0
         white = (self.whitener @ jacobian).reshape(-1, jacobian.shape[2])
         return white * self.sizes, (self.whitener @ left[:, :, None]).ravel()
 
@@ -221,12 +220,6 @@ class _LinearProblem:
         """Return the squares that it leaves."""
         return self.steps.left
 
-    def with_further(self, further: Array) -> Gaussian:
-        """Return what the rows say of further columns (N, l), all unknowns integrated out."""
-        columns, data = self.rows
-        left = columns @ self.off - data
-        return self.steps.of_further(columns.T @ further, further.T @ further, further.T @ left)
-
     def errors_mm(self, poses: Observations) -> Array:
         """Return position errors (P,) that are left of poses, to first order.
 
@@ -234,35 +227,6 @@ class _LinearProblem:
         """
         left, jacobian = residual_and_jacobian(self.at, poses)
         return error_mm(poses.measured, left + jacobian @ (self.step * self.sizes))
-
-    def in_place_of(
-        self, rigid: _LinearProblem, design_effect: float, needed: float
-    ) -> tuple[list[tuple[Effect, float]], dict[Effect, float]]:
-        """Return effects beside which a spring is not needed any more, with the squares left.
-
-        And the log score of every effect in its place, in rows that err independently.
-        """
-        close, nats = [], dict[Effect, float]()
-        both = zip(rigid.of_candidates(), self.of_candidates(), strict=True)
-        for (effect, at_rigid), (_, columns) in both:
-            instead = rigid.with_further(at_rigid)
-            gain = (instead.left - self.with_further(columns).left) / design_effect
-            if 0.5 * (gain - np.log(self.readings)) < needed:
-                close.append((effect, instead.left))
-            score = (instead.log_evidence - self.steps.log_evidence) / design_effect
-            nats[effect] = max(score, nats.get(effect, -np.inf))
-        return close, nats
-
-    def instead_of(
-        self, rigid: _LinearProblem, springs: int, needed: float
-    ) -> Iterator[tuple[Effect, float]]:
-        """Yield effects that explain the poses, each alone, as well as some springs together."""
-        for effect, columns in rigid.of_candidates() if springs > 1 else ():
-            with_it = rigid.with_further(columns).left
-            # Only linear parameters count: the shape of the moments is not penalised.
-            fewer = (springs - effect.linear) * np.log(self.readings)
-            if 0.5 * (with_it - self.squares - fewer) < needed:
-                yield effect, with_it
 
     def _by_moments(self, shape: tuple[int, ...]) -> Array:
         """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
@@ -289,23 +253,6 @@ class _LinearProblem:
                 if term.held is not None and term.held < len(of_weight):
                     added[:, :, first + k] += term.by_held[k] * of_weight[term.held]
         return added
-
-    def of_candidates(self) -> Iterator[tuple[Effect, Array]]:
-        """Yield every candidate at each of its shapes, with its whitened columns (N, l).
-
-        What bends under moments does so under those of the weights, which are not known either.
-        """
-        effects = [effect for effect in self.candidates for _ in effect.starts]
-        starts = [start for effect in self.candidates for start in effect.starts]
-        columns = by_terms(self.at, self.poses, effects, starts)
-        for effect, start, own in zip(effects, starts, columns, strict=True):
-            parts = [own[:, :, : effect.linear]]
-            if effect.bends:
-                parts += [by_terms(self.at, poses, [effect], [start])[0] for poses in self.moments]
-            linear = np.concatenate(
-                [part @ (SPRINGS.rival_sizes * effect.prior_factor) for part in parts], 2
-            )
-            yield effect, (self.whitener @ linear).reshape(-1, linear.shape[2])
 
     def design_effect(self, spring: JointSpring) -> float:
         """Return how much larger the variance of a spring is for poses that err alike.

@@ -336,6 +336,25 @@ class Springs:
 
 
 @dataclass(frozen=True)
+class Together:
+    """Sets of effects that may be there, under weights that nobody stated."""
+
+    # an amount that is physically none below zero may be found so many standard uncertainties below
+    # (level)
+    below_zero: float = 2.0
+    rounds: int = 2  # times that the search by blocks is run again about a likelier set (computing)
+    most_poses: int = 2000  # poses by which sets are compared (computing)
+    steps: int = 10  # steps to the amounts and weights of a set (computing)
+    steps_beside: int = 2  # the same from a set that differs by one step (computing)
+    # change of an amount, in its size, or of nats, at the last one (computing)
+    settled: float = 1e-3
+    looked_at: int = 5  # sets ahead that are looked at as they are (computing)
+    # squares of the noise that a combination of weights must be able to move (computing)
+    least_squares: float = 0.01
+    rounding: float = 1e-12  # part of the largest products that rounding leaves (computing)
+
+
+@dataclass(frozen=True)
 class Torques:
     """Faults of logged torques."""
 
@@ -490,6 +509,7 @@ PROBABILITIES = Probabilities()
 MOTION = Motion()
 CHANGE = Change()
 SPRINGS = Springs()
+TOGETHER = Together()
 TORQUES = Torques()
 ROWS = Rows()
 RIPPLE = Ripple()
@@ -509,6 +529,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "motion": MOTION,
     "change": CHANGE,
     "springs": SPRINGS,
+    "together": TOGETHER,
     "torques": TORQUES,
     "rows": ROWS,
     "ripple": RIPPLE,

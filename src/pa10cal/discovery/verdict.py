@@ -164,8 +164,13 @@ class Verdict(ABC, Generic[P_co]):
 
     @property
     def baseline(self) -> FittedModel:
-        """Return the calibrated model from which the search set out."""
+        """Return the calibrated model."""
         return self.prepared.baseline
+
+    @property
+    def searched_from(self) -> FittedModel:
+        """Return the model from which the search set out, whose terms the extended model has."""
+        return self.baseline
 
     @property
     def states(self) -> PoseStates:

@@ -119,7 +119,7 @@ def analysis_record(found: Verdict[Any], campaign: CampaignIdentity) -> Analysis
 
 def extended_parameters(found: Verdict[Any]) -> dict[str, Parameter]:
     """Return the parameters of the calibrated model as they are with the effects."""
-    baseline, covariance, k = found.baseline, found.covariance, len(found.extended.at.x)
+    baseline, covariance, k = found.searched_from, found.covariance, len(found.extended.at.x)
     own, base = slice(len(baseline.x)), slice(k - 6, k)
     report = baseline.model.report(found.model.x[own])
     possible = JUDGING.identified_share * possible_sizes(baseline.model)

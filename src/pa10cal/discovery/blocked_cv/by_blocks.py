@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from typing_extensions import override
 
+from pa10cal.arm.chain import bend_coordinates
+from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv import judge
@@ -25,7 +27,7 @@ from pa10cal.discovery.blocked_cv.refit import (
 )
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
-from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.finding import Finding, Rival
 from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
@@ -39,8 +41,9 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES
+from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, TOGETHER
 from pa10cal.discovery.short_forms import FormComparison
+from pa10cal.discovery.together import Scored, Together
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
@@ -59,6 +62,7 @@ from pa10cal.terms.effects.joint_error_map import (
     SensorError,
     is_error_map,
 )
+from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import holds_weights
 
@@ -90,6 +94,11 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
             return None
         at, poses = self.extended.at, self.survey.poses
         return scatter_of(at, poses, self.survey.net_residual(at))
+
+    @property
+    @override
+    def searched_from(self) -> FittedModel:
+        return self.survey.baseline
 
     @override
     def of_its_method(self) -> dict[str, Any]:
@@ -266,6 +275,14 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         campaign.setup,
         torques_logged=campaign.torques == "logged",
     )
+    found = _searched(campaign, judged)
+    if campaign.torques == "masses" and weights_known(campaign.baseline.arm).origin != "stated":
+        found = _with_likelier_sets(found)
+    return found
+
+
+def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
+    """Search a survey of a campaign."""
     shaped, unknown = computable_shapes(judged)
     found = judge.found_in(judged, shaped)
     fitted, about = found.extended, found.rows.survey
@@ -334,6 +351,91 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         bands=found.bands,
     )
     return with_causes(_motion_aside(_with_rivals(found_by_blocks, found.nameless)))
+
+
+# Weights that nobody stated: which joints give way is sought anew, together with all else.
+
+
+def _with_likelier_sets(found: VerdictByBlocks) -> VerdictByBlocks:
+    """Return the verdict about the most likely set of springs and effects, where blocks agree.
+
+    A calibration knows springs alone, and a search that adds one effect after the other leaves them
+    what links, bearings and base do. Held-out blocks decide which of the sets stay.
+    """
+    sets = together(found)
+    for _ in range(TOGETHER.rounds):
+        there = sets.holding(found.extended.model.terms)
+        likeliest = sets.likeliest(there)
+        same = sets.giving_way(likeliest.at) == sets.giving_way(there)
+        if same or found.survey.wander or found.survey.change:
+            break
+        ahead = _searched(found.prepared, _survey_about(found, sets, likeliest))
+        settled = ahead.survey.wander is None and ahead.survey.change is None
+        worse = ahead.remaining.rms_mm > NAMES.worse_ratio * found.remaining.rms_mm
+        if worse or not settled:
+            break
+        found, before = ahead, found.extended.effects
+        sets = together(found)
+        if found.extended.effects == before:
+            break
+    return _with_further_rivals(found, sets)
+
+
+def _with_further_rivals(found: VerdictByBlocks, sets: Together) -> VerdictByBlocks:
+    """Return the verdict with rivals that its search did not try: springs, axes that tilt."""
+    scored = sets.scored(sets.holding(found.extended.model.terms))
+    of_member = {sets.members[k].name: each for k, each in sets.rivals(scored).items()}
+
+    def with_rivals(finding: Finding[judge.BlockPrediction]) -> Finding[judge.BlockPrediction]:
+        tried = (finding.effect, *(rival.effect for rival in finding.rivals))
+        known = {(effect.id, effect.of) for effect in tried}
+        more = of_member.get((finding.id, finding.of), {})
+        further = (
+            Rival(effect, np.array([nats]))
+            for effect, nats in more.items()
+            if (effect.id, effect.of) not in known
+        )
+        return replace(finding, rivals=(*finding.rivals, *further))
+
+    return replace(found, findings=tuple(map(with_rivals, found.findings)))
+
+
+def together(found: VerdictByBlocks) -> Together:
+    """Return the sets of springs and effects that may be there, about what was found."""
+    survey, extended = found.survey, found.extended
+    poses, at = survey.poses, extended.at
+    shift = survey.net_residual(at) - linear.residual(at, poses)
+    beside = [each.columns(survey.baseline, poses) for each in survey.nuisances]
+    return Together.of(
+        at,
+        poses,
+        extended.weights.whiteners(),
+        found.context,
+        survey.setup,
+        np.concatenate([*beside, shift[:, :, None]], axis=2),
+    )
+
+
+def _survey_about(found: VerdictByBlocks, sets: Together, likeliest: Scored) -> Survey:
+    """Return a survey about the calibrated model with the springs of a set, fitted anew."""
+    campaign, calibrated = found.prepared, found.prepared.baseline
+    springs = sets.springs(likeliest)
+    effects = sets.effects(likeliest)
+    terms = [term for term in calibrated.model.terms if not is_spring(term)]
+    first = 1 + next((k for k, term in enumerate(terms) if term.of == "links"), -1)
+    terms[first:first] = springs
+    bends = {name for effect in effects for name in effect.coordinates}
+    rows = range(1, calibrated.arm.n)
+    bent = calibrated.with_bends(row for row in rows if bends & set(bend_coordinates(row)))
+    model = Model(bent.model.chain, tuple(terms))
+    x = [springs.get(term, calibrated.values_of(term)) for term in terms]
+    about = replace(bent, model=model, x=np.concatenate(x), covariance=None)
+
+    def surveyed(baseline: FittedModel) -> Survey:
+        return survey(campaign.trusted, baseline, campaign.setup, torques_logged=False)
+
+    fitted = refit(surveyed(about), (), (), found.extended.weights).fitted()
+    return replace(surveyed(fitted), calibrated=calibrated, begins_with=effects)
 
 
 def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> VerdictByBlocks:

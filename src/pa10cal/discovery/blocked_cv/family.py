@@ -317,9 +317,12 @@ def computable_shapes(survey: Survey) -> tuple[tuple[ShapedEffect, ...], tuple[U
 
     Each effect at each of its shapes; maps are not among them.
     """
-    every = sought(survey.context, survey.baseline.model.terms)
+    every = {(each.id, each.of): each for each in survey.begins_with}
+    every |= {
+        (each.id, each.of): each for each in sought(survey.context, survey.baseline.model.terms)
+    }
     known, refused = computable(
-        (each for each in every if not is_error_map(each)),
+        (each for each in every.values() if not is_error_map(each)),
         survey.poses.states,
         logged=survey.torques_logged,
         weights=True,

@@ -445,7 +445,7 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
         noise,
         error_rate,
     )
-    chosen = search.run()
+    chosen = search.run(rows.survey.begins_with)
     others = tried(search, chosen)
     with_rivals = chosen
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)

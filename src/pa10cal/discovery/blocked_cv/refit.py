@@ -273,7 +273,8 @@ def compare(
     after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
     poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander
     T_moved = None if wander is None else motion_of_base(wander.motions(poses.states.time_s))
-    return gap(poses, campaign.baseline, after, noise_floor_mm, seen, T_moved)
+    before = campaign.calibrated or campaign.baseline
+    return gap(poses, before, after, noise_floor_mm, seen, T_moved)
 
 
 def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage | None:

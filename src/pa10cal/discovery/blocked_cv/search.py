@@ -64,9 +64,16 @@ class Search:
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
         self._nothing = start(products, own)
 
-    def run(self) -> EffectSet:
-        """Search until the set stays."""
+    def run(self, begins_with: Sequence[Effect] = ()) -> EffectSet:
+        """Search until the set stays, from some effects that these poses can show."""
         chosen = self._nothing
+        for effect in begins_with:
+            name = (effect.id, effect.of)
+            forms = [candidate for candidate in self.family if candidate.name == name]
+            if forms:
+                best = forms[int(np.argmin(chosen.with_each(forms).sum(axis=1)))]
+                ahead = chosen.extended(best)
+                chosen = ahead if within_bounds(ahead) else chosen
         settled: list[ShapedEffect] | None = None
         for _ in range(BLOCKS.most_rounds):
             chosen = self._backward(self._forward(chosen))

@@ -57,6 +57,10 @@ class Survey:
     wander: Wander | None = None
     change: Change | None = None  # of targets, beam or log at a row; None where there is none
     lag: AttitudeLag | None = None  # of orientations behind the motion; None where there is none
+    # the calibrated model, where the search sets out from another; None where it does from that
+    calibrated: FittedModel | None = None
+    # effects that it begins with, of those that are sought and of others
+    begins_with: tuple[Effect, ...] = ()
 
     @property
     def cells(self) -> Observations:
