@@ -76,8 +76,10 @@ def with_compliance(found: V) -> V:
         for spring in springs
     }
     nats = {spring: 0.5 * float(loss - np.log(rows.readings)) for spring, loss in lost.items()}
-    shown = sorted((s for s in springs if nats[s] >= needed), key=lambda s: -nats[s])
-    all_rigid, rivals = rows.rigid(*shown), _rivals(found, rows)
+    rivals = _rivals(found, rows)
+    shown = [s for s in springs if nats[s] >= needed and s.of in rivals]
+    shown.sort(key=lambda spring: -nats[spring])
+    all_rigid = rows.rigid(*shown)
     held_out, judging = rows.held_out, rows.held_out or rows.poses
     all_rigid_mm, now_mm = all_rigid.errors_mm(judging), rms(rows.errors_mm(rows.poses))
     findings, unexplained = [], list(found.unexplained)
@@ -116,7 +118,7 @@ def with_compliance(found: V) -> V:
 
 
 def _rivals(found: Verdict[Any], rows: _LinearProblem) -> dict[str, tuple[Rival, ...]]:
-    """Return what may stand for the spring of each place, by how likely sets with it are.
+    """Return what may stand for each spring that is missed, by place: how likely sets with it are.
 
     One that makes the rows likelier than what was found counts as equal.
     """
@@ -124,13 +126,14 @@ def _rivals(found: Verdict[Any], rows: _LinearProblem) -> dict[str, tuple[Rival,
     sets = Together.of(at, rows.poses, rows.whitener, found.context, found.prepared.setup)
     rigid = [spring for spring in at.model.terms if is_spring(spring) and rows.is_rigid(spring)]
     there = [term for term in at.model.terms if term not in rigid]
-    each = sets.rivals(sets.scored(sets.holding(there)))
+    scored = sets.scored(sets.holding(there))
+    each, missed = sets.rivals(scored), sets.missed(scored)
     return {
         sets.members[k].effect.of: tuple(
             Rival(effect, np.array([min(nats, 0.0)])) for effect, nats in others.items()
         )
         for k, others in each.items()
-        if sets.members[k].effect.id == JointCompliance.id
+        if sets.members[k].effect.id == JointCompliance.id and missed[k] > 0.0
     }
 
 

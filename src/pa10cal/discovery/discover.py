@@ -159,8 +159,29 @@ def discover(
             break
         found = without
     if isinstance(found, SearchVerdict):
-        found = with_lines_named(with_proposals(gated(found)))
+        found = with_lines_named(with_proposals(_likelier(found, gated(found))))
     return with_likely(with_predicted(with_compliance(found)))
+
+
+def _likelier(found: SearchVerdict[object], passed: SearchVerdict[object]) -> SearchVerdict[object]:
+    """Return a verdict that has passed the gates, or that about a likelier set that passes them.
+
+    Args:
+        found: what the search came to.
+        passed: the same after the gates.
+    """
+    from pa10cal.discovery.blocked_cv import by_blocks
+
+    if not isinstance(found, by_blocks.VerdictByBlocks) or not found.weights_assumed:
+        return passed
+    ahead = by_blocks.about_likelier_set(found)
+    if ahead is not None:
+        likelier = gated(ahead)
+        harmed = likelier.falls_back is not None and passed.falls_back is None
+        if not (harmed or likelier.verdict == "check_the_log"):
+            passed = likelier
+    assert isinstance(passed, by_blocks.VerdictByBlocks)
+    return by_blocks.with_further_rivals(passed)
 
 
 def with_predicted(found: Verdict[object]) -> Verdict[object]:

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.stats import chi2
 
+from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import most_stated
@@ -51,7 +52,8 @@ NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
 
 def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
-    found = _without_names_that_move_nothing(with_pulls(_with_names_that_pass(found)))
+    found = _without_unlikely_names(_with_names_that_pass(found))
+    found = _without_names_that_move_nothing(with_pulls(found))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(
@@ -80,6 +82,36 @@ def _with_names_that_pass(found: V) -> V:
         better = _alternative(found, finding)
         found = better or found.without_names({finding: "; ".join(reasons)})
     return found
+
+
+def _without_unlikely_names(found: V) -> V:
+    """Return a verdict without names that are less likely than something that has none.
+
+    What held-out poses need stays, with its probability.
+    """
+    names = [one for one in found.findings if is_named(one.effect)]
+    for finding in sorted(names, key=lambda one: one.explanations.of(one.effect)):
+        said = finding.explanations
+        if said.none_of_these <= max(PROBABILITIES.nameless, said.of(finding.effect)):
+            continue
+        why = (
+            "what has no name, or something of several effects, explains as much in its place "
+            f"(probability {said.none_of_these:.2f})"
+        )
+        (now,) = (one for one in found.findings if one.effect == finding.effect)
+        without = found.without_names({now: why})
+        if _harmed(found) or not _harmed(without):
+            found = without
+    return found
+
+
+def _harmed(found: SearchVerdict[object]) -> bool:
+    """Return whether held-out poses are predicted worse than by the calibrated model."""
+    held_out = found.trusted_holdout
+    return (
+        held_out is not None
+        and _harm(held_out, np.ones(len(held_out.poses), dtype=bool)) is not None
+    )
 
 
 def _without_names_that_move_nothing(found: V) -> V:
@@ -209,8 +241,11 @@ def unfit(
         if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
             name, unit = effect.reported[0].name, effect.reported[0].unit
             yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
+    # Compliances under weights that nobody stated are as uncertain as these: turns alone are known.
+    bounded = effect.possible is not None
+    bounded |= effect.most_rad is not None and weights_known(model.arm).assumed
     size = effect.size(x)
-    if size > NAMES.most_sizes and effect.possible is None:
+    if size > NAMES.most_sizes and not bounded:
         yield f"it would be {size:.0f} times as large as is plausible"
     if effect.most_rad is not None and states is not None:
         yield from _turns_too_far(finding, model.values_of(effect), states)

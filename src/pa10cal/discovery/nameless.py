@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pa10cal.arm.chain import Chain, bend_coordinates
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.preparation import computable
@@ -94,11 +94,7 @@ def beside(
 
 def with_terms(model: F, terms: Sequence[Term]) -> F:
     """Return a model with terms beside it in no amount, on a chain that may bend as they do."""
-    every = {name for term in terms for name in term.coordinates}
-    count = sum(len(term.parameters) for term in terms)
-    bent = model.with_bends(
-        row for row in range(1, model.arm.n) if not every.isdisjoint(bend_coordinates(row))
-    )
+    count, bent = sum(len(term.parameters) for term in terms), model.bending_as(terms)
     return replace(
         bent,
         model=Model(bent.model.chain, (*model.model.terms, *terms)),

@@ -143,6 +143,7 @@ class Blocks:
     least_share: float = 0.05
     one_sided_deviates: float = 1.645  # standard deviations below which 95 of 100 lie (statistics)
     most_rounds: int = 3  # rounds of the search (computing)
+    most_exchanges: int = 5  # names exchanged in a round (computing)
     most_names: int = 4  # names tried at one place (trials)
     # standard errors by which all names of a place may fall behind a map, to be tried (level)
     hopeless_errors: float = 3.0
@@ -250,6 +251,8 @@ class Probabilities:
     unknown: float = 0.01  # probability that nothing that was tried is there (trials)
     # the same where more than noise is left without a name (trials)
     unknown_beside: float = 0.17
+    # probability of none of these from which an effect has no name (level)
+    nameless: float = 0.5
     surely: float = SURE  # probability of the set that holds what is there (level)
     least: float = 0.01  # probability from which an alternative is listed (level)
 
@@ -342,7 +345,6 @@ class Together:
     # an amount that is physically none below zero may be found so many standard uncertainties below
     # (level)
     below_zero: float = 2.0
-    rounds: int = 2  # times that the search by blocks is run again about a likelier set (computing)
     most_poses: int = 2000  # poses by which sets are compared (computing)
     steps: int = 10  # steps to the amounts and weights of a set (computing)
     steps_beside: int = 2  # the same from a set that differs by one step (computing)

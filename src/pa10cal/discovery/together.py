@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.statics import Payload, Statics
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
@@ -28,7 +28,7 @@ from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.preparation import MeasurementSetup, computable
 from pa10cal.discovery.rules import PROBABILITIES, TOGETHER
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import statics_of
+from pa10cal.fit.loads import statics_of, weighed
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.weighed_arm import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
@@ -89,7 +89,7 @@ class Together:
     # (1 + w, q) columns of each: as weights are described, then what each weight adds; (1, q) of
     # one that weights do not act through
     columns: tuple[NDArray[np.intp], ...]
-    weights: int  # how many of these there are
+    weights: Array  # (w, 4 n + 3) these, as columns of `StaticLoads.by_weights`
     member_nats: float  # what a member costs
 
     @classmethod
@@ -137,12 +137,15 @@ class Together:
         described = columns(loads.described, members)
         way = [k for k, each in enumerate(members) if each.gives_way]
         of_way = [members[k] for k in way]
-        added = _combined(
-            [
-                [more - described[k] for k, more in zip(way, columns(each, of_way), strict=True)]
-                for each in loads.heavier()
-            ]
-        )
+        every_added = [
+            [more - described[k] for k, more in zip(way, columns(each, of_way), strict=True)]
+            for each in loads.heavier()
+        ]
+        mixes = _combinations(every_added)
+        added = [
+            [np.tensordot(mix, np.stack(parts), (0, 0)) for parts in zip(*every_added, strict=True)]
+            for mix in mixes
+        ]
         own = np.concatenate(
             [_own_columns(bare, poses, whiten, members), whiten @ beside[:, :, :-1]], axis=2
         )
@@ -161,7 +164,10 @@ class Together:
         said = said.without(np.arange(own.shape[2]))
         names = {each.name for each in members}
         cost = threshold(len(names), setup.options.error_rate)
-        return cls(members, _as_rows(said), tuple(places), len(added), cost)
+        sizes = loads.sizes
+        weights = np.zeros((len(mixes), len(sizes)))
+        weights[:, sizes > 0.0] = mixes * sizes[sizes > 0.0]
+        return cls(members, _as_rows(said), tuple(places), weights, cost)
 
     def holding(self, terms: Iterable[Term]) -> tuple[int, ...]:
         """Return which members stand for terms that a model has."""
@@ -184,11 +190,11 @@ class Together:
     def scored(self, at: Iterable[int], known: Scored | None = None) -> Scored:
         """Return a set with how likely it is; with a known one next to it, to first order."""
         chosen = tuple(sorted(at))
-        weights = np.zeros(self.weights) if known is None else known.weights
+        weights = np.zeros(len(self.weights)) if known is None else known.weights
         parts = [self.rows[:, self.columns[k]] for k in chosen]  # (r, 1 + w, q) each
         sizes = [part.shape[2] for part in parts]
         described = np.concatenate([np.zeros((len(self.rows), 0)), *(p[:, 0] for p in parts)], 1)
-        added = np.zeros((len(self.rows), self.weights, sum(sizes)))
+        added = np.zeros((len(self.rows), len(self.weights), sum(sizes)))
         amounts, first = np.zeros(sum(sizes)), 0
         for k, part, size in zip(chosen, parts, sizes, strict=True):
             if part.shape[1] > 1:
@@ -227,10 +233,18 @@ class Together:
             if is_spring(one.term)
         }
 
+    def weights_of(self, found: Scored) -> Array:
+        """Return by how much each weight is more than described, (4 n + 3,), with a set."""
+        return np.asarray(found.weights @ self.weights)
+
     def effects(self, found: Scored) -> tuple[Effect, ...]:
         """Return the effects of a set."""
         terms = (self.members[k].term for k in found.at)
         return tuple(term for term in terms if is_effect(term))
+
+    def missed(self, found: Scored) -> dict[int, float]:
+        """Return how much less likely a set is without each of its members [nat]."""
+        return {k: found.nats - self.scored({*found.at} - {k}, found).nats for k in found.at}
 
     def rivals(self, found: Scored) -> dict[int, dict[Effect, float]]:
         """Return what else may stand for each member of a set, with the log odds to it [nat].
@@ -242,6 +256,8 @@ class Together:
         for other in self._beside(found.at):
             effect = self.members[other].effect
             beside = self.scored({*found.at, other}, found)
+            if beside.nats > found.nats:
+                beside = self.scored(beside.at)
             least = max(found.nats, beside.nats)
             for k, best in every.items():
                 instead = self.scored({*found.at, other} - {k}, beside)
@@ -351,48 +367,34 @@ class _Loads:
     def described(self) -> Observations:
         return self._under(self.arm, self.payload)
 
+    @property
+    def sizes(self) -> Array:
+        """Return by how much each weight may be off, (4 n + 3,)."""
+        return weight_sizes(self.arm, self.payload).columns(self.arm)
+
     def heavier(self) -> Iterator[Observations]:
-        """Yield the poses with each mass, place of a mass, and level off by its uncertainty."""
-        arm, payload, known = self.arm, self.payload, weights_known(self.arm)
-        assert arm.mass_kg is not None
-        assert arm.com_m is not None
-        for link in np.flatnonzero(arm.mass_kg > 0.0):
-            if known.mass[link] > 0.0:
-                mass_kg = arm.mass_kg.copy()
-                mass_kg[link] *= 1.0 + known.mass[link]
-                yield self._under(replace(arm, mass_kg=mass_kg), payload)
-            for axis in range(3):
-                com_m = arm.com_m.copy()
-                com_m[link, axis] += known.com_m[link]
-                yield self._under(replace(arm, com_m=com_m), payload)
-        of_tool, *level = weight_sizes(arm, payload).columns(arm)[4 * arm.n :].tolist()
-        if of_tool > 0.0:
-            yield self._under(arm, replace(payload, mass_kg=payload.mass_kg + of_tool))
-        for axis, size in enumerate(level[:2]):
-            turn = np.eye(3)[axis] * size
-            gravity = payload.gravity_m_s2 + np.cross(turn, payload.gravity_m_s2)
-            if size > 0.0:
-                yield self._under(arm, replace(payload, gravity_m_s2=gravity))
+        """Yield the poses with each weight that is uncertain off by its size."""
+        sizes = self.sizes
+        for column in np.flatnonzero(sizes):
+            amounts = np.where(np.arange(len(sizes)) == column, sizes, 0.0)
+            yield self._under(*weighed(self.arm, self.payload, amounts))
 
     def _under(self, arm: Arm, payload: Payload) -> Observations:
         states = self.poses.states
-        found: Statics = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload)
+        found = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload)
         return self.poses.with_states(
             replace(states, static_loads=found.static_loads, tau_Nm=found.torque_Nm)
         )
 
 
-def _combined(added: list[list[Array]]) -> list[list[Array]]:
-    """Return what weights add in the few combinations that rows could tell from none."""
+def _combinations(added: list[list[Array]]) -> Array:
+    """Return the few combinations (w, k) of k weights that rows could tell from none."""
     if not (added and added[0]):
-        return []
+        return np.zeros((0, len(added)))
     flat = np.stack([np.concatenate([part.ravel() for part in each]) for each in added], axis=1)
     values, vectors = np.linalg.eigh(flat.T @ flat / PROBABILITIES.blocks)
-    kept = vectors[:, values > TOGETHER.least_squares]
-    return [
-        [np.tensordot(mix, np.stack(parts), (0, 0)) for parts in zip(*added, strict=True)]
-        for mix in kept.T
-    ]
+    kept: Array = vectors[:, values > TOGETHER.least_squares].T
+    return kept
 
 
 def _as_rows(said: Gaussian) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pa10cal.arm.chain import BASE, TOOL, Chain, long_links
+from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, long_links
 from pa10cal.arm.description import Arm
 from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
@@ -324,6 +324,12 @@ class Fitted:
         every = {*long_links(self.arm), *self.model.chain.bends, *rows}
         chain = Chain.of(self.arm, bends=tuple(sorted(every)))
         return replace(self, model=Model(chain, self.model.terms))
+
+    def bending_as(self, terms: Iterable[Term]) -> Self:
+        """Return the same model on a chain that may also bend as some terms do."""
+        every = {name for term in terms for name in term.coordinates}
+        rows = range(1, self.arm.n)
+        return self.with_bends(row for row in rows if not every.isdisjoint(bend_coordinates(row)))
 
     def as_modelled(self, observations: Observations[M]) -> Observations[M]:
         """Return measured poses as the model predicts them.

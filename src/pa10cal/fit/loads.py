@@ -8,16 +8,21 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE, TOOL
+from pa10cal.arm.chain import BASE, TOOL, Chain
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, PoseStates, StaticLoads, Statics, statics
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
+from pa10cal.terms.weights import holds_weights
 
 S = TypeVar("S", Statics, StaticLoads)
 
 #: Poses that are worked out at once: statics and predictions take kilobytes a pose for a moment.
 BLOCK = 10_000
+
+#: Part of its described mass that a link has at least.
+_LEAST_MASS_SHARE = 0.01
 
 #: Where the torques of poses come from: a log, the masses described, or they are not known.
 TorqueSource = Literal["logged", "masses", "none"]
@@ -76,7 +81,9 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
     """Return the static loads of an arm in the poses that a model predicts.
 
     Gravity is along the base's own axes; and what the instrument reads too much, which moves the
-    tool in the model, moves no weight: motions of base and tool count for nothing here.
+    tool in the model, moves no weight: motions of base and tool count for nothing here. Links and
+    base carry the weights that the model has found, joints those described: what these differ by
+    is a term of the model.
     """
     return _in_order(_statics_of(model, x, states, payload))
 
@@ -87,13 +94,49 @@ def _statics_of(
     """Yield rows and their static loads, of one campaign and no more than `BLOCK` at once."""
     coordinates = model.chain_coordinates(states, x)
     coordinates[:, model.chain.columns(BASE + TOOL)] = 0.0
+    amounts = sum(
+        (term.amounts(x[model.columns_of(term)]) for term in filter(holds_weights, model.terms)),
+        np.zeros(4 * model.chain.arm.n + 3),
+    )
     of = [(np.arange(len(states)), payload)]
     if payload.of_campaigns and states.campaign is not None:
         every = enumerate(payload.of_campaigns)
         of = [(np.flatnonzero(states.campaign == k), own) for k, own in every]
     for rows, own in of:
         for at in (rows[block] for block in blocks(len(rows))):
-            yield at, statics(model.chain, coordinates[at], states.load_N[at], own)
+            here, load_N = coordinates[at], states.load_N[at]
+            found = statics(model.chain, here, load_N, own)
+            if amounts.any():
+                arm, heavier = weighed(model.chain.arm, own, amounts)
+                chain = Chain.of(arm, bends=model.chain.bends)
+                bending = statics(chain, here, load_N, heavier).static_loads
+                link_Nm, base_Nm = bending.link_Nm, bending.base_Nm
+                loads = replace(found.static_loads, link_Nm=link_Nm, base_Nm=base_Nm)
+                found = replace(found, static_loads=loads)
+            yield at, found
+
+
+def weighed(arm: Arm, payload: Payload, amounts: Array) -> tuple[Arm, Payload]:
+    """Return an arm and what it carries with other weights, by columns of `by_weights` (4 n + 3,).
+
+    A mass stays above a hundredth of what is described.
+    """
+    assert arm.mass_kg is not None
+    assert arm.com_m is not None
+    of_links = amounts[: 4 * arm.n].reshape(arm.n, 4)
+    mass_kg = np.maximum(arm.mass_kg + of_links[:, 0], _LEAST_MASS_SHARE * arm.mass_kg)
+    heavy = mass_kg > 0.0
+    com_m = arm.com_m.copy()
+    com_m[heavy] += of_links[heavy, 1:] / mass_kg[heavy, None]
+    of_tool_kg, *level_rad = amounts[4 * arm.n :].tolist()
+    gravity = payload.gravity_m_s2
+    across = np.linalg.norm(gravity) * np.linalg.svd(gravity[None])[2][1:]
+    carried = replace(
+        payload,
+        mass_kg=max(payload.mass_kg + of_tool_kg, 0.0),
+        gravity_m_s2=gravity + np.array(level_rad) @ across,
+    )
+    return replace(arm, mass_kg=mass_kg, com_m=com_m), carried
 
 
 def _in_order(parts: Iterable[tuple[Index, S]]) -> S:

@@ -139,12 +139,15 @@ class Weights(TorqueOnly):
         return (role,) * len(self.columns)
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        every = self._by_weights(states)
-        amounts = np.zeros(every.shape[2])
+        return np.asarray(-(self._by_weights(states) @ self.amounts(x)))
+
+    def amounts(self, x: Array) -> Array:
+        """Return by how much each weight is more than described, (4 n + 3,)."""
+        amounts = np.zeros(4 * self.n + 3)
         amounts[list(self.columns)] = x
         if self.held is not None:
             amounts[self.held] += np.array(self.by_held) @ x
-        return np.asarray(-(every @ amounts))
+        return amounts
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         every = self._by_weights(states)

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 from typing_extensions import override
 
-from pa10cal.arm.chain import bend_coordinates
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
@@ -41,7 +40,7 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, TOGETHER
+from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
 from pa10cal.discovery.verdict import Plan, SearchVerdict
@@ -64,6 +63,7 @@ from pa10cal.terms.effects.joint_error_map import (
 )
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
+from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 
 
@@ -94,6 +94,12 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
             return None
         at, poses = self.extended.at, self.survey.poses
         return scatter_of(at, poses, self.survey.net_residual(at))
+
+    @property
+    def weights_assumed(self) -> bool:
+        """Return whether torques are those of weights that nobody stated."""
+        known = weights_known(self.baseline.arm)
+        return self.prepared.torques == "masses" and known.origin != "stated"
 
     @property
     @override
@@ -240,7 +246,11 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
         rivals, separations = unresolved(self.effects), None
         few = len(self.extended.at.x) <= NEXT_POSES.most_parameters
         if rivals and few and not self.survey.poses.measured.campaigns:
-            problem, found = without_repeats(self.survey, self.extended, self.noise)
+            # Axes that tilt may be rivals that the model has no bends for.
+            others = [other for _, other in rivals if other is not None]
+            survey = replace(self.survey, baseline=self.survey.baseline.bending_as(others))
+            extended = replace(self.extended, at=self.extended.at.bending_as(others))
+            problem, found = without_repeats(survey, extended, self.noise)
             try:
                 told = separating_poses(problem, found, rivals, count, random_seed)
             except DiscoveryError:  # the verdict stands without it
@@ -275,10 +285,7 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         campaign.setup,
         torques_logged=campaign.torques == "logged",
     )
-    found = _searched(campaign, judged)
-    if campaign.torques == "masses" and weights_known(campaign.baseline.arm).origin != "stated":
-        found = _with_likelier_sets(found)
-    return found
+    return _searched(campaign, judged)
 
 
 def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
@@ -356,33 +363,29 @@ def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
 # Weights that nobody stated: which joints give way is sought anew, together with all else.
 
 
-def _with_likelier_sets(found: VerdictByBlocks) -> VerdictByBlocks:
-    """Return the verdict about the most likely set of springs and effects, where blocks agree.
+def about_likelier_set(found: VerdictByBlocks) -> VerdictByBlocks | None:
+    """Return the verdict about the most likely set of springs and effects; None where it is that.
 
     A calibration knows springs alone, and a search that adds one effect after the other leaves them
-    what links, bearings and base do. Held-out blocks decide which of the sets stay.
+    what links, bearings and base do. So it is sought anew from that set, where weights act that
+    nobody stated, and held-out blocks are predicted as well.
     """
+    campaign, survey = found.prepared, found.survey
+    if survey.wander or survey.change:
+        return None
     sets = together(found)
-    for _ in range(TOGETHER.rounds):
-        there = sets.holding(found.extended.model.terms)
-        likeliest = sets.likeliest(there)
-        same = sets.giving_way(likeliest.at) == sets.giving_way(there)
-        if same or found.survey.wander or found.survey.change:
-            break
-        ahead = _searched(found.prepared, _survey_about(found, sets, likeliest))
-        settled = ahead.survey.wander is None and ahead.survey.change is None
-        worse = ahead.remaining.rms_mm > NAMES.worse_ratio * found.remaining.rms_mm
-        if worse or not settled:
-            break
-        found, before = ahead, found.extended.effects
-        sets = together(found)
-        if found.extended.effects == before:
-            break
-    return _with_further_rivals(found, sets)
+    there = sets.holding(found.extended.model.terms)
+    likeliest = sets.likeliest(there)
+    if sets.giving_way(likeliest.at) == sets.giving_way(there):
+        return None
+    ahead = _searched(campaign, _survey_about(found, sets, likeliest))
+    worse = ahead.remaining.rms_mm > NAMES.worse_ratio * found.remaining.rms_mm
+    return None if worse or ahead.survey.wander or ahead.survey.change else ahead
 
 
-def _with_further_rivals(found: VerdictByBlocks, sets: Together) -> VerdictByBlocks:
+def with_further_rivals(found: VerdictByBlocks) -> VerdictByBlocks:
     """Return the verdict with rivals that its search did not try: springs, axes that tilt."""
+    sets = together(found)
     scored = sets.scored(sets.holding(found.extended.model.terms))
     of_member = {sets.members[k].name: each for k, each in sets.rivals(scored).items()}
 
@@ -391,7 +394,7 @@ def _with_further_rivals(found: VerdictByBlocks, sets: Together) -> VerdictByBlo
         known = {(effect.id, effect.of) for effect in tried}
         more = of_member.get((finding.id, finding.of), {})
         further = (
-            Rival(effect, np.array([nats]))
+            Rival(effect, np.array([min(nats, 0.0)]))
             for effect, nats in more.items()
             if (effect.id, effect.of) not in known
         )
@@ -424,12 +427,18 @@ def _survey_about(found: VerdictByBlocks, sets: Together, likeliest: Scored) -> 
     terms = [term for term in calibrated.model.terms if not is_spring(term)]
     first = 1 + next((k for k, term in enumerate(terms) if term.of == "links"), -1)
     terms[first:first] = springs
-    bends = {name for effect in effects for name in effect.coordinates}
-    rows = range(1, calibrated.arm.n)
-    bent = calibrated.with_bends(row for row in rows if bends & set(bend_coordinates(row)))
+    bent = calibrated.bending_as(effects)
     model = Model(bent.model.chain, tuple(terms))
-    x = [springs.get(term, calibrated.values_of(term)) for term in terms]
-    about = replace(bent, model=model, x=np.concatenate(x), covariance=None)
+    weights = sets.weights_of(likeliest)
+
+    def start(term: Term) -> Array:
+        if term in springs:
+            return springs[term]
+        if holds_weights(term):  # what gives way but no joint follows them as they stand here
+            return weights[list(term.columns)]
+        return calibrated.values_of(term)
+
+    about = replace(bent, model=model, x=np.concatenate([*map(start, terms)]), covariance=None)
 
     def surveyed(baseline: FittedModel) -> Survey:
         return survey(campaign.trusted, baseline, campaign.setup, torques_logged=False)

@@ -444,8 +444,9 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
         known.shown,
         noise,
         error_rate,
+        rows.survey.begins_with,
     )
-    chosen = search.run(rows.survey.begins_with)
+    chosen = search.run()
     others = tried(search, chosen)
     with_rivals = chosen
     nameless = tuple(member.effect for member in chosen.members if member.effect.generic)

@@ -51,24 +51,26 @@ class Search:
         family: Sequence[Candidate],
         noise: float,
         error_rate: float,
+        begins_with: Sequence[Effect] = (),
     ) -> None:
         """Take products of all columns, those of the calibrated model, and the candidates.
 
         Noise is the sum of squares that it alone leaves; the error rate the probability allowed of
-        naming anything where nothing is missing.
+        naming anything where nothing is missing. Effects to begin with were found together: none
+        of them stands in for what else is missing.
         """
         self.family = tuple(family)
+        self.begins_with = tuple((effect.id, effect.of) for effect in begins_with)
         self.noise = noise
         names = {candidate.name for candidate in family if not is_fault(candidate.effect)}
         self.effects = len(names)
         self.least_gain = 2.0 * threshold(max(self.effects, 1), error_rate)
         self._nothing = start(products, own)
 
-    def run(self, begins_with: Sequence[Effect] = ()) -> EffectSet:
-        """Search until the set stays, from some effects that these poses can show."""
+    def run(self) -> EffectSet:
+        """Search until the set stays, from the effects to begin with that these poses can show."""
         chosen = self._nothing
-        for effect in begins_with:
-            name = (effect.id, effect.of)
+        for name in self.begins_with:
             forms = [candidate for candidate in self.family if candidate.name == name]
             if forms:
                 best = forms[int(np.argmin(chosen.with_each(forms).sum(axis=1)))]
@@ -76,21 +78,26 @@ class Search:
                 chosen = ahead if within_bounds(ahead) else chosen
         settled: list[ShapedEffect] | None = None
         for _ in range(BLOCKS.most_rounds):
-            chosen = self._backward(self._forward(chosen))
+            chosen = self._exchanged(self._backward(self._forward(chosen)))
             if settled == [candidate.shaped for candidate in chosen.members]:
                 break
             chosen = self._prefer_named(self._backward(self._smoothed(chosen)))
             settled = [candidate.shaped for candidate in chosen.members]
         return chosen
 
-    def helps(self, before: Array, after: Array) -> bool:
+    def helps(self, before: Array, after: Array, least_share: float = BLOCKS.least_share) -> bool:
         """Return whether sums of squares (B,) of held-out blocks come down enough."""
         gain = before - after
         total = float(gain.sum())
         left_over = max(float(after.sum()) - self.noise, 0.0)
         return total > max(
-            self.least_gain, BLOCKS.least_share * left_over
+            self.least_gain, least_share * left_over
         ) and total > BLOCKS.standard_errors * standard_error(gain)
+
+    def _needs(self, one: Candidate, without: Array, squares: Array) -> bool:
+        """Return whether a member is missed; by how little, where a set was found with it."""
+        found_with_all = one.name in self.begins_with
+        return self.helps(without, squares, 0.0 if found_with_all else BLOCKS.least_share)
 
     def is_surely_found(self, gain: float) -> bool:
         """Return whether an expected gain helps enough in 95 of 100 campaigns.
@@ -135,11 +142,36 @@ class Search:
         """Take out what is not missed, the least needed first."""
         while chosen.members:
             found = chosen.without_each()
-            idle = [k for k, each in enumerate(found) if not self.helps(each, chosen.squares)]
+            idle = [
+                k
+                for k, (one, each) in enumerate(zip(chosen.members, found, strict=True))
+                if not self._needs(one, each, chosen.squares)
+            ]
             if not idle:
                 return chosen
             least = min(idle, key=lambda k: float(found[k].sum()))
             chosen = chosen.reduced(least)
+        return chosen
+
+    def _exchanged(self, chosen: EffectSet) -> EffectSet:
+        """Exchange names for others that predict better in their place, the best first."""
+        for _ in range(BLOCKS.most_exchanges):
+            best, best_squares = None, float(chosen.squares.sum())
+            for k, one in enumerate(chosen.members):
+                if not one.is_named:
+                    continue
+                less = chosen.reduced(k)
+                others = [each for each in self.others(chosen) if each.is_named]
+                found = less.with_each(others) if others else np.zeros((0, len(less.squares)))
+                for j in np.flatnonzero(found.sum(axis=1) < best_squares):
+                    ahead = less.extended(others[j])
+                    squares, helps = float(found[j].sum()), self.helps(less.squares, found[j])
+                    sound = within_bounds(ahead) and both_kinds_agree(less, ahead)
+                    if sound and helps and squares < best_squares:
+                        best, best_squares = ahead, squares
+            if best is None:
+                return chosen
+            chosen = best
         return chosen
 
     def _prefer_named(self, chosen: EffectSet) -> EffectSet:

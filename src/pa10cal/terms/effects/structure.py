@@ -198,6 +198,8 @@ class BaseCompliance(Effect):
     coordinates = ("base.rx", "base.ry")
     positive = True
     weights_power = -1.0
+    # A pedestal of which the top turns by this much stands loose: 1 mm for each 0.1 m of height.
+    most_rad = (0.01, "no base that is bolted down tilts by more than 10 mrad")
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
