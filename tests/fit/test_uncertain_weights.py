@@ -11,8 +11,13 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
-from pa10cal.fit.loads import with_torques
-from pa10cal.fit.weighed_arm import open_unknowns, unknown_tool, with_uncertain_weights
+from pa10cal.fit.loads import statics_of, weighed, with_torques
+from pa10cal.fit.weighed_arm import (
+    open_unknowns,
+    unknown_tool,
+    weight_sizes,
+    with_uncertain_weights,
+)
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.joint_spring import JointSpring
@@ -131,3 +136,33 @@ def test_a_tool_of_unknown_mass_is_estimated_and_stiffness_is_as_uncertain():
     std_kg = np.sqrt(np.diag(found[False].fit.covariance))[terms.columns_of(weights)][-1]
     assert abs(mass_kg - TOOL_KG) < 4.0 * std_kg < 4.0 * weights.sizes[-1]
     assert not any(isinstance(term, Weights) for term in found[True].problem.model.terms)
+
+
+def test_other_weights_move_torques_as_their_derivative_says():
+    sizes = weight_sizes(ARM, TOOL).columns(ARM)
+    small = 1e-6 * sizes * np.random.default_rng(0).standard_normal(len(sizes))
+    rigid = Model(Chain.of(ARM), ())
+    before = statics_of(rigid, np.zeros(0), states(), TOOL)
+    arm, carried = weighed(ARM, TOOL, small)
+    after = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states(), carried)
+    wanted = before.static_loads.by_weights @ small
+    assert np.abs(wanted).max() > 1e-6
+    np.testing.assert_allclose(
+        after.torque_Nm - before.torque_Nm, wanted, atol=1e-5 * np.abs(wanted).max()
+    )
+
+
+def test_links_and_base_carry_the_weights_found_and_joints_those_described():
+    weights = Weights.about(ARM, weight_sizes(ARM, TOOL))
+    x = 0.5 * np.array(weights.sizes)
+    rigid, nothing = Model(Chain.of(ARM), ()), np.zeros(0)
+    described = statics_of(rigid, nothing, states(), TOOL)
+    loaded = replace(states(), static_loads=described.static_loads)
+    found = statics_of(Model(Chain.of(ARM), (weights,)), x, loaded, TOOL)
+    arm, carried = weighed(ARM, TOOL, weights.amounts(x))
+    heavier = statics_of(Model(Chain.of(arm), ()), nothing, states(), carried)
+    np.testing.assert_allclose(found.torque_Nm, described.torque_Nm)
+    loads, wanted = found.static_loads, heavier.static_loads
+    np.testing.assert_allclose(loads.link_Nm, wanted.link_Nm)
+    np.testing.assert_allclose(loads.base_Nm, wanted.base_Nm)
+    assert np.abs(loads.base_Nm - described.static_loads.base_Nm).max() > 0.5

@@ -367,8 +367,8 @@ def about_likelier_set(found: VerdictByBlocks) -> VerdictByBlocks | None:
     """Return the verdict about the most likely set of springs and effects; None where it is that.
 
     A calibration knows springs alone, and a search that adds one effect after the other leaves them
-    what links, bearings and base do. So it is sought anew from that set, where weights act that
-    nobody stated, and held-out blocks are predicted as well.
+    what links, bearings and base do. So it is sought anew from that set, about the weights that go
+    with it, and stays where held-out blocks are predicted better.
     """
     campaign, survey = found.prepared, found.survey
     if survey.wander or survey.change:
@@ -379,8 +379,8 @@ def about_likelier_set(found: VerdictByBlocks) -> VerdictByBlocks | None:
     if sets.giving_way(likeliest.at) == sets.giving_way(there):
         return None
     ahead = _searched(campaign, _survey_about(found, sets, likeliest))
-    worse = ahead.remaining.rms_mm > NAMES.worse_ratio * found.remaining.rms_mm
-    return None if worse or ahead.survey.wander or ahead.survey.change else ahead
+    better = ahead.remaining.rms_mm < found.remaining.rms_mm
+    return ahead if better and not (ahead.survey.wander or ahead.survey.change) else None
 
 
 def with_further_rivals(found: VerdictByBlocks) -> VerdictByBlocks:

@@ -1,0 +1,87 @@
+"""Sets of effects under weights that nobody stated: dense algebra, and what is hidden found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+from scipy.stats import multivariate_normal
+
+from pa10cal.discovery.together import Member, Together
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint import GearRatioError
+from pa10cal.terms.effects.structure import BaseCompliance, LateralTilt
+
+ROWS, WEIGHTS = 60, 2
+
+
+def member(effect: Effect) -> Member:
+    size = np.eye(effect.linear)
+    return Member(effect, effect, np.zeros(len(effect.parameters)), size)
+
+
+def sets(random_seed: int, true: dict[int, float], weights: NDArray[np.float64]) -> Together:
+    """Return four members with columns drawn, two of which follow weights, and data of some."""
+    rng = np.random.default_rng(random_seed)
+    members = (
+        member(LateralTilt("joint 3")),
+        member(GearRatioError("joint 1")),
+        member(BaseCompliance("base")),
+        member(GearRatioError("joint 2")),
+    )
+    columns, places, first = [], [], 0
+    for each in members:
+        shape = (1 + WEIGHTS if each.gives_way else 1, each.sizes.shape[1])
+        places.append(first + np.arange(shape[0] * shape[1]).reshape(shape))
+        columns.append(rng.standard_normal((ROWS, shape[0] * shape[1])))
+        columns[-1][:, shape[1] :] *= 0.3
+        first += shape[0] * shape[1]
+    rows = np.concatenate(columns, axis=1)
+    data = rng.standard_normal(ROWS)
+    for k, amount in true.items():
+        place = places[k]
+        data = data + rows[:, place[0]].sum(axis=1) * amount
+        for weight, bent in zip(weights, place[1:], strict=False):
+            data = data + weight * rows[:, bent].sum(axis=1) * amount
+    return Together(
+        members, np.column_stack([rows, data]), tuple(places), np.zeros((WEIGHTS, 7)), 4.0
+    )
+
+
+def test_evidence_without_weights_is_that_of_dense_algebra() -> None:
+    found = sets(1, {1: 2.0}, np.zeros(WEIGHTS))
+    scored = found.scored([1, 3])
+    columns = found.rows[:, [found.columns[1][0, 0], found.columns[3][0, 0]]]
+    covariance = np.eye(ROWS) + columns @ columns.T
+    expected = multivariate_normal(np.zeros(ROWS), covariance).logpdf(found.rows[:, -1])
+    nothing = multivariate_normal(np.zeros(ROWS), np.eye(ROWS)).logpdf(found.rows[:, -1])
+    assert_allclose(scored.nats - found.scored([]).nats, expected - nothing - 8.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("random_seed", range(5))
+def test_hidden_members_are_found_with_the_weights_that_bend_them(random_seed: int) -> None:
+    weights = np.array([1.5, -1.0])
+    found = sets(random_seed, {0: 6.0, 1: -4.0}, weights)
+    likeliest = found.likeliest([2, 3])
+    assert likeliest.at == (0, 1)
+    assert_allclose(likeliest.amounts[0], 6.0, atol=1.0)
+    assert_allclose(likeliest.weights, weights, atol=0.4)
+    assert likeliest.possible
+
+
+def test_what_must_not_be_negative_is_no_member_of_the_likeliest_set() -> None:
+    found = sets(3, {0: -6.0, 1: 4.0}, np.zeros(WEIGHTS))
+    likeliest = found.likeliest()
+    assert 0 not in likeliest.at
+    assert 1 in likeliest.at
+    assert not found.scored([0, 1]).possible
+
+
+def test_members_are_missed_and_have_rivals() -> None:
+    found = sets(2, {0: 6.0, 1: -4.0}, np.zeros(WEIGHTS))
+    likeliest = found.likeliest()
+    missed = found.missed(likeliest)
+    assert all(missed[k] > 10.0 for k in likeliest.at)
+    for rivals in found.rivals(likeliest).values():
+        assert max(rivals.values()) < 0.0
