@@ -241,17 +241,23 @@ def unfit(
         if value + HALF_WIDTH_95 * std < low or value - HALF_WIDTH_95 * std > high:
             name, unit = effect.reported[0].name, effect.reported[0].unit
             yield f"its {name} would be {value:.2g} ± {HALF_WIDTH_95 * std:.1g} {unit}: {why}"
-    # Compliances under weights that nobody stated are as uncertain as these: turns alone are known.
-    bounded = effect.possible is not None
-    bounded |= effect.most_rad is not None and weights_known(model.arm).assumed
     size = effect.size(x)
-    if size > NAMES.most_sizes and not bounded:
+    if size > NAMES.most_sizes and not _has_other_limits(effect, model):
         yield f"it would be {size:.0f} times as large as is plausible"
     if effect.most_rad is not None and states is not None:
         yield from _turns_too_far(finding, model.values_of(effect), states)
     yield from holds_zero(effect, model)
     if len(finding.alternatives) > NAMES.most_alternatives:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
+
+
+def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
+    """Return whether something else than its plausible size says how large an effect may be.
+
+    Compliances under weights that nobody stated are as uncertain as these: turns alone are known.
+    """
+    by_turn = effect.most_rad is not None and weights_known(model.arm).assumed
+    return effect.possible is not None or by_turn
 
 
 def _turns_too_far(finding: Finding[object], x: Array, states: PoseStates) -> Iterator[str]:

@@ -9,6 +9,7 @@ import pytest
 
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gates import unfit
+from pa10cal.files.arms import load_arm
 from pa10cal.terms import effects
 from pa10cal.terms.effects.effect import AtJoint, Effect, candidates, every_effect
 from pa10cal.terms.term import shows_torque, yields
@@ -165,6 +166,7 @@ def test_arms_grow_as_what_they_are_made_of(context, alpha, std, refused):
 
 def _amounts(x):
     return SimpleNamespace(
+        arm=load_arm("pa10_6ce"),
         values_of=lambda _: x,
         model=SimpleNamespace(columns_of=lambda _: slice(0, 0)),
         covariance=None,

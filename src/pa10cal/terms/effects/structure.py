@@ -155,7 +155,7 @@ class LateralTilt(AtJoint):
         "there across the joint's axis"
     )
     bends = True
-    sought = False  # masked by other effects, one at a time
+    sought = False  # masked by other effects, one at a time: in sets alone
     positive = True
     weights_power = -1.0
     # Crossed roller bearings of joints are as stiff as 1e5 N m/rad and more: 1000 N m make 10 mrad.
