@@ -113,7 +113,9 @@ def with_compliance(found: V) -> V:
         )
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         x, covariance = np.array([stiffness]), np.array([[std**2]])
-        findings.append(Finding(effect, x, covariance, (), proof, rivals.get(spring.of, ())))
+        finding = Finding(effect, x, covariance, (), proof, rivals[spring.of])
+        if len(finding.with_likely().alternatives) <= NAMES.most_alternatives:
+            findings.append(finding)
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 
 
