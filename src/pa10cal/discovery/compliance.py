@@ -32,7 +32,7 @@ from pa10cal.discovery.linear import (
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.discovery.rules import SPRINGS, TORQUES
+from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
 from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted_model import FittedModel
