@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 
+import numpy as np
+
 from pa10cal.arrays import Array
 from pa10cal.campaign.composed_columns import matrix_columns, polar_columns
 from pa10cal.campaign.controller_programs import (
@@ -45,6 +47,7 @@ class Format:
     measured: bool | None = None  # whether it holds readings, or joint positions; None for any
 
 
+_XYZ = "xyz"
 _RTDE = re.compile(r"(actual|target)_q_?\[?[05]\]?")
 _RAPID = re.compile(
     r"\s*module \w+\s*(\(.*)?$|\s*((local|task) )?(const|pers|var) (joint|rob)target "
@@ -151,6 +154,19 @@ FORMATS = (
         "zeros tell which), or 12 without the last row",
         "position and orientation; of several the first that moves and is not commanded",
         columns=lambda names, numbers: bool(matrix_columns(names, numbers)),
+    ),
+    Format(
+        "points",
+        "points as text without names (SpatialAnalyzer, PolyWorks, Leica, FARO)",
+        "no line of names; three numbers a row, after words, below lines of comments",
+        "labels and positions; what the columns of a file without names are is found by the "
+        "nominal arm",
+        columns=lambda names, numbers: (
+            names == tuple(map(str, range(1, len(names) + 1)))
+            and np.isfinite(numbers).all(axis=0).sum() == len(_XYZ)
+            and np.isnan(numbers).all(axis=0).sum() == len(names) - len(_XYZ)
+        ),
+        measured=True,
     ),
     Format(
         "polar",

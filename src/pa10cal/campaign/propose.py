@@ -28,6 +28,7 @@ from pa10cal.campaign.conventions import (
 )
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
+from pa10cal.campaign.headerless import is_headerless, refuse_several_targets, roles_by_arm
 from pa10cal.campaign.own_columns import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -99,6 +100,9 @@ def propose(
         RawDataError: when no joint positions, or nothing that was measured, are recognised.
     """
     roles = roles_of_file(sniffed, None if arm is None else len(arm.axes_slide), joint_names)
+    if arm is not None and is_headerless(sniffed):
+        by_arm = roles_by_arm((roles, sniffed), (roles, sniffed), arm)
+        roles = by_arm[1] if by_arm else roles
     refuse_unrecognised(roles, sniffed, file)
     making = _Proposing(sniffed, roles, arm)
     columns = making.joints() | making.readings(making.T_base_ee)
@@ -126,6 +130,8 @@ def propose_two_logs(
         (roles_of_file(log, count, joint_names), log, file)
         for log, file in zip(logs, files, strict=True)
     ]
+    if arm is not None and any(is_headerless(log) for _, log, _ in both):
+        both = _by_arm(both, arm)
     # What a known format holds is known; else the log of the joints is that which has some.
     first, second = (log.format.measured if log.format else None for _, log, _ in both)
     if first is None and second is None:
@@ -167,6 +173,23 @@ def propose_two_logs(
             T_base_ee[[row[line] for line in lines]] = T_known
     files_read["readings"] = (readings_file.name, readings_log, readings.readings(T_base_ee))
     return _proposal(readings, files_read, name, robot, arm)
+
+
+def _by_arm(both: list[tuple[Roles, Sniffed, Path]], arm: Arm) -> list[tuple[Roles, Sniffed, Path]]:
+    """Return roles of two logs, one of them at least without names, by the nominal arm."""
+    found = []
+    for (of_joints, log, file), (of_readings, read, other) in (both, both[::-1]):
+        named = is_headerless(log) or of_joints.joints
+        if named and (is_headerless(read) or of_readings.positions):
+            by_arm = roles_by_arm((of_joints, log), (of_readings, read), arm)
+            if by_arm is not None:
+                found.append((by_arm[0], [(by_arm[1], log, file), (by_arm[2], read, other)]))
+    if found:
+        return min(found, key=lambda way: way[0])[1]
+    for (_, log, file), (_, read, _) in (both, both[::-1]):
+        if is_headerless(log) and is_headerless(read):
+            refuse_several_targets(log, read, arm, file.name)
+    return both
 
 
 def _at_joints(

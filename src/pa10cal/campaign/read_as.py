@@ -70,13 +70,17 @@ def refuse_unrecognised(
     what, other = "no joint positions were", "joint positions are"
     if roles.joints:
         what, other = "no position and no distance was", "readings are"
+    header = ""
+    if not sniffed.layout.header and not sniffed.layout.format:
+        header = "the file has no header: write one; or "
     raise RawDataError(
         f"{what} recognised",
         where=file,
         value=", ".join(sniffed.names),
         allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
         "as x, y, z",
-        remedy=f"give both logs where the {other} in another: pa10cal columns JOINTS READINGS; or "
+        remedy=header
+        + f"give both logs where the {other} in another: pa10cal columns JOINTS READINGS; or "
         "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may "
         "also be numbers",
     )

@@ -30,6 +30,7 @@ LINES, LETTERS = 3000, 1 << 21
 #: So many at least of the lines below them, spread to the end.
 SPREAD = 500
 LEAST_FIELDS = 3
+_COMMENT = "//"  # of SpatialAnalyzer; such a line names no columns
 _SEPARATORS = (";", "\t", ",", "|", None)
 #: Lines of names and units over the rows, at most, in which a column is named.
 _MOST_NAMES = 3
@@ -93,6 +94,7 @@ def sniff(path: Path) -> Sniffed:
     below = table_lines(path, name, notes=notes)
     head = part_of(below, LINES, LETTERS)
     lines = [(line.number, line.text) for line in (*head, *_spread(below))]
+    lines = [line for line in lines if not line[1].startswith(_COMMENT)] or lines
     if not lines:
         raise empty_file(path)
     for number, line in lines:

@@ -1,0 +1,155 @@
+"""Files without names of columns: which hold joints and places, by the nominal arm alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array, Index
+from pa10cal.campaign.nominal_fit import placed_by_points
+from pa10cal.campaign.own_columns import ANGLES, LENGTHS
+from pa10cal.campaign.raw_rows import in_radians
+from pa10cal.campaign.recognise import Roles
+from pa10cal.campaign.sniffing import Sniffed
+from pa10cal.campaign.two_logs import by_label, shared_labels
+from pa10cal.errors import RawDataError
+
+#: Rows that are looked at, and those that tell.
+_ROWS, _LEAST_ROWS = 60, 12
+#: The nominal arm is so near to the places [m], and so many times further off any other columns.
+NEAR_M, NEARER = 0.02, 3.0
+#: Columns at most; joints lie within the limits in so many rows.
+_COLUMNS, _WITHIN = 40, 0.95
+#: Places spread by more than this [m]; a column of so few whole numbers tells targets apart.
+_SPREAD_M, _FAR_M, _TARGETS = 0.05, 10.0, 6
+#: Joints move by more than this.
+_MOVES_RAD = 0.2
+
+
+def roles_by_arm(
+    joints: tuple[Roles, Sniffed], readings: tuple[Roles, Sniffed], arm: Arm
+) -> tuple[float, Roles, Roles] | None:
+    """Return roles of a log of joints and of one of readings, or twice of one file with both.
+
+    What a header names stays; columns without names are those that the nominal arm explains, in
+    rows with the same label, else row by row. The first is how far it is off [m]; None where no
+    columns agree, or several do.
+    """
+    (of_joints, log), (of_readings, read) = joints, readings
+    rows = _rows_together(log, read)
+    if rows is None:
+        return None
+    named = [of_joints.joints] if of_joints.joints else _runs(log.names, len(arm.axes_slide))
+    places = list(of_readings.positions.values())[:1] or _runs(read.names, 3)
+    tried = []
+    for columns, T_base_ee in _ends(log.columns, named, rows[0], arm):
+        for place, p_m in _places(read.columns, places, rows[1]):
+            if log is not read or not set(place) & set(columns):
+                tried.append((_scatter_m(T_base_ee, p_m[:, None]), columns, place))
+    tried.sort()
+    others = [scatter_m for scatter_m, *_ in tried[1:]]
+    if not tried or tried[0][0] > NEAR_M or (others and others[0] < NEARER * tried[0][0]):
+        return None
+    scatter_m, columns, place = tried[0]
+    # Of several ways to read the same columns the nearest is taken as it is.
+    found = replace(of_joints, joints=columns), of_readings
+    if not of_readings.positions:
+        found = found[0], replace(of_readings, positions={"": place}, attitude=None)
+    if log is read:
+        both = replace(found[0], positions=found[1].positions, attitude=found[1].attitude)
+        found = both, both
+    return scatter_m, *found
+
+
+def _rows_together(log: Sniffed, read: Sniffed) -> tuple[Index, Index] | None:
+    """Return rows of both logs that belong together; None where nothing tells them or few do."""
+    labels = shared_labels(log.texts, read.texts) if log is not read else None
+    if labels is not None:
+        station = by_label(np.array(log.words(labels[0])), np.array(read.words(labels[1])))
+        theirs = np.flatnonzero(station >= 0)
+        ours = station[theirs]
+    elif len(log.numbers) == len(read.numbers):
+        ours = theirs = np.arange(len(log.numbers))
+    else:
+        return None
+    some = np.linspace(0, len(ours) - 1, min(len(ours), _ROWS)).astype(int)
+    return (ours[some], theirs[some]) if len(ours) >= _LEAST_ROWS else None
+
+
+def _runs(names: Sequence[str], count: int) -> list[tuple[str, ...]]:
+    """Return so many neighbouring columns, from every column on."""
+    return [tuple(names[k : k + count]) for k in range(min(len(names), _COLUMNS) - count + 1)]
+
+
+def refuse_several_targets(joints: Sniffed, readings: Sniffed, arm: Arm, file: str) -> None:
+    """Stop where a column of small whole numbers tells which of several targets was read."""
+    rows = _rows_together(joints, readings)
+    runs = _runs(joints.names, len(arm.axes_slide))
+    for log, k in ((each, k) for each in (joints, readings) for k in range(len(each.names))):
+        words = np.array([]) if rows is None else log.numbers[rows[log is readings], k]
+        targets = np.unique(words)
+        whole = np.isfinite(words).all() and (words == np.round(words)).all()
+        if rows is None or not whole or not 2 <= len(targets) <= _TARGETS:
+            continue
+        of_target = (words[:, None] == targets)[..., None]
+        for _, T_base_ee in _ends(joints.columns, runs, rows[0], arm):
+            for place, p_m in _places(readings.columns, _runs(readings.names, 3), rows[1]):
+                seen_m = np.where(of_target, p_m[:, None], np.nan)
+                if _scatter_m(T_base_ee, seen_m) < NEAR_M:
+                    raise RawDataError(
+                        f"column {log.names[k]} says which of {len(targets)} targets a row is of",
+                        where=file,
+                        value=", ".join(f"{target:g}" for target in targets),
+                        allowed="three columns for each target, blank where it was not read",
+                        remedy="write a header, and columns T1_x, T1_y, T1_z, T2_x … in place of "
+                        f"columns {', '.join(place)}",
+                    )
+
+
+def _ends(
+    columns_of: Callable[[Sequence[str]], Array],
+    named: Sequence[tuple[str, ...]],
+    rows: Index,
+    arm: Arm,
+) -> Iterator[tuple[tuple[str, ...], Array]]:
+    """Yield columns that may be joints, and the nominal end (N, 4, 4) with them."""
+    slides = arm.axes_slide
+    for columns in named:
+        values = columns_of(columns)[rows]
+        if not np.isfinite(values).all() or np.ptp(values, axis=0).min() == 0.0:
+            continue
+        for angle, length in product(("deg", "rad"), ("mm", "m") if slides.any() else ("mm",)):
+            axes = in_radians(values * np.where(slides, LENGTHS[length], ANGLES[angle]), slides)
+            q = arm.coupling.to_joints(axes)
+            low, high = arm.limits_rad.T
+            margin = 0.02 * (high - low)
+            within = ((q >= low - margin) & (q <= high + margin)).all(axis=1)
+            # Degrees taken for radians are far out of the limits; radians for degrees hardly move.
+            if within.mean() >= _WITHIN and np.ptp(q, axis=0).max() > _MOVES_RAD:
+                yield columns, Chain.of(arm).forward(q)
+
+
+def _places(
+    columns_of: Callable[[Sequence[str]], Array], named: Sequence[tuple[str, ...]], rows: Index
+) -> Iterator[tuple[tuple[str, ...], Array]]:
+    """Yield columns that may be a place, and it [m]."""
+    for columns, unit in product(named, ("mm", "m")):
+        p_m = 1e-3 * LENGTHS[unit] * columns_of(columns)[rows]
+        spread_m = np.sort(np.ptp(p_m, axis=0)) if np.isfinite(p_m).all() else np.zeros(3)
+        if spread_m[1] > _SPREAD_M and spread_m[2] < _FAR_M:
+            yield columns, p_m
+
+
+def _scatter_m(T_base_ee: Array, p_m: Array) -> float:
+    located = placed_by_points(T_base_ee, p_m)
+    return np.inf if located is None else located.scatter_m
+
+
+def is_headerless(log: Sniffed) -> bool:
+    """Return whether a file names no columns."""
+    return log.layout.header == 0 and not log.titles and not log.layout.format

@@ -1,0 +1,102 @@
+"""Files without names of columns, read where the nominal arm tells what they hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from made_up_formats import PROGRAMS
+from made_up_sightings import sighted
+from pa10cal.__main__ import main
+from pa10cal.campaign.read import read_campaign
+
+
+def rows_of(*columns):
+    """Return rows with tabs between the fields, of columns (N,) or (N, k)."""
+    every = [np.asarray(each).reshape(len(columns[0]), -1).tolist() for each in columns]
+    rows = [[v for each in row for v in each] for row in zip(*every, strict=True)]
+    fields = [[f"{v:.6f}" if isinstance(v, float) else str(v) for v in row] for row in rows]
+    return "\n".join([*("\t".join(row) for row in fields), ""])
+
+
+def columns(folder, capsys, *files):
+    code = main(["columns", *(str(folder / name) for name in files), "--robot", "ur10"])
+    out, said = capsys.readouterr()
+    (folder / "campaign.yaml").write_text(out, encoding="utf-8")
+    return code, out, said
+
+
+def is_read(folder, raw):
+    states, p_m = (found := read_campaign(folder).observations).states, found.measured.places_m
+    assert len(states.q_rad) == len(raw.q)
+    for q, T in zip(raw.q, raw.T_instr_target, strict=True):
+        k = int(np.argmin(np.abs(states.q_rad - q).max(axis=1)))
+        np.testing.assert_allclose(states.q_rad[k], q, atol=2e-5)
+        np.testing.assert_allclose(p_m[k, 0], T[:3, 3], atol=2e-6)
+    return True
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_two_logs_without_names_are_told_by_the_arm(tmp_path, capsys, unit, exchanged):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    q = np.degrees(raw.q) if unit == "deg" else raw.q
+    number = np.arange(len(q))
+    (tmp_path / "a.txt").write_text(rows_of(number, q, 0.3 + 0.01 * np.sin(number)))
+    (tmp_path / "b.txt").write_text(rows_of(1e3 * raw.T_instr_target[:, :3, 3]))
+    files = ("b.txt", "a.txt") if exchanged else ("a.txt", "b.txt")
+    code, out, said = columns(tmp_path, capsys, *files)
+    assert code == 0, said
+    assert "joined by row" in out
+    assert is_read(tmp_path, raw)
+
+
+def test_one_file_without_names_is_told_by_the_arm(tmp_path, capsys):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    place = 1e3 * raw.T_instr_target[:, :3, 3]
+    (tmp_path / "a.txt").write_text(rows_of(place, np.degrees(raw.q), 20.0 + 0.0 * place[:, 0]))
+    code, _, said = columns(tmp_path, capsys, "a.txt")
+    assert code == 0, said
+    assert is_read(tmp_path, raw)
+
+
+@pytest.mark.parametrize("before", [[], ["A", "Points"]])
+def test_points_as_text_are_joined_by_their_labels(tmp_path, capsys, before):
+    """As SpatialAnalyzer exports them: collection, group and target, or the target alone."""
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    (tmp_path / "p.dat").write_text(PROGRAMS["kuka"][0](np.degrees(raw.q)))
+    lines = ["// SA Version 2021.2.0914.9", "// Working frame: A::WORLD", "// mm"]
+    order = np.random.default_rng(1).permutation(len(raw.q)).tolist()
+    for k in order:
+        values = [f"{v:.6f}" for v in 1e3 * raw.T_instr_target[k, :3, 3]]
+        lines.append(" ".join([*before, f"P{k + 1}", *values]))
+    (tmp_path / "points.txt").write_text("\n".join([*lines, ""]))
+    code, out, said = columns(tmp_path, capsys, "points.txt", "p.dat")
+    assert code == 0, said
+    assert "# points.txt: points as text" in out
+    assert "joined by label" in out
+    assert is_read(tmp_path, raw)
+
+
+def test_a_column_that_numbers_the_targets_is_named(tmp_path, capsys):
+    raw = sighted(tmp_path, "points", poses=60)
+    which = np.random.default_rng(2).integers(0, 3, len(raw.q))
+    p = np.where(np.isnan(raw.p_instr_m), np.nanmean(raw.p_instr_m), raw.p_instr_m)
+    seen = ~np.isnan(raw.p_instr_m[np.arange(len(which)), which, 0])
+    place = 1e3 * p[np.arange(len(which)), which]
+    (tmp_path / "a.txt").write_text(rows_of(np.degrees(raw.q)[seen], which[seen] + 1))
+    (tmp_path / "b.txt").write_text(rows_of(place[seen]))
+    code, _, said = columns(tmp_path, capsys, "a.txt", "b.txt")
+    assert code == 2
+    assert "a.txt: column 7 says which of 3 targets a row is of" in said
+    assert "T1_x, T1_y, T1_z" in said
+
+
+def test_columns_that_no_arm_explains_are_refused(tmp_path, capsys):
+    raw = sighted(tmp_path, "pose")
+    place = 1e3 * raw.T_instr_target[:, :3, 3]
+    (tmp_path / "a.txt").write_text(rows_of(np.degrees(raw.q)))
+    (tmp_path / "b.txt").write_text(rows_of(place[::-1]))
+    code, _, said = columns(tmp_path, capsys, "a.txt", "b.txt")
+    assert code == 2
+    assert "header" in said
