@@ -56,8 +56,8 @@ class Search:
         """Take products of all columns, those of the calibrated model, and the candidates.
 
         Noise is the sum of squares that it alone leaves; the error rate the probability allowed of
-        naming anything where nothing is missing. Effects to begin with were found together: none
-        of them stands in for what else is missing.
+        naming anything where nothing is missing. Effects to begin with were found together: what
+        gives way among them stands in for nothing else that does.
         """
         self.family = tuple(family)
         self.begins_with = tuple((effect.id, effect.of) for effect in begins_with)
@@ -95,9 +95,9 @@ class Search:
         ) and total > BLOCKS.standard_errors * standard_error(gain)
 
     def _needs(self, one: Candidate, without: Array, squares: Array) -> bool:
-        """Return whether a member is missed; by how little, where a set was found with it."""
-        found_with_all = one.name in self.begins_with
-        return self.helps(without, squares, 0.0 if found_with_all else BLOCKS.least_share)
+        """Return whether a member is missed: by however little, of a set of what gives way."""
+        of_set = one.name in self.begins_with and (one.effect.bends or one.effect.yields)
+        return self.helps(without, squares, 0.0 if of_set else BLOCKS.least_share)
 
     def is_surely_found(self, gain: float) -> bool:
         """Return whether an expected gain helps enough in 95 of 100 campaigns.
