@@ -100,3 +100,40 @@ def test_columns_that_no_arm_explains_are_refused(tmp_path, capsys):
     code, _, said = columns(tmp_path, capsys, "a.txt", "b.txt")
     assert code == 2
     assert "header" in said
+
+
+@pytest.mark.parametrize("heading", ["Pos {}", "Position {}:", "{}"])
+def test_blocks_of_named_values_are_joined_by_the_numbers_of_the_joints(tmp_path, capsys, heading):
+    """Five readings under each number, as T-Scan writes them; the joints in rows without names."""
+    raw = sighted(tmp_path, "pose")
+    rng, lines = np.random.default_rng(3), []
+    for k, T in enumerate(raw.T_instr_target, start=1):
+        lines += [heading.format(k)]
+        for p_mm in 1e3 * T[:3, 3] + rng.normal(0.0, 0.02, (5, 3)):
+            values = zip("XYZ", p_mm, strict=True)
+            lines += ["Cnt=1  " + " ".join(f"{axis}={value:10.3f}" for axis, value in values)]
+        lines += [""]
+    (tmp_path / "scan.txt").write_text("\n".join(lines), encoding="utf-8")
+    (tmp_path / "joints.txt").write_text(rows_of(np.arange(1, len(raw.q) + 1), raw.q))
+    code, out, said = columns(tmp_path, capsys, "joints.txt", "scan.txt")
+    assert code == 0, said
+    assert "joined by label" in out
+    states = read_campaign(tmp_path).observations.states
+    assert len(states.q_rad) == 5 * len(raw.q)
+    off = np.abs(states.q_rad[:, None] - raw.q).max(axis=2).min(axis=1)
+    assert off.max() < 2e-6
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Pos 1\nX= 1 Y= 2 Z= 3\n",
+        "Pos 1\nX= 1 Y= ? Z= 3\nX= 1\nX== Y=\n",
+        "Pos 1\nX Y Z\n",
+    ],
+)
+def test_blocks_that_hold_too_little_are_refused(tmp_path, capsys, text):
+    (tmp_path / "scan.txt").write_text(text, encoding="utf-8")
+    code, _, said = columns(tmp_path, capsys, "scan.txt")
+    assert code == 2
+    assert said.startswith("pa10cal columns:")

@@ -19,7 +19,13 @@ from pa10cal.campaign.controller_programs import (
     kuka_points,
     yaskawa_points,
 )
-from pa10cal.campaign.instrument_exports import motive_table, qualisys_table, vicon_table
+from pa10cal.campaign.instrument_exports import (
+    begins_blocks,
+    block_table,
+    motive_table,
+    qualisys_table,
+    vicon_table,
+)
 from pa10cal.campaign.recognise import roles_of
 from pa10cal.campaign.text_lines import TextLine, lines_of
 from pa10cal.errors import RawDataError
@@ -90,6 +96,15 @@ FORMATS = (
         "markers, or bodies with their matrix; zeros are targets that were not seen",
         _some("no_of_frames\t"),
         table=qualisys_table,
+        measured=True,
+    ),
+    Format(
+        "blocks",
+        "blocks of named values, as T-Scan writes them",
+        "`Pos 1`, then lines such as `X= 1.0 Y= 2.0 Z= 3.0`",
+        "a row for each line, under the number of its block; rows of one number are repeats",
+        begins_blocks,
+        table=block_table,
         measured=True,
     ),
     Format(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
@@ -66,9 +67,28 @@ def roles_by_arm(
     return scatter_m, *found
 
 
+def logs_by_arm(
+    both: list[tuple[Roles, Sniffed, Path]], arm: Arm
+) -> list[tuple[Roles, Sniffed, Path]]:
+    """Return roles of two logs, one of them at least without names, by the nominal arm."""
+    found = []
+    for (of_joints, log, file), (of_readings, read, other) in (both, both[::-1]):
+        named = is_headerless(log) or of_joints.joints
+        if named and (is_headerless(read) or of_readings.positions):
+            by_arm = roles_by_arm((of_joints, log), (of_readings, read), arm)
+            if by_arm is not None:
+                found.append((by_arm[0], [(by_arm[1], log, file), (by_arm[2], read, other)]))
+    if found:
+        return min(found, key=lambda way: way[0])[1]
+    for (_, log, file), (_, read, _) in (both, both[::-1]):
+        if is_headerless(log) and is_headerless(read):
+            refuse_several_targets(log, read, arm, file.name)
+    return both
+
+
 def _rows_together(log: Sniffed, read: Sniffed) -> tuple[Index, Index] | None:
     """Return rows of both logs that belong together; None where nothing tells them or few do."""
-    labels = shared_labels(log.texts, read.texts) if log is not read else None
+    labels = None if log is read else labels_of_both(log, read)
     if labels is not None:
         station = by_label(np.array(log.words(labels[0])), np.array(read.words(labels[1])))
         theirs = np.flatnonzero(station >= 0)
@@ -79,6 +99,18 @@ def _rows_together(log: Sniffed, read: Sniffed) -> tuple[Index, Index] | None:
         return None
     some = np.linspace(0, len(ours) - 1, min(len(ours), _ROWS)).astype(int)
     return (ours[some], theirs[some]) if len(ours) >= _LEAST_ROWS else None
+
+
+def labels_of_both(log: Sniffed, read: Sniffed) -> tuple[str, str] | None:
+    """Return the columns of labels that two logs share; None for none.
+
+    Numbers that count the rows of the joints' log are labels where the other has several rows of a
+    number.
+    """
+    labels = shared_labels(log.texts, read.texts)
+    if labels is None and len(log.numbers) != len(read.numbers):
+        labels = shared_labels(log.counts, read.texts)
+    return labels
 
 
 def _runs(names: Sequence[str], count: int) -> list[tuple[str, ...]]:

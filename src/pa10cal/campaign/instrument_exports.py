@@ -9,7 +9,7 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 
 from pa10cal.campaign.text_lines import TextLine, table_row
 from pa10cal.errors import RawDataError
@@ -269,3 +269,41 @@ def qualisys_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> I
 
 def _is_zero(value: str) -> bool:
     return value == "" or not value.strip("-+0.,")
+
+
+# Blocks of named values, as T-Scan writes them.
+
+_BLOCK = re.compile(r"\s*\D{0,20}\b(?P<label>\d+)\s*:?\s*", re.ASCII)
+_VALUE = re.compile(r"(?P<name>[A-Za-z]\w*)\s*=\s*(?P<value>[^\s=]+)")
+#: A line of a block has so many named values at least.
+_LEAST_VALUES = 3
+
+
+def begins_blocks(head: Sequence[str]) -> bool:
+    """Return whether a number of a position is followed by a line of named values."""
+    return any(
+        _BLOCK.fullmatch(one) and len(_VALUE.findall(two)) >= _LEAST_VALUES
+        for one, two in pairwise(head)
+    )
+
+
+def block_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
+    """Yield a table of named values, a row for each line, with the number of their block."""
+    names: list[str] = []
+    label, others = "", 0
+    for line in lines:
+        values = _VALUE.findall(line.text)
+        block = _BLOCK.fullmatch(line.text)
+        if block is not None:
+            label = block["label"]
+        if len(values) < _LEAST_VALUES:
+            others += block is None
+            continue
+        if not names:
+            names = [name for name, _ in values]
+            yield TextLine(line.number, table_row(["Position", *names]), ended=True)
+        of_line = dict(values)
+        fields = [label, *(of_line.get(name, "") for name in names)]
+        yield TextLine(line.number, table_row(fields), ended=line.ended)
+    if others:
+        notes.append(f"{others} lines of {where} hold no named values")

@@ -28,7 +28,7 @@ from pa10cal.campaign.conventions import (
 )
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
-from pa10cal.campaign.headerless import is_headerless, refuse_several_targets, roles_by_arm
+from pa10cal.campaign.headerless import is_headerless, labels_of_both, logs_by_arm, roles_by_arm
 from pa10cal.campaign.own_columns import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -41,7 +41,7 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.raw_rows import in_radians, position_columns
-from pa10cal.campaign.read_as import read_as, refuse_unrecognised, roles_of_file
+from pa10cal.campaign.read_as import read_as, refuse_unrecognised, roles_of_file, unit_by_size
 from pa10cal.campaign.recognise import (
     JUDGED,
     WORDS,
@@ -131,7 +131,7 @@ def propose_two_logs(
         for log, file in zip(logs, files, strict=True)
     ]
     if arm is not None and any(is_headerless(log) for _, log, _ in both):
-        both = _by_arm(both, arm)
+        both = logs_by_arm(both, arm)
     # What a known format holds is known; else the log of the joints is that which has some.
     first, second = (log.format.measured if log.format else None for _, log, _ in both)
     if first is None and second is None:
@@ -149,7 +149,8 @@ def propose_two_logs(
         for roles, log in ((of_joints, joints_log), (of_readings, readings_log))
     ]
     without = labels_without_targets(readings_log, of_readings)
-    if labels := shared_labels(*texts) or shared_labels(texts[0], without):
+    labels = shared_labels(*texts) or shared_labels(texts[0], without)
+    if labels := labels or labels_of_both(joints_log, readings_log):
         of_joints, of_readings = (
             replace(roles, single={**roles.single, "pose": name})
             for roles, name in zip((of_joints, of_readings), labels, strict=True)
@@ -173,23 +174,6 @@ def propose_two_logs(
             T_base_ee[[row[line] for line in lines]] = T_known
     files_read["readings"] = (readings_file.name, readings_log, readings.readings(T_base_ee))
     return _proposal(readings, files_read, name, robot, arm)
-
-
-def _by_arm(both: list[tuple[Roles, Sniffed, Path]], arm: Arm) -> list[tuple[Roles, Sniffed, Path]]:
-    """Return roles of two logs, one of them at least without names, by the nominal arm."""
-    found = []
-    for (of_joints, log, file), (of_readings, read, other) in (both, both[::-1]):
-        named = is_headerless(log) or of_joints.joints
-        if named and (is_headerless(read) or of_readings.positions):
-            by_arm = roles_by_arm((of_joints, log), (of_readings, read), arm)
-            if by_arm is not None:
-                found.append((by_arm[0], [(by_arm[1], log, file), (by_arm[2], read, other)]))
-    if found:
-        return min(found, key=lambda way: way[0])[1]
-    for (_, log, file), (_, read, _) in (both, both[::-1]):
-        if is_headerless(log) and is_headerless(read):
-            refuse_several_targets(log, read, arm, file.name)
-    return both
 
 
 def _at_joints(
@@ -322,7 +306,7 @@ class _Proposing:
         p_m = None
         if places and self.arm is not None and not slides.any():
             p = self.sniffed.columns(places[0])
-            p_m = 1e-3 * LENGTHS[self._stated(places[0], LENGTHS) or _unit_by_size(p)] * p
+            p_m = 1e-3 * LENGTHS[self._stated(places[0], LENGTHS) or unit_by_size(p)] * p
         scale = scale_of_counts(logged, self.arm, p_m)
         by = "the nominal arm agrees so" if np.isfinite(scale.misfit_m) else "by the numbers alone"
         self.checks.append(
@@ -552,7 +536,7 @@ class _Proposing:
             best = min(near, key=lambda unit: near[unit], default=None)
             if best is not None and near[best] < np.log(1.5):
                 return best
-        unit = _unit_by_size(p)
+        unit = unit_by_size(p)
         self.checks.append(f"unit of {names[0]} …: {unit}, by the size of the numbers")
         return unit
 
@@ -594,14 +578,6 @@ class _Proposing:
                 f"{np.degrees(scatter):.1f} deg off: check it, the joints' order and signs"
             )
         return chosen | u
-
-
-def _unit_by_size(p: Array) -> str:
-    """Return the unit of positions (N, k) of a target by their size: metres or millimetres."""
-    seen = np.isfinite(p).all(axis=1)
-    far = np.abs(p[seen]).max(initial=0.0)  # of what stands still, too
-    extent = np.ptp(p[seen], axis=0).max() if seen.any() else 0.0
-    return "mm" if max(extent, 0.2 * far) > 20.0 else "m"
 
 
 def _unless(unit: str, usual: str) -> dict[str, str]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.composed_columns import with_matrix, with_polar
 from pa10cal.campaign.csv_rows import Layout
@@ -48,6 +49,14 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
     for name, label in zip(sniffed.names, shown, strict=True):
         lines.append(f"  {label:{width}}  {'; '.join(uses.get(name, ['not read']))}")
     return tuple(lines)
+
+
+def unit_by_size(p: Array) -> str:
+    """Return the unit of positions (N, k) of a target by their size: metres or millimetres."""
+    seen = np.isfinite(p).all(axis=1)
+    far = np.abs(p[seen]).max(initial=0.0)  # of what stands still, too
+    extent = np.ptp(p[seen], axis=0).max() if seen.any() else 0.0
+    return "mm" if max(extent, 0.2 * far) > 20.0 else "m"
 
 
 def follows_contract(sniffed: Sniffed) -> bool:

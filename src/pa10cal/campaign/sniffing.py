@@ -70,21 +70,40 @@ class Sniffed:
     @property
     def texts(self) -> dict[str, list[str]]:
         """Return columns that may hold labels: words, or whole numbers that do not count rows."""
-
-        def labels(values: Array) -> bool:
-            known = values[np.isfinite(values)]
-            if len(known) < 0.5 * len(values):
-                return True
-            return bool((known == np.round(known)).all() and len(np.unique(np.diff(known))) > 1)
-
+        counts = self.counts
         every = zip(self.names, self.numbers.T, strict=True)
-        return {name: self.words(name) for name, values in every if labels(values)}
+        return {
+            name: self.words(name)
+            for name, values in every
+            if name not in counts and (_few_numbers(values) or _whole(values))
+        }
+
+    @property
+    def counts(self) -> dict[str, list[str]]:
+        """Return columns of whole numbers that count rows."""
+        every = zip(self.names, self.numbers.T, strict=True)
+        return {
+            name: self.words(name)
+            for name, values in every
+            if not _few_numbers(values)
+            and _whole(values)
+            and len(np.unique(np.diff(values[np.isfinite(values)]))) <= 1
+        }
 
     def titled(self, name: str) -> str:
         """Return a name with the unit that a line below the names gives it."""
         at = self.names.index(name)
         unit, title = self.units[at] if self.units else "", self.titles[at] if self.titles else name
         return f"{title} [{unit}]" if unit else title
+
+
+def _few_numbers(values: Array) -> bool:
+    return bool(np.isfinite(values).mean() < 0.5)
+
+
+def _whole(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return bool((known == np.round(known)).all())
 
 
 def sniff(path: Path) -> Sniffed:
