@@ -185,16 +185,24 @@ def _qualisys_about(count: int, further: list[str], rate_hz: float = 100.0) -> l
     ]
 
 
-def _qualisys(time_s: np.ndarray, T: np.ndarray) -> str:
+def qualisys_bodies(time_s: np.ndarray, bodies: dict[str, np.ndarray]) -> str:
+    """Return a file of bodies that are at (N, 4, 4)."""
     each = ["X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{k}]" for k in range(9))]
-    lines = _qualisys_about(len(T), ["NO_OF_BODIES\t1", "DATA_INCLUDED\t6D", "BODY_NAMES\tFlange"])
-    lines.append("\t".join(["Frame", "Time", *(f"Flange {word}" for word in each)]))
-    angles = Rotation.from_matrix(T[:, :3, :3]).as_euler("XYZ", degrees=True)
-    for k in range(len(T)):
-        of_columns = T[k, :3, :3].T.ravel()
-        values = [*1e3 * T[k, :3, 3], *angles[k], 0.2, *of_columns]
+    lines = _qualisys_about(len(time_s), [f"NO_OF_BODIES\t{len(bodies)}", "DATA_INCLUDED\t6D"])
+    lines += ["\t".join(["BODY_NAMES", *bodies])]
+    names = (f"{body} {word}" for body in bodies for word in each)
+    lines.append("\t".join(["Frame", "Time", *names]))
+    for k in range(len(time_s)):
+        values = []
+        for T in bodies.values():
+            angles = Rotation.from_matrix(T[k, :3, :3]).as_euler("XYZ", degrees=True)
+            values += [*1e3 * T[k, :3, 3], *angles, 0.2, *T[k, :3, :3].T.ravel()]
         lines.append("\t".join([f"{k + 1}", f"{time_s[k]:.5f}", *(f"{v:.6f}" for v in values)]))
     return "\r\n".join([*lines, ""])
+
+
+def _qualisys(time_s: np.ndarray, T: np.ndarray) -> str:
+    return qualisys_bodies(time_s, {"Flange": T})
 
 
 def _qualisys_markers(time_s: np.ndarray, T: np.ndarray) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from made_up_formats import PROGRAMS, TAKES, YASKAWA
+from made_up_formats import PROGRAMS, TAKES, YASKAWA, qualisys_bodies
 from made_up_sightings import sighted
 from pa10cal.__main__ import main
 from pa10cal.campaign.formats import BY_NAME
@@ -105,6 +105,23 @@ def test_what_was_not_seen_in_a_take_is_left_out(tmp_path, proposed):
     found = read_campaign(tmp_path)
     assert len(found.observations) == len(raw.q) - 2
     assert [row.line for row in found.quarantined] == [12, 17]  # below seven lines
+
+
+def test_of_two_bodies_that_on_the_arm_is_the_target(tmp_path, proposed):
+    """The other, which stands still, is a target on the base, though it is named first."""
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    time_s = 10.0 * np.arange(len(raw.q))
+    floor = np.tile(np.eye(4), (len(time_s), 1, 1))
+    floor[:, :3, 3] = np.random.default_rng(0).normal([1.2, 0.3, 0.05], 2e-5, (len(time_s), 3))
+    joints = ["t;" + ";".join(f"A{k}" for k in range(1, 7))]
+    rows = zip(time_s, np.degrees(raw.q), strict=True)
+    joints += [f"{t};" + ";".join(f"{v:.9f}" for v in q) for t, q in rows]
+    take = qualisys_bodies(time_s, {"Floor": floor, "Flange": raw.T_instr_target})
+    text = proposed(joints_csv="\n".join([*joints, ""]), take_tsv=take)
+    columns = yaml.safe_load(text)["columns"]["readings"]
+    assert columns["rotation"]["names"][0] == "Flange r11"
+    assert columns["position"]["names"][0] == "Flange x [mm]"
+    assert list(columns["targets"]) == ["base1"]
 
 
 def test_pulses_are_refused_with_what_to_export(tmp_path, capsys):

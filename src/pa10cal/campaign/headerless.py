@@ -82,7 +82,7 @@ def logs_by_arm(
         return min(found, key=lambda way: way[0])[1]
     for (_, log, file), (_, read, _) in (both, both[::-1]):
         if is_headerless(log) and is_headerless(read):
-            refuse_several_targets(log, read, arm, file.name)
+            _refuse_several_targets(log, read, arm, file.name)
     return both
 
 
@@ -118,7 +118,7 @@ def _runs(names: Sequence[str], count: int) -> list[tuple[str, ...]]:
     return [tuple(names[k : k + count]) for k in range(min(len(names), _COLUMNS) - count + 1)]
 
 
-def refuse_several_targets(joints: Sniffed, readings: Sniffed, arm: Arm, file: str) -> None:
+def _refuse_several_targets(joints: Sniffed, readings: Sniffed, arm: Arm, file: str) -> None:
     """Stop where a column of small whole numbers tells which of several targets was read."""
     rows = _rows_together(joints, readings)
     runs = _runs(joints.names, len(arm.axes_slide))

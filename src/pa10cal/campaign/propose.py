@@ -589,10 +589,3 @@ def _label(place: str, k: int) -> str:
     """Return a name for a target, of what stands before its x, y, z."""
     label = "".join(letter for letter in place if letter.isascii() and letter.isalnum())
     return label if label not in ("", "u") else f"T{k}"
-
-
-def label_of(path: Path) -> str:
-    """Return a name for a campaign, of that of a file or folder."""
-    stem = path.name.partition(".")[0]
-    letters = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem)
-    return letters.strip("-_") or "mine"

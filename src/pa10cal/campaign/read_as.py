@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from pa10cal.campaign.csv_rows import Layout
 from pa10cal.campaign.joint_names import file_roles
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.raw_file import own_columns
-from pa10cal.campaign.recognise import Roles
+from pa10cal.campaign.recognise import Roles, roles_of, split_unit, standing
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.errors import RawDataError
 
@@ -25,7 +26,22 @@ def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[st
     names = sniffed.titles or sniffed.names
     called = replace(sniffed, names=names)
     roles = with_matrix(file_roles(called, joints, joint_names), names, sniffed.numbers)
-    return with_polar(roles, names).renamed(dict(zip(names, sniffed.names, strict=True)))
+    roles = _of_what_moves(with_polar(roles, names), called)
+    return roles.renamed(dict(zip(names, sniffed.names, strict=True)))
+
+
+def _of_what_moves(roles: Roles, sniffed: Sniffed) -> Roles:
+    """Return roles whose orientation is not that of a body that stands still, such as the base."""
+
+    def body(name: str) -> str:
+        return split_unit(name)[0].rpartition(" ")[0]
+
+    places = {place: sniffed.columns(names) for place, names in roles.positions.items()}
+    still = {body(roles.positions[place][0]) for place in standing(places)}
+    if roles.attitude is None or body(roles.attitude[0][0]) not in still - {""}:
+        return roles
+    moving = [name for name in sniffed.names if body(name) not in still]
+    return replace(roles, attitude=roles_of(moving, None).attitude)
 
 
 def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
@@ -93,3 +109,10 @@ def refuse_unrecognised(
         "write columns.poses in campaign.yaml by hand, see docs/raw-data.md; column names may "
         "also be numbers",
     )
+
+
+def label_of(path: Path) -> str:
+    """Return a name for a campaign, of that of a file or folder."""
+    stem = path.name.partition(".")[0]
+    letters = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem)
+    return letters.strip("-_") or "mine"
