@@ -18,7 +18,7 @@ from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
-from pa10cal.discovery.gates import gated, harmless, unfit
+from pa10cal.discovery.gates import gated, harmless, is_unlikely, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -178,7 +178,8 @@ def _likelier(found: SearchVerdict[object], passed: SearchVerdict[object]) -> Se
     if ahead is not None:
         likelier = gated(ahead)
         harmed = likelier.falls_back is not None and passed.falls_back is None
-        if not (harmed or likelier.verdict == "check_the_log"):
+        unlikely = any(is_named(one.effect) and is_unlikely(one) for one in likelier.effects)
+        if not (harmed or unlikely or likelier.verdict == "check_the_log"):
             passed = likelier
     assert isinstance(passed, by_blocks.VerdictByBlocks)
     return by_blocks.with_further_rivals(passed)

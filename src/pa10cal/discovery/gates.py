@@ -91,9 +91,9 @@ def _without_unlikely_names(found: V) -> V:
     """
     names = [one for one in found.findings if is_named(one.effect)]
     for finding in sorted(names, key=lambda one: one.explanations.of(one.effect)):
-        said = finding.explanations
-        if said.none_of_these <= max(PROBABILITIES.nameless, said.of(finding.effect)):
+        if not is_unlikely(finding):
             continue
+        said = finding.explanations
         why = (
             "what has no name, or something of several effects, explains as much in its place "
             f"(probability {said.none_of_these:.2f})"
@@ -103,6 +103,12 @@ def _without_unlikely_names(found: V) -> V:
         if _harmed(found) or not _harmed(without):
             found = without
     return found
+
+
+def is_unlikely(finding: Finding[object]) -> bool:
+    """Return whether something that has no name is likelier than the name of a finding."""
+    said = finding.explanations
+    return said.none_of_these > max(PROBABILITIES.nameless, said.of(finding.effect))
 
 
 def _harmed(found: SearchVerdict[object]) -> bool:

@@ -335,13 +335,15 @@ class Springs:
     least_rad: float = 1e-6
     stretches: int = 40  # stretches of time whose poses may err alike (trials)
     stretch_poses: int = 4  # least poses in each (statistics)
-    rival_sizes: float = 3.0  # a rival may be so many times as large as is plausible (size)
 
 
 @dataclass(frozen=True)
 class Together:
     """Sets of effects that may be there, under weights that nobody stated."""
 
+    # what gives way may do so by so many times what is plausible under weights as assumed: these
+    # are uncertain by as much as they are (size)
+    sizes: float = 3.0
     # an amount that is physically none below zero may be found so many standard uncertainties below
     # (level)
     below_zero: float = 2.0
@@ -351,6 +353,8 @@ class Together:
     # change of an amount, in its size, or of nats, at the last one (computing)
     settled: float = 1e-3
     looked_at: int = 5  # sets ahead that are looked at as they are (computing)
+    # log evidence by which a rival may be worse that is looked at as it is [nat] (computing)
+    near_nats: float = 5.0
     # squares of the noise that a combination of weights must be able to move (computing)
     least_squares: float = 0.01
     rounding: float = 1e-12  # part of the largest products that rounding leaves (computing)

@@ -261,7 +261,10 @@ class Together:
             least = max(found.nats, beside.nats)
             for k, best in every.items():
                 instead = self.scored({*found.at, other} - {k}, beside)
-                best[effect] = max(instead.nats - least, best.get(effect, -np.inf))
+                if instead.nats > least - TOGETHER.near_nats:
+                    instead = self.scored(instead.at)
+                if instead.possible:
+                    best[effect] = max(instead.nats - least, best.get(effect, -np.inf))
         return every
 
     def _climbed(self, found: Scored) -> Scored:
@@ -306,7 +309,7 @@ def _members(context: CandidateContext, at: FittedModel, poses: Observations) ->
         tau_ref_Nm = float(np.abs(torque_Nm[:, joint - 1]).max())
         usual = JointSpring(joint, tau_ref_Nm, cubic=False, plausible_rad=SPRINGS.large_sag_rad)
         spring = springs.get(joint, usual)
-        size = spring.plausible_rad or SPRINGS.large_sag_rad
+        size = TOGETHER.sizes * (spring.plausible_rad or SPRINGS.large_sag_rad)
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         yield Member(spring, effect, np.zeros(1), np.array([[size]]))
     every = (kind for kind in every_effect() if kind.yields and not kind.generic)
@@ -316,8 +319,9 @@ def _members(context: CandidateContext, at: FittedModel, poses: Observations) ->
     )
     others: tuple[Effect, ...] = nameless_effects(context, poses.states, (), logged=False)
     for other in (*others, *known):
+        sizes = other.prior_factor * (TOGETHER.sizes if other.bends or other.yields else 1.0)
         for start in other.starts:
-            yield Member(other, other, start, other.prior_factor)
+            yield Member(other, other, start, sizes)
 
 
 def _without_any(at: FittedModel) -> FittedModel:
