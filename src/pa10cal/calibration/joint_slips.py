@@ -16,7 +16,7 @@ from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import neighbouring_axes
 from pa10cal.arrays import Array
 from pa10cal.calibration.checked_campaign import CheckedCampaign
-from pa10cal.calibration.rules import CHECKS
+from pa10cal.calibration.rules import CHECKS, UNKNOWNS
 from pa10cal.campaign.conventions import STILL_WRONG
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.files.coupling import coupling_in_words, set_coupling
@@ -124,7 +124,7 @@ class _Log:
         signs_and_order = replace(self, made=columns)._made_of(axes).T
         matrix = coupling.matrix @ self._made_of(axes).T @ np.linalg.inv(signs_and_order)
         found = []
-        for joint, axis in np.argwhere(np.abs(matrix) > 1e-9).tolist():
+        for joint, axis in np.argwhere(np.abs(matrix) > UNKNOWNS.no_part).tolist():
             if joint != coupling.own[axis]:
                 by, follows = int(coupling.own[axis]) + 1, joint not in coupling.own
                 found.append(CoupledJoint(joint + 1, by, float(matrix[joint, axis]), follows))
@@ -220,7 +220,7 @@ def _screws(
         )
         if np.isfinite([below, here, above]).all() and below + above > 2.0 * here:
             best = middle + 0.5 * step * (below - above) / (below + above - 2.0 * here)
-            pitch_mm = float(f"{2e3 * np.pi * best:.4g}")  # as it is told
+            pitch_mm = float(f"{1e3 * 2.0 * np.pi * best:.4g}")  # as it is told
             yield _Change("joint_coupling", pair, 1e-3 * pitch_mm / (2.0 * np.pi))
 
 
