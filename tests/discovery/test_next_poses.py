@@ -15,14 +15,16 @@ from pa10cal.discovery.evidence.problem import EvidenceFit, EvidenceProblem, fit
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.next_poses import (
+    Odds,
     draw_near,
     poses_at_unseen_angles,
     predicted,
     separating_poses,
+    unresolved,
 )
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import setup_of
-from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
@@ -58,7 +60,7 @@ class Measured:
 
     def apart(self, found, pair, count):
         """Return the poses that separate a pair of effects, and what they are expected to bring."""
-        plan = separating_poses(self.problem, found, [pair], count)
+        plan = separating_poses(self.problem, found, {pair: None}, count)
         return plan.poses, plan.separations[0]
 
 
@@ -187,8 +189,8 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
 def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     hopeless = (ratio.effect("thermal_growth", "arm"), None)
-    alone = separating_poses(ratio.problem, found_first.fit, [pair], 3)
-    both = separating_poses(ratio.problem, found_first.fit, [pair, hopeless], 3)
+    alone = separating_poses(ratio.problem, found_first.fit, {pair: None}, 3)
+    both = separating_poses(ratio.problem, found_first.fit, dict.fromkeys([pair, hopeless]), 3)
     assert [separation.can_be_split for separation in both.separations] == [True, False]
     for one, other in zip(alone.poses, both.poses, strict=True):
         assert np.array_equal(one.q_rad, other.q_rad)
@@ -198,7 +200,7 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first)
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     first, again = (
-        separating_poses(ratio.problem, found_first.fit, [pair], 5, 3).poses for _ in range(2)
+        separating_poses(ratio.problem, found_first.fit, {pair: None}, 5, 3).poses for _ in range(2)
     )
     nats = [suggestion.separation_nats for suggestion in first]
     assert np.all(np.diff(nats) > 0)
@@ -207,7 +209,7 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
     for suggestion in first:
         assert set(suggestion.arrive_from) <= {-1.0, 1.0}
         assert suggestion.load_N in (0.0, 44.0)
-    assert separating_poses(ratio.problem, found_first.fit, [], 5).poses == ()
+    assert separating_poses(ratio.problem, found_first.fit, {}, 5).poses == ()
 
 
 def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypatch):
@@ -254,6 +256,57 @@ def test_what_is_predicted_is_what_was_measured(ratio):
     assert np.abs(residual(ratio.start.at, poses)).max() < 1e-12
 
 
+# What more log evidence is expected to say.
+
+
+@pytest.mark.parametrize("p", [0.5, 0.58, 0.9, 0.999])
+def test_expected_information_grows_from_none_to_all_that_is_open(p):
+    odds, nats = Odds(p, 1.0 - p), np.append(0.0, np.geomspace(1e-3, 500.0, 60))
+    bits = odds.information_bits(nats)
+    assert bits[0] == 0.0
+    assert np.all(np.diff(bits) >= 0.0)
+    assert np.all(np.diff(bits[nats < 10.0]) > 0.0)
+    assert np.all(bits <= odds.open_bits + 1e-12)
+    assert bits[-1] == pytest.approx(odds.open_bits, rel=1e-4)
+    assert bits == pytest.approx(Odds(1.0 - p, p).information_bits(nats), abs=1e-9)
+    assert Odds(p / 2, (1.0 - p) / 2).information_bits(nats) == pytest.approx(bits / 2)
+
+
+def test_expected_information_is_that_of_many_draws():
+    p, nats = 0.7, 3.0
+    rng = np.random.default_rng(0)
+    sign = np.where(rng.random(400_000) < p, 1.0, -1.0)
+    log_odds = np.log(p / (1.0 - p)) + sign * nats + rng.normal(0.0, np.sqrt(2.0 * nats), len(sign))
+    first = 1.0 / (1.0 + np.exp(-log_odds))
+    left = -(first * np.log2(first) + (1.0 - first) * np.log2(1.0 - first)).mean()
+    odds = Odds(p, 1.0 - p)
+    said = odds.information_bits(np.array(nats))
+    assert said == pytest.approx(odds.open_bits - left, abs=3e-3)
+    true = np.where(sign > 0, first, 1.0 - first).mean()
+    assert odds.expected_probability(nats) == pytest.approx(true, abs=3e-3)
+
+
+def test_poses_go_to_the_pair_that_is_open(ratio, found_first):
+    effect = ratio.effect(*RATIO[:2])
+    pairs = (
+        (effect, ratio.effect(*ECCENTRIC[:2])),
+        (effect, ratio.effect("encoder_ellipticity", "joint 2")),
+    )
+    after = []
+    for first in ((0.5, 0.5), (0.99999, 0.00001)):
+        odds = (Odds(*first), Odds(*(0.5, 0.5) if first[0] > 0.9 else (0.99999, 0.00001)))
+        asked = dict(zip(pairs, odds, strict=True))
+        plan = separating_poses(ratio.problem, found_first.fit, asked, 2)
+        assert all(each.can_be_split for each in plan.separations)
+        for each, known in zip(plan.separations, odds, strict=True):
+            assert each.probability == pytest.approx(known.probability)
+            assert 0.5 < each.expected_probability <= 1.0
+        after.append([each.after_nats for each in plan.separations])
+    (open_first, settled_second), (settled_first, open_second) = after
+    assert open_first > settled_first
+    assert open_second > settled_second
+
+
 # Campaigns without repeats: angles not seen, and rivals.
 
 
@@ -294,4 +347,8 @@ def test_what_is_ambiguous_among_poses_without_repeats_comes_apart_too(eccentric
     assert len(nats) == 4
     assert np.all(np.diff(nats) > 0.0)
     assert separation.after_nats == nats[-1]
+    (odds,) = unresolved(ambiguous.effects).values()
+    assert separation.probability == odds.probability
+    tempered = (separation.after_nats - separation.before_nats) / PROBABILITIES.blocks
+    assert separation.expected_probability == pytest.approx(odds.expected_probability(tempered))
     assert verdict.next_poses(3).separations is None

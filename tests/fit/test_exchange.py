@@ -15,6 +15,7 @@ from pa10cal.numerics.exchange import (
     SeparationCriterion,
     exchange,
     greedy_order,
+    weighted_sum,
 )
 
 CASES = {
@@ -38,7 +39,7 @@ def log_det(white, chosen, columns=None):
 
 def weighted(white, shares):
     weights, columns = zip(*shares, strict=True)
-    return Combined([Information(white[..., :k]) for k in columns], weights)
+    return Combined([Information(white[..., :k]) for k in columns], weighted_sum(weights))
 
 
 @settings(max_examples=40, deadline=None)

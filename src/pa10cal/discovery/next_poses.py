@@ -3,15 +3,21 @@
 An effect and its rival are far apart where one, in the size found, leaves rows that the model's own
 parameters and the other together cannot follow; what these cost the other is the difference in log
 evidence to be expected. Either of the two may be the truth, so the lesser of both ways counts.
+
+Poses are chosen by how much they are expected to say of which it is (expected information; Lindley,
+Annals of Mathematical Statistics 27, 1956): what is settled already asks for none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
+from scipy.special import entr, expit, logit
 
 from pa10cal.arm import room
 from pa10cal.arm.statics import PoseStates
@@ -47,6 +53,70 @@ from pa10cal.terms.term import shows_torque
 
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
+#: Nodes and weights of a standard Gaussian, at which expectations are taken.
+_NODES, _WEIGHTS = hermegauss(100)
+#: Log evidence at which expected information is worked out [nat]; it is interpolated between.
+_GRID_NATS = np.append(0.0, np.geomspace(1e-3, 1e3, 240))
+
+
+@dataclass(frozen=True)
+class Odds:
+    """How probable an effect found and its rival are, and what more log evidence would say."""
+
+    effect: float
+    rival: float
+
+    @property
+    def both(self) -> float:
+        """Return the probability that it is one of the two."""
+        return self.effect + self.rival
+
+    @property
+    def probability(self) -> float:
+        """Return that of the effect found, between the two."""
+        return self.effect / self.both if self.both else 0.5
+
+    @property
+    def open_bits(self) -> float:
+        """Return what is open between the two."""
+        return self.both * float(_entropy_bits(np.array(self.probability)))
+
+    def information_bits(self, nats: Array) -> Array:
+        """Return what more log evidence (...) is expected to say of which of the two it is."""
+        return np.interp(nats, _GRID_NATS, self._on_grid)
+
+    def expected_probability(self, nats: float) -> float:
+        """Return the probability that whichever is true is expected to have by then."""
+        return float(self._expected(np.array([nats]))[1][0])
+
+    @cached_property
+    def _on_grid(self) -> Array:
+        left_bits, _ = self._expected(_GRID_NATS)
+        # Quadrature may be out by its last digits, information does not fall.
+        said = np.maximum.accumulate(left_bits[0] - left_bits)
+        return np.asarray(self.both * said)
+
+    def _expected(self, nats: Array) -> tuple[Array, Array]:
+        """Return the entropy (N,) expected after so much, and the probability of what is true.
+
+        The log odds of the truth grow by d on average, with a variance of 2 d (Good, Weighing
+        evidence, 1950).
+        """
+        p = float(np.clip(self.probability, 1e-12, 1.0 - 1e-12))
+        grown = nats[:, None] + np.sqrt(2.0 * nats)[:, None] * _NODES
+        truths = ((p, expit(logit(p) + grown)), (1.0 - p, expit(grown - logit(p))))
+        weights = _WEIGHTS / _WEIGHTS.sum()
+        left_bits = sum(prior * (_entropy_bits(after) @ weights) for prior, after in truths)
+        return np.asarray(left_bits), np.asarray(sum(prior * (q @ weights) for prior, q in truths))
+
+
+def _entropy_bits(p: Array) -> Array:
+    """Return the entropy of what has a probability p (...) or else is not."""
+    return np.asarray((entr(p) + entr(1.0 - p)) / np.log(2.0))
+
+
+#: Pairs, the most open first; None for what the verdict has no probability of.
+Rivals = Mapping[Pair, Odds | None]
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -89,67 +159,88 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
 
 def unresolved(
     effects: Sequence[Finding[object]], not_testable: Sequence[Untestable] = ()
-) -> tuple[Pair, ...]:
+) -> dict[Pair, Odds | None]:
     """Return what other poses might settle: effects found against their alternatives, first.
 
-    An effect that is not testable has no rival but the model's own parameters.
+    Of these the most open first. An effect that is not testable has no rival but the model's own
+    parameters, and no probability.
     """
-    rivals: list[Pair] = [
-        (found.effect, other) for found in effects for other in found.alternatives
-    ]
-    alone: list[Pair] = [
-        (hidden.effect, None)
-        for hidden in not_testable
-        if hidden.by_these_poses and not hidden.effect.generic
-    ]
-    return (*rivals, *alone)[: NEXT_POSES.most_pairs]
+    rivals = {
+        (found.effect, other): Odds(
+            found.explanations.of(found.effect), found.explanations.of(other)
+        )
+        for found in effects
+        for other in found.alternatives
+    }
+    by_openness = sorted(rivals, key=lambda pair: -rivals[pair].open_bits)
+    asked: dict[Pair, Odds | None] = {pair: rivals[pair] for pair in by_openness}
+    for hidden in not_testable:
+        if hidden.by_these_poses and not hidden.effect.generic:
+            asked[hidden.effect, None] = None
+    return dict(list(asked.items())[: NEXT_POSES.most_pairs])
 
 
 def separating_poses(
     problem: EvidenceProblem,
     found: EvidenceFit,
-    rivals: Sequence[Pair],
+    asked: Rivals,
     count: int = 10,
     random_seed: int = 0,
+    alike: float = 1.0,
 ) -> Plan:
-    """Choose the poses that best separate pairs of effects.
+    """Choose the poses that are expected to say most of which effect of each pair it is.
 
-    Out of a pool drawn at random, the set with which the closest pair comes furthest apart, in the
-    order in which each pose brings most. Pairs that no such choice would split are omitted. The
-    fit is the model with what was found; of each pair the first is an effect of it, or one that is
-    not testable.
+    Out of a pool drawn at random, in the order in which each pose says most. Pairs that no such
+    choice would split are omitted. The fit is the model with what was found; of each pair the first
+    is an effect of it, or one that is not testable. Log evidence is divided by a number where poses
+    err alike.
 
     Raises:
         DiscoveryError: when nothing can be predicted, or an effect needs what is not known.
     """
-    if not rivals:
+    if not asked:
         return Plan((), ())
+    rivals = list(asked)
+    hidden = Odds(0.5 * NEXT_POSES.hidden, 0.5 * NEXT_POSES.hidden)
+    odds = [each or hidden for each in asked.values()]
     pool = _pool(problem, random_seed)
     pairs = _separations(problem, found, rivals, predicted(problem, found, pool))
     every, count = Combined(pairs), min(count, len(pool))
     before = every.values
+
+    def information_bits(nats: Array) -> Array:
+        """Return what is expected to be learnt of each pair, by its log evidence (pairs, ...)."""
+        added = [
+            np.maximum(now - then, 0.0) / alike for now, then in zip(nats, before, strict=True)
+        ]
+        said = [each.information_bits(more) for each, more in zip(odds, added, strict=True)]
+        # What is as good as settled still is the better the further it comes apart.
+        return np.asarray(np.array(said) + NEXT_POSES.further_bits * np.log1p(added))
+
     for pair in pairs:
         greedy_order(pair, count)
     possible = every.values
     sought = np.flatnonzero(possible - before >= NEXT_POSES.apart_nats).tolist()
     order = np.zeros(0, dtype=np.intp)
     if sought:
-        closest = Combined([pairs[k] for k in sought])
+        said = Combined(pairs, lambda nats: np.asarray(information_bits(nats)[sought].sum(axis=0)))
         chosen = exchange(
-            closest, greedy_order(closest, count), most_sweeps=NEXT_POSES.most_sweeps
+            said, greedy_order(said, count), most_sweeps=NEXT_POSES.most_sweeps
         ).chosen
-        order = greedy_order(closest, count, among=chosen)
+        order = greedy_order(said, count, among=chosen)
     every.restart()
     steps = [every.values]
     for pose in order.tolist():
         every.add(pose)
         steps.append(every.values)
     nats = np.array(steps)  # of each pair before any pose, and after each
+    bits = information_bits(nats.T).T
     even_share = (nats[-1] - nats[0]) / max(len(order), 1)
     suggestions, coupling = [], problem.baseline.arm.coupling
-    for pose, last, after in zip(order.tolist(), nats[:-1], nats[1:], strict=True):
-        nearest = min(sought, key=lambda k: last[k])
-        helped = [k for k in sought if k == nearest or after[k] - last[k] >= even_share[k]]
+    for n, pose in enumerate(order.tolist()):
+        last, after, learnt = nats[n], nats[n + 1], bits[n + 1] - bits[n]
+        most = max(sought, key=lambda k: learnt[k])
+        helped = [k for k in sought if k == most or after[k] - last[k] >= even_share[k]]
         axes_rad = coupling.to_axes(pool.q_rad[pose])
         suggestions.append(
             SuggestedPose(
@@ -168,8 +259,12 @@ def separating_poses(
             after_nats=float(nats[-1, k]),
             possible_nats=float(max(possible[k], nats[-1, k])),
             can_be_split=k in sought,
+            probability=None if known is None else known.probability,
+            expected_probability=None
+            if known is None
+            else known.expected_probability(float(nats[-1, k] - before[k]) / alike),
         )
-        for k, pair in enumerate(rivals)
+        for k, (pair, known) in enumerate(asked.items())
     )
     return Plan(tuple(suggestions), tuple(separations))
 

@@ -21,6 +21,12 @@ class NextPoses:
     apart_nats: float = 3.0
     pool: int = 1024  # poses drawn to choose from (computing)
     most_pairs: int = 8  # pairs that poses are sought for (told)
+    # probability that stands for those of an effect that these poses cannot show, and of its
+    # absence, both together: well below those of what was found (level)
+    hidden: float = 0.1
+    # what a pair that is as good as settled still counts, times log (1 + d) of its log evidence d
+    # [bit] (computing)
+    further_bits: float = 1e-3
     most_sweeps: int = 2  # sweeps of exchanges (computing)
     # parameters of models that poses are sought for: of more they would take many times as long as
     # the search (computing)

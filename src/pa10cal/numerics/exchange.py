@@ -11,7 +11,7 @@ Fedorov, 1975).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -150,13 +150,25 @@ class SeparationCriterion(Information):
         return np.asarray(0.5 * components * np.log1p(squares / components))
 
 
-class Combined:
-    """A criterion of several of the same candidates: their least, or a weighted sum of them."""
+def least_of(values: Array) -> Array:
+    """Return the least of values (parts, ...)."""
+    return np.asarray(values.min(axis=0))
 
-    def __init__(self, parts: Sequence[Criterion], weights: Sequence[float] | None = None) -> None:
-        """Combine criteria; their least counts where no weights are given."""
+
+def weighted_sum(weights: Sequence[float]) -> Callable[[Array], Array]:
+    """Return the function that adds values (parts, ...) up with weights."""
+    return lambda values: np.asarray(np.asarray(weights) @ values)
+
+
+class Combined:
+    """A criterion of several of the same candidates: any function of their values."""
+
+    def __init__(
+        self, parts: Sequence[Criterion], combined: Callable[[Array], Array] = least_of
+    ) -> None:
+        """Combine criteria by a function of their values (parts, ...), of shape (...)."""
         self.candidates: int = parts[0].candidates
-        self._parts, self._weights = parts, weights
+        self._parts, self._combined = parts, combined
 
     @property
     def value(self) -> float:
@@ -187,12 +199,6 @@ class Combined:
         """Take a candidate away that was added."""
         for each in self._parts:
             each.remove(pose)
-
-    def _combined(self, values: Array) -> Array:
-        """Return the criterion (...) for values (parts, ...)."""
-        if self._weights is None:
-            return np.asarray(values.min(axis=0))
-        return np.asarray(np.asarray(self._weights) @ values)
 
 
 #: What sets of poses are judged by: the larger the better.

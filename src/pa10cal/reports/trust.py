@@ -303,6 +303,14 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
         f"order | {joints} | load [N] | what for",
         rows,
     )
+    for pair in record.separations or ():
+        if pair.can_be_split and pair.probability is not None:
+            effect, _, rival = pair.pair.replace("_", " ").partition(" or ")
+            yield Paragraph(
+                f"{count(len(record.suggested_poses), 'pose')} would tell {effect} "
+                f"({pair.probability:.2f} between the two now) from {rival}: the one that is "
+                f"there would come to an expected {pair.expected_probability:.2f}."
+            )
     hopeless = [pair.pair for pair in record.separations or () if not pair.can_be_split]
     if hopeless:
         names = "; ".join(pair.replace("_", " ") for pair in hopeless)

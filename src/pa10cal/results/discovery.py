@@ -326,6 +326,10 @@ class Separation(record.Part):
     after_nats: float  # expected with the suggested poses
     possible_nats: float  # expected with all poses considered
     can_be_split: bool  # whether poses can separate them at all
+    # probability of the effect found, between the two
+    probability: float | None = record.optional()
+    # that of whichever is true, as it is expected after the suggested poses
+    expected_probability: float | None = record.optional()
 
 
 class VerdictKeys(record.Part):

@@ -40,7 +40,7 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES
+from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
 from pa10cal.discovery.verdict import Plan, SearchVerdict
@@ -252,7 +252,9 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
             extended = replace(self.extended, at=self.extended.at.bending_as(others))
             problem, found = without_repeats(survey, extended, self.noise)
             try:
-                told = separating_poses(problem, found, rivals, count, random_seed)
+                told = separating_poses(
+                    problem, found, rivals, count, random_seed, PROBABILITIES.blocks
+                )
             except DiscoveryError:  # the verdict stands without it
                 told = Plan(())
             if told.poses:
