@@ -290,7 +290,7 @@ def test_poses_go_to_the_pair_that_is_open(ratio, found_first):
     effect = ratio.effect(*RATIO[:2])
     pairs = (
         (effect, ratio.effect(*ECCENTRIC[:2])),
-        (effect, ratio.effect("encoder_ellipticity", "joint 2")),
+        (effect, ratio.effect("link_bending", "forearm")),
     )
     after = []
     for first in ((0.5, 0.5), (0.99999, 0.00001)):

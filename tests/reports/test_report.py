@@ -24,7 +24,7 @@ from pa10cal.reports.results_bundle import ResultsBundle, results_bundle
 from pa10cal.reports.summary import summarise
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read, write
-from pa10cal.results.discovery import VerdictRecord
+from pa10cal.results.discovery import Separation, SuggestedPose, VerdictRecord
 from pa10cal.results.evaluation import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.record import EffectName
@@ -183,6 +183,28 @@ def test_leads_with_what_is_explained_and_by_what(copied, page, word, answer):
     table = rest[rest.index("Effects, those that remove most error first") :]
     assert table.index("joint compliance") < table.index("encoder eccentricity")
     assert "0.360 → 0.170 90 %" in " ".join(table.split())
+
+
+def test_says_by_how_much_suggested_poses_would_tell_rivals_apart(copied, page):
+    path = with_verdict(copied, "ambiguous") / VerdictRecord.FILE
+    pose = SuggestedPose(q_deg=np.zeros(6), q_rad=np.zeros(6), load_N=0.0, for_=())
+    pair = Separation(
+        pair="tool_sag of tool or link_torsion of forearm",
+        before_nats=0.2,
+        after_nats=6.0,
+        possible_nats=8.0,
+        can_be_split=True,
+        probability=0.58,
+        expected_probability=0.93,
+    )
+    settled = pair.model_copy(update={"can_be_split": False})
+    told = {"suggested_poses": (pose, pose), "separations": (pair, settled)}
+    write(read(VerdictRecord, path).model_copy(update=told), path)
+    said = (
+        "2 poses would tell tool sag of tool (0.58 between the two now) from link torsion of "
+        "forearm: the one that is there would come to an expected 0.93."
+    )
+    assert page(copied).text.count(said) == 1
 
 
 @pytest.mark.parametrize(

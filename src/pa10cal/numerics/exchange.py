@@ -155,11 +155,6 @@ def least_of(values: Array) -> Array:
     return np.asarray(values.min(axis=0))
 
 
-def weighted_sum(weights: Sequence[float]) -> Callable[[Array], Array]:
-    """Return the function that adds values (parts, ...) up with weights."""
-    return lambda values: np.asarray(np.asarray(weights) @ values)
-
-
 class Combined:
     """A criterion of several of the same candidates: any function of their values."""
 

@@ -36,7 +36,6 @@ from pa10cal.numerics.exchange import (
     covariance_root,
     exchange,
     greedy_order,
-    weighted_sum,
 )
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.kinds import instruments
@@ -412,10 +411,8 @@ def _choose(rows: ExpectedRows, poses: int, effects: float) -> ExchangeResult:
     criterion: Criterion = Information(np.ascontiguousarray(rows.white[..., :k]))
     if every > k:
         of_effects = effects * k / (every - k)
-        of_model = 1.0 - effects - of_effects
-        criterion = Combined(
-            [criterion, Information(rows.white)], weighted_sum([of_model, of_effects])
-        )
+        weights = np.array([1.0 - effects - of_effects, of_effects])
+        criterion = Combined([criterion, Information(rows.white)], lambda each: weights @ each)
     sweeps = int(np.clip(_POSE_SWEEPS // poses, 1, _MOST_SWEEPS))
     return exchange(criterion, greedy_order(criterion, poses), most_sweeps=sweeps)
 
