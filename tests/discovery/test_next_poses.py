@@ -282,8 +282,9 @@ def test_expected_information_is_that_of_many_draws():
     odds = Odds(p, 1.0 - p)
     said = odds.information_bits(np.array(nats))
     assert said == pytest.approx(odds.open_bits - left, abs=3e-3)
-    true = np.where(sign > 0, first, 1.0 - first).mean()
-    assert odds.expected_probability(nats) == pytest.approx(true, abs=3e-3)
+    likelier = np.maximum(first, 1.0 - first).mean()
+    assert odds.expected_probability(nats) == pytest.approx(likelier, abs=3e-3)
+    assert odds.expected_probability(0.0) == pytest.approx(p)
 
 
 def test_poses_go_to_the_pair_that_is_open(ratio, found_first):

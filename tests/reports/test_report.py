@@ -202,7 +202,7 @@ def test_says_by_how_much_suggested_poses_would_tell_rivals_apart(copied, page):
     write(read(VerdictRecord, path).model_copy(update=told), path)
     said = (
         "2 poses would tell tool sag of tool (0.58 between the two now) from link torsion of "
-        "forearm: the one that is there would come to an expected 0.93."
+        "forearm: the likelier of both would come to an expected 0.93."
     )
     assert page(copied).text.count(said) == 1
 

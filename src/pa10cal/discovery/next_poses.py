@@ -86,7 +86,7 @@ class Odds:
         return np.interp(nats, _GRID_NATS, self._on_grid)
 
     def expected_probability(self, nats: float) -> float:
-        """Return the probability that whichever is true is expected to have by then."""
+        """Return the probability that whichever is the likelier then is expected to have."""
         return float(self._expected(np.array([nats]))[1][0])
 
     @cached_property
@@ -97,7 +97,7 @@ class Odds:
         return np.asarray(self.both * said)
 
     def _expected(self, nats: Array) -> tuple[Array, Array]:
-        """Return the entropy (N,) expected after so much, and the probability of what is true.
+        """Return the entropy (N,) expected after so much, and the larger probability of the two.
 
         The log odds of the truth grow by d on average, with a variance of 2 d (Good, Weighing
         evidence, 1950).
@@ -107,7 +107,8 @@ class Odds:
         truths = ((p, expit(logit(p) + grown)), (1.0 - p, expit(grown - logit(p))))
         weights = _WEIGHTS / _WEIGHTS.sum()
         left_bits = sum(prior * (_entropy_bits(after) @ weights) for prior, after in truths)
-        return np.asarray(left_bits), np.asarray(sum(prior * (q @ weights) for prior, q in truths))
+        likelier = sum(prior * (np.maximum(q, 1.0 - q) @ weights) for prior, q in truths)
+        return np.asarray(left_bits), np.asarray(likelier)
 
 
 def _entropy_bits(p: Array) -> Array:

@@ -308,8 +308,8 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
             effect, _, rival = pair.pair.replace("_", " ").partition(" or ")
             yield Paragraph(
                 f"{count(len(record.suggested_poses), 'pose')} would tell {effect} "
-                f"({pair.probability:.2f} between the two now) from {rival}: the one that is "
-                f"there would come to an expected {pair.expected_probability:.2f}."
+                f"({pair.probability:.2f} between the two now) from {rival}: the "
+                f"likelier of both would come to an expected {pair.expected_probability:.2f}."
             )
     hopeless = [pair.pair for pair in record.separations or () if not pair.can_be_split]
     if hopeless:

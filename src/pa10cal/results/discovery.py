@@ -328,7 +328,7 @@ class Separation(record.Part):
     can_be_split: bool  # whether poses can separate them at all
     # probability of the effect found, between the two
     probability: float | None = record.optional()
-    # that of whichever is true, as it is expected after the suggested poses
+    # that of whichever is the likelier then, as it is expected after the suggested poses
     expected_probability: float | None = record.optional()
 
 
