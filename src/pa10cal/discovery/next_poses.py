@@ -54,9 +54,9 @@ from pa10cal.terms.term import shows_torque
 #: An effect and what may stand in its place: another, or the model's own parameters alone.
 Pair = tuple[Effect, Effect | None]
 #: Nodes and weights of a standard Gaussian, at which expectations are taken.
-_NODES, _WEIGHTS = hermegauss(100)
+_NODES, _WEIGHTS = hermegauss(NEXT_POSES.quadrature)
 #: Log evidence at which expected information is worked out [nat]; it is interpolated between.
-_GRID_NATS = np.append(0.0, np.geomspace(1e-3, 1e3, 240))
+_GRID_NATS = np.append(0.0, np.geomspace(*NEXT_POSES.grid_nats))
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Odds:
         The log odds of the truth grow by d on average, with a variance of 2 d (Good, Weighing
         evidence, 1950).
         """
-        p = float(np.clip(self.probability, 1e-12, 1.0 - 1e-12))
+        p = float(np.clip(self.probability, NEXT_POSES.least, 1.0 - NEXT_POSES.least))
         grown = nats[:, None] + np.sqrt(2.0 * nats)[:, None] * _NODES
         truths = ((p, expit(logit(p) + grown)), (1.0 - p, expit(grown - logit(p))))
         weights = _WEIGHTS / _WEIGHTS.sum()

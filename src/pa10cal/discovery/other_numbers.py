@@ -40,6 +40,10 @@ class NextPoses:
     floor_m: float = 0.15
     column_m: float = 0.25  # and so far off its axis [m] (safety)
     clearance_m: float = 0.15  # targets stay so far off the line from joint to joint [m] (safety)
+    # log evidence between which what it says is worked out: lowest, highest, count (computing)
+    grid_nats: tuple[float, float, int] = (1e-3, 1e3, 240)
+    quadrature: int = 100  # nodes over what evidence may come to (computing)
+    least: float = 1e-12  # least probability of a rival (computing)
     drawn: int = 2000  # poses drawn to find some at angles not seen (computing)
 
 
