@@ -248,6 +248,11 @@ class BlindTrial:
         """Yield what each finding claims of its name, its alternatives, and of none of these."""
         true = {hidden.name for hidden in self.hidden}
         true |= {Name(SPRING, f"joint {joint}") for joint in self.truth.flexible_joints}
+        true |= {
+            Name(also, hidden.of)
+            for hidden in self.hidden
+            for also in (_kind_of(hidden).also_called if hidden.outside else ())
+        }
         for named in self.effects:
             every = {named.name: named.probability}
             every |= {each.name: each.probability for each in named.alternatives}
