@@ -33,7 +33,10 @@ def first_rows(arm, n):
     return replace(arm, **rows, T_row_n_ee=np.eye(4))
 
 
-OF_THE_ARM = ("name", "title", "convention", "T_base_row1", "T_row_n_ee", "weights_known")
+OF_THE_ARM = (
+    *("name", "title", "convention", "T_base_row1", "T_row_n_ee", "weights_known"),
+    *("coupled", "laid_anew"),
+)
 ROW_FIELDS = [field.name for field in fields(Arm) if field.name not in OF_THE_ARM]
 
 
