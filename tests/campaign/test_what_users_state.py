@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_sightings import sighted
-from mended import describe, mend, simulated
+from mended import describe, findings, mend, simulated
 from pa10cal import calibrate
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
@@ -90,6 +90,23 @@ def test_directions_of_arrival_are_those_of_coupled_joints(tmp_path):
     mended = read_campaign(folder).observations
     np.testing.assert_allclose(mended.states.q_rad, right.states.q_rad, atol=1e-9)
     np.testing.assert_array_equal(mended.states.arrival, right.states.arrival)
+
+
+def test_touched_balls_that_a_coupling_explains_are_kept(tmp_path):
+    """Joint 4 moves in three poses alone: as logged these are far off, and they are right."""
+    extra = [[20, 20, 80, 60, 50, -60], [-30, 10, 100, -50, 40, -100], [10, 30, 70, 80, 60, -90]]
+    poses = {"tilt_rad": [0.0, 0.0, 0.0], "extra_deg": extra}
+    folder = simulated(tmp_path / "c", "pa10_6ce", "touches", poses=poses)
+    right = read_campaign(folder)
+
+    def logged(table):
+        q_deg = table.numbers(JOINTS)
+        table.put(JOINTS, q_deg - q_deg[:, [3]] * np.eye(6)[4])
+
+    mend(folder, "resolver.csv.gz", logged)
+    assert len(read_campaign(folder).observations) == len(right.observations)
+    (found,) = (each for each in findings(folder) if each.kind == "joint_coupling")
+    assert "coupling: [{joint: 5, by: 4, factor: 1}]" in found.remedy
 
 
 def test_bounds_are_told_in_the_number_of_the_file(raw):

@@ -189,13 +189,12 @@ def _signs_and_order(log: _Log) -> Iterator[_Change]:
 
 
 def _couplings(log: _Log) -> Iterator[_Change]:
-    """Yield joints that move with another, once as far or against it, and screws."""
+    """Yield joints that move with another of their kind, as far or against it, nearest first."""
     slides = log.checked.arm.axes_slide
     pairs = itertools.permutations(range(1, len(slides) + 1), 2)
     for joint, by in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
         if slides[joint - 1] == slides[by - 1]:
             yield from (_Change("joint_coupling", (joint, by), factor) for factor in (1.0, -1.0))
-    yield from _screws(log, lambda changed: changed.nominal_m, CHECKS.screw_steps_mm[0])
 
 
 def _screws(
@@ -224,6 +223,10 @@ def _screws(
             yield _Change("joint_coupling", pair, 1e-3 * pitch_mm / (2.0 * np.pi))
 
 
+def _nominal_screws(log: _Log) -> Iterator[_Change]:
+    return _screws(log, lambda changed: changed.nominal_m, CHECKS.screw_steps_mm[0])
+
+
 def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
     """Change signs and order of joints one after the other, as long as much less is left.
 
@@ -236,7 +239,7 @@ def signs_and_order(checked: CheckedCampaign) -> InputFinding | None:
     found: list[tuple[bool, InputFinding]] = []
     for changes in (
         lambda log: list(_signs_and_order(log)),
-        lambda log: [*_signs_and_order(log), *_couplings(log)],
+        lambda log: [*_signs_and_order(log), *_couplings(log), *_nominal_screws(log)],
     ):
         changed, left_m = _changed_in_turn(log, changes)
         # Where nothing at all fits, infinity is left, and no change of it is less.
@@ -281,12 +284,16 @@ def _changed_in_turn(log: _Log, changes: Callable[[_Log], Sequence[_Change]]) ->
 
 
 def small_signs(checked: CheckedCampaign) -> InputFinding | None:
-    """Try signs and order whose error departures partly take up, as of a wrist, by calibrating."""
+    """Try slips whose error departures partly take up, as of a wrist, by calibrating.
+
+    These are signs, order, and neighbours that move together.
+    """
     if not checked.above_noise:
         return None
     log = _Log(checked)
+    near = (each for each in _couplings(log) if abs(each.axes[0] - each.axes[1]) == 1)
     most_m, tried = CHECKS.worth_trying * log.nominal_m, []
-    for changed in map(log.with_change, _signs_and_order(log)):
+    for changed in map(log.with_change, (*_signs_and_order(log), *near)):
         nominal_m = changed.nominal_m
         if nominal_m < most_m:
             tried.append((checked.calibrated_mm(None, changed.q)[0], nominal_m, changed))

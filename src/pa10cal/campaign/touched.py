@@ -14,6 +14,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign import balls, nominal_fit, screens
 from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
+from pa10cal.campaign.coupled_logs import coupling_that_fits
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
 from pa10cal.campaign.own_columns import refuse_too_many
@@ -29,6 +30,7 @@ from pa10cal.campaign.raw_rows import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
+from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
 from pa10cal.options import IngestOptions
@@ -100,8 +102,7 @@ def read_touched(
     q_rad = np.radians(dwells.q_deg[named["dwell"]])
     off = screens.off_command(named.text_of("pose"), q_rad, arm.prismatic)
     reason = np.where((located.reason == "") & off, screens.OTHER_COMMAND, located.reason)
-    T_base_ee = Chain.of(arm).forward(q_rad)
-    reason = _off_the_arm(reason, located, T_base_ee, named["kind"] == "holdout", names)
+    reason = _off_the_arm(reason, located, arm, q_rad, named["kind"] == "holdout", names)
     listed += _unused_touches(touches, groups, located, reason, settings)
     refuse_too_many_lost()
 
@@ -259,7 +260,8 @@ def _in_one_dwell(touches: RawRows, touched: Index) -> RawRows:
 def _off_the_arm(
     reason: NDArray[np.object_],
     located: balls.LocatedBalls,
-    T_base_ee: Array,
+    arm: Arm,
+    q_rad: Array,
     held_out: NDArray[np.bool_],
     names: tuple[str, ...],
 ) -> NDArray[np.object_]:
@@ -268,11 +270,16 @@ def _off_the_arm(
     usable &= (located.used.sum(axis=2) >= balls.LEAST_TOUCHES).all(axis=1)
     rows = np.flatnonzero(usable)
     p_m, found = 1e-3 * located.p_instr_mm[rows], reason.copy()
-    modelled = nominal_fit.nominal_places(T_base_ee[rows], p_m)
+    modelled = nominal_fit.nominal_places(Chain.of(arm).forward(q_rad[rows]), p_m)
     if modelled is None:
         return found
     misfit = Misfit(1e-3 * nominal_fit.misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
     off = screens.off_model(misfit, held_out[rows])[:, 0]
+    if off.any():
+        centres = Points(names, p_m, np.full((*p_m.shape, 3), np.nan), None)
+        coupled = coupling_that_fits(arm, arm.coupling.to_axes(q_rad[rows]), centres)
+        if coupled is not None:  # these are right
+            off &= screens.off_model(coupled[1], held_out[rows]).any(axis=1)
     found[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
     for row, order in zip(rows, nominal_fit.exchanged(p_m, modelled), strict=True):
         if order is not None:
