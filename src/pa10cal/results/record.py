@@ -364,7 +364,7 @@ class EffectName(Part):
 
 # The kinds of fault of a log: words that verdicts, records and terms share.
 
-#: What is wrong in a log; `docs/results.md` lists the word, `docs/discovery.md` says what it means.
+#: What is wrong in a log; `docs/results.md` lists the word, `docs/how-to/faults.md` what it means.
 FaultKind = Literal[
     "label",
     "load",

@@ -80,7 +80,7 @@ EITHER_SIGN = {
     "transmission_error",
     "wrist_coupling",
 }
-PAGE = Path(__file__).parents[3] / "docs/discovery.md"
+PAGE = Path(__file__).parents[3] / "docs/discovery-details.md"
 
 
 def test_holds_the_vocabulary_and_its_rivals():
