@@ -81,7 +81,11 @@ def test_what_must_not_be_negative_is_no_member_of_the_likeliest_set() -> None:
 def test_members_are_missed_and_have_rivals() -> None:
     found = sets(2, {0: 6.0, 1: -4.0}, np.zeros(WEIGHTS))
     likeliest = found.likeliest()
-    missed = found.missed(likeliest)
-    assert all(missed[k] > 10.0 for k in likeliest.at)
-    for rivals in found.rivals(likeliest).values():
-        assert max(rivals.values()) < 0.0
+    names = {found.members[k].name for k in likeliest.at}
+    assert found.missed(likeliest) == names
+    for k in likeliest.at:
+        without = found.scored({*likeliest.at} - {k}, likeliest)
+        assert likeliest.nats - without.nats > 10.0
+    rivals = found.rivals(likeliest)
+    assert set(rivals) == names
+    assert all(rival.nats.sum() < 0.0 for each in rivals.values() for rival in each)

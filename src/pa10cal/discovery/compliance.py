@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration import rules as calibration_rules
@@ -30,10 +29,9 @@ from pa10cal.discovery.linear import (
     unknowns,
 )
 from pa10cal.discovery.noise import pose_weights
-from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
-from pa10cal.discovery.together import Together
+from pa10cal.discovery.together import Together, UnderWeights
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -46,7 +44,6 @@ from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import CandidateContext, is_effect
 from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance
 from pa10cal.terms.joint_spring import JointSpring, is_spring
-from pa10cal.terms.model import Model
 from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
 
 V = TypeVar("V", bound=Verdict[Any])
@@ -67,17 +64,18 @@ def with_compliance(found: V) -> V:
         for term in at.model.terms
         if is_spring(term) and at.values_of(term)[0] > SPRINGS.least_rad
     ]
-    if not springs:
+    if not (springs or found.findings):
         return found
     rows = _LinearProblem.of(found)
+    rivals = _rivals(found, rows)
+    found = found.with_further_rivals(rivals)
     needed = float(np.log(max(found.candidates, len(springs)) / found.error_rate))
     lost = {
         spring: (rows.rigid(spring).squares - rows.squares) / rows.design_effect(spring)
         for spring in springs
     }
     nats = {spring: 0.5 * float(loss - np.log(rows.readings)) for spring, loss in lost.items()}
-    rivals = _rivals(found, rows)
-    shown = [s for s in springs if nats[s] >= needed and s.of in rivals]
+    shown = [s for s in springs if nats[s] >= needed and (JointCompliance.id, s.of) in rivals]
     shown.sort(key=lambda spring: -nats[spring])
     all_rigid = rows.rigid(*shown)
     held_out, judging = rows.held_out, rows.held_out or rows.poses
@@ -113,30 +111,22 @@ def with_compliance(found: V) -> V:
         )
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         x, covariance = np.array([stiffness]), np.array([[std**2]])
-        finding = Finding(effect, x, covariance, (), proof, rivals[spring.of])
+        finding = Finding(effect, x, covariance, (), proof, rivals[JointCompliance.id, spring.of])
         if len(finding.with_likely().alternatives) <= NAMES.most_alternatives:
             findings.append(finding)
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 
 
-def _rivals(found: Verdict[Any], rows: _LinearProblem) -> dict[str, tuple[Rival, ...]]:
-    """Return what may stand for each spring that is missed, by place: how likely sets with it are.
-
-    One that makes the rows likelier than what was found counts as equal.
-    """
+def _rivals(found: Verdict[Any], rows: _LinearProblem) -> dict[tuple[str, str], tuple[Rival, ...]]:
+    """Return what may stand for each that is missed of what was found, by name."""
     at = found.extended.at
-    sets = Together.of(at, rows.poses, rows.whitener, found.context, found.prepared.setup)
+    sets = Together.of(
+        at, rows.poses, rows.whitener, found.context, found.prepared.setup, found.beside
+    )
     rigid = [spring for spring in at.model.terms if is_spring(spring) and rows.is_rigid(spring)]
-    there = [term for term in at.model.terms if term not in rigid]
-    scored = sets.scored(sets.holding(there))
-    each, missed = sets.rivals(scored), sets.missed(scored)
-    return {
-        sets.members[k].effect.of: tuple(
-            Rival(effect, np.array([min(nats, 0.0)])) for effect, nats in others.items()
-        )
-        for k, others in each.items()
-        if sets.members[k].effect.id == JointCompliance.id and missed[k] > 0.0
-    }
+    there = sets.scored(sets.holding(term for term in at.model.terms if term not in rigid))
+    missed = sets.missed(there)
+    return {name: each for name, each in sets.rivals(there).items() if name in missed}
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +141,6 @@ class _LinearProblem:
     poses: Observations  # those fitted
     held_out: Observations | None  # those held out that are trusted; None without any
     whitener: Array  # (P, b, b) of the poses fitted
-    # the poses under the moments alone that each uncertain weight adds, at its size
-    moments: list[Observations]
 
     @classmethod
     def of(cls, found: Verdict[Any]) -> _LinearProblem:
@@ -161,8 +149,7 @@ class _LinearProblem:
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)
         trusted_holdout = found.trusted_holdout
         held_out = None if trusted_holdout is None else trusted_holdout.poses
-        whitener, moments = weights.whiteners(), _moments(at, poses)
-        return cls(at, poses, held_out, whitener, moments)
+        return cls(at, poses, held_out, weights.whiteners())
 
     def rigid(self, *springs: JointSpring) -> _LinearProblem:
         """Return the problem with some joints rigid."""
@@ -237,26 +224,25 @@ class _LinearProblem:
         """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
         at, added = self.at, np.zeros(shape)
         bending = [t for t in filter(is_effect, at.model.terms) if t.bends]
-        if not bending:
+        if not bending or at.payload is None:
             return added
-        found = [at.x[at.model.columns_of(term)] for term in bending]
-        arm, known = at.arm, weights_known(at.arm)
-        assert arm.mass_kg is not None
-        sizes = arm.mass_kg[:, None] * np.column_stack([known.mass, *[known.com_m] * 3])
-        of_weight = []
-        for poses, size in zip(self.moments, sizes.ravel(), strict=True):
+        found = [at.values_of(term) for term in bending]
+
+        def moved(poses: Observations) -> Array:
             parts = by_terms(at, poses, bending, found)
-            moved = [part @ x for part, x in zip(parts, found, strict=True)]
-            of_weight.append(np.sum(moved, axis=0) / max(float(size), COMPUTING.no_size))
-        for term in at.model.terms:
-            if not holds_weights(term):
-                continue
-            first = at.model.columns_of(term).start
-            for k, column in enumerate(term.columns):
-                if column < len(of_weight):
-                    added[:, :, first + k] = of_weight[column]
-                if term.held is not None and term.held < len(of_weight):
-                    added[:, :, first + k] += term.by_held[k] * of_weight[term.held]
+            return np.asarray(
+                np.sum([part @ x for part, x in zip(parts, found, strict=True)], axis=0)
+            )
+
+        loads = UnderWeights(at.arm, at.payload, self.poses)
+        of_weight, as_described = np.zeros((len(loads.sizes), *shape[:2])), moved(loads.described)
+        for column, poses in loads.heavier():
+            of_weight[column] = (moved(poses) - as_described) / loads.sizes[column]
+        for term in filter(holds_weights, at.model.terms):
+            own = of_weight[list(term.columns)]
+            if term.held is not None:
+                own = own + np.multiply.outer(np.array(term.by_held), of_weight[term.held])
+            added[:, :, at.model.columns_of(term)] = np.moveaxis(own, 0, 2)
         return added
 
     def design_effect(self, spring: JointSpring) -> float:
@@ -310,35 +296,6 @@ class _LinearProblem:
             for by in (slope, of_sag)
         )
         return stiffness, float(np.hypot(std, stiffness * model.u_scale)), sag, sag_std
-
-
-def _moments(at: FittedModel, fitted: Observations) -> list[Observations]:
-    """Return the poses under the moments alone that each uncertain weight adds, at its size."""
-    arm, payload, states = at.arm, at.payload, fitted.states
-    if payload is None or arm.mass_kg is None or arm.com_m is None:
-        return []
-    known, mass_kg, com_m = weights_known(arm), arm.mass_kg, arm.com_m
-    rigid, nothing = Model(Chain.of(arm), ()), np.zeros(0)
-    before = statics_of(rigid, nothing, states, payload).static_loads
-    poses = []
-    for link in range(arm.n):
-        heavier = mass_kg.copy()
-        heavier[link] *= 1.0 + known.mass[link]
-        others = [replace(arm, mass_kg=heavier)]
-        for axis in range(3):
-            moved = com_m.copy()
-            moved[link, axis] += known.com_m[link]
-            others.append(replace(arm, com_m=moved))
-        for other in others:
-            after = statics_of(Model(Chain.of(other), ()), nothing, states, payload)
-            loads = after.static_loads
-            added = replace(
-                loads,
-                link_Nm=loads.link_Nm - before.link_Nm,
-                base_Nm=loads.base_Nm - before.base_Nm,
-            )
-            poses.append(fitted.with_states(replace(states, static_loads=added)))
-    return poses
 
 
 # Loads and tool that the log states wrongly, by logged torques alone.

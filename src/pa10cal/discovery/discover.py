@@ -180,9 +180,8 @@ def _likelier(found: SearchVerdict[object], passed: SearchVerdict[object]) -> Se
         harmed = likelier.falls_back is not None and passed.falls_back is None
         unlikely = any(is_named(one.effect) and is_unlikely(one) for one in likelier.effects)
         if not (harmed or unlikely or likelier.verdict == "check_the_log"):
-            passed = likelier
-    assert isinstance(passed, by_blocks.VerdictByBlocks)
-    return by_blocks.with_further_rivals(passed)
+            return likelier
+    return passed
 
 
 def with_predicted(found: Verdict[object]) -> Verdict[object]:

@@ -2,8 +2,9 @@
 
 Where it is from, in brackets: `level`, a probability or odds that were chosen; `statistics`, what
 theory says; `size`, what parts of robots and instruments are like; `trials`, what parted right from
-wrong on simulated campaigns, which no measured robot has fixed; `vocabulary`, which effects there
-are; `safety`, room for the arm; `told`, how much is printed; `computing`, time and rounding alone.
+wrong on simulated campaigns, which no measured robot has fixed; `measured`, what did so on measured
+robots; `vocabulary`, which effects there are; `safety`, room for the arm; `told`, how much is
+printed; `computing`, time and rounding alone.
 """
 
 from __future__ import annotations
@@ -341,8 +342,8 @@ class Springs:
 class Together:
     """Sets of effects that may be there, under weights that nobody stated."""
 
-    # what gives way may do so by so many times what is plausible under weights as assumed: these
-    # are uncertain by as much as they are (size)
+    # what gives way may do so by so many times what is plausible under weights as assumed, which
+    # are uncertain by as much as they are (trials)
     sizes: float = 3.0
     # an amount that is physically none below zero may be found so many standard uncertainties below
     # (level)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +24,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
 from pa10cal.discovery.evidence.search import threshold
+from pa10cal.discovery.finding import Rival
 from pa10cal.discovery.linear import by_own_terms, by_targets, by_terms
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.preparation import MeasurementSetup, computable
@@ -124,7 +126,7 @@ class Together:
         assert payload is not None
         members = tuple(_members(context, at, poses))
         bare = _without_any(at)
-        loads = _Loads(at.arm, payload, poses)
+        loads = UnderWeights(at.arm, payload, poses)
 
         def columns(posed: Observations, some: Sequence[Member]) -> list[Array]:
             terms, starts = [each.term for each in some], [each.start for each in some]
@@ -139,7 +141,7 @@ class Together:
         of_way = [members[k] for k in way]
         every_added = [
             [more - described[k] for k, more in zip(way, columns(each, of_way), strict=True)]
-            for each in loads.heavier()
+            for _, each in loads.heavier()
         ]
         mixes = _combinations(every_added)
         added = [
@@ -242,15 +244,19 @@ class Together:
         terms = (self.members[k].term for k in found.at)
         return tuple(term for term in terms if is_effect(term))
 
-    def missed(self, found: Scored) -> dict[int, float]:
-        """Return how much less likely a set is without each of its members [nat]."""
-        return {k: found.nats - self.scored({*found.at} - {k}, found).nats for k in found.at}
+    def missed(self, found: Scored) -> frozenset[tuple[str, str]]:
+        """Return the names of the members without which a set is less likely."""
+        without = {k: self.scored({*found.at} - {k}, found) for k in found.at}
+        return frozenset(
+            self.members[k].name for k, less in without.items() if less.nats < found.nats
+        )
 
-    def rivals(self, found: Scored) -> dict[int, dict[Effect, float]]:
-        """Return what else may stand for each member of a set, with the log odds to it [nat].
+    def rivals(self, found: Scored) -> dict[tuple[str, str], tuple[Rival, ...]]:
+        """Return what else may stand for each member of a set, by name.
 
-        Against the set, or the set with the other beside it where that is likelier: what is there
-        on its own account stands for nothing else.
+        Scored against the set, or the set with the other beside it where that is likelier: what is
+        there on its own account stands for nothing else. One that makes the rows likelier than what
+        was found counts as equal.
         """
         every: dict[int, dict[Effect, float]] = {k: {} for k in found.at}
         for other in self._beside(found.at):
@@ -264,8 +270,12 @@ class Together:
                 if instead.nats > least - TOGETHER.near_nats:
                     instead = self.scored(instead.at)
                 if instead.possible:
-                    best[effect] = max(instead.nats - least, best.get(effect, -np.inf))
-        return every
+                    nats = min(instead.nats - least, 0.0)
+                    best[effect] = max(nats, best.get(effect, -np.inf))
+        return {
+            self.members[k].name: tuple(Rival(e, np.array([nats])) for e, nats in best.items())
+            for k, best in every.items()
+        }
 
     def _climbed(self, found: Scored) -> Scored:
         """Return the most likely set that single steps lead to: join, leave, be exchanged."""
@@ -360,7 +370,7 @@ def _own_columns(
 
 
 @dataclass(frozen=True, eq=False)
-class _Loads:
+class UnderWeights:
     """Poses under the weights as described, and as each may be."""
 
     arm: Arm
@@ -369,19 +379,19 @@ class _Loads:
 
     @property
     def described(self) -> Observations:
+        """Return the poses under the weights as described."""
         return self._under(self.arm, self.payload)
 
-    @property
+    @cached_property
     def sizes(self) -> Array:
         """Return by how much each weight may be off, (4 n + 3,)."""
         return weight_sizes(self.arm, self.payload).columns(self.arm)
 
-    def heavier(self) -> Iterator[Observations]:
-        """Yield the poses with each weight that is uncertain off by its size."""
-        sizes = self.sizes
-        for column in np.flatnonzero(sizes):
-            amounts = np.where(np.arange(len(sizes)) == column, sizes, 0.0)
-            yield self._under(*weighed(self.arm, self.payload, amounts))
+    def heavier(self) -> Iterator[tuple[int, Observations]]:
+        """Yield each weight that is uncertain, and the poses with it off by its size."""
+        for column in np.flatnonzero(self.sizes).tolist():
+            amounts = np.where(np.arange(len(self.sizes)) == column, self.sizes, 0.0)
+            yield column, self._under(*weighed(self.arm, self.payload, amounts))
 
     def _under(self, arm: Arm, payload: Payload) -> Observations:
         states = self.poses.states

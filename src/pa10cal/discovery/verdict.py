@@ -18,6 +18,7 @@ from pa10cal.discovery.finding import (
     DiagnosedFault,
     Finding,
     GivesWay,
+    Rival,
     Untestable,
     fault_of,
     to_check,
@@ -176,6 +177,19 @@ class Verdict(ABC, Generic[P_co]):
     def states(self) -> PoseStates:
         """Return the states of the poses that were judged."""
         return self.train.poses.states
+
+    @property
+    def beside(self) -> Array | None:
+        """Return columns (P, b, k + 1) of what is in no model, and last what it comes to.
+
+        In the components of the poses fitted; None for nothing.
+        """
+        return None
+
+    def with_further_rivals(self, rivals: Mapping[tuple[str, str], tuple[Rival, ...]]) -> Self:
+        """Return the verdict with rivals of its findings, by name, that its search did not try."""
+        del rivals
+        return self
 
     @property
     def without_name(self) -> tuple[Effect, ...]:

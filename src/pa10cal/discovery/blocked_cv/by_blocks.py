@@ -26,7 +26,7 @@ from pa10cal.discovery.blocked_cv.refit import (
 )
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
-from pa10cal.discovery.finding import Finding, Rival
+from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
@@ -100,6 +100,29 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
         """Return whether torques are those of weights that nobody stated."""
         known = weights_known(self.baseline.arm)
         return self.prepared.torques == "masses" and known.origin != "stated"
+
+    @property
+    @override
+    def beside(self) -> Array:
+        survey, at = self.survey, self.extended.at
+        columns = [each.columns(survey.baseline, survey.poses) for each in survey.nuisances]
+        shift = survey.net_residual(at) - linear.residual(at, survey.poses)
+        return np.concatenate([*columns, shift[:, :, None]], axis=2)
+
+    @override
+    def with_further_rivals(
+        self, rivals: Mapping[tuple[str, str], tuple[Rival, ...]]
+    ) -> VerdictByBlocks:
+        if not self.weights_assumed:
+            return self
+
+        def with_more(finding: Finding[judge.BlockPrediction]) -> Finding[judge.BlockPrediction]:
+            known = {name_of(each.effect) for each in finding.rivals}
+            more = rivals.get((finding.id, finding.of), ())
+            further = (each for each in more if name_of(each.effect) not in known)
+            return replace(finding, rivals=(*finding.rivals, *further))
+
+        return replace(self, findings=tuple(map(with_more, self.findings)))
 
     @property
     @override
@@ -375,7 +398,8 @@ def about_likelier_set(found: VerdictByBlocks) -> VerdictByBlocks | None:
     campaign, survey = found.prepared, found.survey
     if survey.wander or survey.change:
         return None
-    sets = together(found)
+    at, whiteners = found.extended.at, found.extended.weights.whiteners()
+    sets = Together.of(at, survey.poses, whiteners, found.context, survey.setup, found.beside)
     there = sets.holding(found.extended.model.terms)
     likeliest = sets.likeliest(there)
     if sets.giving_way(likeliest.at) == sets.giving_way(there):
@@ -383,42 +407,6 @@ def about_likelier_set(found: VerdictByBlocks) -> VerdictByBlocks | None:
     ahead = _searched(campaign, _survey_about(found, sets, likeliest))
     better = ahead.remaining.rms_mm < found.remaining.rms_mm
     return ahead if better and not (ahead.survey.wander or ahead.survey.change) else None
-
-
-def with_further_rivals(found: VerdictByBlocks) -> VerdictByBlocks:
-    """Return the verdict with rivals that its search did not try: springs, axes that tilt."""
-    sets = together(found)
-    scored = sets.scored(sets.holding(found.extended.model.terms))
-    of_member = {sets.members[k].name: each for k, each in sets.rivals(scored).items()}
-
-    def with_rivals(finding: Finding[judge.BlockPrediction]) -> Finding[judge.BlockPrediction]:
-        tried = (finding.effect, *(rival.effect for rival in finding.rivals))
-        known = {(effect.id, effect.of) for effect in tried}
-        more = of_member.get((finding.id, finding.of), {})
-        further = (
-            Rival(effect, np.array([min(nats, 0.0)]))
-            for effect, nats in more.items()
-            if (effect.id, effect.of) not in known
-        )
-        return replace(finding, rivals=(*finding.rivals, *further))
-
-    return replace(found, findings=tuple(map(with_rivals, found.findings)))
-
-
-def together(found: VerdictByBlocks) -> Together:
-    """Return the sets of springs and effects that may be there, about what was found."""
-    survey, extended = found.survey, found.extended
-    poses, at = survey.poses, extended.at
-    shift = survey.net_residual(at) - linear.residual(at, poses)
-    beside = [each.columns(survey.baseline, poses) for each in survey.nuisances]
-    return Together.of(
-        at,
-        poses,
-        extended.weights.whiteners(),
-        found.context,
-        survey.setup,
-        np.concatenate([*beside, shift[:, :, None]], axis=2),
-    )
 
 
 def _survey_about(found: VerdictByBlocks, sets: Together, likeliest: Scored) -> Survey:
