@@ -421,19 +421,14 @@ class _InverseSearch:
 
     def _turned_near(self, q: Array, reference: Array) -> Array:
         """Return joint positions (R, m) whole turns off, as near to others as limits allow."""
-        if self._coupling.none:
-            near = np.where(self._slides, q, q + _TURN * np.rint((reference - q) / _TURN))
-            near = near - _TURN * (near > self._high) * ~self._slides
-            return np.asarray(near + _TURN * (near < self._low) * ~self._slides)
         # A turn of one joint is one of its axis, and may move others that are coupled to it.
         near = np.array(q, dtype=float)
         turning = np.flatnonzero(self._turns.any(axis=1))
         for k in (*turning, *turning):
-            turns = np.rint((reference - near)[:, k] / _TURN)
-            near += turns[:, None] * self._turns[k]
+            near += np.rint((reference - near)[:, k, None] / _TURN) * self._turns[k]
         for k in turning:
-            back = (near[:, k] < self._low[k]) * 1.0 - (near[:, k] > self._high[k])
-            near += back[:, None] * self._turns[k]
+            near -= (near[:, k, None] > self._high[k]) * self._turns[k]
+            near += (near[:, k, None] < self._low[k]) * self._turns[k]
         return near
 
     def _inside(self, q: Array) -> NDArray[np.bool_]:
