@@ -199,6 +199,20 @@ def test_where_a_stage_refuses_the_report_says_so(tmp_path, capsys):
     assert "Synthetic data" in told
 
 
+def test_a_run_in_the_folder_of_raw_files_writes_beside_it(tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "irb120-points"
+    shutil.copytree(EXAMPLES / "irb120-points", folder)
+    lines = (folder / "poses.csv").read_text().splitlines(keepends=True)
+    (folder / "poses.csv").write_text("".join(lines[:4]))  # so few that `calibrate` refuses them
+    monkeypatch.chdir(folder)
+    before = sorted(folder.iterdir())
+    assert main(["run", "."]) == 2
+    shown = capsys.readouterr().err
+    assert f"results go to {tmp_path / 'results'}, beside the raw files" in shown
+    assert (tmp_path / "results/irb120-points/report.html").exists()
+    assert sorted(folder.iterdir()) == before
+
+
 def test_results_do_not_go_among_the_raw_files(tmp_path, capsys):
     folder = tmp_path / "mine"
     folder.mkdir()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -14,7 +15,7 @@ def run(
     *,
     group: str | None = None,
     arms: Path | None = None,
-    out: Path = Path("results"),
+    out: Path | None = None,
     cores: int = 0,
     settings: Path | None = None,
     prior: Path | None = None,
@@ -29,19 +30,22 @@ def run(
         folders: raw files of a campaign, with campaign.yaml; of a group, one folder a campaign.
         group: name of the group that several campaigns of one robot are.
         arms: folder of arm descriptions; without it, `arms` beside the folder of raw files.
-        out: gets a folder of the campaign's or group's name.
+        out: gets a folder of the campaign's or group's name; without it `results` here, and beside
+            the folder of raw files where here is among them.
         cores: how many to use; 0 for all.
         settings: settings over the default ones, as config.yaml has them (.yaml).
         prior: model.yaml of the same arm to start from, or the results that hold it.
 
     Examples:
         pa10cal run examples/ur10-pose
+        pa10cal run .
         pa10cal run measured/2026-03 --out results/march --cores 1
         pa10cal run measured/2026-03 measured/2026-09 --group cell-7
         pa10cal run mine --settings robust.yaml
         pa10cal run after-the-crash --prior results/march/mine
     """
     import json
+    import sys
     from dataclasses import replace
     from typing import Any
 
@@ -65,7 +69,10 @@ def run(
             allowed="one folder, or several of one robot with --group NAME",
             remedy="give --group NAME to calibrate them as one robot, or run them one by one",
         )
-    out, names, places = out.absolute(), [], [folder.absolute() for folder in folders]
+    names, places = [], [Path(os.path.normpath(folder.absolute())) for folder in folders]
+    here = Path.cwd()
+    beside = [each.parent for each in places if out is None and _is_in(here, each.resolve())]
+    out = Path(os.path.normpath((beside[0] if beside else here) / (out or "results")))
     for folder in places:
         described = read_description(folder)
         arm = nominal_arm(described, folder, arms)
@@ -75,7 +82,7 @@ def run(
         check_names(group, names, f"--group {group}")
     name = group or names[0]
     for folder in places:
-        if folder == out / name or folder in (out, *out.parents):
+        if folder == out / name or _is_in(out, folder):
             raise OutputError(
                 "the results would be written among the raw files",
                 where="--out",
@@ -108,6 +115,8 @@ def run(
         config["calibration"] = json.dumps({"prior": str(file_of(given).absolute())})
     targets = ("campaigns",) if group is None else (str(out / group / "report.html"),)
     links = dict(zip(names, places, strict=True))
+    if beside:
+        print(f"pa10cal run: results go to {out}, beside the raw files", file=sys.stderr)
     with run_lock(out, [name]) as work, closing(RunDisplay(lines=False)) as display:
         raw = work / "raw_dirs" / name
         config |= {"raw_dir": str(raw), "results_dir": str(out)}
@@ -147,6 +156,10 @@ def run(
 
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
+
+
+def _is_in(place: Path, folder: Path) -> bool:
+    return folder in (place, *place.parents)
 
 
 def reproduce(
