@@ -141,7 +141,7 @@ lock: LOCKED := uv pip compile --quiet --universal --python-version 3.11 --gener
 lock:
 	@command -v uv >/dev/null || { echo "make lock: uv is needed (a maintainer's tool)" >&2; exit 1; }
 	$(LOCKED) --all-extras --output-file requirements.lock pyproject.toml
-	$(LOCKED) --extra urdf --extra slurm --extra workbooks --extra build --constraint requirements.lock \
+	$(LOCKED) --extra urdf --extra slurm --extra workbooks --extra arms --extra build --constraint requirements.lock \
 	  --output-file users.lock pyproject.toml
 
 schema: tools

@@ -123,9 +123,8 @@ class Arm:
     weights_known: WeightsKnown | None = None
     # joints that move with an axis of another; none where every joint is an axis
     coupled: tuple[CoupledJoint, ...] = ()
-    # whether the rows are not those described but laid anew through the same axes, as those of
-    # tables whose nearly parallel axes give lengths of hundreds of metres
-    laid_anew: bool = False
+    # what a run says of the description: rows laid anew, or where an arm known by name came from
+    remarks: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:

@@ -179,12 +179,7 @@ def read_campaign(
             allowed="rows of kind grid",
             remedy=remedy,
         )
-    if arm.laid_anew:
-        notes = (
-            *notes,
-            f"rows of {arm.name} are laid anew through its axes, with the same forward kinematics: "
-            "between nearly parallel axes they were far too long",
-        )
+    notes = (*notes, *arm.remarks)
     useful = (*(LINES if instrument.uses_lines else ()), "holdout")
     missing = [f"no {kind} rows" for kind in useful if kind not in kinds]
     return Campaign(

@@ -29,7 +29,8 @@ def columns(
     Args:
         files: one with a row a configuration, joint positions and what was measured; or two, the
             joints in one and the readings in the other.
-        robot: name of the arm's description, shipped or beside the file (also as NAME.yaml).
+        robot: name of the arm: of a description beside the file (also as NAME.yaml), of a shipped
+            one, or of robot_descriptions.
         name: name of the campaign; without it, that of the folder.
         arms: folder of arm descriptions; without it, `arms` beside the folder of the files.
 
@@ -84,7 +85,9 @@ def columns(
     text = proposed(as_it_is=True)
     if text != visible(text):  # escaped, so that what is printed is read as it was meant
         text = proposed(as_it_is=False)
-    told = [] if arm is None else _tried(files, text, arm)
+    told = (
+        [] if arm is None else [*(f"# {each}" for each in arm.remarks), *_tried(files, text, arm)]
+    )
     read_as = (f"# {line}" for line in proposal.read_as)
     known = (f"# {line}" for line in proposal.known)
     comments = (*known, *told, *read_as, *(f"# check {each}" for each in proposal.checks))
@@ -213,35 +216,41 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
     print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")
 
 
-def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | None = None) -> None:
+def import_arm(
+    file: Path,
+    *,
+    out: Path,
+    base: str | None = None,
+    tip: str | None = None,
+    xacro: tuple[str, ...] = (),
+) -> None:
     """Turn a URDF into an arm description, and compare their forward kinematics.
 
     A copy of the URDF is put beside the description, so that a calibrated model can be exported as
     the same URDF with calibrated origins.
 
     Args:
-        urdf: the URDF, xacro macros expanded.
+        file: the URDF; one that ends in .xacro is expanded, which evaluates its expressions; or the
+            name of a robot of robot_descriptions.
         out: description to write; its stem names the arm.
         base: link that is the arm's base; without it, the root.
         tip: link that is the end-effector; without it, the only tip.
+        xacro: arguments of a xacro file, each as NAME:=VALUE.
 
     Examples:
         pa10cal import_arm robot.urdf --out my_arm.yaml
         pa10cal import_arm cell.urdf --base base_link --tip tool0 --out my_arm.yaml
+        pa10cal import_arm ur.urdf.xacro --xacro ur_type:=ur5e --tip tool0 --out my_arm.yaml
+        pa10cal import_arm ur5e --base base --tip wrist_3_link --out my_arm.yaml
     """
     import numpy as np
 
     from pa10cal.arm.description import neighbouring_axes
+    from pa10cal.arm.imported import arm_from_urdf_text
     from pa10cal.errors import ArmError
-    from pa10cal.files.arms import (
-        MOST_URDF_BYTES,
-        arm_from_urdf,
-        arm_text,
-        parse_arm,
-        with_short_limits,
-    )
+    from pa10cal.files.arms import arm_text, parse_arm, with_short_limits
+    from pa10cal.files.known_arms import known_urdf, read_urdf
     from pa10cal.files.output import whole_files
-    from pa10cal.input_files import read_file
     from pa10cal.yaml_file import parse_yaml
 
     if out.suffix != ".yaml":
@@ -252,7 +261,19 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
             allowed="a name that ends in .yaml",
             remedy="rename it",
         )
-    imported = arm_from_urdf(urdf, base, tip, name=out.stem)
+    arguments = dict(each.partition(":=")[::2] for each in xacro if ":=" in each)
+    if len(arguments) < len(xacro):
+        raise ArmError(
+            "an argument of xacro has no value, or is stated twice",
+            where="--xacro",
+            value=" ".join(xacro),
+            allowed="NAME:=VALUE, each name once",
+            remedy="correct it",
+        )
+    known = None if file.suffix or file.exists() else known_urdf(str(file))
+    text = read_urdf(file, arguments) if known is None else known.text
+    where = str(file) if known is None else known.where
+    imported = arm_from_urdf_text(text, out.stem, base=base, tip=tip, where=where)
     arm = with_short_limits(imported.arm)
     parallel = [axes for axes in neighbouring_axes(arm) if axes.parallel]
     lines = [
@@ -267,11 +288,12 @@ def import_arm(urdf: Path, *, out: Path, base: str | None = None, tip: str | Non
     ]
     copy = out.with_suffix(".urdf")
     source = {"file": copy.name, "base": imported.base, "tip": imported.tip}
-    text = arm_text(arm, [f"Imported from {urdf.name}.", *lines], source)
-    parse_arm(parse_yaml(text), where=str(out))  # what would not be read is not written
+    of_file = file.name if known is None else known.where
+    described = arm_text(arm, [f"Imported from {of_file}.", *lines], source)
+    parse_arm(parse_yaml(described), where=str(out))  # what would not be read is not written
     with whole_files(out, copy) as (description, beside):
-        description.write_text(text, encoding="utf-8", newline="\n")
-        beside.write_bytes(read_file(urdf, MOST_URDF_BYTES))
+        description.write_text(described, encoding="utf-8", newline="\n")
+        beside.write_text(text, encoding="utf-8", newline="")
     print(
         "\n".join(lines) + "\n"
         f"{out}: forward kinematics differs from that of the URDF by "

@@ -46,6 +46,8 @@ LIBRARIES = {
     "PyYAML": ("yaml", "settings and descriptions"),
     "typing_extensions": ("typing_extensions", "everything"),
     "pin": ("pinocchio", "importing a URDF"),
+    "robot_descriptions": ("robot_descriptions", "arms known by name"),
+    "xacrodoc": ("xacrodoc", "xacro files of arms"),
     "snakemake": ("snakemake", "pa10cal run, the workflow"),
     "matplotlib": ("matplotlib", "figures"),
     "Jinja2": ("jinja2", "reports"),

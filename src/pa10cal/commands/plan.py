@@ -39,7 +39,7 @@ def plan(
     docs/plan.md explains the limits, the files, and how to go on from there.
 
     Args:
-        robot: name of a shipped arm, or the file of a description (.yaml).
+        robot: name of an arm, shipped or of robot_descriptions, or the file of one (.yaml).
         instrument: pose, points, distance, or touch_trigger_cmm.
         poses: how many to measure.
         out: poses to write (.csv); what to expect of them goes into a JSON file beside it.
@@ -88,11 +88,10 @@ def plan(
         given["keep_out"] = [box.model_dump() for box in read_keep_out(keep_out)]
     stated = (options or PlanOptions()).model_dump()
     stated |= {name: value for name, value in given.items() if value is not None}
-    found = plan_poses(
-        arm_asked(robot), instrument, poses, parse_section(PlanOptions, stated, where="plan")
-    )
+    arm = arm_asked(robot)
+    found = plan_poses(arm, instrument, poses, parse_section(PlanOptions, stated, where="plan"))
     found.save(out)
-    print("\n".join(_lines(found, out)))
+    print("\n".join([*arm.remarks, *_lines(found, out)]))
 
 
 def _lines(found: PosePlan, out: Path) -> Iterator[str]:

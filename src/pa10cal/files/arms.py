@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -24,7 +24,7 @@ from pa10cal.arm.description import (
 )
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
-from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, one_line
+from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, how_to_install, one_line, remedy_for
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.arm_rows import (
     ArmRow,
@@ -34,14 +34,18 @@ from pa10cal.files.arm_rows import (
     rows_through_far_ones,
 )
 from pa10cal.files.coupling import StatedCoupling, coupled_joints, stated_coupling
+from pa10cal.files.known_arms import (
+    MOST_URDF_BYTES,
+    PACKAGE,
+    known_arm,
+    known_arm_names,
+    why_no_text,
+)
 from pa10cal.files.output import write_text
-from pa10cal.input_files import read_file, reason
+from pa10cal.input_files import read_file
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import MAX_BYTES, parse_yaml, read_yaml
-
-if TYPE_CHECKING:
-    from pa10cal.arm.imported import ImportedArm
 
 _UNREADABLE = "the arm description cannot be read"
 
@@ -76,7 +80,10 @@ def arm_names() -> list[str]:
 
 
 def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) -> Arm:
-    """Load an arm: `<name>.yaml` of a campaign's folder or of a folder of arms, else a shipped one.
+    """Load an arm by its name.
+
+    That is `<name>.yaml` of a campaign's folder or of a folder of arms, else a shipped arm, else
+    one of the package robot_descriptions whose files are on the disk.
 
     Args:
         name: name of the arm, as `campaign.yaml` gives it under `robot`.
@@ -85,6 +92,7 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
 
     Raises:
         ArmError: when there is no arm of that name, or its file cannot be used.
+        MissingPackageError: when robot_descriptions has it, and what reads its file is missing.
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
     if not fits_a_folder(name):
@@ -99,20 +107,31 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
     if own is not None:
         return read_arm(own, own.parent)
     if name not in arm_names():
-        allowed = ", ".join(arm_names())
-        describe = f"give the file of a description, such as {name}.yaml"
-        if folder is not None:
-            allowed += f", or {name}.yaml in {' or '.join(map(str, arm_places(folder, arms)))}"
-            describe = "describe the arm in such a file"
-        raise ArmError(
-            "unknown robot",
-            where="robot",
-            value=name,
-            allowed=allowed,
-            remedy=f"correct the name, or {describe}",
-        )
+        if (known := known_arm(name)) is not None:
+            return known.imported.arm
+        raise _unknown_robot(name, folder, arms)
     text = files("pa10cal.files").joinpath("arms", f"{name}.yaml").read_text(encoding="utf-8")
     return parse_arm(parse_yaml(text), where=f"{name}.yaml")
+
+
+def _unknown_robot(name: str, folder: Path | None, arms: Path | None) -> ArmError:
+    known = known_arm_names()
+    allowed = ", ".join(arm_names())
+    describe = f"give the file of a description, such as {name}.yaml"
+    if known:
+        allowed += f", one of the {len(known)} robots of {PACKAGE}"
+    else:
+        describe += f", or install {PACKAGE}, which knows many arms: {how_to_install(PACKAGE)}"
+    if folder is not None:
+        allowed += f", or {name}.yaml in {' or '.join(map(str, arm_places(folder, arms)))}"
+        describe = describe.replace("give the file of a description", "describe the arm in a file")
+    return ArmError(
+        "unknown robot",
+        where="robot",
+        value=name,
+        allowed=allowed,
+        remedy=remedy_for(name, known, f"correct the name, or {describe}"),
+    )
 
 
 def arm_asked(robot: str, folder: Path | None = None) -> Arm:
@@ -190,7 +209,8 @@ def urdf_of_arm(name: str, folder: Path, arms: Path | None = None) -> UrdfSource
     """
     own = own_description(name, folder, arms)
     if own is None:
-        return None
+        known = None if name in arm_names() else known_arm(name)
+        return None if known is None else known.source
     raw = read_yaml(own, ArmError, what=_UNREADABLE, within=own.parent)
     source = parse_section(_ArmFile, raw, where=str(own)).urdf
     if source is None:
@@ -201,7 +221,7 @@ def urdf_of_arm(name: str, folder: Path, arms: Path | None = None) -> UrdfSource
     except (OSError, UnicodeDecodeError) as error:
         where = f"{own}: urdf.file"
         raise ArmError(
-            f"the URDF that the arm came from cannot be read: {_why_no_text(error)}",
+            f"the URDF that the arm came from cannot be read: {why_no_text(error)}",
             where=where,
             value=source.file,
             allowed="a file beside the description, or in the campaign's folder",
@@ -259,7 +279,7 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         T_base_row1=content.base.pose,
         T_row_n_ee=content.tool.pose,
         coupled=coupled_joints(content.coupling, prismatic, where),
-        laid_anew=laid_anew is not None,
+        remarks=() if laid_anew is None else (_laid_anew(content.name),),
     )
     arm = with_hayati_rows(arm)
     axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
@@ -283,43 +303,15 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
     return arm
 
 
+def _laid_anew(name: str) -> str:
+    return (
+        f"rows of {name} are laid anew through its axes, with the same forward kinematics: between "
+        "nearly parallel axes they were far too long"
+    )
+
+
 def _all_or_none(values: list[Any]) -> Array | None:
     return None if None in values else np.array(values)
-
-
-# URDF files to import arms from.
-
-#: That of a humanoid with all its inertias has a quarter of a megabyte.
-MOST_URDF_BYTES = 16 * 1024**2
-
-
-def _why_no_text(error: OSError | UnicodeDecodeError) -> str:
-    return reason(error) if isinstance(error, OSError) else "it is not UTF-8 text"
-
-
-def arm_from_urdf(
-    path: Path, base: str | None = None, tip: str | None = None, name: str | None = None
-) -> ImportedArm:
-    """Import an arm from a URDF.
-
-    Its base is the root and its end-effector the only tip where no links are named; its name is
-    that of the file where none is given.
-
-    Raises:
-        ArmError: when the file cannot be read or used.
-    """
-    from pa10cal.arm.imported import arm_from_urdf_text  # late: it needs pinocchio
-
-    try:
-        text = read_file(path, MOST_URDF_BYTES).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ArmError(
-            f"the URDF cannot be read: {_why_no_text(error)}",
-            where=str(path),
-            allowed="a URDF file, UTF-8",
-            remedy="check the path",
-        ) from None
-    return arm_from_urdf_text(text, name or path.stem, base=base, tip=tip, where=str(path))
 
 
 # An arm as the text of its YAML file, with every figure to the last digit.

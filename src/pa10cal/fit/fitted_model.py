@@ -524,7 +524,7 @@ def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
         T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
         weights_known=known,
         coupled=tuple(CoupledJoint(**each) for each in content.get("coupling", ())),
-        laid_anew=False,
+        remarks=(),
     )
 
 

@@ -1,0 +1,219 @@
+"""Arms that the package robot_descriptions knows by name, and xacro files, expanded.
+
+Nothing is fetched: that package clones a repository when a description of it is imported, and here
+its files have to be on the disk before.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import chdir, contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any
+
+from pa10cal.arm.exports import UrdfSource
+from pa10cal.arm.urdf_chain import ends_of_arm
+from pa10cal.errors import ArmError, MissingPackageError, one_line
+from pa10cal.input_files import read_file, reason
+
+if TYPE_CHECKING:
+    from pa10cal.arm.imported import ImportedArm
+
+PACKAGE = "robot_descriptions"
+XACRO = ".xacro"
+#: That of a humanoid with all its inertias has a quarter of a megabyte.
+MOST_URDF_BYTES = 16 * 1024**2
+_ENDING, _OTHER_FORMAT = "_description", "_mj"
+
+
+@dataclass(frozen=True)
+class KnownArm:
+    """An arm of robot_descriptions."""
+
+    imported: ImportedArm
+    source: UrdfSource  # its URDF, xacro expanded
+
+
+def known_arm_names() -> list[str]:
+    """Return the names of the robots that robot_descriptions has; none where it is missing."""
+    package = find_spec(PACKAGE)
+    folders = None if package is None else package.submodule_search_locations
+    modules = (module.name for module in iter_modules(folders)) if folders else ()
+    names = (name.removesuffix(_ENDING) for name in modules if name.endswith(_ENDING))
+    return sorted(name for name in names if name[:1] != "_" and not name.endswith(_OTHER_FORMAT))
+
+
+@cache
+def known_arm(name: str) -> KnownArm | None:
+    """Return an arm of robot_descriptions; None where it has none of that name.
+
+    Raises:
+        ArmError: when its files are not on the disk, or cannot be used.
+        MissingPackageError: when a package that is needed for it is not installed.
+    """
+    source = known_urdf(name)
+    if source is None:
+        return None
+    from pa10cal.arm.imported import arm_from_urdf_text  # late: it needs pinocchio
+
+    base, tip = ends_of_arm(source.text, source.where)
+    imported = arm_from_urdf_text(source.text, name, base=base, tip=tip, where=source.where)
+    held = "".join(f"; {note}" for note in imported.notes if note.startswith("off the path"))
+    told = (
+        f"{source.where}: from link {base} to link {tip}, joints 1 to {imported.arm.n}: "
+        f"{', '.join(imported.joints)}{held}; other ends: pa10cal import_arm {name} --base LINK "
+        f"--tip LINK --out my_arm.yaml"
+    )
+    arm = replace(imported.arm, title=f"{name} ({PACKAGE})", remarks=(one_line(told),))
+    return KnownArm(replace(imported, arm=arm), replace(source, base=base, tip=tip))
+
+
+def known_urdf(name: str) -> UrdfSource | None:
+    """Return the URDF of a robot of robot_descriptions, its ends not chosen; None for no robot.
+
+    Raises:
+        ArmError: when its files are not on the disk, or cannot be read.
+        MissingPackageError: when xacro has to be expanded, and xacrodoc is not installed.
+    """
+    if name not in known_arm_names():
+        return None
+    module = _description(name)
+    plain = getattr(module, "URDF_PATH", None)
+    if (place := plain or getattr(module, "XACRO_PATH", None)) is None:
+        raise ArmError(
+            "it is described in another form than URDF",
+            where=PACKAGE,
+            value=name,
+            allowed="a robot with a URDF",
+            remedy="give the file of a description",
+        )
+    file = Path(place)
+    if not file.is_file():
+        raise _not_on_disk(name, file)
+    if plain is not None:
+        text = read_urdf(file)
+    else:
+        arguments = getattr(module, "XACRO_ARGS", {})
+        text = expanded(file, arguments, getattr(module, "XACRO_PACKAGE_PATHS", {}))
+    try:
+        of_version = f" {version(PACKAGE)}"
+    except PackageNotFoundError:
+        of_version = ""
+    return UrdfSource(text, f"{name} of {PACKAGE}{of_version}", "", "")
+
+
+def read_urdf(path: Path, arguments: Mapping[str, str] | None = None) -> str:
+    """Return the text of a URDF file; of one that ends in `.xacro`, as it is expanded.
+
+    Raises:
+        ArmError: when it cannot be read or expanded.
+        MissingPackageError: when it has to be expanded, and xacrodoc is not installed.
+    """
+    try:
+        text = read_file(path, MOST_URDF_BYTES).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ArmError(
+            f"the URDF cannot be read: {why_no_text(error)}",
+            where=str(path),
+            allowed="a URDF file, UTF-8",
+            remedy="check the path",
+        ) from None
+    return expanded(path, arguments or {}) if path.suffix == XACRO else text
+
+
+def why_no_text(error: OSError | UnicodeDecodeError) -> str:
+    """Return why a file could not be read as text."""
+    return reason(error) if isinstance(error, OSError) else "it is not UTF-8 text"
+
+
+def expanded(
+    path: Path, arguments: Mapping[str, str], packages: Mapping[str, str | Path] | None = None
+) -> str:
+    """Return the URDF that a xacro file expands to.
+
+    Args:
+        path: the file; expressions in it are evaluated, and files that it includes are read.
+        arguments: values of its arguments.
+        packages: folders of the packages that it refers to, by their names; those above the file
+            are found without.
+
+    Raises:
+        ArmError: when it cannot be expanded.
+        MissingPackageError: when xacrodoc is not installed.
+    """
+    if find_spec("xacrodoc") is None:
+        raise MissingPackageError("xacrodoc")
+    xacrodoc: Any = import_module("xacrodoc")
+    if packages:
+        import_module("xacrodoc.packages").update_package_cache(dict(packages))
+    try:
+        with chdir(path.absolute().parent):  # what it includes is named from its own folder
+            document = xacrodoc.XacroDoc.from_file(
+                str(path.absolute()), subargs=dict(arguments), resolve_packages=False
+            )
+            return str(document.to_urdf_string())
+    except Exception as error:  # of xacro, of expressions, of files included: any kind
+        raise ArmError(
+            f"xacro cannot be expanded: {one_line(str(error)) or type(error).__name__}",
+            where=str(path),
+            value=" ".join(f"{key}:={value}" for key, value in arguments.items()) or None,
+            allowed="a xacro file whose includes, packages and arguments are there",
+            remedy="state its arguments with --xacro NAME:=VALUE, or expand it yourself: "
+            "xacro robot.urdf.xacro > robot.urdf",
+        ) from None
+
+
+def _description(name: str) -> Any:
+    """Import a module of robot_descriptions, its files being on the disk."""
+    try:
+        with _nothing_fetched(name):
+            return import_module(f"{PACKAGE}.{name}{_ENDING}")
+    except (ImportError, AttributeError, KeyError) as error:
+        raise ArmError(
+            f"the package {PACKAGE} cannot be used: {one_line(str(error))}",
+            where="robot",
+            value=name,
+            allowed=f"{PACKAGE} as it is pinned in users.lock, with git",
+            remedy="install that version, or give the file of a description",
+        ) from None
+
+
+@contextmanager
+def _nothing_fetched(name: str) -> Iterator[None]:
+    """Let descriptions look for their files in the package's cache, and clone nothing."""
+    of_package: Any = import_module(f"{PACKAGE}._cache")
+    fetch = of_package.clone_to_cache
+
+    def on_disk(repository: str, commit: str | None = None) -> str:
+        place = of_package.REPOSITORIES[repository].cache_path
+        if commit is not None:
+            place = f"{place}-{commit}/{place}"
+        caches = os.environ.get("ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions")
+        folder = Path(caches).expanduser() / place
+        if not folder.is_dir():
+            raise _not_on_disk(name, folder)
+        return str(folder)
+
+    of_package.clone_to_cache = on_disk
+    try:
+        yield
+    finally:
+        of_package.clone_to_cache = fetch
+
+
+def _not_on_disk(name: str, place: Path) -> ArmError:
+    return ArmError(
+        f"{PACKAGE} knows this arm, but its files are not on this machine, and none is fetched",
+        where="robot",
+        value=name,
+        allowed=f"its files in {place}",
+        remedy=f"fetch them where there is a network: {PACKAGE} pull {name}{_ENDING}; or copy "
+        "them there; or give the file of a description",
+    )

@@ -1,0 +1,84 @@
+"""Which chain of a URDF is the arm, where nobody names its ends."""
+
+import pytest
+
+from pa10cal.arm.urdf_chain import ends_of_arm
+from pa10cal.errors import ArmError
+
+
+def robot(*joints):
+    """A URDF of joints `parent>child`, fixed, or `parent~child`, that turn; `=` slides."""
+    kinds = {">": "fixed", "~": "revolute", "=": "prismatic"}
+    links, elements = {}, []
+    for number, text in enumerate(joints):
+        mark = next(mark for mark in kinds if mark in text)
+        parent, child = text.split(mark)
+        links |= {parent: None, child: None}
+        elements.append(
+            f'<joint name="j{number}_{child}" type="{kinds[mark]}"><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        )
+    named = "".join(f'<link name="{link}"/>' for link in links)
+    return f'<robot name="r">{named}{"".join(elements)}</robot>'
+
+
+def chain(first, *links):
+    """Joints that turn, from one link to the next."""
+    return [f"{a}~{b}" for a, b in zip((first, *links), links, strict=False)]
+
+
+UR = [
+    "world>base_link",
+    "base_link>base",
+    "base_link>base_link_inertia",
+    *chain("base_link_inertia", "shoulder", "upper_arm", "forearm", "w1", "w2", "wrist_3_link"),
+    *("wrist_3_link>ft_frame", "wrist_3_link>flange", "flange>tool0"),
+]
+FRANKA = [
+    *chain("base", *(f"panda_link{k}" for k in range(1, 8))),
+    *("panda_link7>panda_link8", "panda_link8>panda_hand"),
+    *("panda_hand=panda_leftfinger", "panda_hand=panda_rightfinger"),
+]
+ROVER = [
+    "chassis~wheel_left",
+    "chassis~wheel_right",
+    "chassis>arm_base_link",
+    *chain("arm_base_link", *(f"a{k}" for k in range(1, 7))),
+    *("a6>camera_link", "a6>gripper_base", "gripper_base~gripper_jaw"),
+]
+SLIDES = ["stand=carriage", "carriage~a1", "a1~a2", "a2=quill", "quill>ee_link"]
+
+
+@pytest.mark.parametrize(
+    ("joints", "ends"),
+    [
+        (UR, ("base", "tool0")),
+        (UR[:1] + UR[2:-1], ("base_link", "flange")),
+        (FRANKA, ("base", "panda_link8")),
+        (ROVER, ("arm_base_link", "a6")),
+        (SLIDES, ("stand", "ee_link")),
+        (["torso~head", *chain("torso", "a1", "a2", "a3", "a4")], ("torso", "a4")),
+        (chain("a", "b", "c"), ("a", "c")),
+    ],
+)
+def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends):
+    assert ends_of_arm(robot(*joints), "r.urdf") == ends
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        [
+            *chain("body", *(f"l{k}" for k in range(7))),
+            *chain("body", *(f"r{k}" for k in range(7))),
+        ],
+        [*chain("palm", "f1", "f2"), *chain("palm", "g1", "g2")],
+        ["a>b"],
+        ["a~b"],
+    ],
+    ids=["two arms", "a hand", "nothing moves", "one joint"],
+)
+def test_where_no_chain_is_the_arm_its_ends_have_to_be_named(joints):
+    with pytest.raises(ArmError, match=r"r\.urdf: which joints are the arm.*--base LINK --tip"):
+        ends_of_arm(robot(*joints), "r.urdf")
