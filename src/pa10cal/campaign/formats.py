@@ -27,7 +27,7 @@ from pa10cal.campaign.instrument_exports import (
     vicon_table,
 )
 from pa10cal.campaign.recognise import roles_of
-from pa10cal.campaign.text_lines import TextLine, lines_of
+from pa10cal.campaign.text_lines import TextLine, binary_kind, lines_of
 from pa10cal.errors import RawDataError
 
 #: So many lines at the beginning of a file tell its format.
@@ -50,6 +50,7 @@ class Format:
     begins: Callable[[Sequence[str]], bool] = lambda _: False
     columns: Callable[[Sequence[str], Array], bool] = lambda *_: False
     table: TableOf | None = None  # how its table is made; None of a plain table
+    kind: str = ""  # what a file is that is no text, see `binary_kind`
     measured: bool | None = None  # whether it holds readings, or joint positions; None for any
 
 
@@ -68,6 +69,11 @@ def _some(*beginnings: str) -> Callable[[Sequence[str]], bool]:
 def _first(beginning: str) -> Callable[[Sequence[str]], bool]:
     return lambda head: head[0].lstrip('" ').startswith(beginning)
 
+
+_ARRAYS = (
+    "arrays with a row (or a column) for each configuration, by their names; three columns are x, "
+    "y, z unless joints are called so; matrices of 4 by 4"
+)
 
 FORMATS = (
     Format(
@@ -154,6 +160,35 @@ FORMATS = (
         measured=False,
     ),
     Format(
+        "mat",
+        "MATLAB file (`.mat`)",
+        "its first letters; version 7.3 (HDF5) is refused, with what to save",
+        f"{_ARRAYS}; structs within structs too",
+        kind="mat",
+    ),
+    Format(
+        "npz",
+        "NumPy file (`.npz`, `.npy`)",
+        "its first letters",
+        _ARRAYS,
+        kind="npz",
+    ),
+    Format(
+        "parquet",
+        "Parquet table, as lerobot writes it",
+        "its first letters",
+        "columns, lists of numbers as several; those of `observation.state` by the names in "
+        "`meta/info.json` or `info.json` beside the file",
+        kind="parquet",
+    ),
+    Format(
+        "json",
+        "JSON",
+        "a record at the beginning",
+        "a list of records, a record a line, or lists by name, as of Parquet",
+        kind="json",
+    ),
+    Format(
         "rtde",
         "Universal Robots RTDE log",
         "columns `actual_q_0` or `target_q_0` …",
@@ -199,6 +234,8 @@ BY_NAME = {each.name: each for each in FORMATS if each.table is not None}
 
 def format_of_file(path: Path, within: Path | None = None) -> Format | None:
     """Return the format of a file, None where it is none of those known; see `lines_of`."""
+    if kind := binary_kind(path, within):
+        return next((each for each in FORMATS if each.kind == kind), None)
     head = [line.text.lower() for line in islice(lines_of(path, within), HEAD)]
     return next((each for each in FORMATS if head and each.begins(head)), None)
 
@@ -216,7 +253,8 @@ def table_lines(
     Raises:
         RawDataError: as `lines_of`, and when the file is none of that format.
     """
-    lines = lines_of(path, within)
+    notes = [] if notes is None else notes
+    lines = lines_of(path, within, notes)
     if not name:
         yield from lines
         return
@@ -231,4 +269,4 @@ def table_lines(
             f"pa10cal columns {path.name}",
         )
     assert known.table is not None
-    yield from known.table(chain(head, lines), str(path), [] if notes is None else notes)
+    yield from known.table(chain(head, lines), str(path), notes)

@@ -56,7 +56,8 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
             uses.setdefault(own, {})[how] = None
     if model.target is not None:
         uses.setdefault(model.target.names[0], {})["which target the row is of"] = None
-    encoding = "a workbook" if not sniffed.encoding else sniffed.encoding.removesuffix("-sig")
+    encoding = sniffed.encoding.removesuffix("-sig")
+    encoding = encoding or ("arrays" if sniffed.format else "a workbook")
     lines = [f"{file}: {encoding}, {len(sniffed.names)} columns, {len(sniffed.text)} rows seen"]
     shown = list(sniffed.names)
     if sniffed.titles:

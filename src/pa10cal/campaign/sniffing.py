@@ -22,7 +22,7 @@ from pa10cal.campaign.csv_rows import (
 )
 from pa10cal.campaign.formats import Format, format_of_columns, format_of_file, table_lines
 from pa10cal.campaign.recognise import canonical_unit, unit_alone
-from pa10cal.campaign.text_lines import TextLine, encoding_of, is_workbook
+from pa10cal.campaign.text_lines import TextLine, binary_kind, encoding_of
 from pa10cal.errors import RawDataError
 
 #: So many lines, or letters, are looked at.
@@ -109,6 +109,8 @@ def _whole(values: Array) -> bool:
 def sniff(path: Path) -> Sniffed:
     """Find out how a file of rows of numbers is written; refuse one without such rows."""
     of, notes = format_of_file(path), list[str]()
+    found = of
+    of = None if of is None or of.table is None else of  # the table is made of the file
     name = "" if of is None else of.name
     below = table_lines(path, name, notes=notes)
     head = part_of(below, LINES, LETTERS)
@@ -119,12 +121,12 @@ def sniff(path: Path) -> Sniffed:
     for number, line in lines:
         if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
             raise too_many_columns(f"{path}:{number}", most)
-    workbook = is_workbook(path)
+    binary = binary_kind(path)
     of_table = Layout.of_table(name)
     ways = [
         _judged(lines, replace(of_table, separator=separator, decimal=decimal))
-        for separator in (("\t",) if workbook or of else _SEPARATORS)
-        for decimal in ("." if workbook else ".,")
+        for separator in (("\t",) if binary or of else _SEPARATORS)
+        for decimal in ("." if binary else ".,")
         if separator != decimal and lines
     ]
     share, width, layout = max(
@@ -169,7 +171,7 @@ def sniff(path: Path) -> Sniffed:
         called = _titles(above[-1], width) if above else ()
         names = tuple(str(k) for k in range(1, width + 1))
     text = np.array([fields for _, fields in rows[body:]], dtype=object)
-    encoding = "" if workbook else encoding_of(path)
+    encoding = "" if binary else encoding_of(path)
     of_rows = tuple(number for number, _ in rows[body:])
     return Sniffed(
         layout,
@@ -179,7 +181,7 @@ def sniff(path: Path) -> Sniffed:
         of_rows,
         text.reshape(-1, width),
         every[body:],
-        of or format_of_columns(names, every[body:]),
+        found or format_of_columns(names, every[body:]),
         tuple(dict.fromkeys(notes)),
         called,
     )

@@ -1,4 +1,4 @@
-"""Lines of a file of rows: text in any usual encoding, plain or gzipped, or a workbook's sheet.
+"""Lines of a file of rows: text in any usual encoding, or the rows of a workbook or of arrays.
 
 What is no text, damaged, or larger than is read is refused before any row is.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import gzip
 import io
+import json
 import os
 import zlib
 from collections.abc import Iterable, Iterator
@@ -15,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple, cast
 
-from pa10cal.campaign.workbook import rows_of_workbook
+from pa10cal.campaign.binary_file import HEAD_BYTES, kind_of_bytes, rows_of_binary
 from pa10cal.errors import RawDataError
 from pa10cal.input_files import open_file, reason
 
@@ -36,10 +37,8 @@ _ONE_BYTE = ("cp1252", "cp850", "mac_roman")
 #: What such files hold besides ASCII: units, letters of German, French and Spanish.
 _USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊáíóúñÁÍÓÚÑ")
 _ASCII = bytes(range(128))
-#: Beginnings of workbooks: of archives (.xlsx, .ods), and of the older kind (.xls).
-_ARCHIVE, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
-
-
+#: What states the names of the columns of an array: that of a data set of lerobot, beside its file.
+_STATES_NAMES = ("meta/info.json", "info.json")
 #: Signs that end a field of a table, or quote it.
 _NOT_IN_FIELDS = str.maketrans('\t"\n', " ' ")
 
@@ -57,18 +56,21 @@ def table_row(fields: Iterable[str]) -> str:
     return "\t".join(field.translate(_NOT_IN_FIELDS) for field in fields)
 
 
-def lines_of(path: Path, within: Path | None = None) -> Iterator[TextLine]:
-    """Yield the lines that are not blank; rows of a workbook with tabs between the cells.
+def lines_of(
+    path: Path, within: Path | None = None, notes: list[str] | None = None
+) -> Iterator[TextLine]:
+    """Yield the lines that are not blank; rows of a file that is no text with tabs between cells.
 
     Args:
         path: the file.
         within: folder that it must lie in; None for anywhere.
+        notes: what of it is not read is added.
 
     Raises:
-        RawDataError: when the file is not there, damaged, larger than is read, or no text.
+        RawDataError: when the file is not there, damaged, larger than is read, or cannot be read.
     """
-    if is_workbook(path, within):
-        yield from _rows_of_workbook(path, within)
+    if kind := binary_kind(path, within):
+        yield from _rows_of_binary(kind, path, within, [] if notes is None else notes)
         return
     encoding = encoding_of(path, within)
     with _unpacked(path, within) as content:
@@ -132,11 +134,10 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
     return "utf-8" if valid else max(_ONE_BYTE, key=usual)
 
 
-def is_workbook(path: Path, within: Path | None = None) -> bool:
-    """Return whether a file is a workbook, such as .xlsx, .ods or .xls."""
+def binary_kind(path: Path, within: Path | None = None) -> str:
+    """Return what a file is that is no text, such as a workbook; empty of text."""
     with _opened(path, within) as content:
-        head = content.read(4)
-    return head == _OLE or (head == _ARCHIVE and path.suffix.lower() != ".zip")
+        return kind_of_bytes(content.read(HEAD_BYTES), path.suffix.lower())
 
 
 def _opened(path: Path, within: Path | None) -> io.BufferedReader:
@@ -175,17 +176,49 @@ def _unpacked(path: Path, within: Path | None) -> Iterator[IO[bytes]]:
             ) from None
 
 
-def _rows_of_workbook(path: Path, within: Path | None) -> Iterator[TextLine]:
-    """Yield the rows of the sheet with the most cells; numbers in full, times as ISO 8601."""
-    letters = 0
+def _rows_of_binary(
+    kind: str, path: Path, within: Path | None, notes: list[str]
+) -> Iterator[TextLine]:
+    """Yield the rows of a file that is no text; numbers in full, times as ISO 8601."""
+    letters, names = 0, {}
+    if kind in ("json", "parquet") and (stated := names_beside(path)) is not None:
+        names = _names_in(stated)
     with _opened(path, within) as file:
         if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
             raise _too_large(path)
-        for number, text in rows_of_workbook(path, file):
+        for number, text in rows_of_binary(kind, path, file, names, notes):
             letters += len(text)
             if letters > LARGEST_BYTES:
                 raise _too_large(path)
             yield TextLine(number, text, ended=True)
+
+
+def names_beside(path: Path) -> Path | None:
+    """Return the file beside another that may state the names of its columns; None for none."""
+    stated = (path.parent / each for each in _STATES_NAMES)
+    return next((each for each in stated if each.is_file()), None)
+
+
+def _names_in(path: Path) -> dict[str, list[str]]:
+    """Return names of the columns of arrays that a data set of lerobot states; none if it is none.
+
+    The file has to lie in the folder that the data lie in.
+    """
+    folder = path.parents[1] if path.parent.name == "meta" else path.parent
+    try:
+        with open_file(path, folder) as file:
+            features = json.loads(file.read(BLOCK_BYTES))["features"]
+        stated = {key: feature.get("names") for key, feature in features.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    names = {}
+    for key, of in stated.items():
+        # Older ones have them below the kind of the axis: {"motors": [...]}.
+        if isinstance(of, dict) and len(of) == 1:
+            (of,) = of.values()
+        if isinstance(of, list) and all(isinstance(name, str) for name in of):
+            names[key] = of if key == "observation.state" else [f"{key} {name}" for name in of]
+    return names
 
 
 def _too_large(path: Path) -> RawDataError:

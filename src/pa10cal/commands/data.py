@@ -106,6 +106,7 @@ def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
 
     from pa10cal.campaign.description import DESCRIPTION_FILE
     from pa10cal.campaign.read import read_campaign
+    from pa10cal.campaign.text_lines import names_beside
     from pa10cal.errors import Pa10calError
     from pa10cal.files.arms import arm_text
 
@@ -115,6 +116,8 @@ def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
         (beside / f"{arm.name}.yaml").write_text(arm_text(arm), encoding="utf-8")
         for file in files:
             copyfile(file, beside / file.name)  # no link: those out of a folder are not followed
+            if (stated := names_beside(file)) is not None:
+                copyfile(stated, beside / stated.name)
         try:
             found = read_campaign(beside)
         except Pa10calError as error:

@@ -1,0 +1,319 @@
+"""Reads a file that is no text at standard input, in a process of its own with little memory.
+
+The readers are not ours: one far cell, or a few bytes that unpack to gigabytes, and they take all
+memory or abort. Nothing of the project is imported here. Rows go to standard output,
+`number<tab>cells`, tabs between the cells; what is wrong goes there too, `!kind<tab>words`, and
+what is not read, `?<tab>words`.
+
+python -P binary_child.py KIND NAMES BYTES SECONDS UNPACKED CELLS < file
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import sys
+import zipfile
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from datetime import date, datetime, time
+from pathlib import Path
+from typing import Any
+
+_INPUT = "/dev/fd/0"
+_BLOCK_BYTES = 1 << 20
+#: A workbook has a few tens of parts.
+_MOST_PARTS = 10_000
+#: Rows that have been read may take so many times as long until they are written.
+_WRITING = 4
+_CELL = re.compile(rb""" r=["']([A-Z]{1,3})([0-9]{1,7})["']""")
+#: No table has so many columns; to look for these alone is quick.
+_FAR_COLUMN = re.compile(rb""" r=["']([A-Z]{3})([0-9]{1,7})["']""")
+#: Words that stand for no value.
+_NONE = frozenset(
+    ("", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN"),
+) | frozenset(("<NA>", "N/A", "NA", "NULL", "NaN", "None", "n/a", "nan", "null"))
+
+
+class _UnfitError(Exception):
+    """What is wrong with a file: a word for its kind, and what stands there."""
+
+
+def _main(
+    kind: str, names: str, most_bytes: int, most_s: int, most_unpacked: int, most_cells: int
+) -> str:
+    """Print the rows of a file, and return what is wrong."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
+    resource.setrlimit(resource.RLIMIT_CPU, (most_s, _WRITING * most_s))
+    # A thread takes memory for itself.
+    os.environ |= {"OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
+    if kind == "workbook":
+        return _workbook(most_s, most_unpacked, most_cells)
+    columns = {"mat": _mat, "npz": _npz, "json": _json, "parquet": _parquet}[kind](most_unpacked)
+    _print_arrays(columns, json.loads(names), most_s)
+    return ""
+
+
+# Workbooks.
+
+
+def _workbook(most_s: int, most_unpacked: int, most_cells: int) -> str:
+    """Print the rows of the sheet with the most cells, and return what is wrong."""
+    if zipfile.is_zipfile(_INPUT):
+        with zipfile.ZipFile(_INPUT) as archive:
+            if len(archive.infolist()) > _MOST_PARTS:
+                return f"!unreadable\t{len(archive.infolist())} parts"
+            unpacked = sum(each.file_size for each in archive.infolist())
+            if unpacked > most_unpacked:
+                return f"!unpacked\t{unpacked / 1e6:.0f} MB"
+            for name in archive.namelist():
+                if name.startswith("xl/worksheets/") and (cell := _far(archive, name, most_cells)):
+                    return f"!cell\t{cell}"
+
+    from python_calamine import SheetTypeEnum, load_workbook
+
+    book, most, best = load_workbook(_INPUT), -1, None
+    sheets = [each for each in book.sheets_metadata if each.typ == SheetTypeEnum.WorkSheet]
+    for each in sheets:
+        sheet = book.get_sheet_by_name(each.name)
+        several = len(sheets) > 1
+        cells = sum(len(row) - row.count("") for row in sheet.iter_rows()) if several else 0
+        if cells > most:
+            most, best = cells, sheet
+    if best is None or best.start is None:
+        return ""
+    # All is in memory, and no more than fits there.
+    resource.setrlimit(resource.RLIMIT_CPU, (_WRITING * most_s,) * 2)
+    left = "\t" * best.start[1]
+    for number, row in enumerate(best.iter_rows(), start=1):
+        text = "\t".join(map(_text, row))
+        if text.strip("\t"):
+            sys.stdout.write(f"{number}\t{left}{text}\n")
+    return ""
+
+
+def _far(archive: zipfile.ZipFile, name: str, most_cells: int) -> str:
+    """Return a cell of a sheet that makes it too large, or nothing."""
+    rest = b""
+    with archive.open(name) as file:
+        while block := file.read(_BLOCK_BYTES):
+            block = rest + block
+            rest = block[-40:]
+            last = block.rfind(b" r=", 0, -20)
+            for found in (_FAR_COLUMN.search(block), last >= 0 and _CELL.search(block, last)):
+                if found and _column(found[1]) * int(found[2]) > most_cells:
+                    return (found[1] + found[2]).decode()
+    return ""
+
+
+def _column(letters: bytes) -> int:
+    number = 0
+    for letter in letters:
+        number = number * 26 + letter - 64
+    return number
+
+
+def _text(value: object) -> str:
+    """Return a cell: numbers in full, times as ISO 8601."""
+    if isinstance(value, float):
+        if value != value:
+            return ""
+        return str(int(value)) if value.is_integer() else str(value)
+    if isinstance(value, datetime | time):
+        return value.isoformat()
+    if isinstance(value, date):
+        return datetime(value.year, value.month, value.day).isoformat()
+    text = str(value)
+    return "" if text in _NONE else " ".join(text.split())
+
+
+# Arrays by name: MATLAB, NumPy, JSON, Parquet.
+
+#: In a data set of lerobot: which episode a row is of, and the time since its beginning.
+_EPISODE, _EPISODE_TIME = "episode_index", "timestamp"
+#: Vectors under such names are joints, and no places.
+_JOINTS = re.compile(
+    r"(?:.*[^a-z])?(?:q|th|theta|thetas|j|joint|joints|jnt|axis|axes|angles?)\d*", re.I
+)
+#: Columns of which there are so many have x, y, z for names; so many elements are a matrix.
+_XYZ, _MATRICES = 3, ((4, 4), (3, 4), (3, 3))
+
+
+def _mat(most_unpacked: int) -> dict[str, Any]:
+    import scipy.io
+
+    sizes = scipy.io.whosmat(_INPUT)
+    cells = sum(_product(shape) for _, shape, _ in sizes)
+    if 8 * cells > most_unpacked:
+        raise _UnfitError("unpacked", f"{8e-6 * cells:.0f} MB")
+    found = scipy.io.loadmat(_INPUT, simplify_cells=True)
+    if not any(name[:2] != "__" for name in found if name) and "__function_workspace__" in found:
+        raise _UnfitError("objects", "a table, timeseries or object of MATLAB alone")
+    return {name: value for name, value in found.items() if name and name[:2] != "__"}
+
+
+def _product(shape: Iterable[int]) -> int:
+    count = 1
+    for size in shape:
+        count *= size
+    return count
+
+
+def _npz(most_unpacked: int) -> dict[str, Any]:
+    import numpy as np
+
+    if zipfile.is_zipfile(_INPUT):
+        with zipfile.ZipFile(_INPUT) as archive:
+            unpacked = sum(each.file_size for each in archive.infolist())
+        if unpacked > most_unpacked:
+            raise _UnfitError("unpacked", f"{unpacked / 1e6:.0f} MB")
+    found = np.load(_INPUT, allow_pickle=False)
+    if isinstance(found, np.ndarray):
+        fields = found.dtype.names
+        return {"": found} if fields is None else {name: found[name] for name in fields}
+    return dict(found)
+
+
+def _json(_: int) -> dict[str, Any]:
+    """Return what a document holds, or each line of one with a record a line."""
+    text = Path(_INPUT).read_text(encoding="utf-8-sig")
+    try:
+        found = json.loads(text)
+    except json.JSONDecodeError as whole:
+        lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
+        if whole.msg != "Extra data":
+            raise _UnfitError("json", f"{whole.lineno}\t{whole.msg}") from None
+        found = []
+        for k, line in lines:
+            try:
+                found.append(json.loads(line))
+            except json.JSONDecodeError as error:
+                raise _UnfitError("json", f"{k}\t{error.msg}") from None
+    return found if isinstance(found, dict) else {"": found}
+
+
+def _parquet(_: int) -> dict[str, Any]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    file = pq.ParquetFile(_INPUT)
+
+    def of_numbers(kind: pa.DataType) -> bool:
+        if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+            kind = kind.value_type
+        nested = pa.types.is_nested(kind) or pa.types.is_binary(kind)
+        return not nested and not pa.types.is_large_binary(kind)
+
+    read = [each.name for each in file.schema_arrow if of_numbers(each.type)]
+    table = file.read(columns=read, use_threads=False)
+    left_out = [each.name for each in file.schema_arrow if each.name not in read]
+    _note(", ".join(left_out))
+    return {name: table.column(name).to_pylist() for name in read}
+
+
+def _note(not_read: str) -> None:
+    if not_read:
+        print(f"?\t{' '.join(not_read.split())} not read")
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays in fields within fields, and in lists of records."""
+    import numpy as np
+
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        value = value.tolist()
+    if isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
+        keys = dict.fromkeys(key for each in value for key in each)
+        value = {key: [each.get(key) for each in value] for key in keys}
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from _flat(f"{name}.{key}" if name else str(key), part)
+        return
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of several lengths
+        return
+    if array.dtype == object:
+        filled = [np.nan if each is None else each for each in array.ravel().tolist()]
+        try:
+            array = np.array(filled, dtype=float).reshape(array.shape)
+        except (TypeError, ValueError):
+            array = np.array([_text("" if each is None else each) for each in array.tolist()])
+    yield name, array
+
+
+def _print_arrays(columns: dict[str, Any], called: dict[str, list[str]], most_s: int) -> None:
+    """Print arrays that have as many rows as most columns have, each column with a name."""
+    import numpy as np
+
+    arrays = {name: np.squeeze(array) for top in columns.items() for name, array in _flat(*top)}
+    arrays = {name: array for name, array in arrays.items() if 0 < array.ndim <= 3}
+    episodes = len(set(arrays.get(_EPISODE, np.zeros(1)).tolist()))
+    if episodes > 1 and arrays.pop(_EPISODE_TIME, None) is not None:
+        _note(f"{_EPISODE_TIME} (it begins anew in each of {episodes} episodes)")
+    count: Counter[int] = Counter()
+    for array in arrays.values():
+        for size in {array.shape[0], array.shape[-1]}:
+            count[size] += array.size // max(size, 1)
+    # Of several lengths that of the most rows and columns; a matrix is longer than wide.
+    rows = max(count, key=lambda size: (size > 1, count[size] * min(size, 1000)), default=0)
+    named, parts, left_out = [], [], []
+    for name, array in arrays.items():
+        if rows not in (array.shape[0], array.shape[-1]) or rows < 2:
+            left_out.append(name)
+            continue
+        turned = array if array.shape[0] == rows else np.moveaxis(array, -1, 0)
+        named += _named(name, turned, called.get(name))
+        parts += list(turned.reshape(rows, -1).T)
+    _note(", ".join(left_out))
+    if not parts:
+        raise _UnfitError("arrays", ", ".join(arrays) or "no array")
+    resource.setrlimit(resource.RLIMIT_CPU, (_WRITING * most_s,) * 2)
+    first = 1
+    if any(named):
+        sys.stdout.write("1\t" + "\t".join(" ".join(name.split()) for name in named) + "\n")
+        first = 2
+    fields = [_fields(part) for part in parts]
+    for number, row in enumerate(zip(*fields, strict=True), start=first):
+        sys.stdout.write(f"{number}\t" + "\t".join(row) + "\n")
+
+
+def _named(name: str, array: Any, called: list[str] | None) -> list[str]:
+    """Return a name for each column of an array (N, …); none where the array has none."""
+    width = array.size // len(array)
+    if called is not None and len(called) == width:
+        return called
+    if array.ndim == 1 or not name:
+        return [name] * width
+    if array.shape[1:] in _MATRICES:
+        lines, across = array.shape[1:]
+        return [f"{name}_{k}{j}" for k in range(1, lines + 1) for j in range(1, across + 1)]
+    if width == _XYZ and not _JOINTS.fullmatch(name):
+        return [f"{name} {axis}" for axis in "xyz"]
+    return [f"{name}_{k}" for k in range(1, width + 1)]
+
+
+def _fields(values: Any) -> list[str]:
+    """Return a column as text: numbers in full, times as ISO 8601, blanks where there is none."""
+    if values.dtype.kind == "f":
+        return ["" if text == "nan" else text for text in values.astype(str).tolist()]
+    return [_text(each) for each in values.tolist()]
+
+
+if __name__ == "__main__":
+    sys.stdout.reconfigure(encoding="utf-8", errors="replace", newline="\n")  # type: ignore[union-attr]
+    try:
+        wrong = _main(*sys.argv[1:3], *map(int, sys.argv[3:]))  # type: ignore[arg-type]
+    except _UnfitError as error:
+        wrong = f"!{error.args[0]}\t{error.args[1]}"
+    except MemoryError:
+        wrong = "!memory\t"
+    except BrokenPipeError:  # whoever reads has seen enough
+        wrong = ""
+    except Exception as error:  # of a reader that is not ours
+        wrong = f"!unreadable\t{' '.join(str(error).split())}"
+    if wrong:
+        print(wrong)

@@ -1,0 +1,186 @@
+"""Rows of files that are no text, read in a process of its own, whose death is a refusal.
+
+See `binary_child`. Limits of memory and time hold what the file promises nobody; a table of a
+million rows of ten numbers is within them.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import IO
+
+from pa10cal.errors import MissingPackageError, RawDataError
+
+#: What the child may use: memory [bytes], time on the processor [s].
+MOST_BYTES, MOST_S = 1_025_000_000, 18
+#: A file of more than this, unpacked [bytes], or a workbook with a sheet of more cells, is refused.
+MOST_UNPACKED, MOST_CELLS = 1_000_000_000, 20_000_000
+
+#: So many bytes at the beginning of a file tell its kind.
+HEAD_BYTES = 1024
+#: Beginnings of files, by kind; of archives (.xlsx, .ods), and of older workbooks (.xls).
+_BEGINNINGS = (
+    (b"\xd0\xcf\x11\xe0", "workbook"),
+    (b"MATLAB 7.3 MAT-file", "hdf5"),
+    (b"\x89HDF\r\n\x1a\n", "hdf5"),
+    (b"MATLAB 5.0 MAT-file", "mat"),
+    (b"PAR1", "parquet"),
+    (b"\x93NUMPY", "npz"),
+)
+_ARCHIVE = b"PK\x03\x04"
+_JSON = re.compile(rb'(?:\xef\xbb\xbf)?\s*(?:\[\s*)?\{\s*(?:"|\})')
+#: The package that reads a kind, where it is not always there.
+_PACKAGES = {"workbook": "python_calamine"}
+_TITLES = {
+    "workbook": "the workbook",
+    "mat": "the MATLAB file",
+    "npz": "the NumPy file",
+    "json": "the JSON file",
+    "parquet": "the Parquet file",
+}
+
+
+def kind_of_bytes(head: bytes, suffix: str) -> str:
+    """Return the kind of a file that is read as arrays or cells; empty of one that is text."""
+    for beginning, kind in _BEGINNINGS:
+        if head.startswith(beginning):
+            return kind
+    if head.startswith(_ARCHIVE) and suffix != ".zip":
+        return "npz" if suffix == ".npz" else "workbook"
+    if suffix == ".mat" and b"\x00" in head:  # version 4 has no words at its beginning
+        return "mat"
+    return "json" if _JSON.match(head) else ""
+
+
+def rows_of_binary(
+    kind: str,
+    path: Path,
+    file: IO[bytes],
+    names: Mapping[str, Sequence[str]],
+    notes: list[str],
+) -> Iterator[tuple[int, str]]:
+    """Yield the rows of a file: numbers from 1, tabs between the cells.
+
+    Of a workbook they are those of the sheet with the most cells; of arrays those of the length
+    that most columns have, below a row of names.
+
+    Args:
+        kind: what the file is, see `kind_of_bytes`.
+        path: what messages name.
+        file: the file, open; nothing of it has been read.
+        names: of the columns of an array, by its name.
+        notes: what is not read is added.
+
+    Raises:
+        RawDataError: when it cannot be read, or not within limits of memory and time.
+    """
+    if kind == "hdf5":
+        raise RawDataError(
+            "the file is HDF5, as MATLAB writes it with -v7.3",
+            where=str(path),
+            allowed="a MATLAB file of version 7 or before, or text",
+            remedy="in MATLAB save it as version 7, save('name.mat', '-v7'), or write a table: "
+            "writematrix([q p], 'name.csv')",
+        )
+    package = _PACKAGES.get(kind)
+    if package is not None and importlib.util.find_spec(package) is None:
+        raise MissingPackageError(package)
+    limits = (MOST_BYTES, MOST_S, MOST_UNPACKED, MOST_CELLS)
+    child = subprocess.Popen(
+        [sys.executable, "-P", str(Path(__file__).with_name("binary_child.py"))]
+        + [kind, json.dumps({name: list(of) for name, of in names.items()})]
+        + [str(limit) for limit in limits],
+        stdin=file,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        encoding="utf-8",
+    )
+    assert child.stdout is not None
+    try:
+        for line in child.stdout:
+            number, _, text = line.removesuffix("\n").partition("\t")
+            if number.startswith("!"):
+                raise _refused(path, kind, number[1:], text)
+            if number == "?":
+                notes.append(text)
+            else:
+                yield int(number), text
+        if child.wait():
+            slow = -child.returncode in (signal.SIGXCPU, signal.SIGKILL)
+            raise _refused(path, kind, "time" if slow else "memory", "")
+    finally:
+        child.kill()
+        child.stdout.close()
+        child.wait()
+
+
+def _refused(path: Path, kind: str, why: str, said: str) -> RawDataError:
+    title, workbook = _TITLES[kind], kind == "workbook"
+    if why == "unreadable":
+        return RawDataError(
+            f"{title} cannot be read",
+            where=str(path),
+            value=said,
+            allowed="a workbook without a password (.xlsx, .ods or .xls)"
+            if workbook
+            else "a whole file, as it was written",
+            remedy="save it again, or export the sheet as text"
+            if workbook
+            else "copy or save it again, or export the rows as text",
+        )
+    if why == "json":
+        line, _, message = said.partition("\t")
+        return RawDataError(
+            f"{title} is cut short or damaged",
+            where=f"{path}:{line}",
+            value=message,
+            allowed="a whole document, or a whole record in each line",
+            remedy="copy or save it again",
+        )
+    if why == "objects":
+        return RawDataError(
+            "the MATLAB file holds no arrays",
+            where=str(path),
+            value=said,
+            allowed="matrices, or structs of them",
+            remedy="in MATLAB write it as text: writetable(T, 'name.csv')",
+        )
+    if why == "arrays":
+        return RawDataError(
+            f"{title} holds no arrays with a row for each configuration",
+            where=str(path),
+            value=said,
+            allowed="arrays of as many rows: joint positions, and what was measured",
+            remedy="save both with a row for each configuration, or export them as text",
+        )
+    if why == "cell":
+        return RawDataError(
+            "a cell stands far from the others",
+            where=str(path),
+            value=said,
+            allowed=f"a sheet of at most {MOST_CELLS} cells, counted from A1 to the last one",
+            remedy="delete the rows and columns beyond the table, or save the sheet as CSV",
+        )
+    save = "save the sheet as CSV" if workbook else "save what is needed as CSV"
+    if why == "unpacked":
+        return RawDataError(
+            f"{title}, unpacked, is larger than is read",
+            where=str(path),
+            value=said,
+            allowed=f"at most {MOST_UNPACKED / 1e6:.0f} MB",
+            remedy=f"{save}, without what is not needed" if workbook else save,
+        )
+    return RawDataError(
+        f"{title} needs more memory or time than tables of readings do",
+        where=str(path),
+        value=f"more {why}",
+        allowed=f"at most {MOST_BYTES / 1e6:.0f} MB and {MOST_S} s",
+        remedy=save,
+    )
