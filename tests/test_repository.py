@@ -144,6 +144,7 @@ MAY_IMPORT = {
         "arm.dh_rows",
         "arm.imported",
         "arm.exports",
+        "arm.ur_calibration",
         "arm.urdf_chain",
         "settings",
     },

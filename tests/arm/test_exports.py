@@ -1,26 +1,17 @@
 """An arm written as URDF, into a user's own URDF and for a driver: loaded back, it is the arm."""
 
 import re
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ikpy.chain import Chain as IkpyChain
 
-from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose, placed
-from pa10cal.arm.exports import (
-    LINKS,
-    UrdfSource,
-    flange_off_m,
-    patched_urdf,
-    ur_kinematics,
-    urdf_text,
-)
+from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose
+from pa10cal.arm.exports import UrdfSource, patched_urdf, urdf_text
 from pa10cal.arm.imported import arm_from_urdf_text
 from pa10cal.arm.urdf_reading import parse_urdf
 from pa10cal.errors import ArmError, visible
@@ -281,41 +272,3 @@ def test_arms_of_any_shape_are_patched(random_arm, seed):
     patched = patched_urdf(source, again, at, {})
     found = loaded(patched, "base", "flange", q)
     np.testing.assert_allclose(found, expected(again, at, q), atol=1e-11)
-
-
-def test_the_drivers_file_of_an_arm_as_designed_is_the_makers():
-    chain = Chain.of(load_arm("ur10"))
-    words = re.findall(r"(\w+): (\S+)", ur_kinematics(chain, chain.nominal, "a comment"))
-    values = [float(value) for key, value in words if key in ("x", "y", "z")]
-    maker = [0, 0, 0.1273, 0, 0, 0, -0.612, 0, 0, -0.5723, 0, 0.163941]
-    np.testing.assert_allclose(values, [*maker, 0, -0.1157, 0, 0, 0.0922, 0], atol=1e-12)
-
-
-@pytest.mark.parametrize("yaw", [0.0, np.pi])
-def test_the_drivers_file_is_the_calibrated_arm(yaw):
-    base = placed(np.zeros(3), np.array([0.0, 0.0, yaw]))
-    chain = Chain.of(replace(load_arm("ur10"), T_base_row1=base))
-    at = departed(chain)
-    across = chain.columns(("a_6",))
-    a_m = at[across] - chain.nominal[across]
-    assert flange_off_m(chain, at) == pytest.approx(abs(a_m[0]))
-    # What the last row departs by across its axis has no place in the file.
-    held = chain.columns(("a_6", "alpha_6", "beta_6"))
-    at[held] = chain.nominal[held]
-    content = yaml.safe_load(ur_kinematics(chain, at))["kinematics"]
-    assert [*content] == [*LINKS, "hash"]
-    assert re.fullmatch(r"calib_\d+", content["hash"])
-    q = np.random.default_rng(4).uniform(-2, 2, (5, 6))
-    for positions, wanted in zip(q, expected(chain, at, q), strict=True):
-        T = base
-        for name, angle in zip(LINKS, positions, strict=True):
-            six = [content[name][key] for key in ("x", "y", "z", "roll", "pitch", "yaw")]
-            T = T @ placed(np.array(six[:3]), np.array(six[3:]))
-            T = T @ placed(np.zeros(3), np.array([0.0, 0.0, angle]))
-        np.testing.assert_allclose(T, wanted, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", [name for name in arm_names() if name != "ur10"])
-def test_other_arms_have_no_such_file(name):
-    chain = Chain.of(load_arm(name))
-    assert ur_kinematics(chain, chain.nominal) is None

@@ -51,6 +51,7 @@ def test_names_stay_and_origins_are_calibrated(tmp_path, kind):
             pin.framesForwardKinematics(robot, data, positions)
             found = data.oMf[robot.getFrameId(link)].homogeneous
             np.testing.assert_allclose(found, T, atol=1e-9)
+    assert "delta_alpha" in (out / "ur_calibration.conf").read_text(encoding="utf-8")
     kinematics = yaml.safe_load((out / "ur_kinematics.yaml").read_text())["kinematics"]
     assert kinematics["forearm"]["x"] == pytest.approx(-0.612, abs=2e-3)
     rows = list(csv.DictReader((out / "dh.csv").read_text(encoding="utf-8").splitlines()))

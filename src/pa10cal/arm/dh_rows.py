@@ -33,18 +33,22 @@ class DHRows:
     T_base_rows: Array  # (n, 4, 4) frames of the rows [m]
 
 
-def rows_through(p_base_m: Array, axes: Array, T_base_ee: Array) -> DHRows:
+def rows_through(
+    p_base_m: Array, axes: Array, T_base_ee: Array, parallel_rad: float = NEARLY_PARALLEL_RAD
+) -> DHRows:
     """Lay standard Denavit-Hartenberg rows through the axes of n joints, all at zero.
 
     Of the two directions of a common normal the one is taken that turns theta by less than a
     quarter. The last row only turns and shifts along its axis; what is left to the end-effector
     is the constant frame after it. Axes are given by a point and a unit vector each, (n, 3).
+    Neighbours within `parallel_rad` of parallel get beta; others follow the common normal, however
+    far away it is.
     """
     T_base_row1 = _first_frame(p_base_m[0], axes[0]).round(15) + 0.0  # no round-off beside 0 and 1
     T, parameters, frames = T_base_row1, [], []
     for p_m, axis in zip(p_base_m[1:], axes[1:], strict=True):
         R = T[:3, :3]
-        parameters.append(_row_to(R.T @ (p_m - T[:3, 3]), R.T @ axis))
+        parameters.append(_row_to(R.T @ (p_m - T[:3, 3]), R.T @ axis, parallel_rad))
         T = T @ _motion(*parameters[-1])
         frames.append(T)
     # The last row brings its frame under the end-effector, x in line where it can be.
@@ -95,10 +99,10 @@ def _first_frame(p_m: Array, axis: Array) -> Array:
     return homogeneous(np.column_stack([x, np.cross(axis, x), axis]), origin)
 
 
-def _row_to(p_m: Array, axis: Array) -> Array:
+def _row_to(p_m: Array, axis: Array, parallel_rad: float) -> Array:
     """Return theta, d, a, alpha, beta (5,) from the z axis to an axis through a point."""
     across = float(np.hypot(axis[0], axis[1]))
-    if np.arctan2(across, abs(axis[2])) < NEARLY_PARALLEL_RAD:
+    if np.arctan2(across, abs(axis[2])) < parallel_rad:
         meets = p_m - axis * (p_m[2] / axis[2])
         theta, a, _ = _within_a_quarter(meets[0], meets[1])
         cos, sin = np.cos(theta), np.sin(theta)

@@ -1,22 +1,20 @@
-"""A calibrated arm for other programs: URDF, a user's own URDF, UR drivers, poses to send."""
+"""A calibrated arm for other programs: URDF, a user's own URDF, poses to send."""
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Literal, get_args
 from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames, placed, roll_pitch_yaw
+from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames
 from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, as_comment, origin_of, parse_urdf, read_tree
 from pa10cal.arrays import Array, homogeneous
-from pa10cal.errors import ArmError, one_line, visible
+from pa10cal.errors import ArmError, visible
 
 
 def urdf_text(
@@ -210,86 +208,6 @@ def _refuse_another_arm(
             allowed=f"the URDF from which {chain.arm.name} was imported",
             remedy="import the arm again from this URDF, or give the one it came from",
         )
-
-
-# Kinematics of an arm of Universal Robots in the form that their driver for ROS 2 reads.
-#
-# The driver takes the origin of each of six joints, all of which turn about z, in the frame that
-# the joint before carries along. The frame of the last joint is the flange.
-
-LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-_QUARTER = np.pi / 2.0
-
-
-def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | None:
-    """Return the calibration file of the driver; None where the arm has another layout.
-
-    A flange that is off or tilted across the last joint's axis (a, alpha, beta) has no place in it:
-    see `flange_off_m`. Coordinates (m,) are calibrated ones, at zero joint positions.
-    """
-    T_base_frames = _frames_as_designed(chain)
-    if T_base_frames is None:
-        return None
-    moved, T_base_flange = moved_frames(chain, coordinates, T_base_frames)
-    along_m = float((np.linalg.inv(moved[-1]) @ T_base_flange)[2, 3])
-    moved[-1, :3, 3] += along_m * moved[-1, :3, 2]
-    # The driver counts from the frame that the first joint stands on, turned with its own base.
-    T_base_first = homogeneous(T_base_frames[0, :3, :3], np.zeros(3))
-    before = np.concatenate([T_base_first[None], moved[:-1]])
-    lines = [f"# {one_line(line)}".rstrip() for line in comments] + ["kinematics:"]
-    for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
-        lines.append(f"  {name}:")
-        values = (*T[:3, 3], *roll_pitch_yaw(T[:3, :3]))
-        keys = ("x", "y", "z", "roll", "pitch", "yaw")
-        lines += [f"    {key}: {float(value)!r}" for key, value in zip(keys, values, strict=True)]
-    digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()
-    return "\n".join([*lines, f"  hash: calib_{int(digest[:15], 16)}"]) + "\n"
-
-
-def flange_off_m(chain: Chain, coordinates: Array) -> float:
-    """Return how far the flange is from where the last joint's axis, as designed, would have it.
-
-    The coordinates (m,) are calibrated ones, at zero joint positions.
-    """
-    ends = []
-    for at in (chain.nominal, coordinates):
-        carried, T_base_flange = carried_frames(chain, at)
-        ends.append(np.linalg.inv(carried[-1]) @ T_base_flange)
-    return float(np.linalg.norm(ends[1][:2, 3] - ends[0][:2, 3]))
-
-
-def _frames_as_designed(chain: Chain) -> Array | None:
-    """Return the driver's frames (6, 4, 4) of the arm as designed; None for another layout."""
-    arm = chain.arm
-    if arm.n != 6 or arm.prismatic.any():
-        return None
-    carried, T_base_flange = carried_frames(chain, chain.nominal)
-    h, p = carried[:, :3, 2], carried[:, :3, 3]
-    for yaw in (0.0, np.pi):
-        base = placed(np.zeros(3), np.array([0.0, 0.0, yaw]))
-        axes, points = h @ base[:3, :3], p @ base[:3, :3]
-        T_flange = base.T @ T_base_flange
-        # Heights and lengths along x, from places that the axes go through.
-        d1, d14 = points[1, 2], -T_flange[1, 3]
-        a2, a3 = points[2, 0], points[3, 0] - points[2, 0]
-        d5, d6 = d1 - T_flange[2, 3], 0.0
-        if np.linalg.norm(np.cross(axes[4], axes[5])) > 0.5:
-            d6 = float((T_flange[:3, 3] - points[4]) @ axes[5])
-        steps = [  # place and roll of each frame in the one before
-            ((0.0, 0.0, d1), 0.0),
-            ((0.0, 0.0, 0.0), _QUARTER),
-            ((a2, 0.0, 0.0), 0.0),
-            ((a3, 0.0, d14 - d6), 0.0),
-            ((0.0, -d5, 0.0), _QUARTER),
-            ((0.0, d6, 0.0), -_QUARTER),
-        ]
-        origins = [placed(np.array(at), np.array([roll, 0.0, 0.0])) for at, roll in steps]
-        every = np.array([*accumulate([base, *origins], np.matmul)][1:])
-        along = every[:, :3, 2] - carried[:, :3, 2]
-        beside = np.cross(every[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
-        if max(np.abs(off).max() for off in (along, beside, every[-1] - T_base_flange)) < _SAME:
-            return every
-    return None
 
 
 # Poses as the controllers of robots write them.

@@ -226,34 +226,39 @@ def import_arm(
     base: str | None = None,
     tip: str | None = None,
     xacro: tuple[str, ...] = (),
+    robot: str | None = None,
 ) -> None:
-    """Turn a URDF into an arm description, and compare their forward kinematics.
+    """Turn a URDF, or a UR's calibration by its maker, into an arm description.
 
-    A copy of the URDF is put beside the description, so that a calibrated model can be exported as
-    the same URDF with calibrated origins.
+    Forward kinematics of description and URDF is compared. A copy of the URDF is put beside the
+    description, so that a calibrated model can be exported as the same URDF with calibrated
+    origins.
 
     Args:
         file: the URDF; one that ends in .xacro is expanded, which evaluates its expressions; or the
-            name of a robot of robot_descriptions.
+            name of a robot of robot_descriptions; or calibration.conf of a controller of Universal
+            Robots (.conf), or what ur_calibration wrote of it (.yaml).
         out: description to write; its stem names the arm.
         base: link that is the arm's base; without it, the root.
         tip: link that is the end-effector; without it, the only tip.
         xacro: arguments of a xacro file, each as NAME:=VALUE.
+        robot: the model whose calibration it is: name of an arm, or the file of one (.yaml).
 
     Examples:
         pa10cal import_arm robot.urdf --out my_arm.yaml
         pa10cal import_arm cell.urdf --base base_link --tip tool0 --out my_arm.yaml
         pa10cal import_arm ur.urdf.xacro --xacro ur_type:=ur5e --tip tool0 --out my_arm.yaml
         pa10cal import_arm ur5e --base base --tip wrist_3_link --out my_arm.yaml
+        pa10cal import_arm calibration.conf --robot ur10 --out my_ur10.yaml
     """
     import numpy as np
 
     from pa10cal.arm.description import neighbouring_axes
-    from pa10cal.arm.imported import arm_from_urdf_text
     from pa10cal.errors import ArmError
     from pa10cal.files.arms import arm_text, parse_arm, with_short_limits
     from pa10cal.files.known_arms import known_urdf, read_urdf
     from pa10cal.files.output import whole_files
+    from pa10cal.files.ur_calibration import ENDINGS
     from pa10cal.yaml_file import parse_yaml
 
     if out.suffix != ".yaml":
@@ -264,6 +269,9 @@ def import_arm(
             allowed="a name that ends in .yaml",
             remedy="rename it",
         )
+    if file.suffix in ENDINGS:
+        _import_ur(file, out, robot)
+        return
     arguments = dict(each.partition(":=")[::2] for each in xacro if ":=" in each)
     if len(arguments) < len(xacro):
         raise ArmError(
@@ -273,6 +281,8 @@ def import_arm(
             allowed="NAME:=VALUE, each name once",
             remedy="correct it",
         )
+    from pa10cal.arm.imported import arm_from_urdf_text  # late: a calibration needs no pinocchio
+
     known = None if file.suffix or file.exists() else known_urdf(str(file))
     text = read_urdf(file, arguments) if known is None else known.text
     where = str(file) if known is None else known.where
@@ -303,6 +313,39 @@ def import_arm(
         f"{imported.forward_kinematics_difference_m:.1e} m and "
         f"{imported.forward_kinematics_difference_rad:.1e} rad at most"
     )
+
+
+def _import_ur(file: Path, out: Path, robot: str | None) -> None:
+    """Write the description of an arm of Universal Robots as its maker calibrated it."""
+    import numpy as np
+
+    from pa10cal.arm.chain import Chain
+    from pa10cal.files.arms import arm_asked, arm_text, parse_arm
+    from pa10cal.files.output import write_text
+    from pa10cal.files.ur_calibration import read_ur_calibration
+    from pa10cal.yaml_file import parse_yaml
+
+    calibration = read_ur_calibration(file)
+    designed = None if robot is None else arm_asked(robot, file.parent)
+    arm = calibration.arm(out.stem, designed)
+    told = ["Its controller computes with these rows while it uses this calibration."]
+    if designed is None:
+        told.append("Limits, gear ratios and masses are not in it: name the model with --robot.")
+    else:
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (300, 6))
+        ends = [Chain.of(each).forward(q)[:, :3, 3] for each in (designed, arm)]
+        off_mm = 1e3 * np.linalg.norm(ends[1] - ends[0], axis=1)
+        told.append(
+            f"Its flange is {off_mm.mean():.2f} mm from that of {designed.name} in the mean of all "
+            f"postures, {off_mm.max():.2f} mm at most."
+        )
+    of = {} if designed is None else {"of": designed.name}
+    stated = of | ({"hash": calibration.hash} if calibration.hash else {})
+    comments = [f"Calibration by the maker, from {file.name}.", *told]
+    text = arm_text(arm, comments, maker_calibration=stated)
+    parse_arm(parse_yaml(text), where=str(out))
+    write_text(out, text)
+    print("\n".join([*told, f"{out}: {arm.title}"]))
 
 
 #: Of more parameters only the first and the last are listed.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -58,6 +58,13 @@ class _Urdf(Section):
     tip: str
 
 
+class _MakerCalibration(Section):
+    """The rows are those that the maker calibrated, with which the controller computes."""
+
+    of: str | None = None  # name of the arm as it was designed
+    hash: str = ""  # by which the driver knows it
+
+
 class _ArmFile(Section):
     name: str
     title: str | None = None
@@ -66,6 +73,7 @@ class _ArmFile(Section):
     base: Frame = Frame()
     tool: Frame = Frame()
     urdf: _Urdf | None = None
+    maker_calibration: _MakerCalibration | None = None
     coupling: tuple[StatedCoupling, ...] = ()
 
 
@@ -177,6 +185,9 @@ def copy_description(name: str, folder: Path, to: Path) -> None:
     if own is None:
         return
     text = read_file(own, MAX_BYTES, own.parent).decode("utf-8-sig")
+    calibrated = maker_calibration(name, folder)
+    if calibrated is not None and calibrated.designed is not None:
+        copy_description(calibrated.designed.name, folder, to)
     if source is not None:
         file = Path(source.where).name
         if own.parent / file != Path(source.where):  # in another folder; now they lie together
@@ -229,6 +240,32 @@ def urdf_of_arm(name: str, folder: Path, arms: Path | None = None) -> UrdfSource
             "exported then",
         ) from None
     return UrdfSource(text, str(path), source.base, source.tip)
+
+
+@dataclass(frozen=True)
+class MakerCalibration:
+    """What a description says of a calibration by the arm's maker."""
+
+    designed: Arm | None  # the arm as it was designed; None where it is not stated
+
+
+def maker_calibration(name: str, folder: Path, arms: Path | None = None) -> MakerCalibration | None:
+    """Return whether the rows of an arm are those of its maker's calibration; None where not.
+
+    Descriptions are looked for as `load_arm` does.
+
+    Raises:
+        ArmError: when the arm as it was designed is not there, or its file cannot be used.
+        SettingsError: when a key of a description is unknown, missing or of the wrong kind.
+    """
+    own = own_description(name, folder, arms)
+    if own is None:
+        return None
+    raw = read_yaml(own, ArmError, what=_UNREADABLE, within=own.parent)
+    stated = parse_section(_ArmFile, raw, where=str(own)).maker_calibration
+    if stated is None:
+        return None
+    return MakerCalibration(None if stated.of is None else load_arm(stated.of, folder, arms))
 
 
 def parse_arm(raw: Any, *, where: str) -> Arm:
@@ -321,15 +358,22 @@ _SAME_LIMIT = 1e-9
 _MOST_DECIMALS = 15
 
 
-def arm_text(arm: Arm, comments: Iterable[str] = (), urdf: Mapping[str, str] | None = None) -> str:
+def arm_text(
+    arm: Arm,
+    comments: Iterable[str] = (),
+    urdf: Mapping[str, str] | None = None,
+    maker_calibration: Mapping[str, str] | None = None,
+) -> str:
     """Return the file of an arm, so that `parse_arm` gives the arm back.
 
     What the file may leave out and what is not known is omitted. Comments stand first; `urdf` says
-    where the arm came from: `file`, `base` and `tip`.
+    where the arm came from: `file`, `base` and `tip`; `maker_calibration` that its maker calibrated
+    it: the arm as designed, `of`, and `hash`.
     """
     head: dict[str, Any] = {"name": arm.name, "title": arm.title, "convention": arm.convention}
-    if urdf is not None:
-        head["urdf"] = dict(urdf)
+    for key, stated in (("urdf", urdf), ("maker_calibration", maker_calibration)):
+        if stated is not None:
+            head[key] = dict(stated)
     lines = [f"# {one_line(line)}".rstrip() for line in comments]
     lines += [f"{key}: {_flow(value)}" for key, value in head.items()]
     for key, T in (("base", arm.T_base_row1), ("tool", arm.T_row_n_ee)):

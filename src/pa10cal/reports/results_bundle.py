@@ -81,6 +81,11 @@ OUTPUTS = (
         "kinematics of the UR driver",
         "the rigid part for the UR driver for ROS 2",
     ),
+    (
+        "model/ur_calibration.conf",
+        "",
+        "the rigid part for the controller of a UR",
+    ),
     ("figures", "figures", "figures as SVG, PDF and PNG"),
     ("tables", "tables", "tables as CSV and Markdown"),
     ("ingest/quarantine.csv", "rows not used", "raw rows that are not used, with the reason"),

@@ -45,9 +45,16 @@ def export(
         pa10cal export --calibration calibration/combined.json --extended extended.json \\
           --model model.yaml --urdf robot.urdf
     """
-    from pa10cal.arm.exports import flange_off_m, patched_urdf, ur_kinematics, urdf_text
+    from pa10cal.arm.exports import patched_urdf, urdf_text
+    from pa10cal.arm.ur_calibration import (
+        flange_off_m,
+        ur_deltas,
+        ur_deltas_text,
+        ur_kinematics,
+        ur_layout,
+    )
     from pa10cal.errors import CalibrationError, ModelError
-    from pa10cal.files.arms import urdf_of_arm
+    from pa10cal.files.arms import maker_calibration, urdf_of_arm
     from pa10cal.files.coupling import coupling_in_words
     from pa10cal.files.output import write_text
     from pa10cal.fit.fitted_model import save_model
@@ -129,12 +136,25 @@ def export(
     lacks = f"what the last row departs by across its axis is not in it: {off_mm:.3f} mm"
     of_driver = ur_kinematics(*at, *comments, lacks)
     beside = model.with_name("ur_kinematics.yaml")
+    calibrated = None if campaign_dir is None else maker_calibration(record.robot, campaign_dir)
+    designed = fitted.arm if calibrated is None else calibrated.designed
+    layout = None if designed is None else ur_layout(designed)
+    deltas = None if layout is None else ur_deltas(*at, layout)
+    of_controller = None
+    if designed is not None and deltas is not None:
+        of_controller = ur_deltas_text(
+            deltas,
+            *comments,
+            f"departures of Denavit-Hartenberg rows from those of {designed.title}; no checksums, "
+            "no calibration_status: those lines are of the controller's own file",
+        )
     write_text(urdf, text)
     if dh is not None:
         write_text(dh, dh_text(fitted, mark, error=error))
         _written_or_gone(dh.with_name(f"{dh.stem}_rigid_fit.csv"), best_dh)
     _written_or_gone(best_urdf, best_text)
     _written_or_gone(beside, of_driver)
+    _written_or_gone(model.with_name("ur_calibration.conf"), of_controller)
     save_model(fitted, model, forced=forced, warnings=list(warnings))
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
     print(*lines, sep="\n", end="\n" * bool(lines))

@@ -1,0 +1,167 @@
+"""The calibration of an arm of Universal Robots, as its controller or its driver wrote it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import FiniteFloat
+
+from pa10cal.arm.chain import placed
+from pa10cal.arm.description import Arm
+from pa10cal.arm.ur_calibration import (
+    COLUMNS,
+    LINKS,
+    ORIGIN,
+    arm_of_ur_origins,
+    arm_of_ur_rows,
+    ur_layout,
+)
+from pa10cal.arrays import Array
+from pa10cal.errors import ArmError
+from pa10cal.files.known_arms import why_no_text
+from pa10cal.input_files import read_file
+from pa10cal.options import Section
+from pa10cal.settings_reading import parse_section
+from pa10cal.yaml_file import read_yaml
+
+#: What such files end in.
+ENDINGS = (".conf", ".yaml", ".yml")
+_MOST_BYTES = 1024**2
+#: What the controller says of a calibration that is in use; 0 is none, 1 one that is not yet.
+_IN_USE = 2
+
+Six = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _Origin(Section):
+    x: FiniteFloat
+    y: FiniteFloat
+    z: FiniteFloat
+    roll: FiniteFloat
+    pitch: FiniteFloat
+    yaw: FiniteFloat
+
+
+class _Kinematics(Section):
+    shoulder: _Origin
+    upper_arm: _Origin
+    forearm: _Origin
+    wrist_1: _Origin
+    wrist_2: _Origin
+    wrist_3: _Origin
+    hash: str | int = ""
+
+
+class _OfDriver(Section):
+    kinematics: _Kinematics
+
+
+class _Rows(Section):
+    dh_theta: Six
+    dh_d: Six
+    dh_a: Six
+    dh_alpha: Six
+
+
+@dataclass(frozen=True)
+class UrCalibration:
+    """What one file states."""
+
+    where: str
+    # one of these three; rows as `UrLayout.table`
+    origins: Array | None = None  # (6, 4, 4) of the joints [m]
+    rows: Array | None = None  # (6, 4)
+    deltas: Array | None = None  # (6, 4) departures of rows from those of the model
+    hash: str = ""  # by which the driver knows it
+
+    def arm(self, name: str, designed: Arm | None) -> Arm:
+        """Return the calibrated arm.
+
+        Args:
+            name: its name.
+            designed: the model, from which limits, gears and masses are taken over; None where it
+                is not known, which departures need.
+
+        Raises:
+            ArmError: when the model is missing, or is another one.
+        """
+        if self.origins is not None:
+            return arm_of_ur_origins(self.origins, name, designed, self.where)
+        if self.rows is not None:
+            return arm_of_ur_rows(self.rows, name, designed, self.where)
+        assert self.deltas is not None
+        if designed is None:
+            raise ArmError(
+                "it holds departures from a model's rows, and no model is named",
+                where=self.where,
+                allowed="the model's name, such as --robot ur10",
+                remedy="name the model with --robot",
+            )
+        layout = ur_layout(designed)
+        rows = self.deltas if layout is None else layout.table + self.deltas
+        return arm_of_ur_rows(rows, name, designed, self.where)
+
+
+def read_ur_calibration(path: Path) -> UrCalibration:
+    """Read a calibration: `calibration.conf` of a controller, or the YAML file of the driver.
+
+    Another YAML file may hold the rows themselves, `dh_theta`, `dh_d`, `dh_a`, `dh_alpha`.
+
+    Raises:
+        ArmError: when the file cannot be read, or holds none that is in use.
+        SettingsError: when a key of a YAML file is unknown, missing or of the wrong kind.
+    """
+    where = str(path)
+    if path.suffix == ".conf":
+        try:
+            text = read_file(path, _MOST_BYTES).decode("utf-8-sig")
+        except (OSError, UnicodeDecodeError) as error:
+            raise _no_calibration(where, f"it cannot be read: {why_no_text(error)}") from None
+        return _of_controller(text, where)
+    content = read_yaml(path, ArmError, what="the calibration cannot be read")
+    if isinstance(content, dict) and "dh_theta" in content:
+        stated = parse_section(_Rows, content, where=where)
+        rows = [getattr(stated, f"dh_{name}") for name in COLUMNS]
+        return UrCalibration(where, rows=np.column_stack(rows))
+    if not isinstance(content, dict) or "kinematics" not in content:
+        raise _no_calibration(where, "it has no key kinematics")
+    kinematics = parse_section(_OfDriver, content, where=where).kinematics
+    origins = []
+    for link in LINKS:
+        values = np.array([getattr(getattr(kinematics, link), key) for key in ORIGIN])
+        origins.append(placed(values[:3], values[3:]))
+    return UrCalibration(where, origins=np.array(origins), hash=str(kinematics.hash))
+
+
+def _of_controller(text: str, where: str) -> UrCalibration:
+    plain = "\n".join(line.partition("#")[0] for line in text.splitlines())
+    columns = []
+    for name in COLUMNS:
+        found = re.search(rf"^\s*delta_{name}\s*=\s*\[([^\]]*)\]", plain, re.MULTILINE)
+        if found is None:
+            raise _no_calibration(where, f"it has no delta_{name}")
+        try:
+            columns.append([float(word) for word in found[1].split(",")])
+        except ValueError:
+            columns.append([])
+        if len(columns[-1]) != 6 or not np.isfinite(columns[-1]).all():
+            raise _no_calibration(where, f"delta_{name} is not six numbers")
+    status = re.search(r"^\s*calibration_status\s*=\s*(\d+)", plain, re.MULTILINE)
+    if status is not None and int(status[1]) != _IN_USE:
+        raise _no_calibration(
+            where, f"the controller does not use it: its calibration_status is {int(status[1])}"
+        )
+    return UrCalibration(where, deltas=np.array(columns).T)
+
+
+def _no_calibration(where: str, why: str) -> ArmError:
+    return ArmError(
+        f"no calibration of Universal Robots: {why}",
+        where=where,
+        allowed="calibration.conf of the controller (delta_theta, delta_a, delta_d, delta_alpha, "
+        "calibration_status 2), or the YAML file that ur_calibration writes (kinematics)",
+        remedy="give such a file",
+    )
