@@ -26,6 +26,14 @@ from pa10cal.campaign.instrument_exports import (
     qualisys_table,
     vicon_table,
 )
+from pa10cal.campaign.measurement_reports import (
+    begins_controls,
+    begins_features,
+    begins_named_points,
+    control_table,
+    feature_table,
+    named_points,
+)
 from pa10cal.campaign.recognise import roles_of
 from pa10cal.campaign.text_lines import TextLine, binary_kind, lines_of
 from pa10cal.errors import RawDataError
@@ -111,6 +119,34 @@ FORMATS = (
         "a row for each line, under the number of its block; rows of one number are repeats",
         begins_blocks,
         table=block_table,
+        measured=True,
+    ),
+    Format(
+        "spatialanalyzer",
+        "SpatialAnalyzer, points as text",
+        "a comment `//` that names the fields of the rows, X, Y and Z among them",
+        "labels (collection, group, point) and positions; without that comment as points without "
+        "names, below",
+        begins_named_points,
+        table=named_points,
+        measured=True,
+    ),
+    Format(
+        "polyworks",
+        "PolyWorks Inspector, control view",
+        "columns `Object Name`, `Control` and `Meas`",
+        "measured X, Y and Z of each object, in the unit that the report states",
+        begins_controls,
+        table=control_table,
+        measured=True,
+    ),
+    Format(
+        "faro",
+        "FARO CAM2, tabular report",
+        "columns `actual` and `nominal`",
+        "the actual centre of each feature; single readings of a feature are not read",
+        begins_features,
+        table=feature_table,
         measured=True,
     ),
     Format(
