@@ -195,6 +195,7 @@ def test_a_file_of_the_contract_needs_no_mapping(tmp_path, proposed):
     [
         ("", "the file is empty"),
         ("a report\nof no numbers\nat all\n", "no rows of numbers"),
+        ("k,T\n" + '1,"[[1. 0.]\n [0. 1.]]"\n' * 9, "fields hold whole matrices as text"),
         ("a,b,c,d\n" + "1,2,3,4\n" * 9, "no joint positions were recognised"),
         ("a,b,c,d\n" + "1,2,3,4\n" * 9, "joint positions are in another: pa10cal columns JOINTS"),
         ("J1,J2,J3,J4,J5,J6\n" + "1,2,3,4,5,6\n" * 9, "no position and no distance"),
@@ -207,6 +208,42 @@ def test_a_file_of_something_else_is_refused(tmp_path, capsys, text, message):
     assert main(["columns", str(path), "--robot", "ur10"]) == 2
     assert message in capsys.readouterr().err
     assert main(["columns", str(tmp_path / "none.txt")]) == 2
+
+
+def test_numbered_columns_behind_the_last_joint_are_not_read_which_is_said(tmp_path, proposed):
+    """As of a gripper: seven are there, for an arm of six."""
+    raw, table = tracked(tmp_path, "points")
+    own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
+    own["J7"] = np.linspace(0.0, 40.0, len(own))
+    content, text, folder = proposed(own, "--robot", "ur10")
+    assert content["columns"]["poses"]["joints"]["names"] == [f"J{k}" for k in range(1, 7)]
+    assert "joints: the arm has 6, so J7 is not read" in text
+    np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
+
+
+@pytest.mark.parametrize("other_first", [False, True])
+def test_of_two_arms_under_the_same_names_the_nominal_arm_tells_its_own(
+    tmp_path, proposed, other_first
+):
+    """And nine numbers side by side that are a rotation are one, under any names."""
+    raw, table = tracked(tmp_path)
+    R = Rotation.from_quat(table[QUATERNION], scalar_first=True).as_matrix().reshape(-1, 9)
+    joints, places = table[Q].to_numpy(), 1e-3 * table[PLACE].to_numpy()
+    rng = np.random.default_rng(0)
+    places_of_other = rng.permutation(places)
+    of_arm = np.column_stack([places, R, joints])
+    of_other = np.column_stack([places_of_other, R[::-1], rng.permutation(joints)])
+    both = np.column_stack([of_other, of_arm] if other_first else [of_arm, of_other])
+    names = [f"pos {axis}" for axis in "xyz"] + [f"o{k}" for k in range(9)]
+    own = pd.DataFrame(both, columns=2 * (names + [f"J{k}" for k in range(1, 7)]))
+    content, text, folder = proposed(own, "--robot", "ur10")
+    columns = content["columns"]["poses"]
+    assert columns["joints"]["names"][0] == ("J1 (2)" if other_first else "J1")
+    assert columns["rotation"]["names"][8] == ("o8 (2)" if other_first else "o8")
+    assert "is there 2 times, of several arms perhaps" in text
+    found = read_campaign(folder).observations
+    np.testing.assert_allclose(found.states.q_rad, raw.q, atol=1e-8)
+    np.testing.assert_allclose(found.measured.T_instr_target, raw.T_instr_target, atol=1e-6)
 
 
 @pytest.mark.slow

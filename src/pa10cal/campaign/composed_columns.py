@@ -126,12 +126,33 @@ def _are_matrices(values: Array) -> bool:
     return bool(right.mean() > _MOST) if len(values) else False
 
 
+def rotation_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
+    """Return the first nine columns side by side that are a rotation that moves; empty for none.
+
+    Whether they are row by row or column by column is that of a rotation or its inverse.
+    """
+    some = numbers[np.linspace(0, len(numbers) - 1, min(len(numbers), _LOOKED_AT)).astype(int)]
+    for k in range(len(names) - 8):
+        R = some[:, k : k + 9].reshape(-1, 3, 3)
+        if _are_matrices(R) and np.ptp(R, axis=0).max() > _STILL:
+            return tuple(names[k : k + 9])
+    return ()
+
+
 def with_matrix(roles: Roles, names: Sequence[str], numbers: Array) -> Roles:
-    """Return roles in which a matrix that moves is position and orientation."""
+    """Return roles in which a matrix that moves is position and orientation.
+
+    Nine columns side by side that are a rotation are an orientation, where there is no other.
+    """
     free = [name for name in names if name not in (*roles.joints, *roles.torques)]
     columns = [names.index(name) for name in free]
     matrices = [each for each in matrix_columns(free, numbers[:, columns]) if each.moves]
     if not matrices:
+        taken = {name for place in roles.positions.values() for name in place}
+        free = [name for name in free if name not in taken]
+        nine = rotation_columns(free, numbers[:, [names.index(name) for name in free]])
+        if nine and roles.positions and roles.attitude is None:
+            return replace(roles, attitude=(nine, "matrix"))
         return roles
     first = matrices[0]
     taken = {name for each in matrices for name in (*each.rotation, *each.position)}

@@ -146,8 +146,13 @@ def numbered_apart(names: Sequence[str]) -> list[str]:
     for k, name in enumerate(names, start=1):
         seen[name] += 1
         unnamed = f"column {k}" if name == "" else name
-        apart.append(unnamed if seen[name] == 1 or name == "" else f"{name} ({seen[name]})")
+        apart.append(unnamed if name == "" else same_name(name, seen[name]))
     return apart
+
+
+def same_name(name: str, k: int) -> str:
+    """Return what the k-th column of a name is called, from 1."""
+    return name if k == 1 else f"{name} ({k})"
 
 
 def column_names(path: Path, layout: Layout = CONTRACT, within: Path | None = None) -> list[str]:

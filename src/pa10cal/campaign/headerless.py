@@ -1,8 +1,8 @@
-"""Files without names of columns: which hold joints and places, by the nominal arm alone."""
+"""Columns whose names tell too little: which hold joints and places, by the nominal arm alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
+from pa10cal.campaign.csv_rows import same_name
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.own_columns import ANGLES, LENGTHS
 from pa10cal.campaign.raw_rows import in_radians
@@ -65,6 +66,42 @@ def roles_by_arm(
         both = replace(found[0], positions=found[1].positions, attitude=found[1].attitude)
         found = both, both
     return scatter_m, *found
+
+
+def of_repeated_names(roles: Roles, sniffed: Sniffed, arm: Arm) -> Roles:
+    """Return roles with those of columns of the same names that the nominal arm explains best.
+
+    Several arms are logged side by side under the same names. What was recognised stays where none
+    of them agrees.
+    """
+    if not roles.positions or not roles.joints:
+        return roles
+    place, first = next(iter(roles.positions.items()))
+    joints, places = (_again(names, sniffed.names) for names in (roles.joints, first))
+    rows = _rows_together(sniffed, sniffed)
+    if rows is None or len(joints) < 2:
+        return roles
+    tried = [
+        (_scatter_m(T_base_ee, p_m[:, None]), columns, position)
+        for columns, T_base_ee in _ends(sniffed.columns, joints, rows[0], arm)
+        for position, p_m in _places(sniffed.columns, places, rows[1])
+    ]
+    scatter_m, columns, position = min(tried, default=(np.inf, (), ()))
+    if scatter_m > NEAR_M:
+        return roles
+    attitude, k = roles.attitude, places.index(position)
+    if attitude is not None and k:
+        of_same = _again(attitude[0], sniffed.names)
+        attitude = (of_same[k], attitude[1]) if len(of_same) > k else None
+    return replace(roles, joints=columns, positions={place: position}, attitude=attitude)
+
+
+def _again(names: Sequence[str], every: Collection[str]) -> list[tuple[str, ...]]:
+    """Return columns, then those of the same names further on."""
+    found = [tuple(names)]
+    while all(same_name(name, len(found) + 1) in every for name in names):
+        found.append(tuple(same_name(name, len(found) + 1) for name in names))
+    return found
 
 
 def logs_by_arm(

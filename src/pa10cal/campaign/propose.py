@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -10,15 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
-from pa10cal.campaign.composed_columns import (
-    from_horizon,
-)
+from pa10cal.campaign.composed_columns import from_horizon
 from pa10cal.campaign.conventions import (
     FOUR,
     THREE,
@@ -28,7 +24,14 @@ from pa10cal.campaign.conventions import (
 )
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
 from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
-from pa10cal.campaign.headerless import is_headerless, labels_of_both, logs_by_arm, roles_by_arm
+from pa10cal.campaign.headerless import (
+    is_headerless,
+    labels_of_both,
+    logs_by_arm,
+    of_repeated_names,
+    roles_by_arm,
+)
+from pa10cal.campaign.moments import JUDGED, time_columns
 from pa10cal.campaign.own_columns import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -41,13 +44,17 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.raw_rows import in_radians, position_columns
-from pa10cal.campaign.read_as import read_as, refuse_unrecognised, roles_of_file, unit_by_size
+from pa10cal.campaign.read_as import (
+    notes_on_joints,
+    read_as,
+    refuse_unrecognised,
+    roles_of_file,
+    unit_by_size,
+)
 from pa10cal.campaign.recognise import (
-    JUDGED,
     WORDS,
     Roles,
     coverage_of,
-    format_of,
     plain,
     standing,
     unit_of,
@@ -64,11 +71,6 @@ from pa10cal.settings_reading import parse_section
 AGREES_RAD = np.radians(3.0)
 #: Polar readings agree with it within this.
 AGREES_M = 0.03
-#: A date alone, and a time of day alone, which together are a time.
-_DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
-_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
-#: Numbers of days since 1900, as workbooks count time, between 1982 and 2064.
-_SERIAL_DAYS = (30_000.0, 60_000.0)
 #: What is stated where the file says nothing.
 ASSUMED_MM = 0.05
 
@@ -103,6 +105,8 @@ def propose(
     if arm is not None and is_headerless(sniffed):
         by_arm = roles_by_arm((roles, sniffed), (roles, sniffed), arm)
         roles = by_arm[1] if by_arm else roles
+    if arm is not None:
+        roles = of_repeated_names(roles, sniffed, arm)
     refuse_unrecognised(roles, sniffed, file)
     making = _Proposing(sniffed, roles, arm)
     columns = making.joints() | making.readings(making.T_base_ee)
@@ -267,6 +271,7 @@ class _Proposing:
         slides = np.zeros(len(names), bool) if self.arm is None else self.arm.axes_slide
         turns = [name for name, slide in zip(names, slides, strict=True) if not slide]
         columns = self._labels()
+        self.checks += notes_on_joints(self.sniffed, names)
         unit = self._stated(turns, {**ANGLES, COUNTS: 1.0})
         if unit is None and turns and looks_like_counts(logged[:, ~slides]):
             unit = COUNTS
@@ -387,44 +392,11 @@ class _Proposing:
         name = self.roles.single.get("time")
         if name is None:
             return {}
-        words, numbers = self.sniffed.words(name), self.sniffed.column(name)
-        names: str | list[str] = name
-        first = {other: self.sniffed.words(other)[0] for other in self.roles.times}
-        days = [other for other, word in first.items() if _DAY.fullmatch(word)]
-        clocks = [other for other, word in first.items() if _CLOCK.fullmatch(word)]
-        if days and clocks:
-            names = [days[0], clocks[0]]
-            words = [" ".join(row) for row in zip(*map(self.sniffed.words, names), strict=True)]
-            numbers = np.full(len(words), np.nan)
-        if len(set(words)) <= 1 or len(set(words)) < 0.01 * len(words):
-            self.checks.append(
-                f"time: {name} is the same in all rows, so rows are numbered instead"
-            )
-            return {}
-        digits = pd.Series(words[:JUDGED]).str.fullmatch(r"\d{14}").mean() > 0.9
-        if np.isfinite(numbers).mean() > 0.9 and not digits:
-            unit = self._stated([name], TIMES) or self._unit_of_time(name, numbers)
-            return {"time": {"names": name} | _unless(unit, "s")}
-        how, others = format_of(words)
-        if how is None:
-            self.checks.append(f"time: the format of {name} was not recognised ({words[0]!r})")
-            return {}
-        if others:
-            self.checks.append(f"time.format: {how}; {words[0]} may be {others[0]} as well")
-        return {"time": {"names": names, "format": how}}
-
-    def _unit_of_time(self, name: str, numbers: Array) -> str:
-        """Return the unit of times by their size: since 1970, days of a workbook, or since any."""
-        finite = numbers[np.isfinite(numbers)]
-        least, most = finite.min(), finite.max()
-        if most > 1e11:
-            return "ns" if most > 1e17 else "us" if most > 1e14 else "ms"
-        parts = np.mod(finite, 1.0)
-        if _SERIAL_DAYS[0] < least and most < _SERIAL_DAYS[1] and (parts > 1e-9).mean() > 0.5:
-            if most - least < 60.0:  # of days, such as a campaign takes
-                return "d"
-            self.checks.append(f"time.unit: s, by the size of the numbers of {name}")
-        return "s"
+        columns, check = time_columns(
+            self.sniffed, name, self.roles.times, self._stated([name], TIMES)
+        )
+        self.checks += [check] if check else []
+        return columns
 
     def _measured(self, T_base_ee: Array | None) -> dict[str, Any]:
         """Return the columns of what was measured."""

@@ -19,6 +19,7 @@ from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.composed_columns import polar_to_xyz
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
+from pa10cal.campaign.moments import ISO, moments_of
 from pa10cal.campaign.own_columns import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -34,7 +35,6 @@ from pa10cal.campaign.own_columns import (
     Time,
 )
 from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
-from pa10cal.campaign.recognise import ISO, moments_of
 from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
 from pa10cal.errors import RawDataError
 

@@ -12,11 +12,11 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.composed_columns import with_matrix, with_polar
-from pa10cal.campaign.csv_rows import Layout
+from pa10cal.campaign.csv_rows import Layout, same_name
 from pa10cal.campaign.joint_names import file_roles
 from pa10cal.campaign.own_columns import FileColumns
 from pa10cal.campaign.raw_file import own_columns
-from pa10cal.campaign.recognise import Roles, roles_of, split_unit, standing
+from pa10cal.campaign.recognise import Roles, beyond, roles_of, split_unit, standing
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.errors import RawDataError
 
@@ -68,6 +68,26 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
     return tuple(lines)
 
 
+def notes_on_joints(sniffed: Sniffed, joints: Sequence[str]) -> list[str]:
+    """Return what is to be checked of the choice of columns of joints."""
+    every = sniffed.titles or sniffed.names
+    titled = [every[sniffed.names.index(name)] for name in joints]
+    first = titled[0].partition(" (")[0]
+    same = [k for k in range(1, len(every)) if same_name(first, k) in every]
+    found = []
+    if more := beyond(every, titled):
+        found.append(
+            f"joints: the arm has {len(joints)}, so {', '.join(more)} is not read: a gripper, or "
+            "an outer axis? if it is an axis of the arm, name another arm"
+        )
+    if len(same) > 1:
+        found.append(
+            f"joints: {titled[0]} is there {len(same)} times, of several arms perhaps; "
+            f"{titled[0]} to {titled[-1]} is read: name others where the arm is another one"
+        )
+    return found
+
+
 def unit_by_size(p: Array) -> str:
     """Return the unit of positions (N, k) of a target by their size: metres or millimetres."""
     seen = np.isfinite(p).all(axis=1)
@@ -97,12 +117,12 @@ def refuse_unrecognised(
     if roles.joints:
         what, other = "no position and no distance was", "readings are"
     header = ""
-    if not sniffed.layout.header and not sniffed.layout.format:
+    if not sniffed.layout.header and not sniffed.layout.format and not sniffed.titles:
         header = "the file has no header: write one; or "
     raise RawDataError(
         f"{what} recognised",
         where=file,
-        value=", ".join(sniffed.names),
+        value=", ".join(sniffed.titles or sniffed.names),
         allowed="a column for each joint of the arm, such as q1, J1 or joint_1, and columns such "
         "as x, y, z",
         remedy=header

@@ -11,14 +11,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.errors import RawDataError
 from pa10cal.yaml_file import read_yaml
 
-#: The format of times as ISO 8601 has them.
-ISO = "iso"
 #: Words of units and of names, by what they say; see the file.
 WORDS = read_yaml(Path(__file__).with_name("words.yaml"), RawDataError, what="it cannot be read")
 _SPELLED: dict[str, str] = {
@@ -72,6 +69,8 @@ _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orie
 _BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
 _AXIS = re.compile(rf"(?:{_BEFORE_AXIS})?([xyz])(?:{_AFTER_AXIS})?")
+#: So many numbered columns more than the arm has joints may be of something behind its last one.
+MOST_BEYOND = 2
 #: Targets that move by less than this part of what others do stand still.
 _STILL = 0.02
 
@@ -209,28 +208,47 @@ def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def _numbered(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
-    """Return columns of joints: numbered ones from 1 (or 0), or such as are called joints."""
+    """Return columns of joints: numbered ones from 1 (or 0), or such as are called joints.
+
+    Of a few more than the arm has joints the first are taken: a gripper or an outer axis follows.
+    """
+    best: tuple[tuple[bool, bool, bool, bool, int], tuple[str, ...]] = ((False,) * 4 + (0,), ())
+    for around, listed in _series(names).items():
+        numbers = itertools.count(0 if 0 in listed else 1)
+        run = [listed[k] for k in itertools.takewhile(listed.__contains__, numbers)]
+        around_words = re.findall(r"[a-z]+", " ".join(around))
+        a_joint = has_word(around_words, "joint")
+        fits = joints is None or len(run) == joints
+        more = joints is not None and a_joint and 0 <= len(run) - joints <= MOST_BEYOND
+        score = (fits, more, not has_word(around_words, "commanded"), a_joint, len(run))
+        if score > best[0] and around_words and (a_joint or joints is not None):
+            best = score, tuple(run[:joints] if more else run)
+    (fits, more, *_), numbered = best
+    called = tuple(name for name in names if has_word(words_of_name(name), "called joint"))
+    if (joints is None or len(called) == joints) and len(called) > len(numbered) * fits:
+        return called if len(called) >= 2 else ()
+    return numbered if len(numbered) >= 2 and (fits or more) else ()
+
+
+def _series(names: Sequence[str]) -> dict[tuple[str, str], dict[int, str]]:
+    """Return names that differ by a number alone, by what stands around it and by the number."""
     series: dict[tuple[str, str], dict[int, str]] = {}
     for name in names:
         bare = plain(split_unit(name)[0])
         for found in re.finditer(r"\d+", bare):
             around = (bare[: found.start()], bare[found.end() :])
             series.setdefault(around, {})[int(found[0])] = name
-    best: tuple[tuple[bool, bool, bool, int], tuple[str, ...]] = ((False,) * 3 + (0,), ())
-    for around, listed in series.items():
-        numbers = itertools.count(0 if 0 in listed else 1)
-        run = [listed[k] for k in itertools.takewhile(listed.__contains__, numbers)]
-        around_words = re.findall(r"[a-z]+", " ".join(around))
-        a_joint = has_word(around_words, "joint")
-        fits = joints is None or len(run) == joints
-        score = (fits, not has_word(around_words, "commanded"), a_joint, len(run))
-        if score > best[0] and around_words and (a_joint or joints is not None):
-            best = score, tuple(run)
-    (fits, *_), numbered = best
-    called = tuple(name for name in names if has_word(words_of_name(name), "called joint"))
-    if (joints is None or len(called) == joints) and len(called) > len(numbered) * fits:
-        return called if len(called) >= 2 else ()
-    return numbered if len(numbered) >= 2 and fits else ()
+    return series
+
+
+def beyond(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
+    """Return columns that go on numbering those of the joints, as of a gripper."""
+    found = []
+    for listed in _series(names).values():
+        own = [number for number, name in listed.items() if name in joints]
+        if len(own) == len(joints) >= 2:
+            found += [name for number, name in sorted(listed.items()) if number > max(own)]
+    return tuple(found)
 
 
 def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
@@ -378,66 +396,3 @@ def mistaken_encoding(name: str, names: Sequence[str]) -> tuple[str, str, str] |
             if other != name and other in names:
                 return other, taken, right
     return None
-
-
-# Formats of dates and times.
-
-#: Parts of the formats of dates and times that are tried, the commonest first.
-_DATES = ("%Y-%m-%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%Y/%m/%d", "%d.%m.%y")
-_CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M", "%H.%M.%S")
-_BETWEEN = (" ", "T", ", ", "  ")
-_ZONES = ("", "%z", " %z")
-#: Rows that formats and conventions are judged by.
-JUDGED = 200
-
-
-def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
-    """Return the format of dates and times, for `time.format`, and others that fit as well.
-
-    Where day and month may be exchanged, that in which the times lie closest together is taken.
-    None where no format fits.
-    """
-    fits: dict[str, float] = {}
-    for how in _formats(words[0]):
-        moments = moments_of(words[:JUDGED], how)
-        if moments.notna().mean() > 0.9:
-            fits[how] = float((moments.max() - moments.min()).total_seconds())
-    if not fits:
-        return None, ()
-    shortest = min(fits.values())
-    best, *others = [how for how, lasts in fits.items() if lasts <= 1.001 * shortest + 1.0]
-    order = [
-        how
-        for how in others
-        if how.find("%m") < how.find("%d") != (best.find("%m") < best.find("%d"))
-    ]
-    return best, tuple(order)
-
-
-def moments_of(words: Sequence[str], how: str) -> pd.Series[pd.Timestamp]:
-    """Return dates and times read in a format of `time.format`; NaT of those that are none."""
-    form = "ISO8601" if how == ISO else how
-    some = pd.Series([word if len(word) <= MOST_LETTERS else "" for word in words], dtype=object)
-    return pd.to_datetime(some, format=form, errors="coerce", utc=True)
-
-
-def _formats(word: str) -> Iterator[str]:
-    """Yield the formats that a date or time may have: those that read its first row."""
-    if len(word) > MOST_LETTERS:
-        return
-    every = itertools.chain(
-        (ISO, "%Y%m%d%H%M%S", "%Y%m%d_%H%M%S", "%Y%m%dT%H%M%S"),
-        map("".join, itertools.product(_DATES, _BETWEEN, _CLOCKS, _ZONES)),
-        _CLOCKS,
-    )
-    shape = _shape(word)
-    for how in dict.fromkeys(every):
-        # To compare shapes is quicker than to read.
-        if (how == ISO or _shape(how) == shape) and moments_of([word], how).notna().all():
-            yield how
-
-
-def _shape(moment: str) -> str:
-    """Return what stands between the numbers of a date or time, or of its format."""
-    bare = re.sub(r"\s*([-+]\d\d:?\d\d(:?\d\d(\.\d+)?)?|Z|%Z)$", "", moment.strip().upper())
-    return re.sub(r"\s+", " ", re.sub(r"(%[A-OQ-Z]|\d)+", "0", re.sub("%P|[AP]M", "AM", bare)))

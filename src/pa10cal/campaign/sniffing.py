@@ -135,12 +135,15 @@ def sniff(path: Path) -> Sniffed:
     if of is not None:
         width = len(layout.fields(lines[0][1]))
     elif share < 0.3 or width < LEAST_FIELDS:
+        arrays = any("[[" in text for _, text in lines)
         raise RawDataError(
-            "no rows of numbers were found",
+            "fields hold whole matrices as text" if arrays else "no rows of numbers were found",
             where=str(path),
             allowed="a text file or a workbook with a row for each configuration: joint "
             "positions, and what was measured",
-            remedy="export the rows as text; a binary log is not read",
+            remedy="write each element of a matrix into a column of its own: 12 or 16 columns"
+            if arrays
+            else "export the rows as text; a binary log is not read",
         )
     if of is None and _last_is_empty(lines, layout, width):
         width += 1
