@@ -193,3 +193,14 @@ def test_whatever_differs_between_instruments_is_a_method_of_their_base(kind):
     own = {name for base in kind.__mro__ for name in vars(base) if not name.startswith("_")}
     fields_and_makers = {*kind.__dataclass_fields__, "of", "of_balls"}
     assert own - {*vars(Instrument)} - fields_and_makers == set()
+
+
+def test_what_repeats_write_with_too_few_digits_shows_no_noise():
+    """But copied readings, equal in everything, are not excused so."""
+    rng = np.random.default_rng(0)
+    pose, _ = measured("pose", frames(rng, 12), rng)
+    difference, seen = 1e-4 * rng.normal(size=(12, 6)), np.ones((12, 6), dtype=bool)
+    assert pose.rounded_kinds(difference, seen) == ()
+    difference[:, 3:] = 0.0
+    assert pose.rounded_kinds(difference, seen) == ("attitude",)
+    assert pose.rounded_kinds(0.0 * difference, seen) == ()

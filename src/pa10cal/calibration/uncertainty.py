@@ -321,7 +321,8 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
         readings: single readings of the poses fitted.
 
     Returns:
-        One entry a kind of components; none where too little is repeated.
+        One entry a kind of components; none where too little is repeated, and none of a kind whose
+        repeats agree in every digit that is written while others differ: it is rounded.
     """
     arrival = np.unique(readings.states.arrival, axis=0, return_inverse=True)[1].ravel()
     group = reading_groups(readings) * (arrival.max(initial=0) + 1) + arrival
@@ -337,8 +338,10 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
     first, second = order[at], order[at + 1]
     both = measured.components_seen[first] & measured.components_seen[second]
     difference, stated = residual[second] - residual[first], variance[second] + variance[first]
-    found = []
+    found, rounded = [], measured.rounded_kinds(difference, both)
     for kind, columns in measured.component_kinds:
+        if kind in rounded:
+            continue
         seen = both[:, columns]
         squares = difference[:, columns][seen] ** 2
         if seen.any(axis=1).sum() < GRADES.scatter_pairs:

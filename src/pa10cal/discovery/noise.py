@@ -114,6 +114,14 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         variances = _variance_components(np.where(both, difference, 0.0), of_pairs, both)
     except np.linalg.LinAlgError:
         largest = f"largest difference of two readings {np.abs(difference).max():.3g} m or rad"
+        if rounded := measured.rounded_kinds(difference, both):
+            raise DiscoveryError(
+                f"repeats of the {' and the '.join(rounded)} are the same in every digit",
+                where="grid poses",
+                value=largest,
+                allowed="numbers with so many digits that repeats differ by the noise",
+                remedy="export them with more digits",
+            ) from None
         raise DiscoveryError(
             "the scatter of repeats shows no noise in some component of the readings",
             where="grid poses",

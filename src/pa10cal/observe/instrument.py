@@ -20,10 +20,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
-from pa10cal.arrays import Array, Index, Rows, homogeneous, taken
+from pa10cal.arrays import Array, Index, Mask, Rows, homogeneous, taken
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe import quantities
 from pa10cal.terms.term import TermParameter
+
+#: Repeats that differ by less than this [m or rad] are the same numbers.
+_SAME = 1e-9
 
 #: How the base is found before any calibration, as `seed/base_frame.json` has it.
 LocatingMethod = Literal[
@@ -201,6 +204,18 @@ class Instrument(ABC):
     @abstractmethod
     def component_kinds(self) -> tuple[tuple[str, slice], ...]:
         """Return the kinds of components that have a scatter of their own, and where they are."""
+
+    def rounded_kinds(self, difference: Array, seen: Mask) -> tuple[str, ...]:
+        """Return the kinds of components (N, b) in which most repeats are equal, and others not.
+
+        They are written with so few digits that their noise does not show. Readings that were
+        copied are equal in all.
+        """
+        equal = {}
+        for kind, columns in self.component_kinds:
+            of_kind = np.abs(difference[:, columns][seen[:, columns]])
+            equal[kind] = bool(len(of_kind)) and float(np.median(of_kind)) < _SAME
+        return () if all(equal.values()) else tuple(kind for kind in equal if equal[kind])
 
     @property
     def position_columns(self) -> Index:
