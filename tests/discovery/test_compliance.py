@@ -103,12 +103,14 @@ def test_every_stiffness_that_is_said_is_as_uncertain_as_the_weights(soft):
 @pytest.mark.slow
 def test_a_joint_that_would_sag_farther_than_joints_do_is_no_name(soft, monkeypatch):
     *_, verdict = soft
-    monkeypatch.setattr(compliance, "WINDS_UP", (1e-6, "no joint does"))
+    limit = (1e-6, "no joint does")
+    monkeypatch.setattr(compliance, "most_wound_up", lambda reach_m, commanded: limit)
     found = compliance.with_compliance(replace(verdict, gives_way=()))
     assert found.gives_way == ()
     assert found.verdict == "unexplained"
     assert {place.of for place in found.unexplained} == {each.of for each in verdict.gives_way}
-    assert all("mrad: no joint does" in place.why for place in found.unexplained)
+    assert all("mrad: no joint does; if" in place.why for place in found.unexplained)
+    assert all("state joints: commanded" in place.why for place in found.unexplained)
 
 
 @pytest.mark.slow

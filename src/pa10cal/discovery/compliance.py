@@ -42,7 +42,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import CandidateContext, is_effect
-from pa10cal.terms.effects.joint import WINDS_UP, JointCompliance
+from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
 
@@ -81,14 +81,18 @@ def with_compliance(found: V) -> V:
     held_out, judging = rows.held_out, rows.held_out or rows.poses
     all_rigid_mm, now_mm = all_rigid.errors_mm(judging), rms(rows.errors_mm(rows.poses))
     findings, unexplained = [], list(found.unexplained)
+    commanded = found.context.commanded
+    most_rad, too_far = most_wound_up(found.baseline.arm.reach_m, commanded=commanded)
     for spring in shown:
         rigid = rows.rigid(spring)
         stiffness, std, sag_rad, sag_std = rows.stiffness(spring)
-        if sag_rad - HALF_WIDTH_95 * sag_std > WINDS_UP[0]:
+        if sag_rad - HALF_WIDTH_95 * sag_std > most_rad:
             why = (
                 f"joint_compliance of {spring.of} fits best, but is not named: it would sag by "
-                f"{1e3 * sag_rad:.0f} mrad: {WINDS_UP[1]}"
+                f"{1e3 * sag_rad:.0f} mrad: {too_far}"
             )
+            if not commanded:
+                why += "; if positions were commanded and not read back, state joints: commanded"
             left_mm = found.train.after.mean_mm
             no_spring = Unexplained(
                 of=spring.of, form=JointCompliance.id, shared_error_mm=left_mm, why=why

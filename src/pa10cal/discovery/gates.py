@@ -250,8 +250,9 @@ def unfit(
     size = effect.size(x)
     if size > NAMES.most_sizes and not _has_other_limits(effect, model):
         yield f"it would be {size:.0f} times as large as is plausible"
-    if effect.most_rad is not None and states is not None:
-        yield from _turns_too_far(finding, model.values_of(effect), states)
+    limit = None if states is None else effect.turn_limit(model.arm.reach_m)
+    if limit is not None and states is not None:
+        yield from _turns_too_far(finding, model.values_of(effect), states, *limit)
     yield from holds_zero(effect, model)
     if len(finding.alternatives) > NAMES.most_alternatives:
         yield f"{len(finding.alternatives)} other effects explain the data as well"
@@ -266,11 +267,11 @@ def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
     return effect.possible is not None or by_turn
 
 
-def _turns_too_far(finding: Finding[object], x: Array, states: PoseStates) -> Iterator[str]:
+def _turns_too_far(
+    finding: Finding[object], x: Array, states: PoseStates, most_rad: float, why: str
+) -> Iterator[str]:
     """Return why an effect is none that turns joints or links farther than they can."""
     effect = finding.effect
-    assert effect.most_rad is not None
-    most_rad, why = effect.most_rad
     value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
     turn_rad = effect.turn_rad(states, x)
     # The turn is proportional to the first parameter, or to its inverse, a stiffness.

@@ -12,6 +12,7 @@ from pa10cal.discovery.gates import unfit
 from pa10cal.files.arms import load_arm
 from pa10cal.terms import effects
 from pa10cal.terms.effects.effect import AtJoint, Effect, candidates, every_effect
+from pa10cal.terms.effects.joint import most_wound_up
 from pa10cal.terms.term import shows_torque, yields
 from pa10cal.terms.weights import FAULTS
 from pa10cal.terms.wording import clause_of, noun_of
@@ -208,6 +209,22 @@ def test_nothing_gives_way_farther_than_arms_do(
     reasons = [why for why in unfit(finding, _amounts(x), states) if "mrad" in why]
     assert len(reasons) == refused
     assert all(f"more than {1e3 * most_rad:.0f} mrad" in why for why in reasons)
+
+
+@pytest.mark.parametrize(
+    ("reach_m", "commanded", "most_rad"),
+    [
+        (1.8, False, 0.05),
+        (1.0, False, 0.05),
+        (0.5, False, 0.1),
+        (0.1, False, 0.2),
+        (1.8, True, 0.2),
+    ],
+)
+def test_joints_of_short_arms_and_of_servos_give_way_farther(reach_m, commanded, most_rad):
+    found, why = most_wound_up(reach_m, commanded=commanded)
+    assert found == pytest.approx(most_rad)
+    assert f"more than {1e3 * most_rad:.0f} mrad" in why
 
 
 def _reported(effect, x):

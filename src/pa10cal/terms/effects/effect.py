@@ -214,6 +214,11 @@ class Effect(Traits):
         """Return the derivative of `shift` by x, (P, m, k)."""
         return self.per_unit(states).reshape(len(states), len(self.coordinates), len(x))
 
+    def turn_limit(self, reach_m: float) -> tuple[float, str] | None:
+        """Return `most_rad` of an arm that reaches so far."""
+        del reach_m
+        return self.most_rad
+
     def turn_rad(self, states: PoseStates, x: Array) -> float:
         """Return the largest turn that it makes of one of its coordinates in some poses."""
         turns = [not name.endswith((".x", ".y", ".z")) for name in self.coordinates]

@@ -17,6 +17,23 @@ from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter
 #: Most that a joint winds up by under what it carries, and why. An assumption: twice the 23 mrad of
 #: the softest arm that was measured, a humanoid's with torque sensors in its joints.
 WINDS_UP = (0.05, "no joint of an arm winds up by more than 50 mrad")
+#: Reach of the arms of which that holds [m]. Shorter arms sag as far at their ends: they are driven
+#: by servos of toys and models, that give way by degrees.
+WINDS_UP_REACH_M = 1.0
+#: The same where positions are those commanded: a servo without integral control stops short by up
+#: to its proportional band.
+STOPS_SHORT = (0.2, "no servo stops short of its command by more than 200 mrad")
+
+
+def most_wound_up(reach_m: float, *, commanded: bool = False) -> tuple[float, str]:
+    """Return the most that a joint of such an arm winds up by [rad], and why."""
+    if commanded:
+        return STOPS_SHORT
+    if reach_m >= WINDS_UP_REACH_M:
+        return WINDS_UP
+    most_rad = min(WINDS_UP[0] * WINDS_UP_REACH_M / reach_m, STOPS_SHORT[0])
+    of_short = f"no joint of an arm that reaches {reach_m:.2g} m winds up by more than "
+    return most_rad, f"{of_short}{1e3 * most_rad:.0f} mrad"
 
 
 @dataclass(frozen=True)
@@ -359,6 +376,10 @@ class JointCompliance(effect.JointEffect):
     words = "theta_{0.joint} -= tau_{0.joint} / K"
     positive = True
 
+    def turn_limit(self, reach_m: float) -> tuple[float, str]:
+        """Return the most that such an arm's joint winds up by, and why."""
+        return most_wound_up(reach_m)
+
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return the rated torque of a joint without a spring."""
@@ -399,6 +420,10 @@ class SoftWindup(effect.JointEffect):
     words = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
     positive = True
     linear = 1  # proportional to A; tau0 shapes it
+
+    def turn_limit(self, reach_m: float) -> tuple[float, str]:
+        """Return the most that such an arm's joint winds up by, and why."""
+        return most_wound_up(reach_m)
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
