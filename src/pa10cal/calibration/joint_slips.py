@@ -21,6 +21,8 @@ from pa10cal.campaign.conventions import STILL_WRONG
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.files.coupling import coupling_in_words, set_coupling
 from pa10cal.results.calibration import InputFinding
+from pa10cal.results.record import EffectName
+from pa10cal.terms.effects.joint import JointCoupling, moved_along
 
 #: What is to be looked at where nothing that was tried puts it right.
 CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
@@ -332,7 +334,12 @@ def small_screws(checked: CheckedCampaign) -> InputFinding | None:
     best = _with_pitches_calibrated(best)
     left_mm = error(best)
     right = checked.may_be_offered(best.q, best.nominal_m)
-    return best.finding(now_mm, left_mm, "the arm calibrates to", right=right)
+    finding = best.finding(now_mm, left_mm, "the arm calibrates to", right=right)
+    joint, by = (int(checked.arm.coupling.own[axis - 1]) + 1 for axis in best.made[-1].axes)
+    if moved_along(checked.arm).get(joint) != by:
+        return finding
+    effect = EffectName(id=JointCoupling.id, of=f"joint {joint}")
+    return finding.model_copy(update={"effect": effect})
 
 
 def joint_zeros(checked: CheckedCampaign) -> InputFinding | None:

@@ -201,6 +201,7 @@ class Finding(Generic[P_co]):
             else proof,
             witness=witness,
             weights=proof.weights if isinstance(proof, GivesWay) else None,
+            by=self.effect.by_joint,
         )
 
 
@@ -261,6 +262,8 @@ class DiagnosedFault(discovery.Fault):
     # of a step that is told as a fact, its most likely time; readings before and after have bases
     # of their own
     at_s: float | None = Field(default=None, exclude=True)
+    # effect that it is as well; found, that is what it is
+    effect: EffectName | None = Field(default=None, exclude=True)
 
 
 def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
@@ -289,7 +292,11 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
         where, what = finding.where if joint is None else f"joint {joint[1]}", finding.what
         if finding.would_leave_mm is not None:
             what += f" ({finding.would_leave_mm:.3g} mm rms would remain if that is put right)"
-        faults.append(DiagnosedFault(kind=kind, where=where, what=what, remedy=finding.remedy))
+        faults.append(
+            DiagnosedFault(
+                kind=kind, where=where, what=what, remedy=finding.remedy, effect=finding.effect
+            )
+        )
     return tuple(faults)
 
 

@@ -21,6 +21,7 @@ from pa10cal.discovery.finding import (
     Rival,
     Untestable,
     fault_of,
+    name_of,
     to_check,
 )
 from pa10cal.discovery.gap import (
@@ -150,13 +151,18 @@ class Verdict(ABC, Generic[P_co]):
 
     @property
     def faults(self) -> tuple[DiagnosedFault, ...]:
-        """Return the faults of the log: of single rows first, then of all of it."""
+        """Return the faults of the log: of single rows first, then of all of it.
+
+        What is an effect as well is none where that was found.
+        """
+        names = {name_of(found.effect) for found in self.findings}
         of_all = (
             fault_of(found.effect, found.x, found.covariance, found.gain)
             for found in self.findings
             if is_fault(found.effect)
         )
-        return (*self.prepared.faults, *self.faults_of_rows, *of_all)
+        of_input = (fault for fault in self.prepared.faults if fault.effect not in names)
+        return (*of_input, *self.faults_of_rows, *of_all)
 
     @property
     def error_rate(self) -> float:

@@ -20,6 +20,7 @@ NOT_KNOWN = "–"
 _SHOWN = {
     "m": ("mm", 1e3),
     "rad": ("mrad", 1e3),
+    "m/rad": ("mm/turn", 2e3 * math.pi),
     "N m/rad": ("kN m/rad", 1e-3),
     "N m/rad^3": ("MN m/rad³", 1e-6),
 }

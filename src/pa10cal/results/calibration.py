@@ -29,6 +29,8 @@ class InputFinding(record.Part):
     # was not tried
     would_leave_mm: float | None = None
     kind: str  # its kind in a word, such as `joint_sign`
+    # effect of the vocabulary that it is as well as a slip of the log, where there is one
+    effect: record.EffectName | None = record.optional()
 
     def __str__(self) -> str:
         left = self.would_leave_mm

@@ -143,6 +143,8 @@ class FoundEffect(NamedEffect):
     # where the weights come from under which a joint gives way, where the arm's description states
     # none: its stiffness is known relative to assumed ones
     weights: Literal["assumed", "total", "logged"] | None = record.optional()
+    # joint, from 1, whose turn moves that of a coupling along, where it is one
+    by: int | None = record.optional()
 
 
 class Unexplained(record.Part):

@@ -10,6 +10,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.effects.joint import moved_along
 
 
 @pytest.mark.parametrize("name", arm_names())
@@ -17,8 +18,9 @@ def test_every_effect_moves_a_chain_that_there_is(name):
     arm = load_arm(name)
     chain, states = Chain.of(arm, bends=tuple(range(1, arm.n))), states_of(arm)
     found = candidates(context_of(arm))
-    turning = {f"joint {joint}" for joint in np.flatnonzero(~arm.prismatic) + 1}
-    assert turning == {effect.of for effect in found if effect.of.startswith("joint")}
+    turning = np.flatnonzero(~arm.prismatic) + 1
+    at_joints = {f"joint {joint}" for joint in (*turning, *moved_along(arm))}
+    assert at_joints == {effect.of for effect in found if effect.of.startswith("joint")}
     for effect in found:
         assert len(chain.columns(effect.coordinates)) == len(effect.coordinates)
         assert all(np.isfinite(parameter.plausible or 1.0) for parameter in effect.parameters)

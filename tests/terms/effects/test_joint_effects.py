@@ -4,9 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.couplings import described, industrial, scara
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from made_up_poses import context_of, states_of
 from pa10cal.arm.chain import Chain
+from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.effects.joint import moved_along
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 
@@ -28,6 +34,9 @@ def solved(effect, **reported):
         ("backlash", "joint 3", "theta_3", lambda s: -0.7 * s.arrival[:, 2]),
         ("arrival_error", "joint 3", "theta_3", lambda s: 0.7 * s.arrival[:, 2]),
         ("wrist_coupling", "wrist", "theta_6", lambda s: 0.7 * s.q_rad[:, 4]),
+        ("joint_coupling", "joint 3", "theta_3", lambda s: 0.7 * s.q_rad[:, 1]),
+        ("joint_coupling", "joint 5", "theta_5", lambda s: 0.7 * s.q_rad[:, 3]),
+        ("joint_coupling", "joint 6", "theta_6", lambda s: 0.7 * s.q_rad[:, 3]),
         ("joint_compliance", "joint 4", "theta_4", lambda s: -0.7 * s.tau_Nm[:, 3]),
     ],
 )
@@ -35,6 +44,58 @@ def test_turns_the_joint_as_the_vocabulary_says(name, of, coordinate, form, at, 
     effect = at(name, of)
     assert effect.coordinates == (coordinate,)
     np.testing.assert_allclose(effect.shift(states, np.array([0.7]))[:, 0], form(states))
+
+
+# Joints that move along with others: which may, what it does to the arm, and that it is found.
+
+
+@pytest.mark.parametrize(
+    ("name", "pairs"),
+    [
+        ("pa10_6ce", {3: 2, 5: 4, 6: 4}),
+        ("ur10", {3: 2, 4: 3, 5: 4, 6: 4}),
+        ("irb120", {3: 2, 5: 4, 6: 4}),
+        ("iiwa14", {6: 5, 7: 5}),
+        ("gx4_351s", {2: 1, 3: 4}),
+    ],
+)
+def test_joints_move_along_that_their_drives_tie_together(name, pairs):
+    assert moved_along(load_arm(name)) == pairs
+
+
+def test_an_arm_on_a_rail_has_the_couplings_of_the_arm():
+    rail = [{"prismatic": True, "alpha_deg": 90.0, "limits_m": [0.0, 3.0]}]
+    rows = industrial(np.random.default_rng(1), 1)
+    assert moved_along(described(rail + rows)) == {4: 3, 6: 5, 7: 5}
+    assert moved_along(described(rows)) == {3: 2, 5: 4, 6: 4}
+
+
+def test_a_joint_without_a_motor_of_its_own_has_no_coupling_beside_it():
+    follows = {"joint": 3, "by": 2, "factor": -1.0, "follows": True}
+    rows = industrial(np.random.default_rng(1), 1)
+    assert moved_along(described(rows, follows)) == {5: 4, 6: 4}
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 2**31), c=st.floats(-2e-3, 2e-3), quill=st.booleans())
+def test_a_coupling_is_the_arm_at_joints_that_moved_along(seed, c, quill):
+    """Exact: the chain at the joints as they really stand; so is its derivative by c."""
+    rng = np.random.default_rng(seed)
+    arm = described(scara(rng) if quill else industrial(rng, 1))
+    effects = [each for each in candidates(context_of(arm)) if each.id == "joint_coupling"]
+    assert len(effects) == (2 if quill else 3)
+    states = states_of(arm, seed % 1000, 8)
+    for effect in effects:
+        model = Model(Chain.of(arm), (effect,))
+        stood = states.q_rad.copy()
+        stood[:, effect.joint - 1] += c * stood[:, effect.by - 1]
+        T = Model(Chain.of(arm), ()).predict(replace(states, q_rad=stood), np.zeros(0))
+        np.testing.assert_allclose(model.predict(states, np.array([c])), T, atol=1e-13)
+        found = model.predict_with_jacobian(states, np.array([c]))
+        step = 1e-5
+        after, before = (model.predict(states, np.array([c + way * step])) for way in (1, -1))
+        slope = (after[:, :3, 3] - before[:, :3, 3]) / (2.0 * step)
+        np.testing.assert_allclose(found.jacobian[:, :3, 0], slope, atol=1e-7)
 
 
 def test_a_controller_errs_where_the_joint_moved_and_backlash_where_it_came_from(at, states):

@@ -194,6 +194,11 @@ class Effect(Traits):
         return self.of not in _OF_PLACE
 
     @property
+    def by_joint(self) -> int | None:
+        """Return the joint, from 1, that moves by it the one where it sits; None without any."""
+        return None
+
+    @property
     def coordinates(self) -> tuple[str, ...]:
         """Return the m chain coordinates it adds to."""
         return ()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from pa10cal.arm.description import Arm, neighbouring_axes
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
@@ -142,6 +143,80 @@ class AlongMove(effect.Effect):
         return effect.move_share_in(states, self)[:, [joint - 1 for joint in self.joints]]
 
 
+# Joints whose drives run through others: a wrist's shafts and gears, belts along an arm, quills.
+
+#: Axes nearer than this are one [m]: a quill slides along the axis about which it turns.
+_ONE_AXIS_M = 1e-3
+
+
+def moved_along(arm: Arm) -> dict[int, int]:
+    """Return the joints that may move a little as another turns, each with that one, from 1.
+
+    As drives are built: beside the joint before it a belt, a chain or a parallelogram may drive a
+    joint; shafts of a wrist whose axes cross run through its first joint; and a quill slides along
+    the axis about which it turns. The last joint and the one before it are `wrist_coupling`.
+    """
+    n, slides, found = arm.n, arm.prismatic, {}
+    between = neighbouring_axes(arm)
+    for axes in between:
+        one, other = axes.joints
+        if not axes.parallel:
+            continue
+        if not slides[one - 1] and not slides[other - 1] and other < n:
+            found[other] = one
+        elif slides[one - 1] != slides[other - 1] and abs(arm.a_m[axes.row - 1]) < _ONE_AXIS_M:
+            slide, turns = (one, other) if slides[one - 1] else (other, one)
+            found[slide] = turns
+    crossing = n > 3 and not any(axes.parallel for axes in between[-2:])
+    if crossing and not slides[-3:].any():
+        found |= {n - 1: n - 2, n: n - 2}
+    # What a joint without a motor of its own does with its motor is its gear ratio.
+    return {joint: by for joint, by in found.items() if joint - 1 in arm.coupling.own}
+
+
+@dataclass(frozen=True)
+class JointCoupling(effect.AtJoint):
+    """A joint moves as another turns, whose drive it feels: c q_k, c without unit.
+
+    Of a joint that slides c is in m/rad, as of a quill that rises as it turns.
+    """
+
+    by: int  # k, the joint that turns, from 1
+    slides: bool  # whether the joint that moves does
+    id = "joint_coupling"
+    nouns = ("coupling", "couplings")
+    clauses = (
+        "{at} moves a little as another joint turns",
+        "{at} move a little as other joints turn",
+    )
+    words = "{0.coordinates[0]} += c q_{0.by}"
+
+    @classmethod
+    def everywhere(cls, context: effect.CandidateContext) -> tuple[Self, ...]:
+        arm = context.arm
+        return tuple(
+            cls(f"joint {joint}", by, bool(arm.prismatic[joint - 1]))
+            for joint, by in sorted(moved_along(arm).items())
+        )
+
+    @property
+    def by_joint(self) -> int:
+        return self.by
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return (f"{'d' if self.slides else 'theta'}_{self.joint}",)
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        if self.slides:  # of a turn some tenths of a millimetre
+            return (TermParameter("c", "m/rad", 3e-6, plausible=1e-4),)
+        return (TermParameter("c", "1", 3e-5, plausible=1e-3),)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        return states.q_rad[:, self.by - 1]
+
+
 @dataclass(frozen=True)
 class WristCoupling(effect.Effect):
     """The last joint turns with the one before it: c q_(n-1) [rad], c without unit."""
@@ -150,7 +225,7 @@ class WristCoupling(effect.Effect):
     id = "wrist_coupling"
     clauses = ("the last joint is turned along by the one before it",)
     sits = "wrist"
-    words = "theta_{0.last} += c q_{0.before}"
+    words = "theta_{0.last} += c q_{0.by_joint}"
     reported = (TermParameter("c", "1", 3e-5, plausible=1e-3),)
 
     @classmethod
@@ -160,8 +235,7 @@ class WristCoupling(effect.Effect):
         return (last,) if {last - 1, last} <= {*effect.turning_joints(context)} else None
 
     @property
-    def before(self) -> int:
-        """Return the joint before the last."""
+    def by_joint(self) -> int:
         return self.last - 1
 
     @property
@@ -169,7 +243,7 @@ class WristCoupling(effect.Effect):
         return (f"theta_{self.last}",)
 
     def per_unit(self, states: PoseStates) -> Array:
-        return states.q_rad[:, self.before - 1]
+        return states.q_rad[:, self.by_joint - 1]
 
 
 # Periodic errors of a joint's angle: encoder disks and harmonic drives.

@@ -134,8 +134,9 @@ class SimulatedEffect(Section):
     """
 
     id: ClassVar[str]
-    #: Where it may sit; `joint` stands for any joint by its number, `rigid joint` for one
-    #: without a spring, `loaded joint` for one that weights load.
+    #: Where it may sit; `turning joint` stands for any that turns by its number, `any joint` for
+    #: those that slide as well, `rigid joint` for one without a spring, `loaded joint` for one that
+    #: weights load.
     places: ClassVar[tuple[str, ...]]
     #: Whether it is in the vocabulary of effects; what is not can be hidden, but not be named.
     named: ClassVar[bool] = True

@@ -236,6 +236,40 @@ class SimulatedWristCoupling(effect.JointsEffect):
         return turn
 
 
+class SimulatedJointCoupling(effect.JointsEffect):
+    """A joint moves as another one turns: gears in its wrist, its belt, the screw of its quill."""
+
+    id = "joint_coupling"
+    places = ("any joint",)
+    drawn = False
+    usual = effect.draws(c=effect.signed(1e-3))
+
+    c: effect.Finite = Field(description="motion of the joint by a turn of the other [1; m/rad]")
+    by: Annotated[int, Field(ge=0)] = Field(
+        0, description="number of the joint that turns; 0 for the one before"
+    )
+
+    def added(self, motion: effect.JointState) -> Array:
+        """Return the motion of the joint that is moved along.
+
+        Raises:
+            SimulationError: where there is no such other joint.
+        """
+        turns = self.by - 1 if self.by else self.joint - 1
+        count = motion.q_rad.shape[1]
+        if turns == self.joint or not 0 <= turns < count:
+            raise SimulationError(
+                "no other joint turns there",
+                where=f"{self.id} of {self.of}",
+                value=turns + 1,
+                allowed=f"by: another joint, from 1 to {count}",
+                remedy="correct `by`",
+            )
+        moved = np.zeros_like(motion.q_rad)
+        moved[:, self.joint] = self.c * motion.q_rad[:, turns]
+        return moved
+
+
 class SimulatedAlongMove(effect.JointsEffect):
     """The arm is read a little before, or after, its log says where it stands.
 

@@ -56,6 +56,20 @@ def test_wrist_coupling_turns_the_last_joint_with_the_one_before():
     assert np.abs(turn[:, :5]).max() == 0.0
 
 
+@settings(deadline=None, max_examples=40)
+@given(joint_=st.integers(1, 6), by=st.integers(0, 7), c=st.floats(-1e-2, 1e-2))
+def test_a_coupling_moves_its_joint_with_another_and_that_alone(joint_, by, c):
+    coupling = joint.SimulatedJointCoupling(c=c, by=by).at(f"joint {joint_}")
+    turns = by or joint_ - 1
+    if turns == joint_ or not 1 <= turns <= 6:
+        with pytest.raises(SimulationError, match="no other joint turns there"):
+            coupling.added(MOTION)
+        return
+    moved = coupling.added(MOTION)
+    assert moved[:, joint_ - 1] == pytest.approx(c * Q[:, turns - 1], abs=1e-17)
+    assert not np.delete(moved, joint_ - 1, axis=1).any()
+
+
 def test_joint_error_map_goes_through_its_knots_and_is_smooth_across_the_turn():
     knots = tuple(1e-4 * RNG.standard_normal(9))
     effect = joint.SimulatedJointErrorMap(knots=knots).at("joint 1")

@@ -23,6 +23,7 @@ GOOD = [
     ("torque_gain", "joint 2", {"g": 0.05}),
     ("joint_compliance", "joint 4", {"K": 1e4}),
     ("soft_windup", "joint 2", {"A": 1e-4, "tau0": 10.0}),
+    ("joint_coupling", "joint 5", {"c": 1e-3, "by": 4}),
     ("wrist_coupling", "wrist", {"c": 1e-4}),
     ("link_bending", "upper_arm", {"c": 1e-6}),
     ("link_torsion", "forearm", {"c": 1e-6}),
@@ -41,7 +42,7 @@ def entry(id_, of, parameters):
 
 def test_entries_become_effects_with_their_parameters(robot):
     effects = make_effects([entry(*good) for good in GOOD], robot)
-    assert {effect.id for effect in effects} <= set(vocabulary())
+    assert {effect.id for effect in effects} <= set(all_effects())
     for effect, (_, of, parameters) in zip(effects, GOOD, strict=True):
         assert effect.of == of
         found = effect.model_dump()
