@@ -10,8 +10,9 @@ from scipy.ndimage import label
 
 from pa10cal.arrays import Array, Index
 
-#: Speeds are taken over at least this time, so that noise of a fast log is no movement.
-SPEED_WINDOW_S = 0.3
+#: Speeds are taken over at least this time, so that noise of a fast log is no movement. Dwells are
+#: found shorter than they are by as much at both ends; brief ones are sought over a shorter time.
+SPEED_WINDOW_S, BRIEF_WINDOW_S = 0.3, 0.1
 #: A standing arm may creep no further between two samples than at the still speed in this time.
 CREEP_S = 1.0
 #: An interval this many times the usual one is a pause of the log.
@@ -67,10 +68,12 @@ class Stations:
         return np.where(inside, before, -1)
 
 
-def find_dwells(samples: Samples, still_speed_deg_s: float) -> Stations:
+def find_dwells(
+    samples: Samples, still_speed_deg_s: float, window_s: float = SPEED_WINDOW_S
+) -> Stations:
     """Find dwells: at least two successive samples in which every joint is slower than allowed.
 
-    The limit is `ingest.still_speed_deg_s`.
+    The limit is `ingest.still_speed_deg_s`, of speeds over `window_s` at least.
 
     The direction of arrival is that of the last movement larger than noise: the sign of the dwell's
     mean position minus that of the latest sample of the approach that differs from it by more. The
@@ -79,7 +82,7 @@ def find_dwells(samples: Samples, still_speed_deg_s: float) -> Stations:
     time_s, q_deg = samples.time_s, samples.q_deg
     steps_s = np.diff(time_s)
     travel = np.abs(np.diff(q_deg, axis=0))
-    slow = _slow_intervals(time_s, q_deg, still_speed_deg_s)
+    slow = _slow_intervals(time_s, q_deg, still_speed_deg_s, window_s)
     # The deviation of one reading, from differences of neighbours at rest.
     noise = 1.4826 * np.median(travel[slow], axis=0) / np.sqrt(2.0) if slow.any() else 0.0
     least = np.full(q_deg.shape[1], REAL_S * still_speed_deg_s)
@@ -153,11 +156,13 @@ def _runs(numbers: Index) -> list[Index]:
     return np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
 
 
-def _slow_intervals(time_s: Array, q_deg: Array, still_speed_deg_s: float) -> NDArray[np.bool_]:
+def _slow_intervals(
+    time_s: Array, q_deg: Array, still_speed_deg_s: float, window_s: float
+) -> NDArray[np.bool_]:
     """Return (N-1,) whether the arm stood still between neighbouring samples."""
     count = len(time_s)
     here = np.arange(count - 1)
-    there = np.searchsorted(time_s, time_s[:-1] + SPEED_WINDOW_S)
+    there = np.searchsorted(time_s, time_s[:-1] + window_s)
     there = np.clip(there, here + 1, count - 1)
     allowed = still_speed_deg_s * np.minimum(time_s[there] - time_s[here], CREEP_S)
     moves = np.abs(q_deg[there] - q_deg[here]).max(axis=1, initial=0.0) > allowed
@@ -196,11 +201,24 @@ def _arrival(q_deg: Array, moving: Index, first: Index, mean_deg: Array, real_de
 DENSE = 3.0
 #: A standing joint's read-back may scatter by so many times what most of its small steps are.
 SCATTER = 6.0
-#: Part of the rows at which the arm surely stands.
-STANDS = 0.2
+#: Part of the rows at which the arm surely stands; and the least part, by which the scatter is at
+#: most so many times as large.
+STANDS, BRIEFLY, SCATTER_BRIEFLY = 0.2, 0.05, 1.8
 
 
-def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations:
+def scatter_at_rest(travel: Array) -> float:
+    """Return how far apart two readings of what stands may be, by all (N,) that follow each other.
+
+    The median of the smaller ones is motion where the arm stands for a part of the time alone.
+    """
+    small = travel[travel <= np.quantile(travel, 2.0 * STANDS)]
+    briefly = SCATTER_BRIEFLY * float(np.quantile(travel, BRIEFLY))
+    return SCATTER * min(float(np.median(small)), briefly)
+
+
+def stations_of(
+    samples: Samples, readings: int, still_deg_s: float, window_s: float = SPEED_WINDOW_S
+) -> Stations:
     """Return where the arm stood: the dwells of a log of motion, or every row of a list of poses.
 
     The still speed is raised to the scatter of the joints' read-back.
@@ -208,11 +226,8 @@ def stations_of(samples: Samples, readings: int, still_deg_s: float) -> Stations
     if len(samples) >= DENSE * readings:
         step_s = np.diff(samples.time_s)
         travel = np.abs(np.diff(samples.q_deg, axis=0)).max(axis=1, initial=0.0)
-        small = travel[travel <= np.quantile(travel, 2.0 * STANDS)]
-        scatter_deg_s = (
-            SCATTER * float(np.median(small)) / max(SPEED_WINDOW_S, float(np.median(step_s)))
-        )
-        dwells = find_dwells(samples, max(still_deg_s, scatter_deg_s))
+        scatter_deg_s = scatter_at_rest(travel) / max(window_s, float(np.median(step_s)))
+        dwells = find_dwells(samples, max(still_deg_s, scatter_deg_s), window_s)
         if len(dwells) >= 2:
             return dwells
     half_s = 0.45 * np.diff(samples.time_s, prepend=np.nan, append=np.nan)

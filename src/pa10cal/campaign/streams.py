@@ -18,12 +18,11 @@ from scipy.stats import t as student
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign.dwells import (
-    SCATTER,
     SPEED_WINDOW_S,
-    STANDS,
     Samples,
     Stations,
     find_dwells,
+    scatter_at_rest,
 )
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.raw_rows import RawRows
@@ -117,20 +116,19 @@ def resolution_s(time_s: Array) -> float:
     return 0.0
 
 
-def reading_dwells(time_s: Array, p_mm: Array) -> Stations:
+def reading_dwells(time_s: Array, p_mm: Array, window_s: float = SPEED_WINDOW_S) -> Stations:
     """Return where a target (N, m) stood; it is not seen where a coordinate is nan."""
     seen = np.flatnonzero(np.isfinite(p_mm).all(axis=1))
     unknown = np.full((len(seen), 1), np.nan)
     smooth = median_filter(p_mm[seen], size=(MEDIAN, 1), mode="nearest")
     samples = Samples(seen, time_s[seen], smooth, unknown, unknown[:, 0])
-    ahead = np.searchsorted(samples.time_s, samples.time_s + SPEED_WINDOW_S)
+    ahead = np.searchsorted(samples.time_s, samples.time_s + window_s)
     within = np.flatnonzero(ahead < len(seen))
     if len(within) < 2:
-        return _of_all(find_dwells(samples, STILL_MM_S), seen, len(time_s))
+        return _of_all(find_dwells(samples, STILL_MM_S, window_s), seen, len(time_s))
     travel_mm = np.abs(smooth[ahead[within]] - smooth[within]).max(axis=1)
-    small_mm = travel_mm[travel_mm <= np.quantile(travel_mm, 2.0 * STANDS)]
-    speed_mm_s = max(STILL_MM_S, SCATTER * float(np.median(small_mm)) / SPEED_WINDOW_S)
-    return _of_all(find_dwells(samples, speed_mm_s), seen, len(time_s))
+    speed_mm_s = max(STILL_MM_S, scatter_at_rest(travel_mm) / window_s)
+    return _of_all(find_dwells(samples, speed_mm_s, window_s), seen, len(time_s))
 
 
 def _of_all(dwells: Stations, seen: Index, count: int) -> Stations:

@@ -22,7 +22,15 @@ from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.bounds import LEAST_U, unwrapped
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
-from pa10cal.campaign.dwells import DENSE, Samples, Stations, offset_ranges, stations_of
+from pa10cal.campaign.dwells import (
+    BRIEF_WINDOW_S,
+    DENSE,
+    SPEED_WINDOW_S,
+    Samples,
+    Stations,
+    offset_ranges,
+    stations_of,
+)
 from pa10cal.campaign.nominal_fit import (
     EXPECTED_SHIFTED_M,
     Fit,
@@ -89,6 +97,9 @@ def clock_offset(stations: Stations, time_s: Array, fit: Fit) -> tuple[float, fl
     return float(offset_s), float(width_s / np.sqrt(12.0))
 
 
+#: Dwells that are found over a shorter time count where they are so many times as many, or more
+#: where those that were found are short.
+MANY_MORE = 1.3
 #: Dwells that last less are no poses [s]; those that are found are shorter than they were.
 SHORT_S = 0.4
 #: Columns of labels share at least so many, and so large a part of the shorter one's.
@@ -382,10 +393,9 @@ class TwoLogs:
         time_s, count = spread_times(read["time_s"]), len(read) + len(lost)
         samples = replace(samples, time_s=spread_times(samples.time_s))
         p_mm = self._most_seen(read)
-        dwells = reading_dwells(time_s, p_mm)
+        dwells, stations = self._steady(time_s, p_mm, samples)
         if len(dwells) < 2:
             raise self._no_dwell(self.readings.path, count, "the target never stands still")
-        stations = stations_of(samples, len(dwells), self.still_deg_s)
         in_motion = len(samples) >= DENSE * len(dwells)
         if in_motion and len(stations) == len(samples):
             what = "the arm is never at rest in the log of its joints"
@@ -432,6 +442,19 @@ class TwoLogs:
         )
         return averaged(read, of_group), visits[~few], stations, note
 
+    def _steady(self, time_s: Array, p_mm: Array, samples: Samples) -> tuple[Stations, Stations]:
+        """Return where the target and the arm stood; brief dwells where those are more."""
+        found = []
+        for window_s in (SPEED_WINDOW_S, BRIEF_WINDOW_S):
+            dwells = reading_dwells(time_s, p_mm, window_s)
+            stations = stations_of(samples, len(dwells), self.still_deg_s, window_s)
+            both = min(len(dwells), len(stations) if len(stations) < len(samples) else 0)
+            found.append((both, dwells, stations))
+        usual, brief = found
+        lasts_s = [each.end_s - each.start_s for each in usual[1:] if len(each)]
+        short = any(np.median(each) < 2.0 * SPEED_WINDOW_S for each in lasts_s)
+        return brief[1:] if brief[0] > usual[0] * (1.0 if short else MANY_MORE) else usual[1:]
+
     def _clock(
         self,
         clock: Clock,
@@ -466,7 +489,7 @@ class TwoLogs:
             what,
             where=str(path),
             value=f"{rows} rows",
-            allowed="a log in which the arm stands at every pose for a second and more",
+            allowed="a log in which the arm stands at every pose for half a second and more",
             remedy="let the arm stand still at every pose while it is measured, and check the "
             "units of the time and of the positions",
         )
