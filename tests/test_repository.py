@@ -67,6 +67,7 @@ MAY_IMPORT = {
         "files.output",
         "arm",
         "files.arms",
+        "files.controller",
         "files.coupling",
         "fit.weighed_arm",
         "frame",

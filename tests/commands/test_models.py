@@ -17,9 +17,11 @@ from scipy.spatial.transform import Rotation
 from made_up_model import fitted, fitted_to, postures
 from made_up_pair import campaign, shifted
 from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Controller
 from pa10cal.arm.exports import controller_pose
 from pa10cal.campaign.table import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
+from pa10cal.files.arms import arm_text
 from pa10cal.fit import compensation, fitted_model, loads
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.contradictions import of_joints
@@ -341,6 +343,37 @@ def test_the_tcp_of_the_controller_can_be_given(tmp_path, capsys):
     assert "give 6 numbers" in capsys.readouterr().err
     assert run("compensate", tmp_path, lines, "--angles", "ABC") == REFUSED
     assert "add --write cartesian" in capsys.readouterr().err
+
+
+def test_poses_are_sent_relative_to_the_controllers_own_model(tmp_path, capsys):
+    model = saved(tmp_path)
+    arm = replace(model.arm, name="factory", a_m=model.arm.a_m + 5e-4)
+    factory = tmp_path / "factory.yaml"
+    factory.write_text(arm_text(arm), encoding="utf-8")
+    lines, options = [f"id,{POSE}", f"P1,{HERE}"], ("--write", "cartesian")
+    assert run("compensate", tmp_path, lines, *options) == 0
+    assert "with the nominal model (its own compensation must be off" in capsys.readouterr().out
+    assert run("compensate", tmp_path, lines, *options, "--controller", str(factory)) == 0
+    assert "with the model of factory and this TCP" in capsys.readouterr().out
+    (row,) = found = rows(tmp_path / "out.csv")
+    T = Chain.of(arm).forward(np.radians(column(found, *JOINTS.split(","))))
+    np.testing.assert_allclose(float(row["send_x_mm"]), 1e3 * T[0, 0, 3], atol=1e-6)
+    assert run("compensate", tmp_path, lines, *options, "--controller", "ur10") == REFUSED
+    assert "--controller: the model of the controller, ur10, is of an" in capsys.readouterr().err
+    assert run("compensate", tmp_path, lines, "--controller", "ur10") == REFUSED
+    assert "add --write cartesian" in capsys.readouterr().err
+    for stated, said in (
+        (Controller(compensation=True, known=False), "would correct the robot twice"),
+        (Controller(compensation=True, known=True), "pa10_6ce, its compensation on, and this"),
+        (Controller(compensation=False, known=True), "nominal model, its compensation off, and"),
+        (Controller(compensation=True, known=True, arm=arm), "with the model of factory and"),
+    ):
+        chain = replace(model.model.chain, arm=replace(model.arm, controller=stated))
+        content = replace(model, model=replace(model.model, chain=chain))
+        save_model(content, tmp_path / "model.yaml")
+        assert run("compensate", tmp_path, lines, *options) == (0 if stated.known else REFUSED)
+        assert said in "".join(capsys.readouterr())
+        assert run("compensate", tmp_path, lines) == 0
 
 
 def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):

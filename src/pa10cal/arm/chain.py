@@ -347,6 +347,25 @@ def _row_motions(row: int, convention: str) -> tuple[Motion, ...]:
 # Frames that the joints of an arm carry along, and how they move when the arm is calibrated.
 
 
+#: Postures in which two arms are compared.
+_POSTURES, _SEED = 300, 20080427
+
+
+def mean_distance(first: Arm, other: Arm) -> tuple[float, float, float]:
+    """Return how far the ends of two arms of as many joints are apart over all postures.
+
+    These are the mean [m], the largest [m], and the largest angle between them [rad].
+    """
+    low, high = first.limits_rad.T
+    q = np.random.default_rng(_SEED).uniform(low, high, (_POSTURES, first.n))
+    one, two = (Chain.of(arm).forward(q) for arm in (first, other))
+    off_m = np.linalg.norm(one[:, :3, 3] - two[:, :3, 3], axis=1)
+    # Twice the sine of half the angle between two orientations, over the square root of two.
+    apart = np.linalg.norm(one[:, :3, :3] - two[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+    off_rad = 2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0))
+    return float(off_m.mean()), float(off_m.max()), float(off_rad.max())
+
+
 def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
     """Return the frames that the joints carry along, (n, 4, 4), and the flange (4, 4), in the base.
 

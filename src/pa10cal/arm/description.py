@@ -91,6 +91,15 @@ ROW_FIELDS = (
 
 
 @dataclass(frozen=True)
+class Controller:
+    """What a robot's controller computes with, between joint positions and Cartesian poses."""
+
+    compensation: bool  # whether it corrects an arm that its maker measured
+    known: bool  # whether it is known what it computes with
+    arm: Arm | None = None  # that, where it is known and not the arm described itself
+
+
+@dataclass(frozen=True)
 class Arm:
     """A serial arm of n joints as its maker describes it."""
 
@@ -125,6 +134,8 @@ class Arm:
     coupled: tuple[CoupledJoint, ...] = ()
     # what a run says of the description: rows laid anew, or where an arm known by name came from
     remarks: tuple[str, ...] = ()
+    # what the controller computes with; None where nobody stated it: these rows, presumably
+    controller: Controller | None = None
 
     @property
     def n(self) -> int:
@@ -135,6 +146,15 @@ class Arm:
     def coupling(self) -> Coupling:
         """Return how the joints follow from the m axes that the controller counts."""
         return Coupling(self.n, self.coupled)
+
+    @property
+    def controller_arm(self) -> Arm | None:
+        """Return the arm between joints and poses of the controller; None where it is not known."""
+        if self.controller is None:
+            return self
+        if not self.controller.known:
+            return None
+        return self.controller.arm or self
 
     @property
     def axes_slide(self) -> NDArray[np.bool_]:

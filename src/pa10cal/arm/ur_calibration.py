@@ -18,6 +18,7 @@ from pa10cal.arm.chain import (
     Chain,
     carried_frames,
     frames,
+    mean_distance,
     moved_frames,
     placed,
     roll_pitch_yaw,
@@ -306,9 +307,7 @@ def _arm(rows: DHRows, name: str, designed: Arm | None, where: str) -> Arm:
         )
     )
     if designed is not None:
-        q = np.random.default_rng(_SEED).uniform(-np.pi, np.pi, (_CHECKS, 6))
-        ends = [Chain.of(each).forward(q)[:, :3, 3] for each in (designed, arm)]
-        off_m = float(np.linalg.norm(ends[1] - ends[0], axis=1).mean())
+        off_m = mean_distance(designed, arm)[0]
         if off_m > _NEAR:
             raise ArmError(
                 "the calibration is of another model",

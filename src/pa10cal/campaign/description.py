@@ -21,6 +21,7 @@ from pa10cal.campaign.own_columns import OwnColumns
 from pa10cal.campaign.raw_rows import Exclusions
 from pa10cal.errors import RawDataError, remedy_for
 from pa10cal.files.arms import load_arm
+from pa10cal.files.controller import StatedController, controller_of
 from pa10cal.files.coupling import StatedCoupling, coupled_joints
 from pa10cal.input_files import is_file, open_file, reason
 from pa10cal.observe.instrument import Instrument as MeasuredBy
@@ -186,6 +187,7 @@ class CampaignDescription(Section):
         default=None,
         description="joints that move with an axis of another; in place of the arm's own",
     )
+    controller: StatedController | None = None
     repeat_tolerance_deg: Annotated[FiniteFloat, Field(gt=0, le=1)] = Field(
         default=0.01,
         description="joint positions within it are one place (mm of a joint that slides)",
@@ -323,17 +325,19 @@ def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None
 
 
 def nominal_arm(campaign: CampaignDescription, folder: Path, arms: Path | None = None) -> Arm:
-    """Return the arm of a campaign, its joints coupled as campaign.yaml states.
+    """Return the arm of a campaign, joints coupled and controller as campaign.yaml states them.
 
     Raises:
         ArmError: when there is no arm of that name, its file cannot be used, or what is stated
             couples no joints of it.
         SettingsError: when a key of its file is unknown, missing or of the wrong kind.
     """
+    where = str(folder / DESCRIPTION_FILE)
     arm = load_arm(campaign.robot, folder, arms)
+    computes = controller_of(campaign.controller, arm, folder, arms, where=f"{where}: controller")
+    arm = replace(arm, controller=computes)
     if campaign.coupling is None:
         return arm
-    where = str(folder / DESCRIPTION_FILE)
     return replace(arm, coupled=coupled_joints(campaign.coupling, arm.prismatic, where))
 
 
@@ -487,6 +491,16 @@ def describe_group(
                 remedy="take the other campaign out of the group, or describe the robot alike in "
                 "both",
             )
+    stated = [each.controller for each in described]
+    if any(each != stated[0] for each in stated):
+        shown = [None if each is None else each.model_dump(exclude_none=True) for each in stated]
+        raise RawDataError(
+            "the campaigns of a group state different controllers",
+            where=f"group {name}: controller",
+            value=shown,
+            allowed="the same in all of them",
+            remedy="state in all what the robot will be commanded with",
+        )
     return _described(name, described)
 
 

@@ -30,6 +30,7 @@ from pa10cal.campaign.table import arm_of
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
 from pa10cal.errors import RawDataError
+from pa10cal.files.controller import controller_notes, controller_warnings
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.order import along_a_path, stretches_held_out, with_time_validity
@@ -179,7 +180,9 @@ def read_campaign(
             allowed="rows of kind grid",
             remedy=remedy,
         )
-    notes = (*notes, *arm.remarks)
+    notes = (*notes, *arm.remarks, *controller_notes(arm.controller, arm))
+    commanded = description.joints == "commanded"
+    warnings = (*warnings, *controller_warnings(arm.controller, commanded=commanded))
     useful = (*(LINES if instrument.uses_lines else ()), "holdout")
     missing = [f"no {kind} rows" for kind in useful if kind not in kinds]
     return Campaign(

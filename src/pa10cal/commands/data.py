@@ -317,9 +317,7 @@ def import_arm(
 
 def _import_ur(file: Path, out: Path, robot: str | None) -> None:
     """Write the description of an arm of Universal Robots as its maker calibrated it."""
-    import numpy as np
-
-    from pa10cal.arm.chain import Chain
+    from pa10cal.arm.chain import mean_distance
     from pa10cal.files.arms import arm_asked, arm_text, parse_arm
     from pa10cal.files.output import write_text
     from pa10cal.files.ur_calibration import read_ur_calibration
@@ -332,12 +330,10 @@ def _import_ur(file: Path, out: Path, robot: str | None) -> None:
     if designed is None:
         told.append("Limits, gear ratios and masses are not in it: name the model with --robot.")
     else:
-        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (300, 6))
-        ends = [Chain.of(each).forward(q)[:, :3, 3] for each in (designed, arm)]
-        off_mm = 1e3 * np.linalg.norm(ends[1] - ends[0], axis=1)
+        mean_m, most_m, _ = mean_distance(designed, arm)
         told.append(
-            f"Its flange is {off_mm.mean():.2f} mm from that of {designed.name} in the mean of all "
-            f"postures, {off_mm.max():.2f} mm at most."
+            f"Its flange is {1e3 * mean_m:.2f} mm from that of {designed.name} in the mean of all "
+            f"postures, {1e3 * most_m:.2f} mm at most."
         )
     of = {} if designed is None else {"of": designed.name}
     stated = of | ({"hash": calibration.hash} if calibration.hash else {})

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from pa10cal.errors import ModelError
 
 if TYPE_CHECKING:
+    from pa10cal.arm.description import Arm
     from pa10cal.arm.exports import Angles
     from pa10cal.arrays import Array
     from pa10cal.campaign.table import JointList, TargetList
@@ -154,6 +155,7 @@ def compensate(
     write: Literal["joints", "cartesian"] = "joints",
     angles: Literal["ABC", "quaternion", "rpy", "rotation_vector"] | None = None,
     tcp: tuple[float, ...] | None = None,
+    controller: str | None = None,
     force: bool = False,
 ) -> None:
     """Compute the joint positions to command so that a calibrated robot reaches its targets.
@@ -161,7 +163,7 @@ def compensate(
     Every target has a row, in order, with a status: ok, outside_limits, unreachable or
     near_singular. Of several branches the nearest to the row's seed is taken, without a seed the
     nearest to the row before. With --write cartesian each row also has the pose to send to a
-    controller with the nominal model. docs/using-the-model.md explains the columns.
+    controller that takes no joint positions. docs/using-the-model.md explains the columns.
 
     Args:
         model: model.yaml of a calibration, or the results that hold it.
@@ -177,6 +179,8 @@ def compensate(
             rpy (deg), or rotation_vector (rad).
         tcp: TCP that the controller holds: x y z in mm and the orientation in these angles; by
             default the frame as the model has it in the flange, which is printed.
+        controller: arm that the controller computes with: a name, or the file of a description
+            (.yaml); by default what campaign.yaml states, else the nominal arm.
         force: use a model whose input is suspect, and loads heavier than any that it has seen.
 
     Examples:
@@ -189,21 +193,29 @@ def compensate(
 
     from pa10cal.arm.exports import controller_columns, controller_pose
     from pa10cal.campaign.table import commands_text, read_targets
+    from pa10cal.files.arms import arm_asked
+    from pa10cal.files.controller import refuse_another_robot
     from pa10cal.files.output import whole_file
     from pa10cal.fit import contradictions
+    from pa10cal.fit.fitted import unknown_controller
     from pa10cal.fit.loads import blocks
 
     form: Angles = angles or "quaternion"
-    if write == "joints" and (angles or tcp):
+    if write == "joints" and (angles or tcp or controller):
         raise ModelError(
             "for poses of a controller, and joint positions are written",
-            where="--angles" if angles else "--tcp",
-            value=angles or tcp,
+            where="--angles" if angles else "--tcp" if tcp else "--controller",
+            value=angles or tcp or controller,
             allowed="--write cartesian",
             remedy="add --write cartesian, or leave the option out",
         )
     fitted = model_in_use(model, force=force)
     arm = fitted.arm
+    computes = arm.controller_arm if controller is None else arm_asked(controller, Path())
+    if write == "cartesian" and computes is None:
+        raise unknown_controller()
+    if controller is not None and computes is not None:
+        refuse_another_robot(arm, computes, "--controller")
     asked = read_targets(targets, arm.axes_slide)
     loads_N, sides = stated(asked, load_N, arrival)
     found = fitted.compensate(
@@ -214,6 +226,7 @@ def compensate(
         arrival=sides,
         extrapolate=force,
         T_flange_tcp=controller_pose(tcp, form) if tcp else None,
+        controller=computes,
     )
     columns = {
         "status": found.status,
@@ -246,7 +259,19 @@ def compensate(
         held = controller_columns(found.T_flange_tcp[None], form)
         # Nine decimals, so that rounding is no number that somebody types into a controller.
         shown = ", ".join(f"{name} {round(float(v[0]), 9) + 0.0:.6g}" for name, v in held.items())
-        print(f"send_… are for a controller with the nominal model and this TCP: {shown}")
+        of = _computed_with(arm, computes)
+        print(f"send_… are for a controller with {of} and this TCP: {shown}")
+
+
+def _computed_with(arm: Arm, computes: Arm | None) -> str:
+    """Return what poses to send are relative to, in words."""
+    if computes is not None and computes is not arm:
+        return f"the model of {computes.name}"
+    if arm.controller is None:
+        return "the nominal model (its own compensation must be off, or stated in campaign.yaml)"
+    if arm.controller.compensation:
+        return f"the model of {arm.name}, its compensation on,"
+    return "the nominal model, its compensation off,"
 
 
 #: Parameters shown: those that differ by most of their uncertainty, from so many of it on.

@@ -70,6 +70,7 @@ def compensate(
     given: PoseStates,
     seed: ArrayLike | None = None,
     T_flange_tcp: ArrayLike | None = None,
+    controller: Arm | None = None,
 ) -> Compensation:
     """Find the joint positions that bring a frame to poses; see `FittedModel.compensate`.
 
@@ -78,6 +79,7 @@ def compensate(
         given: what they are besides; joint positions in it do not matter.
         seed: (N, m) or (m,) joint positions, nan where there are none.
         T_flange_tcp: (4, 4) TCP that the controller holds; None for the frame as the model has it.
+        controller: the arm that the controller computes with; None for that of the model.
 
     Raises:
         ModelError: when a matrix is not a valid pose, the frame is unknown, or a seed is of another
@@ -93,10 +95,11 @@ def compensate(
     if len(T):
         q, other = _searched(model, T, frame, given, seed)
     branch = np.where(other, "other", "nearest")
+    computes = model.arm.controller_arm if controller is None else controller
     # A prediction takes some kilobytes a pose; these take what a block does, however many poses.
     return Compensation.joined(
         [
-            _judged(model, T[rows], frame, given.take(rows), q[rows], branch[rows], tcp)
+            _judged(model, T[rows], frame, given.take(rows), q[rows], branch[rows], tcp, computes)
             for rows in blocks(len(T))
         ]
     )
@@ -110,6 +113,7 @@ def _judged(
     q: Array,
     branch: NDArray[np.str_],
     tcp: Array,
+    computes: Arm | None,
 ) -> Compensation:
     """Return joint positions that were found, how near they come to T (N, 4, 4), their status."""
     forward, arm = Forward.of(model, frame), model.arm
@@ -133,8 +137,10 @@ def _judged(
     status[~near] = "unreachable"
     off_mm, off_deg = 1e3 * off_m, np.degrees(off_rad)
     # The controller works out the flange from the pose and its TCP, and the joints from the flange
-    # of the arm as designed: with both taken the same way back it comes to q.
-    T_send = Chain.of(arm).forward(joints) @ tcp
+    # of the arm that it computes with: with both taken the same way back it comes to q.
+    T_send = np.full((len(T), 4, 4), np.nan)
+    if computes is not None:
+        T_send = Chain.of(computes).forward(joints) @ tcp
     promised = found.u_mm, found.u_parameters_mm, found.inside
     return Compensation(q, status, branch, off_mm, off_deg, *promised, T_send, tcp)
 

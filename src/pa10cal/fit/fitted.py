@@ -129,6 +129,20 @@ class FallBack:
 Status = Literal["ok", "outside_limits", "unreachable", "near_singular"]
 
 
+def unknown_controller() -> ModelError:
+    """Return the refusal of Cartesian targets for a controller whose own model is not known."""
+    return ModelError(
+        "it is not known what the controller computes with: it corrects an arm that its maker "
+        "measured, and targets for the nominal arm would correct the robot twice",
+        where="controller.compensation in campaign.yaml",
+        value="on",
+        allowed="joint positions; or the controller's own model, as controller.model in "
+        "campaign.yaml, --controller, or in Python controller",
+        remedy="command joint positions, name that model (of a UR: pa10cal import_arm "
+        "calibration.conf), or switch the compensation off and name the nominal arm",
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Compensation:
     """Joint positions that bring a frame of the robot to N poses, by its model."""
@@ -143,8 +157,9 @@ class Compensation:
     u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
     u_parameters_mm: Array  # (N,) the same without what the model lacks
     inside: NDArray[np.bool_]  # (N,) whether the pose is near poses of the fit
-    # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller that has the nominal
-    # model and the TCP below: it then commands q, where it takes the same branch
+    # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller with the TCP below: it
+    # then commands q, where it takes the same branch. They are relative to what the controller
+    # computes with, the nominal arm unless stated; nan where that is not known
     T_send: Array
     T_flange_tcp: Array  # (4, 4) TCP that the controller holds, in its flange [m]
 
@@ -171,7 +186,10 @@ class Compensation:
 
         Raises:
             ArmError: when there are no such angles.
+            ModelError: when it is not known what the controller computes with.
         """
+        if np.isnan(self.T_send).any():
+            raise unknown_controller()
         return {
             f"send_{name}": values
             for name, values in controller_columns(self.T_send, angles).items()

@@ -12,9 +12,8 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from pa10cal.arm.chain import BASE, TOOL, Chain
-from pa10cal.arm.coupling import CoupledJoint
-from pa10cal.arm.description import ROW_FIELDS, Arm, WeighedByLog, WeightsKnown
+from pa10cal.arm.chain import BASE, Chain
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError
@@ -30,6 +29,14 @@ from pa10cal.fit.covariance_file import (
 from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo, Prediction
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
 from pa10cal.fit.loads import BLOCK
+from pa10cal.fit.plain_arm import (
+    arm_from_plain,
+    arm_to_plain,
+    finite,
+    plain_value,
+    pose_from_plain,
+    rotation_from_plain,
+)
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.terms.field import Field
 from pa10cal.terms.model import Model
@@ -121,11 +128,12 @@ class FittedModel(Fitted):
         time_s: ArrayLike | None = None,
         extrapolate: bool = False,
         T_flange_tcp: ArrayLike | None = None,
+        controller: Arm | None = None,
     ) -> Compensation:
         """Find the joint positions to command so that a frame of the robot comes to poses.
 
         `T_send`, and `cartesian(angles)` of what is returned, have the poses to send to a
-        controller that takes no joint positions and holds the nominal model.
+        controller that takes no joint positions.
 
         Args:
             T: (N, 4, 4) or (4, 4) poses wanted of the frame, in the robot's base frame [m].
@@ -136,6 +144,8 @@ class FittedModel(Fitted):
             frame, load_N, arrival, temperature_C, time_s, extrapolate: see `predict`.
             T_flange_tcp: (4, 4) TCP that the controller holds, in its flange [m]; None for the
                 frame as the model has it (none for the flange).
+            controller: arm that the controller computes with, as `load_arm` gives it; None for what
+                the campaign states, else the nominal arm.
 
         Raises:
             ModelError: when a pose is none, or see `predict`.
@@ -145,7 +155,7 @@ class FittedModel(Fitted):
         nowhere = np.zeros((len(wanted), self.arm.n))
         of_pose = load_N, arrival, temperature_C, time_s
         given = states_at(self, nowhere, *of_pose, extrapolate=extrapolate)
-        return compensate(self, wanted, frame, given, seed, T_flange_tcp)
+        return compensate(self, wanted, frame, given, seed, T_flange_tcp, controller)
 
     def jacobian(self, q: ArrayLike, *, frame: str = FLANGE, load_N: ArrayLike = 0.0) -> Array:
         """Return how a frame moves with the joints, (N, 6, m), at positions as for `predict`.
@@ -251,14 +261,6 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
 # A fitted model as a file: `model.yaml`, schema pa10cal-model/2, its covariance beside it.
 
 SCHEMA = "pa10cal-model/2"
-_CONVENTIONS = {
-    "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
-    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
-    "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
-    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
-}
-#: Of the axes of a frame: what sums of products of digits that a file keeps may come to.
-_ROTATION_WITHIN = 1e-6
 
 
 def save_model(model: Fitted, path: Path, **about: Any) -> None:
@@ -299,7 +301,7 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         "grade": model.grade or None,
         "fitted_to": None if fitted is None else fitted.model_dump(mode="json"),
         **about,
-        "arm": _arm_to_plain(model),
+        "arm": arm_to_plain(model.arm, model.model.chain.bends),
         "terms": [_term_to_plain(model, term) for term in model.model.terms if term.id != Field.id],
         # What has no name and is predicted: the last term of a model that has it.
         "field": next(
@@ -326,7 +328,7 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         "seen": None if model.seen is None else model.seen.to_plain(),
         "discrepancy": None
         if (lacks := model.discrepancy) is None
-        else {each.name: _plain(getattr(lacks, each.name)) for each in fields(lacks)},
+        else {each.name: plain_value(getattr(lacks, each.name)) for each in fields(lacks)},
         "falls_back": None
         if model.falls_back is None
         else {
@@ -366,7 +368,7 @@ def model_from_plain(
             covariance = checked_covariance(covariance, size, where)
         pairs = [_term_from_plain(entry, f"{where}: terms[{k}]") for k, entry in enumerate(entries)]
         terms = tuple(term for term, _ in pairs)
-        arm = _arm_from_plain(content["arm"])
+        arm = arm_from_plain(content["arm"])
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
@@ -375,15 +377,15 @@ def model_from_plain(
         return FittedModel(
             model=Model(chain, terms),
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
-            T_instr_base=_frame(content["T_instr_base"], "T_instr_base"),
-            R_ee_target=_rotation(content["tool"]["R_ee_target"], "R_ee_target"),
+            T_instr_base=pose_from_plain(content["T_instr_base"], "T_instr_base"),
+            R_ee_target=rotation_from_plain(content["tool"]["R_ee_target"], "R_ee_target"),
             R_first_target_of={
-                name: _rotation(R, f"R_first_target_of.{name}")
+                name: rotation_from_plain(R, f"R_first_target_of.{name}")
                 for name, R in content["tool"].get("R_first_target_of", {}).items()
             },
-            targets_m=_finite(list(targets.values()), "targets_m").ravel(),
+            targets_m=finite(list(targets.values()), "targets_m").ravel(),
             target_names=tuple(targets),
-            targets_off_m=_finite(content["targets_off_m"], "targets_off_m"),
+            targets_off_m=finite(content["targets_off_m"], "targets_off_m"),
             covariance=covariance,
             payload=None if payload is None else _payload_from_plain(payload),
             fitted_to=None if fitted is None else FittedTo.model_validate(fitted),
@@ -456,102 +458,8 @@ def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Arra
     return term, x
 
 
-def _arm_to_plain(model: Fitted) -> dict[str, Any]:
-    arm = model.arm
-    columns = {name: getattr(arm, name) for name in ROW_FIELDS}
-    plain: dict[str, Any] = {
-        "name": arm.name,
-        "title": arm.title,
-        "convention": arm.convention,
-        "T_base_flange": _CONVENTIONS[arm.convention],
-        "base_motions": list(BASE),
-        "tool_motions": list(TOOL),
-        "bends": list(model.model.chain.bends),
-        "rows": [
-            {
-                name: None if values is None else _plain(values[row])
-                for name, values in columns.items()
-            }
-            for row in range(arm.n)
-        ],
-        "T_base_row1": arm.T_base_row1.tolist(),
-        "T_row_n_flange": arm.T_row_n_ee.tolist(),
-    }
-    if arm.coupled:
-        plain["coupling"] = [vars(each) for each in arm.coupled]
-    if (known := arm.weights_known) is not None:
-        plain["weights"] = {
-            "from": known.origin,
-            "why": known.why,
-            "mass_u": known.mass.tolist(),
-            "com_u_m": known.com_m.tolist(),
-            "by_log": None if known.by_log is None else _plain(vars(known.by_log)),
-        }
-    return plain
-
-
-def _arm_from_plain(content: Mapping[str, Any]) -> Arm:
-    rows = content["rows"]
-    weighed = all(row["mass_kg"] is not None for row in rows)
-    columns = {
-        name: np.array(
-            [np.nan if row[name] is None else row[name] for row in rows],
-            dtype=bool if name in ("hayati", "prismatic") else float,
-        )
-        for name in ROW_FIELDS
-        if weighed or name not in ("mass_kg", "com_m")
-    }
-    for name, values in columns.items():
-        wide = {"limits_rad": (len(rows), 2), "com_m": (len(rows), 3)}.get(name, (len(rows),))
-        if values.shape != wide:
-            raise ValueError(f"{name} of the rows has not {wide} numbers")
-        # Ratios, limits of torque and limits may not be known.
-        if name not in ("gear_ratio", "torque_limit_Nm", "limits_rad"):
-            _finite(values, name)
-    known = None
-    if (weights := content.get("weights")) is not None:
-        mass, com_m = (np.array(weights[key], dtype=float) for key in ("mass_u", "com_u_m"))
-        known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
-        if (log := weights.get("by_log")) is not None:
-            log = {**log, "x": _finite(log["x"], "x"), "covariance": _finite(log["covariance"], "")}
-            known = replace(known, by_log=WeighedByLog(**log))
-    return Arm(
-        name=str(content["name"]),
-        title=str(content["title"]),
-        convention=content["convention"],
-        **columns,
-        T_base_row1=_frame(content["T_base_row1"], "T_base_row1"),
-        T_row_n_ee=_frame(content["T_row_n_flange"], "T_row_n_flange"),
-        weights_known=known,
-        coupled=tuple(CoupledJoint(**each) for each in content.get("coupling", ())),
-        remarks=(),
-    )
-
-
-def _finite(value: Any, name: str) -> Array:
-    numbers = np.array(value, dtype=float)
-    if not np.isfinite(numbers).all():
-        raise ValueError(f"{name} is not made of finite numbers")
-    return numbers
-
-
-def _frame(value: Any, name: str) -> Array:
-    T = _finite(value, name)
-    if T.shape != (4, 4) or (T[3] != [0.0, 0.0, 0.0, 1.0]).any():
-        raise ValueError(f"{name} is not a 4 by 4 matrix whose last row is 0, 0, 0, 1")
-    _rotation(T[:3, :3], name)
-    return T
-
-
-def _rotation(value: Any, name: str) -> Array:
-    R = _finite(value, name).reshape(3, 3)
-    if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_WITHIN or np.linalg.det(R) < 0.0:
-        raise ValueError(f"{name} has no rotation: its columns are axes of length one")
-    return R
-
-
 def _payload_to_plain(payload: Payload) -> dict[str, Any]:
-    plain = {f.name: _plain(getattr(payload, f.name)) for f in fields(Payload)}
+    plain = {f.name: plain_value(getattr(payload, f.name)) for f in fields(Payload)}
     plain.pop("of_campaigns")
     if payload.of_campaigns:
         plain["of_campaigns"] = [_payload_to_plain(each) for each in payload.of_campaigns]
@@ -560,25 +468,14 @@ def _payload_to_plain(payload: Payload) -> dict[str, Any]:
 
 def _payload_from_plain(plain: Mapping[str, Any]) -> Payload:
     return Payload(
-        mass_kg=float(_finite(plain["mass_kg"], "mass_kg")),
-        com_m=_finite(plain["com_m"], "com_m").reshape(3),
-        load_point_m=_finite(plain["load_point_m"], "load_point_m").reshape(3),
-        gravity_m_s2=_finite(plain["gravity_m_s2"], "gravity_m_s2").reshape(3),
+        mass_kg=float(finite(plain["mass_kg"], "mass_kg")),
+        com_m=finite(plain["com_m"], "com_m").reshape(3),
+        load_point_m=finite(plain["load_point_m"], "load_point_m").reshape(3),
+        gravity_m_s2=finite(plain["gravity_m_s2"], "gravity_m_s2").reshape(3),
         known=bool(plain.get("known", True)),
         com_u_m=None if plain.get("com_u_m") is None else float(plain["com_u_m"]),
         of_campaigns=tuple(_payload_from_plain(each) for each in plain.get("of_campaigns", ())),
     )
-
-
-def _plain(value: Any) -> Any:
-    """Return plain numbers, None for what is not known."""
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
 
 
 class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]

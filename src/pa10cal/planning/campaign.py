@@ -117,12 +117,16 @@ def robot_name(folder: Path) -> str:
 
 
 def arm_files(folder: Path) -> list[Path]:
-    """Return the campaign's own description of its robot and its URDF, where they are there."""
-    robot = robot_name(folder)
-    if not fits_a_folder(robot):
-        return []
-    own = own_description(robot, folder)
-    return [] if own is None else _there(own.parent, [own.name, f"{robot}.urdf"])
+    """Return the campaign's own descriptions and their URDF, where they are there.
+
+    They are those of its robot, and of what its controller computes with.
+    """
+    stated, found = _description(folder).get("controller"), []
+    model = stated.get("model") if isinstance(stated, dict) else None
+    for name in dict.fromkeys((robot_name(folder), str(model or ""))):
+        own = own_description(name, folder) if fits_a_folder(name) else None
+        found += [] if own is None else _there(own.parent, [own.name, f"{name}.urdf"])
+    return found
 
 
 def instrument_kind(folder: Path) -> str:

@@ -119,6 +119,8 @@ def join(
     }
     out_dir.mkdir(parents=True, exist_ok=True)
     copy_description(group.robot, campaign_dir[0], out_dir)
+    if group.controller is not None and group.controller.model is not None:
+        copy_description(group.controller.model, campaign_dir[0], out_dir)
     outputs = [out_dir / file for file in ("poses.parquet", "quarantine.csv", DESCRIPTION_FILE)]
     with whole_files(*outputs) as (table, listing, text):
         write_pose_table(table, together, members[0][1].prismatic, name, findings)

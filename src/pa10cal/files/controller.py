@@ -1,0 +1,131 @@
+"""What campaign.yaml states of a robot's controller, and what the controller then computes with.
+
+A controller with a maker's accuracy option, and every one of Universal Robots, computes with an arm
+that was measured. Joint positions that it logs are those of its encoders, and are calibrated as
+any; but a Cartesian target goes by way of the maker's model, and has to be relative to that one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from pa10cal.arm.chain import mean_distance
+from pa10cal.arm.description import Arm, Controller
+from pa10cal.errors import ArmError
+from pa10cal.files.arms import load_arm, maker_calibration
+from pa10cal.options import Section
+
+#: How far a calibrated arm is from the arm as designed at most, in the mean of all postures.
+_NEAR_M, _NEAR_RAD = 0.02, 0.1
+
+
+def _switch(value: Any) -> Any:
+    """Return the word that YAML has made true or false of."""
+    return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
+
+
+class StatedController(Section):
+    """What a robot's controller does by itself."""
+
+    compensation: Annotated[Literal["on", "off"], BeforeValidator(_switch)] = Field(
+        description="whether it corrects an arm that its maker measured"
+    )
+    model: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+        default=None, description="the arm that it computes with, by the name of its description"
+    )
+
+
+def controller_of(
+    stated: StatedController | None,
+    arm: Arm,
+    folder: Path,
+    arms: Path | None = None,
+    *,
+    where: str,
+) -> Controller | None:
+    """Return what a controller computes with; None where nothing is stated.
+
+    That is the model stated; else, while it compensates, the arm's own rows where they are its
+    maker's calibration, and while it does not, the arm as designed.
+
+    Args:
+        stated: of a campaign.
+        arm: the arm of the campaign, as described.
+        folder, arms: where descriptions are looked for, see `load_arm`.
+        where: the campaign's file, for messages.
+
+    Raises:
+        ArmError: when there is no such model, or it is another robot.
+    """
+    if stated is None:
+        return None
+    on, other = stated.compensation == "on", None
+    calibrated = maker_calibration(arm.name, folder, arms)
+    known = calibrated is not None or not on
+    if stated.model is not None:
+        known = True
+        other = None if stated.model == arm.name else load_arm(stated.model, folder, arms)
+    elif not on and calibrated is not None:
+        other = calibrated.designed
+        known = other is not None
+    if other is not None:
+        refuse_another_robot(arm, other, where)
+    return Controller(on, known, other)
+
+
+def refuse_another_robot(arm: Arm, other: Arm, where: str) -> None:
+    """Refuse what is stated as the model of a controller and is of another robot than its arm.
+
+    Raises:
+        ArmError: when joints, base or flange are others.
+    """
+    if (arm.n, arm.prismatic.tolist()) != (other.n, other.prismatic.tolist()):
+        apart = f"{other.n} joints, and {arm.n} of {arm.name}, or others of them slide"
+    else:
+        mean_m, _, most_rad = mean_distance(arm, other)
+        if mean_m <= _NEAR_M and most_rad <= _NEAR_RAD:
+            return
+        apart = (
+            f"{1e3 * mean_m:.0f} mm in the mean of all postures, {most_rad:.2f} rad at most from "
+            f"{arm.name}"
+        )
+    raise ArmError(
+        f"the model of the controller, {other.name}, is of another robot, base or flange",
+        where=where,
+        value=apart,
+        allowed=f"the same joints, base and flange, within {1e3 * _NEAR_M:g} mm and "
+        f"{_NEAR_RAD:g} rad",
+        remedy="name the description of this robot as its maker measured it",
+    )
+
+
+def controller_notes(controller: Controller | None, arm: Arm) -> tuple[str, ...]:
+    """Return what a reader should know where a controller compensates."""
+    if controller is None or not controller.compensation:
+        return ()
+    computes = "the controller corrects an arm that its maker measured"
+    if not controller.known:
+        return (
+            f"{computes}, and controller.model does not name it: corrected Cartesian targets "
+            "cannot be computed, joint positions can",
+        )
+    if controller.arm is None:
+        return ()
+    return (
+        f"{computes} ({controller.arm.name}): Cartesian targets are relative to that one; what "
+        f"{arm.name} as designed misses (uncalibrated) is not what the robot misses",
+    )
+
+
+def controller_warnings(controller: Controller | None, *, commanded: bool) -> tuple[str, ...]:
+    """Return what is doubtful of joint positions where a controller compensates."""
+    if controller is None or not controller.compensation or not commanded:
+        return ()
+    return (
+        "joint positions are commanded ones, and the controller compensates: of Cartesian moves "
+        "they are those before its correction, and the joints were elsewhere; log what the "
+        "encoders read, or move by joint positions alone",
+    )
