@@ -60,6 +60,14 @@ SLIDES = ["stand=carriage", "carriage~a1", "a1~a2", "a2=quill", "quill>ee_link"]
         (SLIDES, ("stand", "ee_link")),
         (["torso~head", *chain("torso", "a1", "a2", "a3", "a4")], ("torso", "a4")),
         (chain("a", "b", "c"), ("a", "c")),
+        (
+            [*chain("world", "l1", "l2", "l3"), "l3>link_eef", "link_eef>camera"],
+            ("world", "link_eef"),
+        ),
+        (
+            [*chain("link_base", "l1", "l2"), "l2>EndEffector_Link"],
+            ("link_base", "EndEffector_Link"),
+        ),
     ],
 )
 def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends):

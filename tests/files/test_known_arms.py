@@ -157,8 +157,11 @@ def test_without_the_packages_what_to_install_is_said(without_packages, tmp_path
         known_arms.read_urdf(tmp_path / "a.urdf.xacro")
 
 
-def test_a_description_is_written_of_a_known_arm_with_other_ends(stand_ins, tmp_path, capsys):
+def test_a_description_is_written_of_a_known_arm(stand_ins, tmp_path, capsys):
     out = tmp_path / "mine.yaml"
+    assert main(["import_arm", "folded", "--out", str(out)]) == 0
+    assert "From base to tool0, joints 1 to 6" in capsys.readouterr().out
+    assert urdf_of_arm("mine", tmp_path).tip == "tool0"
     words = ["import_arm", "plain", "--tip", "link_6", "--out", str(out)]
     assert main(words) == 0
     assert "From base to link_6, joints 1 to 6" in capsys.readouterr().out

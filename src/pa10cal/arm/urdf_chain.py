@@ -19,9 +19,9 @@ _FEWEST_JOINTS = 3
 _OF_A_HAND = re.compile(r"gripper|finger|jaw|hand|knuckle|claw", re.IGNORECASE)
 #: What the frame at the end of an arm is called, the controller's own first.
 _TIPS = (
-    re.compile(r"(^|_)tool0$"),
-    re.compile(r"(^|_)flange$"),
-    re.compile(r"(^|_)(link_?ee|ee_link|end_?effector(_link)?)$"),
+    re.compile(r"(^|_)tool0$", re.IGNORECASE),
+    re.compile(r"(^|_)flange$", re.IGNORECASE),
+    re.compile(r"(^|_)(link_?eef?|eef?_link|end_?effector(_link)?)$", re.IGNORECASE),
 )
 #: What a base above the first joint is called; the controller's own, `base`, goes first.
 _BASE = re.compile(r"(^|_)(base|base_?link|link_?base|link_?0)$")

@@ -240,7 +240,8 @@ def import_arm(
             Robots (.conf), or what ur_calibration wrote of it (.yaml).
         out: description to write; its stem names the arm.
         base: link that is the arm's base; without it, the root.
-        tip: link that is the end-effector; without it, the only tip.
+        tip: link that is the end-effector; without it, the only tip. Without both, those of a known
+            robot are found as docs/arms.md has it.
         xacro: arguments of a xacro file, each as NAME:=VALUE.
         robot: the model whose calibration it is: name of an arm, or the file of one (.yaml).
 
@@ -282,10 +283,13 @@ def import_arm(
             remedy="correct it",
         )
     from pa10cal.arm.imported import arm_from_urdf_text  # late: a calibration needs no pinocchio
+    from pa10cal.arm.urdf_chain import ends_of_arm
 
     known = None if file.suffix or file.exists() else known_urdf(str(file))
     text = read_urdf(file, arguments) if known is None else known.text
     where = str(file) if known is None else known.where
+    if known is not None and base is None and tip is None:
+        base, tip = ends_of_arm(text, where)
     imported = arm_from_urdf_text(text, out.stem, base=base, tip=tip, where=where)
     arm = with_short_limits(imported.arm)
     parallel = [axes for axes in neighbouring_axes(arm) if axes.parallel]
