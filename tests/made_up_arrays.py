@@ -1,20 +1,24 @@
-"""Joint positions and places in files of arrays, as MATLAB, NumPy and lerobot write them.
+"""Joint positions and places in files that are no text: MATLAB, NumPy, lerobot, C3D, bags of ROS.
 
 MATLAB's files are written byte by byte after the published description of its format (level 5,
-and 7, which packs each variable); tables of lerobot after its data sets.
+and 7, which packs each variable), C3D and bags after theirs; tables of lerobot after its data sets.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import sqlite3
 import struct
 import zlib
 from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from scipy.spatial.transform import Rotation
 
 _INT8, _INT32, _UINT32, _DOUBLE, _MATRIX, _COMPRESSED = 1, 5, 6, 9, 14, 15
 _OF_DOUBLES, _OF_FIELDS = 6, 2
@@ -133,3 +137,115 @@ def lerobot_info(names: object) -> str:
     }
     about = {"codebase_version": "v3.0", "robot_type": "so101_follower", "fps": 30}
     return json.dumps({**about, "features": features})
+
+
+# C3D, byte by byte: header, parameters, and frames of four numbers a marker.
+
+_BLOCK = 512
+
+
+def _parameter(group: int, name: str, kind: int, size: tuple[int, ...], content: bytes) -> bytes:
+    rest = struct.pack("<bB", kind, len(size)) + bytes(size) + content + b"\0"
+    return (
+        struct.pack("<bb", len(name), group)
+        + name.encode()
+        + struct.pack("<h", len(rest) + 2)
+        + rest
+    )
+
+
+def c3d_file(markers: dict[str, np.ndarray], rate_hz: float, unit: str = "mm") -> bytes:
+    """Return a take of markers (F, 3), numbers of single precision; nan where one is not seen."""
+    frames = len(next(iter(markers.values())))
+    longest = max(map(len, markers))
+    labels = "".join(name.ljust(longest) for name in markers).encode()
+    group = struct.pack("<bb", 5, -1) + b"POINT" + struct.pack("<h", 3) + b"\0"
+    parameters = [
+        group,
+        _parameter(1, "USED", 2, (), struct.pack("<h", len(markers))),
+        _parameter(1, "FRAMES", 2, (), struct.pack("<H", frames)),
+        _parameter(1, "SCALE", 4, (), struct.pack("<f", -1.0)),
+        _parameter(1, "RATE", 4, (), struct.pack("<f", rate_hz)),
+        _parameter(1, "DATA_START", 2, (), struct.pack("<h", 5)),
+        _parameter(1, "LABELS", -1, (longest, len(markers)), labels),
+        _parameter(1, "UNITS", -1, (len(unit),), unit.encode()),
+    ]
+    described = b"\x01\x50\x03\x54" + b"".join(parameters) + b"\0\0"
+    header = struct.pack(
+        "<BBHHHHHfHHf", 2, 0x50, len(markers), 0, 1, frames, 10, -1.0, 5, 0, rate_hz
+    )
+    rows = []
+    for k in range(frames):
+        for p in markers.values():
+            lost = bool(np.isnan(p[k]).any())
+            rows.append(struct.pack("<4f", *([0.0] * 3 if lost else p[k]), -1.0 if lost else 0.3))
+    return header.ljust(_BLOCK, b"\0") + described.ljust(3 * _BLOCK, b"\0") + b"".join(rows)
+
+
+# A bag of ROS 2 in SQLite, its messages in CDR with the low byte first.
+
+
+def _cdr(*parts: object) -> bytes:
+    """Return a message: whole numbers, text, lists of text, and arrays of double precision."""
+    body = b""
+
+    def aligned(to: int) -> None:
+        nonlocal body
+        body += bytes(-len(body) % to)
+
+    for part in parts:
+        aligned(4)
+        if isinstance(part, int):
+            body += struct.pack("<I", part)
+        elif isinstance(part, str):
+            body += struct.pack("<I", len(part) + 1) + part.encode() + b"\0"
+        elif isinstance(part, list):
+            body += struct.pack("<I", len(part))
+            for text in part:
+                aligned(4)
+                body += struct.pack("<I", len(text) + 1) + text.encode() + b"\0"
+        elif isinstance(part, tuple):  # of a number that is known
+            aligned(8)
+            body += struct.pack(f"<{len(part)}d", *part)
+        else:
+            body += struct.pack("<I", len(part))
+            aligned(8 if len(part) else 4)
+            body += np.asarray(part, dtype="<f8").tobytes()
+    return b"\x00\x01\x00\x00" + body
+
+
+def _stamp(time_s: float) -> tuple[int, int]:
+    return int(time_s), round(1e9 * (time_s % 1.0))
+
+
+def joint_state(time_s: float, names: list[str], q: np.ndarray) -> bytes:
+    """Return a message of sensor_msgs/msg/JointState."""
+    none = np.zeros(0)
+    return _cdr(*_stamp(time_s), "", names, q, none, none)
+
+
+def pose_stamped(time_s: float, T: np.ndarray) -> bytes:
+    """Return a message of geometry_msgs/msg/PoseStamped."""
+    turn = Rotation.from_matrix(T[:3, :3]).as_quat()
+    return _cdr(*_stamp(time_s), "world", (*T[:3, 3], *turn))
+
+
+def write_bag(path: Path, topics: dict[str, tuple[str, list[tuple[float, bytes]]]]) -> None:
+    """Write a bag: the type of each topic, and its messages with the time at which they came."""
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute("CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT)")
+        file.execute("INSERT INTO schema VALUES (3, 'humble')")
+        file.execute(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, "
+            "serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)"
+        )
+        file.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, "
+            "timestamp INTEGER NOT NULL, data BLOB NOT NULL)"
+        )
+        for k, (name, (kind, messages)) in enumerate(topics.items(), start=1):
+            file.execute("INSERT INTO topics VALUES (?, ?, ?, 'cdr', '')", (k, name, kind))
+            file.executemany(
+                "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
+                [(k, round(1e9 * time_s), content) for time_s, content in messages],
+            )

@@ -204,6 +204,8 @@ EXTRAS = {
     "snakemake_executor_plugin_slurm": "slurm",
     "pinocchio": "urdf",
     "python_calamine": "workbooks",
+    "ezc3d": "c3d",
+    "rosbags": "bags",
     "robot_descriptions": "arms",
     "xacrodoc": "arms",
 }

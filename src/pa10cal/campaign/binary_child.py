@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from datetime import date, datetime, time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 _INPUT = "/dev/fd/0"
@@ -52,8 +53,13 @@ def _main(
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
     if kind == "workbook":
         return _workbook(most_s, most_unpacked, most_cells)
-    columns = {"mat": _mat, "npz": _npz, "json": _json, "parquet": _parquet}[kind](most_unpacked)
-    _print_arrays(columns, json.loads(names), most_s)
+    called: dict[str, list[str]] = json.loads(names)
+    if kind in _BAGS:
+        columns = _bag(kind, called)
+    else:
+        readers = {"mat": _mat, "npz": _npz, "json": _json, "parquet": _parquet, "c3d": _c3d}
+        columns = readers[kind](most_unpacked, called)
+    _print_arrays(columns, called, most_s)
     return ""
 
 
@@ -142,7 +148,7 @@ _JOINTS = re.compile(
 _XYZ, _MATRICES = 3, ((4, 4), (3, 4), (3, 3))
 
 
-def _mat(most_unpacked: int) -> dict[str, Any]:
+def _mat(most_unpacked: int, _: object) -> dict[str, Any]:
     import scipy.io
 
     sizes = scipy.io.whosmat(_INPUT)
@@ -162,7 +168,7 @@ def _product(shape: Iterable[int]) -> int:
     return count
 
 
-def _npz(most_unpacked: int) -> dict[str, Any]:
+def _npz(most_unpacked: int, _: object) -> dict[str, Any]:
     import numpy as np
 
     if zipfile.is_zipfile(_INPUT):
@@ -177,7 +183,7 @@ def _npz(most_unpacked: int) -> dict[str, Any]:
     return dict(found)
 
 
-def _json(_: int) -> dict[str, Any]:
+def _json(_: int, __: object) -> dict[str, Any]:
     """Return what a document holds, or each line of one with a record a line."""
     text = Path(_INPUT).read_text(encoding="utf-8-sig")
     try:
@@ -195,7 +201,7 @@ def _json(_: int) -> dict[str, Any]:
     return found if isinstance(found, dict) else {"": found}
 
 
-def _parquet(_: int) -> dict[str, Any]:
+def _parquet(_: int, __: object) -> dict[str, Any]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -212,6 +218,109 @@ def _parquet(_: int) -> dict[str, Any]:
     left_out = [each.name for each in file.schema_arrow if each.name not in read]
     _note(", ".join(left_out))
     return {name: table.column(name).to_pylist() for name in read}
+
+
+# Motion capture (C3D) and bags of ROS: times and targets, or joints.
+
+_BAGS = ("bag", "db3", "mcap")
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+#: Where a message has a target, by its type; the last is a list of some.
+_PLACES = {
+    "geometry_msgs/msg/PoseStamped": "pose",
+    "geometry_msgs/msg/PoseWithCovarianceStamped": "pose.pose",
+    "geometry_msgs/msg/PointStamped": "point",
+    "geometry_msgs/msg/TransformStamped": "transform",
+    "nav_msgs/msg/Odometry": "pose.pose",
+    "tf2_msgs/msg/TFMessage": "transforms",
+}
+
+
+def _c3d(_: int, called: dict[str, list[str]]) -> dict[str, Any]:
+    import ezc3d
+    import numpy as np
+
+    file = ezc3d.c3d(_INPUT)
+    about = file["parameters"]["POINT"]
+    places = file["data"]["points"][:3]
+    unseen = (file["data"]["meta_points"]["residuals"][0] < 0.0) | (places == 0.0).all(axis=0)
+    places = np.where(unseen, np.nan, places)
+    unit = (about["UNITS"]["value"] or ["mm"])[0].strip() or "mm"
+    frames = np.arange(places.shape[2])
+    columns: dict[str, Any] = {"Frame": frames + 1}
+    columns["Time [s]"] = np.round(frames / float(about["RATE"]["value"][0]), 6)
+    for k, label in enumerate(about["LABELS"]["value"][: places.shape[1]]):
+        name = label.rpartition(":")[2].strip() or f"marker {k + 1}"
+        columns[name] = places[:, k].T
+        called[name] = [f"{name} {axis} [{unit}]" for axis in "xyz"]
+    return columns
+
+
+def _bag(kind: str, called: dict[str, list[str]]) -> dict[str, Any]:
+    """Return the joints of the topic with most of their states; without any, the targets."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with TemporaryDirectory() as folder:
+        link = Path(folder) / f"bag.{kind}"  # its end says how it is read
+        link.symlink_to(_INPUT)
+        with AnyReader([link], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+            known = [each for each in bag.connections if each.msgtype in (_JOINT_STATE, *_PLACES)]
+            if not known:
+                topics = ", ".join(f"{each.topic} ({each.msgtype})" for each in bag.connections)
+                raise _UnfitError("topics", topics or "no topic")
+            topic = max(known, key=lambda each: (each.msgtype == _JOINT_STATE, each.msgcount)).topic
+            read = [each for each in known if each.topic == topic]
+            _note(", ".join(dict.fromkeys(c.topic for c in bag.connections if c.topic != topic)))
+            rows: list[tuple[float, dict[str, list[float]]]] = []
+            for connection, logged_ns, raw in bag.messages(connections=read):
+                message = bag.deserialize(raw, connection.msgtype)
+                rows += _row_of(message, connection.msgtype, 1e-9 * logged_ns)
+    return _joined_rows(rows, called, joints=read[0].msgtype == _JOINT_STATE)
+
+
+def _row_of(message: Any, kind: str, logged_s: float) -> list[tuple[float, dict[str, list[float]]]]:
+    """Return the time of a message, and what it holds, by the name of each joint or target."""
+
+    def stamped(of: Any) -> float:
+        stamp = of.header.stamp
+        return float(stamp.sec + 1e-9 * stamp.nanosec) or logged_s
+
+    if kind == _JOINT_STATE:
+        joints = zip(message.name, message.position, strict=False)
+        return [(stamped(message), {name: [float(value)] for name, value in joints})]
+    if kind.endswith("TFMessage"):
+        return [
+            (stamped(each), {each.child_frame_id: _place(each.transform)})
+            for each in message.transforms
+        ]
+    place = message
+    for part in _PLACES[kind].split("."):
+        place = getattr(place, part)
+    return [(stamped(message), {getattr(message, "child_frame_id", "") or "target": _place(place)})]
+
+
+def _place(of: Any) -> list[float]:
+    """Return x, y, z, and qx, qy, qz, qw where there is an orientation."""
+    at = getattr(of, "position", None) or getattr(of, "translation", None) or of
+    turned = getattr(of, "orientation", None) or getattr(of, "rotation", None)
+    turn = () if turned is None else (turned.x, turned.y, turned.z, turned.w)
+    return [float(value) for value in (at.x, at.y, at.z, *turn)]
+
+
+def _joined_rows(
+    rows: list[tuple[float, dict[str, list[float]]]], called: dict[str, list[str]], *, joints: bool
+) -> dict[str, Any]:
+    """Return columns of rows that each hold some joints or targets."""
+    import numpy as np
+
+    width = {name: len(values) for _, row in rows for name, values in row.items()}
+    words = [f"{axis} [m]" for axis in "xyz"] + ["qx", "qy", "qz", "qw"]
+    columns: dict[str, Any] = {"Time [s]": np.array([time_s for time_s, _ in rows])}
+    for name, count in width.items():
+        none = [np.nan] * count
+        columns[name] = np.array([row.get(name, none) for _, row in rows])
+        called[name] = [f"{name} [rad]"] if joints else [f"{name} {word}" for word in words[:count]]
+    return columns
 
 
 def _note(not_read: str) -> None:

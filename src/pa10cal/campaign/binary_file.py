@@ -23,6 +23,8 @@ MOST_BYTES, MOST_S = 1_025_000_000, 18
 #: A file of more than this, unpacked [bytes], or a workbook with a sheet of more cells, is refused.
 MOST_UNPACKED, MOST_CELLS = 1_000_000_000, 20_000_000
 
+#: Bags of ROS 1, and of ROS 2 in its two ways to store them.
+BAGS = ("bag", "db3", "mcap")
 #: So many bytes at the beginning of a file tell its kind.
 HEAD_BYTES = 1024
 #: Beginnings of files, by kind; of archives (.xlsx, .ods), and of older workbooks (.xls).
@@ -33,18 +35,25 @@ _BEGINNINGS = (
     (b"MATLAB 5.0 MAT-file", "mat"),
     (b"PAR1", "parquet"),
     (b"\x93NUMPY", "npz"),
+    (b"#ROSBAG V2.0", "bag"),
+    (b"SQLite format 3\x00", "db3"),
+    (b"\x89MCAP0\r\n", "mcap"),
 )
+#: A file of C3D says in its second byte that it is one, and before where its parameters begin.
+_C3D = re.compile(rb"[\x01-\x08]\x50", re.DOTALL)
 _ARCHIVE = b"PK\x03\x04"
 _JSON = re.compile(rb'(?:\xef\xbb\xbf)?\s*(?:\[\s*)?\{\s*(?:"|\})')
 #: The package that reads a kind, where it is not always there.
-_PACKAGES = {"workbook": "python_calamine"}
+_BAG = "rosbags"
+_PACKAGES = {"workbook": "python_calamine", "c3d": "ezc3d"} | dict.fromkeys(BAGS, _BAG)
 _TITLES = {
     "workbook": "the workbook",
     "mat": "the MATLAB file",
     "npz": "the NumPy file",
     "json": "the JSON file",
     "parquet": "the Parquet file",
-}
+    "c3d": "the C3D file",
+} | dict.fromkeys(BAGS, "the bag")
 
 
 def kind_of_bytes(head: bytes, suffix: str) -> str:
@@ -56,6 +65,8 @@ def kind_of_bytes(head: bytes, suffix: str) -> str:
         return "npz" if suffix == ".npz" else "workbook"
     if suffix == ".mat" and b"\x00" in head:  # version 4 has no words at its beginning
         return "mat"
+    if _C3D.match(head):
+        return "c3d"
     return "json" if _JSON.match(head) else ""
 
 
@@ -151,6 +162,15 @@ def _refused(path: Path, kind: str, why: str, said: str) -> RawDataError:
             value=said,
             allowed="matrices, or structs of them",
             remedy="in MATLAB write it as text: writetable(T, 'name.csv')",
+        )
+    if why == "topics":
+        return RawDataError(
+            "the bag holds neither joints nor a target",
+            where=str(path),
+            value=said,
+            allowed="messages of sensor_msgs/JointState, or of geometry_msgs: PoseStamped, "
+            "PointStamped, TransformStamped; tf",
+            remedy="record the topic of the joints' states, or that of the target",
         )
     if why == "arrays":
         return RawDataError(

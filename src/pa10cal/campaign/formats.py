@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.binary_file import BAGS
 from pa10cal.campaign.composed_columns import matrix_columns, polar_columns
 from pa10cal.campaign.controller_programs import (
     abb_points,
@@ -223,6 +224,26 @@ FORMATS = (
         "a record at the beginning",
         "a list of records, a record a line, or lists by name, as of Parquet",
         kind="json",
+    ),
+    Format(
+        "c3d",
+        "C3D",
+        "its first bytes; needs the extra `c3d`",
+        "markers with their unit, time by the frame and the rate; analog channels are not read",
+        kind="c3d",
+        measured=True,
+    ),
+    *(
+        Format(
+            kind,
+            f"bag of {title} (`.{kind}`)",
+            "its first bytes; needs the extra `bags`",
+            "of the topic with most messages the joints of JointState, else a target's place and "
+            "orientation (PoseStamped, PointStamped, TransformStamped, tf), at the time of their "
+            "stamps; other topics are named",
+            kind=kind,
+        )
+        for kind, title in zip(BAGS, ("ROS 1", "ROS 2", "ROS 2"), strict=True)
     ),
     Format(
         "rtde",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import codecs
 import gzip
+import hashlib
 import io
 import json
 import os
@@ -180,17 +181,39 @@ def _rows_of_binary(
     kind: str, path: Path, within: Path | None, notes: list[str]
 ) -> Iterator[TextLine]:
     """Yield the rows of a file that is no text; numbers in full, times as ISO 8601."""
-    letters, names = 0, {}
+    letters, names, said = 0, {}, list[str]()
     if kind in ("json", "parquet") and (stated := names_beside(path)) is not None:
         names = _names_in(stated)
     with _opened(path, within) as file:
         if os.fstat(file.fileno()).st_size > LARGEST_BYTES:
             raise _too_large(path)
-        for number, text in rows_of_binary(kind, path, file, names, notes):
+        read = hashlib.file_digest(file, "sha256").hexdigest(), kind, json.dumps(names)
+        file.seek(0)
+        if read in _RECENT:
+            lines, said = _RECENT[read]
+            notes += said
+            yield from lines
+            return
+        lines = []
+        for number, text in rows_of_binary(kind, path, file, names, said):
             letters += len(text)
             if letters > LARGEST_BYTES:
                 raise _too_large(path)
-            yield TextLine(number, text, ended=True)
+            line = TextLine(number, text, ended=True)
+            if letters <= _RECENT_LETTERS:
+                lines.append(line)
+            yield line
+    notes += said
+    if letters <= _RECENT_LETTERS:
+        _RECENT[read] = lines, said
+        if len(_RECENT) > _RECENT_FILES:
+            del _RECENT[next(iter(_RECENT))]
+
+
+#: Rows of files that were read to their end lately, by what the files hold and what they are: they
+#: are looked at several times. So many files and letters at the most.
+_RECENT: dict[tuple[str, str, str], tuple[list[TextLine], list[str]]] = {}
+_RECENT_FILES, _RECENT_LETTERS = 4, 20_000_000
 
 
 def names_beside(path: Path) -> Path | None:
