@@ -49,6 +49,8 @@ def counted(tmp_path):
         (4096.0, 2048.0, 1.0),
         (65536.0, 0.0, [1, -1, 1, 1, -1, 1]),
         (36000.0, 0.0, 1.0),
+        (1228.8, 512.0, 1.0),  # 1024 over 300 degrees
+        (4000.0, 1500.0, 1.0),  # microseconds of a pulse
     ],
 )
 def test_counts_are_proposed_with_the_scale_that_the_arm_shows(

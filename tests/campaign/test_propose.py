@@ -129,6 +129,20 @@ def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, proposed):
     assert re.search(r"^# check: the nominal model, base and target fitted, is \d+ mm", text, re.M)
 
 
+@pytest.mark.parametrize("times", [0.5, 1.1, 4.0])
+@pytest.mark.parametrize("kind", ["pose", "points"])
+def test_lengths_of_another_scale_are_told_by_their_factor(tmp_path, proposed, times, kind):
+    """As of a tag that is held for another size: orientations are right, and no row is lost."""
+    _, table = tracked(tmp_path, kind)
+    own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
+    places = [name for name in own if name.endswith(("x_mm", "y_mm", "z_mm"))]
+    own[places] *= times
+    text = proposed(own, "--robot", "ur10")[1]
+    assert "rows can be used, 0 cannot" in text
+    assert re.search(rf"mm if lengths are divided by {times:g}: check the size of the tag", text)
+    assert "none agrees with the nominal arm" not in text
+
+
 def test_without_an_arm_the_reader_is_told_what_to_check(tmp_path, proposed):
     _, table = tracked(tmp_path)
     own = table.drop(columns=QUATERNION)

@@ -12,11 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.composed_columns import polar_to_xyz
-from pa10cal.campaign.nominal_fit import placed_by_points
+from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
 from pa10cal.campaign.own_columns import ANGLES_OF_POLAR, LENGTHS, RotationColumns
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.frame.rigid_fit import Located
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.quantities import Misfit
 
 EulerSequence = Literal["xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ"]
 
@@ -317,3 +319,26 @@ def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
 def _spread(rows: int) -> Index:
     """Return so many of some rows as are looked at, spread over all."""
     return np.linspace(0, rows - 1, min(rows, MOST)).astype(int)
+
+
+# Lengths of another scale, as of a tag that is held for another size.
+
+#: One factor is looked for beyond so much of 1.
+_ANOTHER_SCALE = 0.01
+
+
+def other_scale(
+    measured: Instrument, T_base_ee: Array, misfit: Misfit
+) -> tuple[float, float] | None:
+    """Return by what lengths are to be divided for the nominal arm to fit, and its misfit then [m].
+
+    None where one factor does not put right what it leaves of readings as they are.
+    """
+    scale = measured.scale(T_base_ee)
+    if scale is None or not scale > 0.0 or abs(scale - 1.0) < _ANOTHER_SCALE:
+        return None
+    found = misfit_of(measured.scaled(scale), T_base_ee)
+    left_m = np.inf if found is None else float(np.nanmedian(found.length_m))
+    as_read_m = float(np.nanmedian(misfit.length_m))
+    fits = NEARER * left_m < as_read_m and puts_right(left_m, EXPECTED_M)
+    return (1.0 / scale, left_m) if fits else None

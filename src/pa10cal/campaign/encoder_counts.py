@@ -18,7 +18,12 @@ from pa10cal.campaign.nominal_fit import placed_by_points
 LARGEST_DEG = 400.0
 #: Counts a turn of usual encoders: servos, powers of two, and degrees in parts.
 _POWERS = tuple(2.0**k for k in range(8, 25))
-_USUAL = (4096.0, 1024.0, 1024.0 * 360.0 / 300.0, *_POWERS, 3600.0, 36e3, 36e4, 1e4, 4e4, 1e5, 1e6)
+_USUAL = (4096.0, 1024.0, *_POWERS, 3600.0, 36e3, 36e4, 1e4, 4e4, 1e5, 1e6)
+#: Counts a turn, and that in the middle, of servos that turn by a part of it: 1024 counts over 300
+#: deg, 1000 over 240, pulses of 500 to 2500 us over 180 or over 270.
+_OF_A_PART = ((1228.8, 512.0), (1500.0, 500.0), (4000.0, 1500.0), (2e3 / 0.75, 1500.0))
+#: The nominal arm agrees where it leaves no more than this part of the spread of the places.
+_AGREES = 0.05
 #: Rows that scales are compared by, and the part of them that must lie within the joints' limits.
 _COMPARED, _WITHIN = 60, 0.9
 #: The nominal arm must be so many times nearer with one scale than with any other.
@@ -69,7 +74,8 @@ def scale_of_counts(counts: Array, arm: Arm | None, p_m: Array | None) -> CountS
     if not tried:
         return fallback
     others = [scale.misfit_m for scale in tried if scale.per_turn != tried[0].per_turn]
-    clear = tried[0].misfit_m * _NEARER < min(others, default=np.inf)
+    spread_m = float(np.linalg.norm(np.std(p_m[some], axis=0)))
+    clear = tried[0].misfit_m < min(min(others, default=np.inf) / _NEARER, _AGREES * spread_m)
     return tried[0] if clear else fallback
 
 
@@ -82,8 +88,9 @@ def _tried(counts: Array, arm: Arm, p_m: Array) -> Iterator[CountScale]:
         inside = (q_deg >= limits_deg[:, 0]) & (q_deg <= limits_deg[:, 1])
         return bool(inside.all(axis=1).mean() >= _WITHIN)
 
-    for per_turn, part in product(dict.fromkeys(_USUAL), (0.5, 0.0)):
-        scale = CountScale(per_turn, part * per_turn, (1,) * len(limits_deg))
+    whole = product(dict.fromkeys(_USUAL), (0.5, 0.0))
+    for per_turn, zero in (*((turn, part * turn) for turn, part in whole), *_OF_A_PART):
+        scale = CountScale(per_turn, zero, (1,) * len(limits_deg))
         if not within(scale):
             continue
         scale = _fitted(scale, counts, arm, p_m)

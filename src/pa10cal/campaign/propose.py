@@ -528,7 +528,9 @@ class _Proposing:
             every = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
             some = np.flatnonzero(np.isfinite(every).all(axis=1))
             some = some[np.linspace(0, len(some) - 1, min(len(some), JUDGED)).astype(int)]
-            R_ee = modelled_attitudes(T_base_ee[some], p_m[some])
+            # Lengths of another scale, as of a tag held for another size, tell the base as well.
+            scale = scale_of_points(p_m[some], T_base_ee[some]) or 1.0
+            R_ee = modelled_attitudes(T_base_ee[some], scale * p_m[some])
         if R_ee is None:
             self.checks.append(
                 f"rotation.convention: {convention}, by the names alone; check it in the manual of "

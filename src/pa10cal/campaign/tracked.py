@@ -23,7 +23,7 @@ from pa10cal.campaign.base_motion import (
     steadied,
 )
 from pa10cal.campaign.bounds import labelled, outside_bounds, unwrapped, within_bounds
-from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes
+from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes, other_scale
 from pa10cal.campaign.coupled_logs import Coupled, arm_of_log, coupling_that_fits
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
@@ -255,7 +255,11 @@ class Screen:
         def repeats(p_m: Array, seen: Mask) -> Mask:
             return screens.off_repeats(p_m, self.found.pose[seen], self.found.states.load_N[seen])
 
-        self._quarantine_targets(self._by_target(reach), screens.OUT_OF_REACH)
+        if (far := self._by_target(reach)).any():
+            misfit = misfit_of(self.found.measured, self.T_base_ee)
+            # One factor puts all of them right.
+            if misfit is None or other_scale(self.found.measured, self.T_base_ee, misfit) is None:
+                self._quarantine_targets(far, screens.OUT_OF_REACH)
         self._refuse_units()
         self._quarantine_targets(self._held_last(), screens.HELD)
         self._quarantine_exchanged()
@@ -482,6 +486,13 @@ class Screen:
                 f"the nominal model, base and target fitted, is {' and '.join(off)} off in the "
                 f"median, and {1e3 * float(np.median(fits.size_m)):.2g} mm if joints move together "
                 f"({in_words}): {set_coupling(coupled, self.arm)}"
+            ]
+        elif (scale := other_scale(measured, T_base_ee, misfit)) is not None:
+            times, left_m = scale
+            warnings = [
+                f"the nominal model, base and target fitted, is {' and '.join(off)} off in the "
+                f"median, and {1e3 * left_m:.2g} mm if lengths are divided by {times:.3g}: check "
+                "the size of the tag or target as the instrument holds it, and their unit"
             ]
         names = position_columns(self.arm.axes_slide)
         logged = self.arm.coupling.to_axes(self.found.states.q_rad)
