@@ -90,7 +90,7 @@ class CheckedCampaign:
     def nominal_misfit_m(self, q: Array) -> float:
         """Return the rms misfit of the nominal arm, base and targets fitted; inf if none fits."""
         try:
-            found = self.grid.measured.locate(Chain.of(self.arm).forward(q))
+            found = self.grid.measured.locate(Chain.of(self.arm).forward(q), roughly=True)
         except CalibrationError:
             return np.inf
         return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))

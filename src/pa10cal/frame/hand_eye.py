@@ -253,7 +253,11 @@ _NOWHERE_M = np.finfo(float).tiny
 
 
 def hand_eye_from_poses(
-    T_base_ee: Array, T_instr_target: Array, weights: Array | None = None
+    T_base_ee: Array,
+    T_instr_target: Array,
+    weights: Array | None = None,
+    *,
+    roughly: bool = False,
 ) -> Located:
     """Solve T_instr_target (P, 4, 4) = T_instr_base T_base_ee T_ee_target for the frames.
 
@@ -262,6 +266,9 @@ def hand_eye_from_poses(
     positions alone, and from a target that is not turned; all starts are refined together with the
     translations by Gauss-Newton steps, and the best is returned. What the poses do not identify of
     the target stays at the end-effector.
+
+    Args:
+        roughly: whether the scatter to a part in a million is enough.
 
     Raises:
         CalibrationError: with fewer than three poses.
@@ -280,7 +287,7 @@ def hand_eye_from_poses(
         of_target = _transposed(R_instr_base @ few.R_base) @ R_instr_target
         starts.append(first_guess(few, R_instr_base, _mean_turn(few.weights, of_target)))
     starts.append(first_guess(few, turns[1], np.eye(3)))
-    return _best(problem, starts, ["the target"])
+    return _best(problem, starts, ["the target"], roughly)
 
 
 def target_on_base(T_instr_base: Array, T_base_ee: Array, T_instr_target: Array) -> Array:
@@ -297,6 +304,8 @@ def hand_eye_from_points(
     p_ee_stated_m: Array | None = None,
     weights: Array | None = None,
     names: Sequence[str] | None = None,
+    *,
+    roughly: bool = False,
 ) -> Located:
     """Solve p_instr = T_instr_base (T_base_ee p_ee) for the base frame and the places of B targets.
 
@@ -309,6 +318,7 @@ def hand_eye_from_points(
         p_ee_stated_m: (B, 3) value where the poses do not identify a position; None for the
             origin of the end-effector.
         names: (B,) names of the targets, for what is held.
+        roughly: whether the scatter to a part in a million is enough.
 
     Raises:
         CalibrationError: with fewer than three poses, when a target was never seen, or when the
@@ -336,7 +346,7 @@ def hand_eye_from_points(
             allowed="poses whose positions span a plane",
             remedy="measure poses further apart across the line",
         )
-    return _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named)
+    return _best(problem, [first_guess(few, turn, np.eye(3)) for turn in turns], named, roughly)
 
 
 def ranging(
@@ -344,6 +354,8 @@ def ranging(
     d_m: Array,
     p_ee_stated_m: Array | None = None,
     weights: Array | None = None,
+    *,
+    roughly: bool = False,
 ) -> Located:
     """Solve d = |T_base_ee p_ee - p_base| for the target p_ee and the fixed point p_base.
 
@@ -356,6 +368,7 @@ def ranging(
         d_m: (P,) measured distances [m].
         p_ee_stated_m: (3,) value where the poses do not identify the target; None for the
             origin of the end-effector.
+        roughly: whether the scatter to a part in a million is enough.
 
     Returns:
         The base in a frame about the fixed point, along its own axes.
@@ -370,21 +383,23 @@ def ranging(
         Guess(np.eye(3), -point_m, target_m[None], np.eye(3))
         for point_m, target_m in _by_distances(problem.thinned())
     ]
-    return _best(problem, starts, ["the target"])
+    return _best(problem, starts, ["the target"], roughly)
 
 
-def _best(problem: TargetProblem, starts: Sequence[Guess], names: list[str]) -> Located:
+def _best(
+    problem: TargetProblem, starts: Sequence[Guess], names: list[str], roughly: bool
+) -> Located:
     """Return the best of all refined starts; some of the poses decide which is best."""
     few, directional = problem.thinned(), problem.d_m is None
     ends: list[tuple[Guess, least_squares.Linearised, least_squares.Split]] = []
     for start in starts:
         if not (directional and any(_leads_to(start, guess) for guess, _, _ in ends)):
-            ends.append(refined(few, start, roughly=few is not problem))
+            ends.append(refined(few, start, roughly=True))
     guess, at, split = min(ends, key=lambda end: end[1].cost)
     if split.unidentified.size:
         guess = replace(guess, p_ee_m=problem.p_ee_stated_m)
-    if split.unidentified.size or few is not problem:
-        guess, at, split = refined(problem, guess)
+    if split.unidentified.size or few is not problem or not roughly:
+        guess, at, split = refined(problem, guess, roughly=roughly)
     if not directional:
         _refuse_open_point(_linearise(problem, guess).by_step[:, :3])
     orientations = problem.orientations

@@ -223,8 +223,11 @@ class Instrument(ABC):
         return np.arange(self.components_seen.shape[1])[self.component_kinds[0][1]]
 
     @abstractmethod
-    def locate(self, T_base_ee: Array) -> Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
         """Find base and targets from nominal poses (P, 4, 4), wherever they are.
+
+        Args:
+            roughly: whether the scatter to a part in a million is enough.
 
         Raises:
             CalibrationError: when the poses do not determine them.

@@ -241,8 +241,8 @@ class Joined(Instrument):
         columns = [p.at["b"].start + p.part.position_columns for p in self._places]
         return np.concatenate(columns).astype(np.intp)
 
-    def locate(self, T_base_ee: Array) -> Located:
-        found = {p.name: p.part.locate(T_base_ee[p.rows]) for p in self._shown}
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
+        found = {p.name: p.part.locate(T_base_ee[p.rows], roughly=roughly) for p in self._shown}
         targets = {name: of.T_ee_target for name, of in found.items() if of.T_ee_target is not None}
         poses = [of.poses for of in found.values()]
         squares = [of.scatter_m**2 for of in found.values()]

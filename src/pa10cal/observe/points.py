@@ -163,9 +163,9 @@ class Points(Instrument):
         seen = np.isfinite(self.p_instr_m[..., 0])
         return (f"targets {', '.join(self.names)} seen {seen.sum()} times of {seen.size}",)
 
-    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
         found = hand_eye_from_points(
-            T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names
+            T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names, roughly=roughly
         )
         return replace(found, stated=self.p_ee_stated_m is not None)
 
@@ -359,13 +359,13 @@ class Distance(Instrument):
     def places_m(self) -> Array:
         return self.d_m[:, None, None]
 
-    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
         """Find fixed point and target by ranging.
 
         Distances show no orientation of the instrument's frame: its axes are along those of the
         base.
         """
-        found = ranging(T_base_ee, self.d_m, self.p_ee_stated_m)
+        found = ranging(T_base_ee, self.d_m, self.p_ee_stated_m, roughly=roughly)
         T_instr_base = homogeneous(np.eye(3), self.p_instr_point_m + found.T_instr_base[:3, 3])
         return replace(found, T_instr_base=T_instr_base, stated=self.p_ee_stated_m is not None)
 

@@ -151,8 +151,8 @@ class Pose(Instrument):
     def places_m(self) -> Array:
         return self.T_instr_target[:, None, :3, 3]
 
-    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
-        return hand_eye_from_poses(T_base_ee, self.T_instr_target)
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
+        return hand_eye_from_poses(T_base_ee, self.T_instr_target, roughly=roughly)
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         return target_on_base(T_instr_base, T_base_ee, self.T_instr_target)
@@ -380,7 +380,8 @@ class Touched(Pose):
             targets_m = np.mean((self.balls.p_instr_m - origin) @ R, axis=0).ravel()
         return super().readout(T_instr_ee, targets_m)
 
-    def locate(self, T_base_ee: Array) -> rigid_fit.Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
+        del roughly  # its solution is closed
         return rigid_fit.seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
