@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pa10cal.discovery.finding import Explanations, Finding, Rival
+from pa10cal.discovery.finding import Explanations, Finding, Rival, UnknownBeside
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
+from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.effects.unnamed import DirectionMap
 
 SURE = 1.0 - PROBABILITIES.unknown
@@ -111,3 +114,38 @@ def test_a_name_is_less_likely_with_every_rival_that_is_as_good():
     )
     assert alone.explanations.of(BACKLASH) == pytest.approx(SURE / 2)
     assert both.explanations.of(BACKLASH) == pytest.approx(SURE / 3)
+
+
+def test_another_form_of_the_effect_is_no_other_name():
+    other = BaseDrift("base", 0.0, 100.0, 3)
+    found = Finding(BaseDrift("base", 0.0, 100.0, 1), np.zeros(6), np.eye(6), (other,), object())
+    for rivals in ((), (Rival(other, np.array([3.0])),)):
+        said = replace(found, rivals=rivals)
+        assert said.explanations.of(found.effect) == pytest.approx(SURE)
+        assert said.with_likely().alternatives == ()
+
+
+@given(st.floats(0.01, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.001, 0.1))
+def test_the_more_is_left_of_an_error_the_likelier_something_else_makes_it(
+    without_mm, part, less, floor_mm
+):
+    with_mm = part * without_mm
+    left = [UnknownBeside(without_mm, each, 12.0, 0.3) for each in (less * with_mm, with_mm)]
+    little, much = (each.probability(floor_mm) for each in left)
+    assert PROBABILITIES.unknown <= little <= much <= 1.0
+
+
+def test_odds_are_those_stated_where_as_much_is_taken_as_is_left():
+    taken = UnknownBeside(np.sqrt(2.0), 1.0, odds=3.0, power=0.3)
+    assert taken.probability(0.0) == pytest.approx(0.25)
+    assert UnknownBeside(1.0, 0.0, 12.0, 0.3).probability(0.0) == PROBABILITIES.unknown
+
+
+def test_noise_alone_leaves_nothing_for_another_cause():
+    errors_mm = np.random.default_rng(3).normal(size=(2000, 3))
+    floor_mm = float(np.linalg.norm(errors_mm, axis=1).mean())
+    rms_mm = float(np.sqrt(np.mean(np.sum(errors_mm**2, axis=1))))
+    assert (
+        UnknownBeside(5.0 * rms_mm, rms_mm, *PROBABILITIES.known_effect).probability(floor_mm)
+        < 0.05
+    )

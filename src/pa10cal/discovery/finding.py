@@ -19,7 +19,7 @@ from pa10cal.results import discovery
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.maps import JointWitness, MapForm
-from pa10cal.results.record import EffectName, FaultKind, Numbers, Part
+from pa10cal.results.record import EffectName, FaultKind, Name, Numbers, Part
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, is_error_map
 from pa10cal.terms.term import Term
@@ -28,8 +28,42 @@ from pa10cal.terms.weights import LogFault
 P_co = TypeVar("P_co", covariant=True)
 
 
+@dataclass(frozen=True)
+class UnknownBeside:
+    """Something without a name beside an effect: the more is left, the likelier it makes it, too.
+
+    What is left over noise of the squared error is made by something that was not tried. Where an
+    effect takes away little of the rest, it may be a part of that.
+    """
+
+    without_mm: float  # root mean square error without the effect [mm]
+    with_mm: float  # and with it [mm]
+    odds: float  # of the effect where it takes away as much as is left
+    power: float  # of what it takes over what is left, by which these odds grow
+
+    def probability(self, noise_floor_mm: float) -> float:
+        """Return the probability of something that was not tried; noise errs by a mean [mm]."""
+        # Normal errors, alike in three directions, have a mean length of 2 sqrt(2 / pi) sigma.
+        noise = 3.0 * np.pi / 2.0 * (0.5 * noise_floor_mm) ** 2
+        taken = max(self.without_mm**2 - self.with_mm**2, 0.0)
+        left = max(self.with_mm**2 - noise, PROBABILITIES.left_of_noise * noise)
+        if not left > 0.0:
+            return PROBABILITIES.unknown
+        return float(
+            max(1.0 / (1.0 + self.odds * (taken / left) ** self.power), PROBABILITIES.unknown)
+        )
+
+
 class GivesWay(discovery.EvidenceOfSag):
     """The statistics that decided about the spring of a joint."""
+
+    @property
+    def unknown(self) -> UnknownBeside:
+        """How probable it is that something else makes this, by the error of poses held out."""
+        without_mm, with_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
+        if without_mm is None or with_mm is None:
+            without_mm, with_mm = self.rigid_mm, self.gives_way_mm
+        return UnknownBeside(without_mm, with_mm, *PROBABILITIES.known_sag)
 
     # (P,) errors of the poses held out, or else fitted, with the joint rigid
     without_each_mm: Numbers = Field(exclude=True)
@@ -121,8 +155,11 @@ class Finding(Generic[P_co]):
         effect itself.
         """
         rivals = {name_of(each.effect).name: each for each in self.rivals}
-        effects = {name_of(each).name: each for each in (self.effect, *self.alternatives)}
-        effects |= {name: each.effect for name, each in rivals.items() if name not in effects}
+        # Another form of the effect itself is no other name.
+        effects: dict[Name, Effect] = {}
+        for each in (self.effect, *self.alternatives, *(e.effect for e in self.rivals)):
+            effects.setdefault(name_of(each).name, each)
+        rivals.pop(name_of(self.effect).name, None)
         blocks = max((len(each.nats) for each in self.rivals), default=1)
         nats = np.zeros((len(effects), blocks))
         weight = np.ones(len(effects))

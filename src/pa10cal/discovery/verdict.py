@@ -436,10 +436,12 @@ def with_likely(found: V) -> V:
     Where more than noise is left without a name, what was tried may all be wrong more often.
     """
     left = bool(found.unexplained) or found.over_noise
-    unknown = PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown
+    alike = PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown
 
     def with_its_own(finding: Finding[P_co]) -> Finding[P_co]:
-        return replace(finding, unknown=unknown).with_likely()
+        by_errors = getattr(finding.proof, "unknown", None)
+        own = alike if by_errors is None else by_errors.probability(found.noise_floor_mm)
+        return replace(finding, unknown=own).with_likely()
 
     findings = tuple(map(with_its_own, found.findings))
     return replace(found, findings=findings, gives_way=tuple(map(with_its_own, found.gives_way)))

@@ -31,7 +31,13 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
 from pa10cal.discovery.blocked_cv.search import Level, Search, level, refine_maps
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, ShapedEffect, Survey
-from pa10cal.discovery.finding import MayHaveCarrier, Rival, Untestable, carrier_of
+from pa10cal.discovery.finding import (
+    MayHaveCarrier,
+    Rival,
+    UnknownBeside,
+    Untestable,
+    carrier_of,
+)
 from pa10cal.discovery.linear import (
     by_effects,
     by_own_terms,
@@ -56,6 +62,11 @@ from pa10cal.terms.effects.unnamed import DirectionMap
 
 class BlockPrediction(BlockedCrossValidation, MayHaveCarrier):
     """How well held-out blocks are predicted without an effect and with it."""
+
+    @property
+    def unknown(self) -> UnknownBeside:
+        """How probable it is that something else makes this."""
+        return UnknownBeside(self.rms_without_mm, self.rms_with_mm, *PROBABILITIES.known_effect)
 
 
 @dataclass(frozen=True)
