@@ -19,6 +19,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import arm_text, joint_names, load_arm
 
 Q = [f"q{j}_deg" for j in range(1, 7)]
+UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 PLACE, QUATERNION = ["x_mm", "y_mm", "z_mm"], ["qw", "qx", "qy", "qz"]
 
 
@@ -235,6 +236,22 @@ def test_numbered_columns_behind_the_last_joint_are_not_read_which_is_said(tmp_p
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
 
 
+@pytest.mark.parametrize("names", [UR, [f"j{k}" for k in range(1, 7)]])
+@pytest.mark.parametrize("sides", [("left", "right"), ("right", "left"), ("actual", "target")])
+def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, proposed, names, sides):
+    """But of what was commanded and what was measured the latter is taken, both near."""
+    raw, table = tracked(tmp_path, "points")
+    joints, places = table[Q].to_numpy(), table.drop(columns=Q)
+    rng = np.random.default_rng(0)
+    other = joints + 1e-3 if "actual" in sides else rng.permutation(joints)
+    both = {"left": joints, "actual": joints, "right": other, "target": other}
+    own = pd.DataFrame({f"{s}_{n}": both[s][:, k] for s in sides for k, n in enumerate(names)})
+    content, _, folder = proposed(own.join(places), "--robot", "ur10")
+    found = content["columns"]["poses"]["joints"]["names"]
+    assert found == [f"{'actual' if 'actual' in sides else 'left'}_{name}" for name in names]
+    np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
+
+
 @pytest.mark.parametrize("other_first", [False, True])
 def test_of_two_arms_under_the_same_names_the_nominal_arm_tells_its_own(
     tmp_path, proposed, other_first
@@ -271,9 +288,6 @@ def test_the_mapping_of_the_measured_ur10_is_found(ipa_data, capsys, series):
     assert columns["rotation"]["convention"] == "euler_XYZ"
     assert ("time" in columns) == series.startswith("A")
     assert ("u" in columns["position"]) == series.startswith("C")
-
-
-UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 
 
 def test_joints_are_mapped_by_their_names_whatever_their_order(tmp_path, proposed):

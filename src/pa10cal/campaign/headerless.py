@@ -13,10 +13,11 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.csv_rows import same_name
+from pa10cal.campaign.joint_names import joint_sets
 from pa10cal.campaign.nominal_fit import placed_by_points
 from pa10cal.campaign.own_columns import ANGLES, LENGTHS
 from pa10cal.campaign.raw_rows import in_radians
-from pa10cal.campaign.recognise import Roles
+from pa10cal.campaign.recognise import Roles, standing
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.campaign.two_logs import by_label, shared_labels
 from pa10cal.errors import RawDataError
@@ -31,6 +32,9 @@ _COLUMNS, _WITHIN = 40, 0.95
 _SPREAD_M, _FAR_M, _TARGETS = 0.05, 10.0, 6
 #: Joints move by more than this.
 _MOVES_RAD = 0.2
+#: So many sets of joints, and places, are tried; those are as near that are off by so much more, or
+#: by less than what the nominal arm may be off [m].
+_SETS, _AS_NEAR, _ALIKE_M = 12, 1.5, 5e-3
 
 
 def roles_by_arm(
@@ -68,32 +72,41 @@ def roles_by_arm(
     return scatter_m, *found
 
 
-def of_repeated_names(roles: Roles, sniffed: Sniffed, arm: Arm) -> Roles:
-    """Return roles with those of columns of the same names that the nominal arm explains best.
+def of_the_arm(roles: Roles, sniffed: Sniffed, arm: Arm, own: Sequence[str] = ()) -> Roles:
+    """Return roles with the joints and places that the nominal arm explains, of several arms' ones.
 
-    Several arms are logged side by side under the same names. What was recognised stays where none
-    of them agrees.
+    These stand side by side, under the same names or beside words such as left and right. What was
+    recognised stays where it agrees as well, or where nothing does.
     """
-    if not roles.positions or not roles.joints:
-        return roles
-    place, first = next(iter(roles.positions.items()))
-    joints, places = (_again(names, sniffed.names) for names in (roles.joints, first))
     rows = _rows_together(sniffed, sniffed)
-    if rows is None or len(joints) < 2:
+    if rows is None or not roles.positions or sniffed.titles:
+        return roles
+    sets = _again(roles.joints, sniffed.names) if roles.joints else []
+    sets = list(dict.fromkeys((*sets, *joint_sets(sniffed.names, len(arm.axes_slide), own))))
+    places = [each for of in roles.positions.values() for each in _again(of, sniffed.names)]
+    if len(sets) < 1 + bool(roles.joints):
         return roles
     tried = [
-        (_scatter_m(T_base_ee, p_m[:, None]), columns, position)
-        for columns, T_base_ee in _ends(sniffed.columns, joints, rows[0], arm)
-        for position, p_m in _places(sniffed.columns, places, rows[1])
+        (_scatter_m(T_base_ee, p_m[:, None]), columns, place)
+        for columns, T_base_ee in _ends(sniffed.columns, sets[:_SETS], rows[0], arm)
+        for place, p_m in _places(sniffed.columns, places[:_SETS], rows[1])
     ]
-    scatter_m, columns, position = min(tried, default=(np.inf, (), ()))
-    if scatter_m > NEAR_M:
+    least_m = min((scatter_m for scatter_m, *_ in tried), default=np.inf)
+    if least_m > NEAR_M:
         return roles
-    attitude, k = roles.attitude, places.index(position)
-    if attitude is not None and k:
-        of_same = _again(attitude[0], sniffed.names)
-        attitude = (of_same[k], attitude[1]) if len(of_same) > k else None
-    return replace(roles, joints=columns, positions={place: position}, attitude=attitude)
+    near = [each for each in tried if each[0] < max(_AS_NEAR * least_m, _ALIKE_M)]
+    joints = near[0][1]  # the first: what was recognised, if it agrees
+    of_arm = [(scatter_m, place) for scatter_m, columns, place in tried if columns == joints]
+    agree = [place for scatter_m, place in of_arm if scatter_m < NEAR_M]
+    still = standing({place: sniffed.columns(names) for place, names in roles.positions.items()})
+    keep = {place: of for place, of in roles.positions.items() if place in still or of in agree}
+    if all(place in still for place in keep):
+        keep = {"": agree[0]} | keep
+    attitude, first = roles.attitude, next(iter(roles.positions.values()))
+    if attitude is not None and first not in agree:
+        again = dict(zip(places, _again(attitude[0], sniffed.names), strict=False))
+        attitude = (again[agree[0]], attitude[1]) if agree[0] in again else None
+    return replace(roles, joints=joints, positions=keep, attitude=attitude)
 
 
 def _again(names: Sequence[str], every: Collection[str]) -> list[tuple[str, ...]]:
@@ -206,10 +219,13 @@ def _ends(
 def _places(
     columns_of: Callable[[Sequence[str]], Array], named: Sequence[tuple[str, ...]], rows: Index
 ) -> Iterator[tuple[tuple[str, ...], Array]]:
-    """Yield columns that may be a place, and it [m]."""
+    """Yield columns that may be a place, and it [m], nan where it was not seen."""
     for columns, unit in product(named, ("mm", "m")):
         p_m = 1e-3 * LENGTHS[unit] * columns_of(columns)[rows]
-        spread_m = np.sort(np.ptp(p_m, axis=0)) if np.isfinite(p_m).all() else np.zeros(3)
+        known = np.flatnonzero(np.isfinite(p_m).all(axis=1))
+        p_m = np.where(np.isfinite(p_m).all(axis=1, keepdims=True), p_m, np.nan)
+        enough = 2 * len(known) > len(p_m)
+        spread_m = np.sort(np.ptp(p_m[known], axis=0)) if enough else np.zeros(3)
         if spread_m[1] > _SPREAD_M and spread_m[2] < _FAR_M:
             yield columns, p_m
 

@@ -16,6 +16,7 @@ from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
     has_word,
+    numbered_sets,
     plain,
     roles_of,
     split_unit,
@@ -86,6 +87,19 @@ def columns_by_name(
         if found:
             return found
     return ()
+
+
+def joint_sets(names: Sequence[str], joints: int, own: Sequence[str] = ()) -> list[tuple[str, ...]]:
+    """Return every set of columns that may be the joints of one arm, as of two side by side.
+
+    They are numbered, or carry names of joints beside words that all of a set share, such as left.
+    """
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name in names:
+        rest = (w for w in _bare(name) if w not in _SEGMENT and w not in _MOTION)
+        groups.setdefault(tuple(w for w in rest if not w.isdigit()), []).append(name)
+    called = (columns_by_name(group, joints, own) for group in groups.values())
+    return list(dict.fromkeys(filter(None, (*numbered_sets(names, joints), *called))))
 
 
 def _bare(name: str) -> tuple[str, ...]:

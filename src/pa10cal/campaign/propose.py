@@ -28,7 +28,7 @@ from pa10cal.campaign.headerless import (
     is_headerless,
     labels_of_both,
     logs_by_arm,
-    of_repeated_names,
+    of_the_arm,
     roles_by_arm,
 )
 from pa10cal.campaign.moments import JUDGED, time_columns
@@ -105,10 +105,13 @@ def propose(
     if arm is not None and is_headerless(sniffed):
         by_arm = roles_by_arm((roles, sniffed), (roles, sniffed), arm)
         roles = by_arm[1] if by_arm else roles
+    by_name = roles
     if arm is not None:
-        roles = of_repeated_names(roles, sniffed, arm)
+        roles = of_the_arm(roles, sniffed, arm, joint_names)
     refuse_unrecognised(roles, sniffed, file)
     making = _Proposing(sniffed, roles, arm)
+    if roles.joints != by_name.joints:
+        making.checks.append(f"joints: {roles.joints[0]} …, by the nominal arm: no others agree")
     columns = making.joints() | making.readings(making.T_base_ee)
     return _proposal(making, {"poses": (file, sniffed, columns)}, name, robot, arm)
 

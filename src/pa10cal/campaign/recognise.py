@@ -241,6 +241,17 @@ def _series(names: Sequence[str]) -> dict[tuple[str, str], dict[int, str]]:
     return series
 
 
+def numbered_sets(names: Sequence[str], joints: int) -> list[tuple[str, ...]]:
+    """Return every so many columns that are called joints and numbered from 1 (or 0)."""
+    found = []
+    for around, listed in _series(names).items():
+        first = 0 if 0 in listed else 1
+        run = [listed[k] for k in range(first, first + joints) if k in listed]
+        if len(run) == joints and has_word(re.findall(r"[a-z]+", " ".join(around)), "joint"):
+            found.append(tuple(run))
+    return found
+
+
 def beyond(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return columns that go on numbering those of the joints, as of a gripper."""
     found = []
