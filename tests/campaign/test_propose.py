@@ -236,6 +236,16 @@ def test_numbered_columns_behind_the_last_joint_are_not_read_which_is_said(tmp_p
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
 
 
+@pytest.mark.parametrize(("largest", "said"), [(99.9, True), (160.0, False), (1.5, False)])
+def test_percents_of_a_range_are_no_angles(tmp_path, proposed, largest, said):
+    """LeRobot writes positions so, unless it is told to use degrees."""
+    _, table = tracked(tmp_path, "points")
+    own = table.rename(columns=dict(zip(Q, (f"{name}.pos" for name in UR), strict=True)))
+    joints = own[[f"{name}.pos" for name in UR]]
+    own[joints.columns] = joints * (largest / joints.abs().max())
+    assert ("percents of each joint's range" in proposed(own, "--robot", "ur10")[1]) == said
+
+
 @pytest.mark.parametrize("names", [UR, [f"j{k}" for k in range(1, 7)]])
 @pytest.mark.parametrize("sides", [("left", "right"), ("right", "left"), ("actual", "target")])
 def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, proposed, names, sides):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 from made_up_records import accuracy, effect, verdict_keys
 from pa10cal.reports.summary import CampaignSummary, notes, paths, table
@@ -93,3 +94,15 @@ def test_a_verdict_says_what_is_open_beside_its_word():
     )
     assert notes(unsought) == ("not_sought: 45 poses are too few; measure 100",)
     assert notes(verdict_keys("none", ())) == ()
+
+
+def test_faults_of_the_same_kind_are_one_line():
+    held = {"kind": "row", "what": "repeats the row before", "remedy": "measure it again"}
+    other = {"kind": "row", "where": "P20", "what": "is far off", "remedy": "look at it"}
+    faults = [SimpleNamespace(where=f"P{k}", **held) for k in range(3)]
+    faults.append(SimpleNamespace(**other))
+    keys = verdict_keys("check_the_log", ()).model_copy(update={"faults": faults})
+    assert notes(keys) == (
+        "the log: P0 and 2 more: repeats the row before; measure it again",
+        "the log: P20: is far off; look at it",
+    )

@@ -20,6 +20,9 @@ from pa10cal.campaign.recognise import Roles, beyond, roles_of, split_unit, stan
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.errors import RawDataError
 
+#: Positions beyond are no radians.
+_TURN_RAD = 2.0 * np.pi + 0.1
+
 
 def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:
     """Return what the columns of a file may be, those too that hold a place only together."""
@@ -79,6 +82,12 @@ def notes_on_joints(sniffed: Sniffed, joints: Sequence[str]) -> list[str]:
         found.append(
             f"joints: the arm has {len(joints)}, so {', '.join(more)} is not read: a gripper, or "
             "an outer axis? if it is an axis of the arm, name another arm"
+        )
+    largest = np.nanmax(np.abs(sniffed.columns(joints)), initial=0.0)
+    if all(name.endswith(".pos") for name in titled) and _TURN_RAD < largest <= 100.0:
+        found.append(
+            f"joints: {titled[0]} … lie within -100 to 100: LeRobot writes percents of each "
+            "joint's range so, which are no angles; log degrees (use_degrees)"
         )
     if len(same) > 1:
         found.append(

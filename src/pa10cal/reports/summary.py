@@ -82,8 +82,12 @@ def notes(verdict: VerdictKeys) -> tuple[str, ...]:
         f"unexplained: {place.of or 'place not known'}: {place.why}"
         for place in (verdict.unexplained.all if verdict.unexplained else ())
     ]
+    alike: dict[tuple[str, str], list[str]] = {}
+    for fault in verdict.faults or ():
+        alike.setdefault((fault.what, fault.remedy), []).append(fault.where)
     faults = [
-        f"the log: {fault.where}: {fault.what}; {fault.remedy}" for fault in verdict.faults or ()
+        f"the log: {where[0]}{f' and {len(where) - 1} more' * (len(where) > 1)}: {what}; {remedy}"
+        for (what, remedy), where in alike.items()
     ]
     return (*explained, *named, *unsought, *nameless, *faults)
 
