@@ -112,6 +112,21 @@ def test_any_two_joints_may_be_exchanged(tmp_path, pair):
     assert (found.kind, found.where) == ("joint_order", "q{}, q{}".format(*pair))
 
 
+@pytest.mark.parametrize("by", [1, -2])
+def test_columns_of_joints_that_are_all_shifted_are_named(tmp_path, by):
+    def shift(table):
+        names = [f"q{joint}_deg" for joint in range(1, 7)]
+        table.put(names, np.roll(np.array(table.numbers(names)), by, axis=1))
+
+    folder = simulated(tmp_path / "c", "ur10", "points", poses=40)
+    mend(folder, "poses.csv", shift)
+    (found,) = findings(folder)
+    order = np.roll(np.arange(1, 7), -by)
+    assert (found.kind, found.where) == ("joint_order", ", ".join(f"q{k}" for k in order))
+    assert f"joint 1 stands in that of joint {order[0]}" in found.what
+    assert found.remedy == f"put the columns in the order {found.where}"
+
+
 def shifted_joints(table):
     """The first two are lost: the columns hold those that come after, and zeros."""
     names = [f"q{joint}_deg" for joint in range(1, 7)]

@@ -33,8 +33,8 @@ class _Change:
     """A change of what the controller is taken to count."""
 
     kind: str  # `joint_sign`, `joint_order` or `joint_coupling`
-    # axes, from 1; the one that is reversed, the two that are exchanged, or the one that moves
-    # with another
+    # axes, from 1; the one that is reversed, the two that are exchanged, that which each is logged
+    # as where all are shifted, or the one that moves with another
     axes: tuple[int, ...]
     factor: float = 0.0  # of the other that is added, in radians or metres
 
@@ -44,7 +44,7 @@ class _Change:
         if self.kind == "joint_sign":
             changed[:, at] *= -1.0
         elif self.kind == "joint_order":
-            changed[:, at] = changed[:, at[::-1]]
+            changed[:, sorted(at)] = positions[:, at if len(at) > 2 else sorted(at)[::-1]]
         else:
             changed[:, at[0]] += self.factor * changed[:, at[1]]
         return changed
@@ -56,6 +56,8 @@ class _Change:
             return "the signs of all joints are reversed"
         if self.kind == "joint_sign":
             return f"the sign of joint {self.axes[0]} is reversed"
+        if len(self.axes) > 2:
+            return f"the columns are shifted: joint 1 stands in that of joint {self.axes[0]}"
         return f"joints {self.axes[0]} and {self.axes[1]} are exchanged"
 
     def where(self, words: OwnWords) -> str:
@@ -103,8 +105,11 @@ class _Log:
         if exchanged:
             units = np.where(slides, "mm", "deg")
             names = [f"q{k}_{units[k - 1]}" for k in order]
-            which = next(each.where(words) for each in columns if each.kind == "joint_order")
-            by_hand = f"exchange the columns {which}"
+            which = ", ".join(words.joint(int(k)) for k in order)
+            by_hand = f"put the columns in the order {which}"
+            if (order != stated[2]).sum() == 2:
+                which = next(each.where(words) for each in columns if each.kind == "joint_order")
+                by_hand = f"exchange the columns {which}"
             remedies.append(words.set_names(names) if words.key(names[0]) else by_hand)
         if (changed[0] != stated[0]).any():
             signs = ", ".join(str(int(sign)) for sign in changed[0])
@@ -188,6 +193,11 @@ def _signs_and_order(log: _Log) -> Iterator[_Change]:
     for one, other in sorted(pairs, key=lambda pair: pair[1] - pair[0]):
         if slides[one - 1] == slides[other - 1]:
             yield _Change("joint_order", (one, other))
+    if len(slides) > 2 and not log.made:
+        for by in range(1, len(slides)):
+            logged_as = np.roll(np.arange(len(slides)), by)
+            if np.array_equal(slides[logged_as], slides):
+                yield _Change("joint_order", tuple((logged_as + 1).tolist()))
 
 
 def _couplings(log: _Log) -> Iterator[_Change]:

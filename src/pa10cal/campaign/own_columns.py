@@ -325,6 +325,8 @@ class OwnColumns(Section):
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _JOINT = re.compile(r"(q\d+)_(?:deg|mm)")
+#: A name that YAML reads as it is.
+_PLAIN = re.compile(r"[^\W\d][\w.]*")
 #: Units that may stand for each other.
 _FAMILIES = (LENGTHS, ANGLES, TORQUES, TIMES, FORCES, {"C": 1.0, "K": 1.0, "F": 1.0})
 #: Words of units, for sentences.
@@ -388,8 +390,12 @@ class OwnWords:
 
         They are in the order in which the file's columns should be named.
         """
-        own = ", ".join(self.sources[name].name for name in names if name in self)
-        return f"set {self.key(names[0])}.names: [{own}]"
+        own = [self.sources[name].name for name in names if name in self]
+        quoted = (
+            name if _PLAIN.fullmatch(name) else "'{}'".format(name.replace("'", "''"))
+            for name in own
+        )
+        return f"set {self.key(names[0])}.names: [{', '.join(quoted)}]"
 
     def contradicted_units(self, file: str) -> Iterator[str]:
         """Yield where a header says another unit than the column is read in, once a key."""
