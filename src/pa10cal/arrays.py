@@ -27,6 +27,11 @@ def nearest_rotation(matrix: Array) -> Array:
     return np.asarray(U @ Vt)
 
 
+def spread(count: int, most: int) -> Index:
+    """Return so many of `count` rows at most, spread over all of them."""
+    return np.linspace(0, count - 1, min(count, most)).astype(np.intp)
+
+
 Rows = Index | Mask | slice
 R = TypeVar("R")
 

@@ -132,75 +132,75 @@ def rows_of_binary(
         child.wait()
 
 
+#: By why a file is refused, and its kind where that matters: what is wrong, what would be read, and
+#: what to do.
+_REFUSALS = {
+    "unreadable": (
+        "{title} cannot be read",
+        "a whole file, as it was written",
+        "copy or save it again, or export the rows as text",
+    ),
+    "unreadable workbook": (
+        "{title} cannot be read",
+        "a workbook without a password (.xlsx, .ods or .xls)",
+        "save it again, or export the sheet as text",
+    ),
+    "json": (
+        "{title} is cut short or damaged",
+        "a whole document, or a whole record in each line",
+        "copy or save it again",
+    ),
+    "objects": (
+        "{title} holds no arrays",
+        "matrices, or structs of them",
+        "in MATLAB write it as text: writetable(T, 'name.csv')",
+    ),
+    "topics": (
+        "{title} holds neither joints nor a target",
+        "messages of sensor_msgs/JointState, or of geometry_msgs: PoseStamped, PointStamped, "
+        "TransformStamped; tf",
+        "record the topic of the joints' states, or that of the target",
+    ),
+    "arrays": (
+        "{title} holds no arrays with a row for each configuration",
+        "arrays of as many rows: joint positions, and what was measured",
+        "save both with a row for each configuration, or export them as text",
+    ),
+    "cell": (
+        "a cell stands far from the others",
+        "a sheet of at most {cells} cells, counted from A1 to the last one",
+        "delete the rows and columns beyond the table, or save the sheet as CSV",
+    ),
+    "unpacked": (
+        "{title}, unpacked, is larger than is read",
+        "at most {unpacked_mb:.0f} MB",
+        "save what is needed as CSV",
+    ),
+    "unpacked workbook": (
+        "{title}, unpacked, is larger than is read",
+        "at most {unpacked_mb:.0f} MB",
+        "save the sheet as CSV, without what is not needed",
+    ),
+}
+
+
 def _refused(path: Path, kind: str, why: str, said: str) -> RawDataError:
-    title, workbook = _TITLES[kind], kind == "workbook"
-    if why == "unreadable":
-        return RawDataError(
-            f"{title} cannot be read",
-            where=str(path),
-            value=said,
-            allowed="a workbook without a password (.xlsx, .ods or .xls)"
-            if workbook
-            else "a whole file, as it was written",
-            remedy="save it again, or export the sheet as text"
-            if workbook
-            else "copy or save it again, or export the rows as text",
-        )
+    limits = {"cells": MOST_CELLS, "unpacked_mb": MOST_UNPACKED / 1e6}
+    where, value = str(path), said
+    if why in ("memory", "time"):
+        what = "{title} needs more memory or time than tables of readings do"
+        allowed = f"at most {MOST_BYTES / 1e6:.0f} MB and {MOST_S} s"
+        remedy = f"save {'the sheet' if kind == 'workbook' else 'what is needed'} as CSV"
+        value = f"more {why}"
+    else:
+        what, allowed, remedy = _REFUSALS.get(f"{why} {kind}") or _REFUSALS[why]
     if why == "json":
-        line, _, message = said.partition("\t")
-        return RawDataError(
-            f"{title} is cut short or damaged",
-            where=f"{path}:{line}",
-            value=message,
-            allowed="a whole document, or a whole record in each line",
-            remedy="copy or save it again",
-        )
-    if why == "objects":
-        return RawDataError(
-            "the MATLAB file holds no arrays",
-            where=str(path),
-            value=said,
-            allowed="matrices, or structs of them",
-            remedy="in MATLAB write it as text: writetable(T, 'name.csv')",
-        )
-    if why == "topics":
-        return RawDataError(
-            "the bag holds neither joints nor a target",
-            where=str(path),
-            value=said,
-            allowed="messages of sensor_msgs/JointState, or of geometry_msgs: PoseStamped, "
-            "PointStamped, TransformStamped; tf",
-            remedy="record the topic of the joints' states, or that of the target",
-        )
-    if why == "arrays":
-        return RawDataError(
-            f"{title} holds no arrays with a row for each configuration",
-            where=str(path),
-            value=said,
-            allowed="arrays of as many rows: joint positions, and what was measured",
-            remedy="save both with a row for each configuration, or export them as text",
-        )
-    if why == "cell":
-        return RawDataError(
-            "a cell stands far from the others",
-            where=str(path),
-            value=said,
-            allowed=f"a sheet of at most {MOST_CELLS} cells, counted from A1 to the last one",
-            remedy="delete the rows and columns beyond the table, or save the sheet as CSV",
-        )
-    save = "save the sheet as CSV" if workbook else "save what is needed as CSV"
-    if why == "unpacked":
-        return RawDataError(
-            f"{title}, unpacked, is larger than is read",
-            where=str(path),
-            value=said,
-            allowed=f"at most {MOST_UNPACKED / 1e6:.0f} MB",
-            remedy=f"{save}, without what is not needed" if workbook else save,
-        )
+        line, _, value = said.partition("\t")
+        where = f"{path}:{line}"
     return RawDataError(
-        f"{title} needs more memory or time than tables of readings do",
-        where=str(path),
-        value=f"more {why}",
-        allowed=f"at most {MOST_BYTES / 1e6:.0f} MB and {MOST_S} s",
-        remedy=save,
+        what.format(title=_TITLES[kind]),
+        where=where,
+        value=value,
+        allowed=allowed.format(**limits),
+        remedy=remedy,
     )

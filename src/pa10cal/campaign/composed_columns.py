@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, spread
 from pa10cal.campaign.recognise import WORDS, Roles, has_word, words_of_name
 
 # Polar readings: a horizontal angle, a vertical one, and the distance along the line of sight.
@@ -80,7 +80,6 @@ class MatrixColumns:
 
     rotation: tuple[str, ...]  # nine, row by row
     position: tuple[str, ...]  # three
-    by_columns: bool  # whether the file has them column by column
     moves: bool  # whether it differs from row to row
 
 
@@ -90,7 +89,7 @@ def matrix_columns(names: Sequence[str], numbers: Array) -> list[MatrixColumns]:
     Row by row the last four are 0, 0, 0, 1; column by column every fourth is. What is left has to
     be a rotation.
     """
-    some = numbers[np.linspace(0, len(numbers) - 1, min(len(numbers), _LOOKED_AT)).astype(int)]
+    some = numbers[spread(len(numbers), _LOOKED_AT)]
     found, k = [], 0
     while k + 12 <= len(names):
         for size, by_columns in ((16, False), (16, True), (12, False)):
@@ -103,7 +102,7 @@ def matrix_columns(names: Sequence[str], numbers: Array) -> list[MatrixColumns]:
                 moves = bool(np.nanmax(np.ptp(values, axis=0)) > _STILL)
                 rotation = tuple(names[j] for j in at[:3, :3].ravel().tolist())
                 position = tuple(names[j] for j in at[:3, 3].tolist())
-                found.append(MatrixColumns(rotation, position, by_columns, moves))
+                found.append(MatrixColumns(rotation, position, moves))
                 k += size - 1
                 break
         k += 1
@@ -131,7 +130,7 @@ def rotation_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
 
     Whether they are row by row or column by column is that of a rotation or its inverse.
     """
-    some = numbers[np.linspace(0, len(numbers) - 1, min(len(numbers), _LOOKED_AT)).astype(int)]
+    some = numbers[spread(len(numbers), _LOOKED_AT)]
     for k in range(len(names) - 8):
         R = some[:, k : k + 9].reshape(-1, 3, 3)
         if _are_matrices(R) and np.ptp(R, axis=0).max() > _STILL:

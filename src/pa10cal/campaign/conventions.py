@@ -10,7 +10,7 @@ from typing import Literal, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, spread
 from pa10cal.campaign.composed_columns import polar_to_xyz
 from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
 from pa10cal.campaign.own_columns import ANGLES_OF_POLAR, LENGTHS, RotationColumns
@@ -88,7 +88,7 @@ def better_convention(
     """
     if len(T_base_ee) < ENOUGH:
         return None
-    some = _spread(len(T_base_ee))
+    some = spread(len(T_base_ee), MOST)
     T_base_ee, T_instr_target = T_base_ee[some], T_instr_target[some]
     R_ee, R = modelled_attitudes(T_base_ee, T_instr_target[:, :3, 3]), T_instr_target[:, :3, :3]
     if R_ee is None:
@@ -213,7 +213,7 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
     which axis it is; its measured orientations R (P, 3, 3) tell which, and exchanged axes too. None
     where the axes fit as they are.
     """
-    some = _spread(len(p_m))
+    some = spread(len(p_m), MOST)
     T_base_ee, p_m = T_base_ee[some], p_m[some]
     read, mirrored = (placed_by_points(T_base_ee, seen[:, None]) for seen in (p_m, -p_m))
     if len(p_m) < ENOUGH or read is None or mirrored is None:
@@ -289,7 +289,7 @@ def read_polar(
         return named
     finite = np.isfinite(values).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
     rows = np.flatnonzero(finite)
-    rows = rows[_spread(len(rows))]
+    rows = rows[spread(len(rows), MOST)]
     tried = [named]
     for unit, way, up in product(able, ("clockwise", "counterclockwise"), ("zenith", "horizon")):
         rad = np.radians(ANGLES_OF_POLAR[unit])
@@ -314,11 +314,6 @@ def attitude_scatter(R_instr_ee: Array, R_instr_target: Array) -> float:
     R_ee_target = Rotation.from_matrix(np.swapaxes(R_instr_ee, 1, 2) @ R_instr_target)
     off = (R_ee_target * R_ee_target.mean().inv()).magnitude()
     return float(np.sqrt(np.mean(off**2)))
-
-
-def _spread(rows: int) -> Index:
-    """Return so many of some rows as are looked at, spread over all."""
-    return np.linspace(0, rows - 1, min(rows, MOST)).astype(int)
 
 
 # Lengths of another scale, as of a tag that is held for another size.

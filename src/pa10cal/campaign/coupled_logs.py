@@ -15,7 +15,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, spread
 from pa10cal.campaign.bounds import outside_bounds
 from pa10cal.campaign.conventions import EXPECTED_M, NEARER, puts_right
 from pa10cal.campaign.nominal_fit import misfit_of
@@ -59,7 +59,7 @@ def coupling_that_fits(
         among: which are tried; None for all that are near.
     """
 
-    some = np.unique(np.linspace(0, len(axes) - 1, min(len(axes), _LOOKED_AT)).astype(np.intp))
+    some = spread(len(axes), _LOOKED_AT)
     few, weights = measured.take(some), np.ones(len(some))
 
     def ends(coupled: Coupled, at: Array) -> Array:

@@ -23,9 +23,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.formats import (
-    table_lines,
-)
+from pa10cal.campaign.formats import table_lines
 from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import mistaken_encoding
 from pa10cal.campaign.text_lines import TextLine

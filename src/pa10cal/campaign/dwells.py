@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, spread
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement. Dwells are
 #: found shorter than they are by as much at both ends; brief ones are sought over a shorter time.
@@ -135,7 +135,7 @@ def offset_ranges(
     ends of all, in order. Of many times some stand for all. Ranges count that bring in `nearly` as
     many as the best does, each by its best part.
     """
-    some = np.unique(np.linspace(0, len(time_s) - 1, min(len(time_s), COMPARED)).astype(int))
+    some = spread(len(time_s), COMPARED)
     low = (stations.start_s[:, None] - time_s[some]).ravel()
     high = (stations.end_s[:, None] - time_s[some]).ravel()
     ends = np.concatenate([low, high])

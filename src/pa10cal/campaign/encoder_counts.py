@@ -10,7 +10,7 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, spread
 from pa10cal.campaign.bounds import BEYOND_LIMITS
 from pa10cal.campaign.nominal_fit import placed_by_points
 
@@ -69,7 +69,7 @@ def scale_of_counts(counts: Array, arm: Arm | None, p_m: Array | None) -> CountS
     known = np.flatnonzero(np.isfinite(np.column_stack([counts, p_m])).all(axis=1))
     if not len(known):
         return fallback
-    some = known[np.linspace(0, len(known) - 1, min(len(known), _COMPARED)).astype(int)]
+    some = known[spread(len(known), _COMPARED)]
     tried = sorted(_tried(counts[some], arm, p_m[some]), key=lambda scale: scale.misfit_m)
     if not tried:
         return fallback

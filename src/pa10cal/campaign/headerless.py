@@ -11,7 +11,7 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, spread
 from pa10cal.campaign.csv_rows import same_name
 from pa10cal.campaign.joint_names import joint_sets
 from pa10cal.campaign.nominal_fit import placed_by_points
@@ -147,7 +147,7 @@ def _rows_together(log: Sniffed, read: Sniffed) -> tuple[Index, Index] | None:
         ours = theirs = np.arange(len(log.numbers))
     else:
         return None
-    some = np.linspace(0, len(ours) - 1, min(len(ours), _ROWS)).astype(int)
+    some = spread(len(ours), _ROWS)
     return (ours[some], theirs[some]) if len(ours) >= _LEAST_ROWS else None
 
 

@@ -40,6 +40,14 @@ def _fields(text: str) -> list[str]:
         return [field.strip() for field in text.split(",")]
 
 
+def _rate_hz(fields: Sequence[str]) -> float:
+    """Return the frames a second that the first field states; 0 where it is no number."""
+    try:
+        return float(fields[0])
+    except (IndexError, ValueError):
+        return 0.0
+
+
 # OptiTrack Motive.
 
 #: Columns of a body's orientation, by the axis.
@@ -152,10 +160,7 @@ class _Section:
                 "a line each with the rate, the names, Frame and Sub Frame and axes, and units",
             )
         rate, names, axes, units = (_fields(line.text) for line in self.head[:_VICON_HEADER])
-        try:
-            rate_hz = float(rate[0])
-        except ValueError:
-            rate_hz = 0.0
+        rate_hz = _rate_hz(rate)
         if rate_hz <= 0.0:
             raise _refuse_header(
                 "the rate is not a number",
@@ -237,10 +242,7 @@ def qualisys_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> I
             f"{len(of_each)} numbers for each name of BODY_NAMES or MARKER_NAMES, with Frame and "
             "Time before them or without",
         )
-    try:
-        rate_hz = float(about["FREQUENCY"][0])
-    except (KeyError, IndexError, ValueError):
-        rate_hz = 0.0
+    rate_hz = _rate_hz(about.get("FREQUENCY", ()))
     if before < 2 and rate_hz <= 0.0:
         raise _refuse_header(
             "neither a time nor the rate is in the file",

@@ -60,15 +60,8 @@ def one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) ->
     keys = pd.DataFrame({name: columns[name] for name in stated}, index=range(len(raw)))
     if there:
         keys["joints"] = same_commands(np.nan_to_num(raw.numbers_of(there)), _SAME)
-    again = (
-        keys.assign(target=targets).groupby([*keys, "target"], sort=False, dropna=False).cumcount()
-    )
-    group = (
-        keys.assign(again=again)
-        .groupby([*keys, "again"], sort=False, dropna=False)
-        .ngroup()
-        .to_numpy()
-    )
+    again = _groups(keys.assign(target=targets)).cumcount()
+    group = _groups(keys.assign(again=again)).ngroup().to_numpy()
     first = np.unique(group, return_index=True)[1]
     if len(first) == len(raw):
         return raw

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 from scipy.stats import t as student
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Index, Mask, spread, taken
 from pa10cal.campaign.dwells import (
     SPEED_WINDOW_S,
     Samples,
@@ -138,19 +138,8 @@ def _of_all(dwells: Stations, seen: Index, count: int) -> Stations:
     number[long] = np.arange(len(long))
     of_all = np.full(count, -1)
     of_all[seen] = number[dwells.of_sample]
-    return Stations(
-        dwells.start_s[long],
-        dwells.end_s[long],
-        seen[dwells.first[long]],
-        of_all,
-        dwells.samples[long],
-        dwells.q_deg[long],
-        dwells.q_u_deg[long],
-        dwells.tau_Nm[long],
-        dwells.tau_u_Nm[long],
-        dwells.temperature_C[long],
-        dwells.arrival[long],
-    )
+    kept = taken(dwells, long, "of_sample")
+    return replace(kept, first=seen[kept.first], of_sample=of_all)
 
 
 def averaged(read: RawRows, group: Index) -> RawRows:
@@ -234,7 +223,7 @@ def clock_of_motion(
         return None
     off_m = mean_m - located.targets(T_stations)[:, 0, :3, 3]
     first = known[:-1][np.diff(known) == 1]
-    first = first[np.linspace(0, len(first) - 1, min(len(first), MOST_MOTIONS)).astype(int)]
+    first = first[spread(len(first), MOST_MOTIONS)]
     motions = []
     for k in first.tolist():
         start_s, end_s = stations.end_s[k], stations.start_s[k + 1]
@@ -279,8 +268,7 @@ class _Motion:
     def ahead(self, at_s: Array, p_m: Array, seen: Mask) -> tuple[float, float] | None:
         """Return by what time readings at `at_s` (N,) are ahead of it, and the weight of that."""
         rows = np.flatnonzero(seen & (at_s > self.time_s[0]) & (at_s < self.time_s[-1]))
-        if len(rows) > MOST_OF_A_MOTION:
-            rows = rows[np.linspace(0, len(rows) - 1, MOST_OF_A_MOTION).astype(int)]
+        rows = rows[spread(len(rows), MOST_OF_A_MOTION)]
         way_m = self.p_m[-1] - self.p_m[0]
         length_m = float(np.linalg.norm(way_m))
         if length_m < LEAST_WAY_M or len(rows) < LEAST_MOVING:
