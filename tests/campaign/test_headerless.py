@@ -89,7 +89,29 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, capsys):
     code, _, said = columns(tmp_path, capsys, "a.txt", "b.txt")
     assert code == 2
     assert "a.txt: column 7 says which of 3 targets a row is of" in said
+    assert "copy column 7 behind those of b.txt" in said
     assert "T1_x, T1_y, T1_z" in said
+
+
+@pytest.mark.parametrize("files", [("all.txt",), ("a.txt", "b.txt")])
+def test_targets_that_a_column_numbers_are_read_where_it_stands_with_their_places(
+    tmp_path, capsys, files
+):
+    raw = sighted(tmp_path, "points", poses=60)
+    which = np.random.default_rng(2).integers(0, 3, len(raw.q))
+    place = 1e3 * raw.p_instr_m[np.arange(len(which)), which]
+    seen = np.isfinite(place).all(axis=1)
+    q, which, place = np.degrees(raw.q)[seen], which[seen] + 1, place[seen]
+    if len(files) == 1:
+        (tmp_path / "all.txt").write_text(rows_of(q, which, place))
+    else:
+        (tmp_path / "a.txt").write_text(rows_of(q))
+        (tmp_path / "b.txt").write_text(rows_of(place, which))
+    code, out, said = columns(tmp_path, capsys, *files)
+    assert code == 0, said
+    assert f"read so: {seen.sum()} rows can be used, 0 cannot" in out
+    assert "every row is of one target" in out
+    assert "is not read: a gripper" not in out
 
 
 def test_columns_that_no_arm_explains_are_refused(tmp_path, capsys):

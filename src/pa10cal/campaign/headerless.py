@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
@@ -130,9 +130,22 @@ def logs_by_arm(
                 found.append((by_arm[0], [(by_arm[1], log, file), (by_arm[2], read, other)]))
     if found:
         return min(found, key=lambda way: way[0])[1]
-    for (_, log, file), (_, read, _) in (both, both[::-1]):
+    for (of_joints, log, file), (of_readings, read, other) in (both, both[::-1]):
+        rows = None
         if is_headerless(log) and is_headerless(read):
-            _refuse_several_targets(log, read, arm, file.name)
+            rows = _rows_of_targets(log, read, arm)
+        if rows is not None and rows.of_readings:
+            of_readings = replace(of_readings, positions={"": rows.place}, attitude=None)
+            return [(replace(of_joints, joints=rows.joints), log, file), (of_readings, read, other)]
+        if rows is not None:
+            raise RawDataError(
+                f"column {rows.target} says which of {len(rows.words)} targets a row is of",
+                where=file.name,
+                value=", ".join(rows.words),
+                allowed=f"that column in {other.name}, or three columns for each target",
+                remedy=f"copy column {rows.target} behind those of {other.name}; or write headers, "
+                f"and columns T1_x, T1_y, T1_z, T2_x … in place of columns {', '.join(rows.place)}",
+            )
     return both
 
 
@@ -168,29 +181,48 @@ def _runs(names: Sequence[str], count: int) -> list[tuple[str, ...]]:
     return [tuple(names[k : k + count]) for k in range(min(len(names), _COLUMNS) - count + 1)]
 
 
-def _refuse_several_targets(joints: Sniffed, readings: Sniffed, arm: Arm, file: str) -> None:
-    """Stop where a column of small whole numbers tells which of several targets was read."""
+@dataclass(frozen=True)
+class _RowsOfTargets:
+    """Columns without names that the nominal arm explains where a further one tells targets."""
+
+    joints: tuple[str, ...]
+    place: tuple[str, ...]
+    target: str  # column that tells them
+    of_readings: bool  # whether it is of the log of readings
+    words: tuple[str, ...]  # what stands in it
+
+
+def _rows_of_targets(joints: Sniffed, readings: Sniffed, arm: Arm) -> _RowsOfTargets | None:
+    """Return which columns are what, where small whole numbers tell which of several targets."""
     rows = _rows_together(joints, readings)
+    if rows is None:
+        return None
     runs = _runs(joints.names, len(arm.axes_slide))
-    for log, k in ((each, k) for each in (joints, readings) for k in range(len(each.names))):
-        words = np.array([]) if rows is None else log.numbers[rows[log is readings], k]
+    logs = (joints, readings) if joints is not readings else (readings,)
+    for log, k in ((each, k) for each in logs for k in range(len(each.names))):
+        words = log.numbers[rows[log is readings], k]
         targets = np.unique(words)
         whole = np.isfinite(words).all() and (words == np.round(words)).all()
-        if rows is None or not whole or not 2 <= len(targets) <= _TARGETS:
+        if not whole or not 2 <= len(targets) <= _TARGETS:
             continue
         of_target = (words[:, None] == targets)[..., None]
-        for _, T_base_ee in _ends(joints.columns, runs, rows[0], arm):
+        for columns, T_base_ee in _ends(joints.columns, runs, rows[0], arm):
             for place, p_m in _places(readings.columns, _runs(readings.names, 3), rows[1]):
+                if joints is readings and set(place) & {*columns, log.names[k]}:
+                    continue
                 seen_m = np.where(of_target, p_m[:, None], np.nan)
                 if _scatter_m(T_base_ee, seen_m) < NEAR_M:
-                    raise RawDataError(
-                        f"column {log.names[k]} says which of {len(targets)} targets a row is of",
-                        where=file,
-                        value=", ".join(f"{target:g}" for target in targets),
-                        allowed="three columns for each target, blank where it was not read",
-                        remedy="write a header, and columns T1_x, T1_y, T1_z, T2_x … in place of "
-                        f"columns {', '.join(place)}",
-                    )
+                    told = tuple(f"{target:g}" for target in targets)
+                    return _RowsOfTargets(columns, place, log.names[k], log is readings, told)
+    return None
+
+
+def of_rows_of_targets(roles: Roles, sniffed: Sniffed, arm: Arm) -> Roles:
+    """Return roles of a file without names that has a row for each target, where it is one."""
+    found = _rows_of_targets(sniffed, sniffed, arm)
+    if found is None:
+        return roles
+    return replace(roles, joints=found.joints, positions={"": found.place}, attitude=None)
 
 
 def _ends(

@@ -28,6 +28,7 @@ from pa10cal.campaign.headerless import (
     is_headerless,
     labels_of_both,
     logs_by_arm,
+    of_rows_of_targets,
     of_the_arm,
     roles_by_arm,
 )
@@ -104,7 +105,7 @@ def propose(
     roles = roles_of_file(sniffed, None if arm is None else len(arm.axes_slide), joint_names)
     if arm is not None and is_headerless(sniffed):
         by_arm = roles_by_arm((roles, sniffed), (roles, sniffed), arm)
-        roles = by_arm[1] if by_arm else roles
+        roles = by_arm[1] if by_arm else of_rows_of_targets(roles, sniffed, arm)
     by_name = roles
     if arm is not None:
         roles = of_the_arm(roles, sniffed, arm, joint_names)

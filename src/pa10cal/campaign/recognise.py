@@ -255,7 +255,9 @@ def numbered_sets(names: Sequence[str], joints: int) -> list[tuple[str, ...]]:
 def beyond(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return columns that go on numbering those of the joints, as of a gripper."""
     found = []
-    for listed in _series(names).values():
+    for around, listed in _series(names).items():
+        if not any(around):
+            continue  # columns without names
         own = [number for number, name in listed.items() if name in joints]
         if len(own) == len(joints) >= 2:
             found += [name for number, name in sorted(listed.items()) if number > max(own)]
