@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -148,3 +150,34 @@ def test_what_holds_no_arrays_is_refused_with_what_to_do(tmp_path, name):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(Pa10calError, match=told):
         list(lines_of(tmp_path / name))
+
+
+def test_ticks_of_motors_are_counts(tmp_path, columns):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    ticks = np.round(2048 + raw.q / (2.0 * np.pi) * 4096)
+    (tmp_path / "a.parquet").write_bytes(lerobot_table(np.arange(40.0), ticks))
+    (tmp_path / "info.json").write_text(lerobot_info(list(MOTORS)))
+    rows = [",".join(f"{v:.6f}" for v in 1e3 * T[:3, 3]) for T in raw.T_instr_target]
+    (tmp_path / "b.csv").write_text("\n".join(["X,Y,Z", *rows]))
+    code, out, said = columns("a.parquet", "b.csv")
+    assert code == 0, said
+    joints = yaml.safe_load(out)["columns"]["joints"]["joints"]
+    assert joints["names"] == list(MOTORS)
+    assert (joints["unit"], joints["counts_per_turn"], joints["zero_count"]) == (
+        "counts",
+        4096,
+        2048,
+    )
+
+
+def test_a_few_bytes_that_unpack_to_gigabytes_are_refused(tmp_path):
+    with pq.ParquetWriter(tmp_path / "a.parquet", pa.schema([("x", pa.float64())])) as file:
+        part = pa.table({"x": np.zeros(5_000_000)})
+        for _ in range(40):
+            file.write_table(part)
+    assert (tmp_path / "a.parquet").stat().st_size < 1e6
+    (tmp_path / "deep.json").write_text('{"a":' * 100_000)
+    with pytest.raises(Pa10calError, match="needs more memory"):
+        list(lines_of(tmp_path / "a.parquet"))
+    with pytest.raises(Pa10calError, match="cannot be read"):
+        list(lines_of(tmp_path / "deep.json"))
