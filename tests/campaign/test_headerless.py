@@ -90,6 +90,13 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, capsys):
     assert code == 2
     assert "a.txt: column 7 says which of 3 targets a row is of" in said
     assert "copy column 7 behind those of b.txt" in said
+    for file, names in (("a.txt", "J1 J2 J3 J4 J5 J6 target"), ("b.txt", "X Y Z")):
+        rows = (tmp_path / file).read_text()
+        (tmp_path / file).write_text(f"{names}\n{rows}")
+    code, out, _ = columns(tmp_path, capsys, "a.txt", "b.txt")
+    assert code == 0
+    assert "target of a.txt says which target a row is of" in out
+    assert "copy that column into b.txt" in out
     assert "T1_x, T1_y, T1_z" in said
 
 

@@ -60,7 +60,11 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.row_targets import labels_without_targets, target_column
+from pa10cal.campaign.row_targets import (
+    labels_without_targets,
+    named_in_other_log,
+    target_column,
+)
 from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
@@ -180,6 +184,8 @@ def propose_two_logs(
             row = {line: k for k, line in enumerate(readings.sniffed.lines)}
             T_base_ee = np.full((len(row), 4, 4), np.nan)
             T_base_ee[[row[line] for line in lines]] = T_known
+    if len(of_readings.positions) == 1:
+        readings.checks += named_in_other_log(joints_log, joints_file.name, readings_file.name)
     files_read["readings"] = (readings_file.name, readings_log, readings.readings(T_base_ee))
     return _proposal(readings, files_read, name, robot, arm)
 

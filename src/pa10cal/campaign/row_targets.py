@@ -126,6 +126,17 @@ def target_column(
     return None
 
 
+def named_in_other_log(joints: Sniffed, file: str, readings: str) -> list[str]:
+    """Return what is to be done where the joints' log names the target of each reading."""
+    return [
+        f"target: {joints.titled(name)} of {file} says which target a row is of, and is not read "
+        f"there: copy that column into {readings}, and run pa10cal columns again"
+        for name in joints.names
+        if has_word(words_of_name(joints.titled(name)), "one target")
+        and 2 <= len(set(joints.words(name))) <= _MOST
+    ]
+
+
 def label_endings(labels: Sequence[str], p: Array) -> list[str]:
     """Return the endings of labels that stand for targets at places (N, 3); nothing for none."""
     found = [_ENDING.fullmatch(label) for label in labels]
