@@ -97,6 +97,13 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, capsys):
     assert code == 0
     assert "target of a.txt says which target a row is of" in out
     assert "copy that column into b.txt" in out
+    texts = [(tmp_path / file).read_text().splitlines() for file in ("a.txt", "b.txt")]
+    both = zip(*texts, strict=True)
+    (tmp_path / "b.txt").write_text("".join(f"{b} {a.split()[-1]}\n" for a, b in both))
+    code, out, _ = columns(tmp_path, capsys, "a.txt", "b.txt")
+    assert code == 0
+    assert "every row is of one target" in out
+    assert "copy that column" not in out
     assert "T1_x, T1_y, T1_z" in said
 
 

@@ -184,9 +184,10 @@ def propose_two_logs(
             row = {line: k for k, line in enumerate(readings.sniffed.lines)}
             T_base_ee = np.full((len(row), 4, 4), np.nan)
             T_base_ee[[row[line] for line in lines]] = T_known
-    if len(of_readings.positions) == 1:
+    measured = readings.readings(T_base_ee)
+    if len(of_readings.positions) == 1 and "target" not in measured:
         readings.checks += named_in_other_log(joints_log, joints_file.name, readings_file.name)
-    files_read["readings"] = (readings_file.name, readings_log, readings.readings(T_base_ee))
+    files_read["readings"] = (readings_file.name, readings_log, measured)
     return _proposal(readings, files_read, name, robot, arm)
 
 
