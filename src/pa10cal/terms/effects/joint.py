@@ -209,8 +209,8 @@ class JointCoupling(effect.AtJoint):
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        if self.slides:  # of a turn some tenths of a millimetre
-            return (TermParameter("c", "m/rad", 3e-6, plausible=1e-4),)
+        if self.slides:  # of a turn some tenths of a millimetre to some millimetres
+            return (TermParameter("c", "m/rad", 1e-5, plausible=3e-4),)
         return (TermParameter("c", "1", 3e-5, plausible=1e-3),)
 
     def per_unit(self, states: PoseStates) -> Array:
