@@ -32,7 +32,7 @@ from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
 from pa10cal.discovery.together import Together, UnderWeights
-from pa10cal.discovery.verdict import Verdict
+from pa10cal.discovery.verdict import Verdict, in_doubt
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
@@ -116,7 +116,9 @@ def with_compliance(found: V) -> V:
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         x, covariance = np.array([stiffness]), np.array([[std**2]])
         finding = Finding(effect, x, covariance, (), proof, rivals[JointCompliance.id, spring.of])
-        if len(finding.with_likely().alternatives) <= NAMES.most_alternatives:
+        finding = in_doubt(found, finding)
+        told = len(finding.with_likely().alternatives) <= NAMES.most_alternatives
+        if told and not finding.is_unlikely:
             findings.append(finding)
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 

@@ -18,7 +18,7 @@ from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
-from pa10cal.discovery.gates import gated, harmless, is_unlikely, unfit
+from pa10cal.discovery.gates import gated, harmless, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -31,6 +31,7 @@ from pa10cal.discovery.verdict import (
     Predicted,
     SearchVerdict,
     Verdict,
+    in_doubt,
     is_named,
     label_of,
     with_likely,
@@ -178,7 +179,8 @@ def _likelier(found: SearchVerdict[object], passed: SearchVerdict[object]) -> Se
     if ahead is not None:
         likelier = gated(ahead)
         harmed = likelier.falls_back is not None and passed.falls_back is None
-        unlikely = any(is_named(one.effect) and is_unlikely(one) for one in likelier.effects)
+        named = [in_doubt(likelier, one) for one in likelier.effects if is_named(one.effect)]
+        unlikely = any(one.is_unlikely for one in named)
         if not (harmed or unlikely or likelier.verdict == "check_the_log"):
             return likelier
     return passed

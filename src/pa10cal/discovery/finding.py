@@ -40,6 +40,9 @@ class UnknownBeside:
     with_mm: float  # and with it [mm]
     odds: float  # of the effect where it takes away as much as is left
     power: float  # of what it takes over what is left, by which these odds grow
+    # what it takes of all weighed readings over what is left of these, orientations among them; the
+    # larger of that and of what it takes of positions counts
+    of_readings: float = 0.0
 
     def probability(self, noise_floor_mm: float) -> float:
         """Return the probability of something that was not tried; noise errs by a mean [mm]."""
@@ -49,9 +52,8 @@ class UnknownBeside:
         left = max(self.with_mm**2 - noise, PROBABILITIES.left_of_noise * noise)
         if not left > 0.0:
             return PROBABILITIES.unknown
-        return float(
-            max(1.0 / (1.0 + self.odds * (taken / left) ** self.power), PROBABILITIES.unknown)
-        )
+        ratio = max(taken / left, self.of_readings)
+        return float(max(1.0 / (1.0 + self.odds * ratio**self.power), PROBABILITIES.unknown))
 
 
 class GivesWay(discovery.EvidenceOfSag):
@@ -202,6 +204,12 @@ class Finding(Generic[P_co]):
     def parameters(self) -> dict[str, EffectParameter]:
         """Return its reported parameters by name."""
         return effect_parameters(self.effect, self.x, self.covariance)
+
+    @property
+    def is_unlikely(self) -> bool:
+        """Whether something that has no name is likelier than its name."""
+        said = self.explanations
+        return said.none_of_these > max(PROBABILITIES.nameless, said.of(self.effect))
 
     def with_likely(self) -> Self:
         """Return it with what is likely enough as its alternatives, the likeliest first."""

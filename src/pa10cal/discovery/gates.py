@@ -25,7 +25,7 @@ from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, res
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
-from pa10cal.discovery.verdict import SearchVerdict, is_named, no_name
+from pa10cal.discovery.verdict import SearchVerdict, in_doubt, is_named, no_name
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
@@ -89,9 +89,9 @@ def _without_unlikely_names(found: V) -> V:
 
     What held-out poses need stays, with its probability.
     """
-    names = [one for one in found.findings if is_named(one.effect)]
+    names = [in_doubt(found, one) for one in found.findings if is_named(one.effect)]
     for finding in sorted(names, key=lambda one: one.explanations.of(one.effect)):
-        if not is_unlikely(finding):
+        if not finding.is_unlikely:
             continue
         said = finding.explanations
         why = (
@@ -103,12 +103,6 @@ def _without_unlikely_names(found: V) -> V:
         if _harmed(found) or not _harmed(without):
             found = without
     return found
-
-
-def is_unlikely(finding: Finding[object]) -> bool:
-    """Return whether something that has no name is likelier than the name of a finding."""
-    said = finding.explanations
-    return said.none_of_these > max(PROBABILITIES.nameless, said.of(finding.effect))
 
 
 def _harmed(found: SearchVerdict[object]) -> bool:

@@ -435,16 +435,19 @@ def with_likely(found: V) -> V:
 
     Where more than noise is left without a name, what was tried may all be wrong more often.
     """
+    findings, gives_way = (
+        tuple(in_doubt(found, each).with_likely() for each in some)
+        for some in (found.findings, found.gives_way)
+    )
+    return replace(found, findings=findings, gives_way=gives_way)
+
+
+def in_doubt(found: Verdict[Any], finding: Finding[P_co]) -> Finding[P_co]:
+    """Return a finding with how probable it is that something makes it that was not tried."""
+    if (by_errors := getattr(finding.proof, "unknown", None)) is not None:
+        return replace(finding, unknown=by_errors.probability(found.noise_floor_mm))
     left = bool(found.unexplained) or found.over_noise
-    alike = PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown
-
-    def with_its_own(finding: Finding[P_co]) -> Finding[P_co]:
-        by_errors = getattr(finding.proof, "unknown", None)
-        own = alike if by_errors is None else by_errors.probability(found.noise_floor_mm)
-        return replace(finding, unknown=own).with_likely()
-
-    findings = tuple(map(with_its_own, found.findings))
-    return replace(found, findings=findings, gives_way=tuple(map(with_its_own, found.gives_way)))
+    return replace(finding, unknown=PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown)
 
 
 def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:

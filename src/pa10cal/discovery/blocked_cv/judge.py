@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from pydantic import Field
 from scipy.stats import median_abs_deviation
 
 from pa10cal.arrays import Array
@@ -63,10 +64,14 @@ from pa10cal.terms.effects.unnamed import DirectionMap
 class BlockPrediction(BlockedCrossValidation, MayHaveCarrier):
     """How well held-out blocks are predicted without an effect and with it."""
 
+    # what it takes of the weighed sum of squares over what is left beyond noise; 0 if not known
+    over_left: float = Field(default=0.0, exclude=True)
+
     @property
     def unknown(self) -> UnknownBeside:
         """How probable it is that something else makes this."""
-        return UnknownBeside(self.rms_without_mm, self.rms_with_mm, *PROBABILITIES.known_effect)
+        errors_mm = self.rms_without_mm, self.rms_with_mm
+        return UnknownBeside(*errors_mm, *PROBABILITIES.known_effect, self.over_left)
 
 
 @dataclass(frozen=True)
@@ -80,13 +85,21 @@ class Judged:
 
 
 def prediction(
-    gain: Array, whole: float, rms_mm: tuple[float, float], carrier: str | None = None
+    gain: Array,
+    whole: float,
+    rms_mm: tuple[float, float],
+    noise: float | None = None,
+    carrier: str | None = None,
 ) -> BlockPrediction:
     """Return how well held-out blocks are predicted without an effect and with it.
 
     The weighed sum of squares, `whole` without the effect, comes down by the gain of each (B,).
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
+    over_left = 0.0
+    if noise is not None:
+        left = max((1.0 - part) * whole - noise, PROBABILITIES.left_of_noise * noise)
+        over_left = max(part, 0.0) * whole / left
     return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
@@ -96,6 +109,7 @@ def prediction(
         gain_std=std,
         z=part / max(std, np.finfo(float).tiny),
         carrier=carrier,
+        over_left=over_left,
     )
 
 
@@ -133,7 +147,7 @@ def judged_members(
         without_each = np.asarray(whole - by_pose, dtype=np.float64)
         carrier = carrier_of(labels, without_each, whole, search.least_gain)
         rms_mm = float(rms[k + 1]), float(rms[0])
-        proof = prediction(gain, float(without.sum()), rms_mm, carrier)
+        proof = prediction(gain, float(without.sum()), rms_mm, search.noise, carrier)
         member = chosen.members[k]
         place = with_rivals.members.index(member)
         found.append(
