@@ -107,6 +107,7 @@ OTHERS = {
     "plan": "settings options",
     "chain": "results",
     "import": "settings",
+    "import_arm": "file",
     # The settings of the project's own runs and studies, whose campaigns it makes itself.
     "reproduce": "settings",
     "simulate": "settings",

@@ -390,3 +390,12 @@ def test_an_arm_in_millimetres_is_refused():
 def test_an_arm_without_rows_is_refused():
     with pytest.raises(SettingsError, match=r"key rows does not fit"):
         parsed("{name: small, rows: []}")
+
+
+@pytest.mark.parametrize(("name", "meant"), [("UR-10", "'ur10'"), ("kr10", None), ("ur11", None)])
+def test_a_robot_of_other_digits_or_letters_is_another_robot(name, meant):
+    with pytest.raises(ArmError) as refused:
+        load_arm(name)
+    remedy = refused.value.remedy
+    assert (f"did you mean {meant}" in remedy) if meant else ("did you mean" not in remedy)
+    assert f"{name}.yaml" in remedy

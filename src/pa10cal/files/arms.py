@@ -133,13 +133,22 @@ def _unknown_robot(name: str, folder: Path | None, arms: Path | None) -> ArmErro
     if folder is not None:
         allowed += f", or {name}.yaml in {' or '.join(map(str, arm_places(folder, arms)))}"
         describe = describe.replace("give the file of a description", "describe the arm in a file")
+    near = [*arm_names(), *known]
+    if any(letter.isdigit() for letter in name):  # one letter or digit makes another robot
+        near = [each for each in near if _letters(each) == _letters(name)]
+    meant = remedy_for(name, near, "correct the name, or")
     return ArmError(
         "unknown robot",
         where="robot",
         value=name,
         allowed=allowed,
-        remedy=remedy_for(name, known, f"correct the name, or {describe}"),
+        remedy=f"{meant.replace('?', '? If not,')} {describe}",
     )
+
+
+def _letters(name: str) -> str:
+    """Return the letters and digits of a name, all of one case."""
+    return "".join(filter(str.isalnum, name.casefold()))
 
 
 def arm_asked(robot: str, folder: Path | None = None) -> Arm:
