@@ -31,7 +31,9 @@ from pa10cal.evaluation.holdout import (
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.terms.effects.joint import GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.options import TrackerOptions
 from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
@@ -274,3 +276,21 @@ def test_all_models_are_judged_apart_where_the_source_saw_no_such_angle(carried)
 def test_effects_that_harm_in_the_poses_of_the_frames_stay_away(carried):
     found = judged_with_map(carried, 2e-3 * np.sin(3.0 * np.arange(12)))
     assert found["extended"] == found["linear"]
+
+
+@pytest.mark.parametrize("harm_rad", [2e-3, 0.0])
+def test_what_has_no_name_and_harms_elsewhere_leaves_the_effects_there(carried, harm_rad):
+    model, every, setup = carried
+    off = replace(model, x=model.x + 1e-3 * (np.arange(len(model.x)) == 5), covariance=None)
+    nameless = Nameless((GearRatioError("joint 2"),), (1e-3,))
+    longer = replace(
+        model,
+        model=Model(model.model.chain, (*model.model.terms, nameless)),
+        x=np.append(model.x, harm_rad),
+        covariance=None,
+    )
+    models = {"off": off}
+    found = Evaluation(every, models, Extended(longer, None), setup).judge(elsewhere=True)
+    alone = Evaluation(every, {"right": model}, None, setup).judge(elsewhere=True)
+    assert found["extended"].rms_mm == pytest.approx(alone["right"].rms_mm, rel=1e-9)
+    assert found["extended"].rms_mm < 0.9 * found["off"].rms_mm

@@ -74,8 +74,8 @@ class Evaluation:
 
         Elsewhere, in another campaign than that of the models, base and tool are fitted anew, the
         base part by part where it moved at times in order. There the extended model is never worse
-        than the last of the others where base and tool were fitted: its effects are left out where
-        they do not help.
+        than the last of the others where base and tool were fitted: what does not stay with the arm
+        is left out where it does not help, and its effects where they do not.
 
         Raises:
             CalibrationError: when base and tool are not determined by the poses.
@@ -119,13 +119,27 @@ class Evaluation:
             found[name], left_mm = judged(model, every, seen)
         if extended is not None:
             *_, last = found.values()
-            errors, with_effects_mm = judged(
-                extended.model, with_arrivals(every)[0], seen or learnt
-            )
-            # Effects that do not even help in the poses to which base and tool were fitted stay
-            # away.
-            found[EXTENDED] = errors if not elsewhere or with_effects_mm < left_mm else last
+            arrived = with_arrivals(every)[0]
+            if elsewhere:
+                # Effects that do not even help in the poses to which base and tool were fitted stay
+                # away.
+                tried = [judged(each, arrived, seen or learnt) for each in self._carried]
+                found[EXTENDED], _ = min([(last, left_mm), *tried], key=lambda each: each[1])
+            else:
+                found[EXTENDED], _ = judged(extended.model, arrived, seen or learnt)
         return found
+
+    @property
+    def _carried(self) -> tuple[FittedModel, ...]:
+        """Return the extended model, and it without what may not hold in another campaign."""
+        if self.extended is None:
+            return ()
+        whole = self.extended.model
+        *_, last = self.models.values()
+        known = {(term.id, term.of) for term in last.model.terms}
+        terms = whole.model.terms
+        kept = [each for each in terms if each.stays_with_arm or (each.id, each.of) in known]
+        return (whole,) if len(kept) == len(terms) else (whole, whole.only(*kept))
 
     def judge_in_parts(
         self, cuts_s: Sequence[float]
@@ -138,10 +152,9 @@ class Evaluation:
         """Return what leaves least of the calibration poses, and the readings as it takes them."""
         *_, last = self.models.values()
         best = placed(last, self.every, self.setup, cuts_s)
-        if self.extended is None:
-            return best, self.every
         arrived = with_arrivals(self.every)[0]
-        with_effects = placed(self.extended.model, arrived, self.setup, cuts_s)
+        tried = [placed(each, arrived, self.setup, cuts_s) for each in self._carried]
+        with_effects = min(tried, key=lambda each: each.rms_mm, default=best)
         return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, self.every)
 
 
