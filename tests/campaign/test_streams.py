@@ -123,6 +123,7 @@ def test_stamps_that_are_rounded_make_the_clock_uncertain(proposed, monkeypatch)
     assert abs(offset_s - logs.offsets_s[0]) <= two_u_s
 
 
+@pytest.mark.slow
 def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, proposed):
     logs = streams(7, 125.0, 120.0)
     folder = tmp_path / "mine"
