@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pa10cal.arm.chain import BASE, TOOL, end_pose
 from pa10cal_lab.cell.individual import draw_individual
 
 #: Base and tool are mounted anew about as well as they were.
@@ -66,3 +67,18 @@ def _mounted(rng):
     T[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, _TURN_RAD, 3)).as_matrix()
     T[:3, 3] = rng.normal(0.0, _SHIFT_M, 3)
     return T
+
+
+# Chains whose coordinates are all a little off.
+
+
+def departed(chain, seed=1):
+    found = chain.nominal + np.random.default_rng(seed).normal(0, 2e-3, len(chain.nominal))
+    found[chain.columns(BASE + TOOL)] = 0.0
+    return found
+
+
+def expected(chain, coordinates, q):
+    at = np.tile(coordinates, (len(q), 1))
+    at[:, chain.joint_columns] += q
+    return end_pose(chain, at)

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ikpy.chain import Chain as IkpyChain
 
-from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose
+from changed_arm import departed, expected
+from pa10cal.arm.chain import BASE, Chain, end_pose
 from pa10cal.arm.exports import UrdfSource, patched_urdf, urdf_text
 from pa10cal.arm.imported import arm_from_urdf_text
 from pa10cal.arm.urdf_reading import parse_urdf
@@ -137,18 +138,6 @@ def own(tip="tool0", base="base"):
 def chain_of(source):
     given = {"base": source.base, "tip": source.tip, "where": source.where}
     return Chain.of(arm_from_urdf_text(source.text, "mine", **given).arm)
-
-
-def departed(chain, seed=1):
-    found = chain.nominal + np.random.default_rng(seed).normal(0, 2e-3, len(chain.nominal))
-    found[chain.columns(BASE + TOOL)] = 0.0
-    return found
-
-
-def expected(chain, coordinates, q):
-    at = np.tile(coordinates, (len(q), 1))
-    at[:, chain.joint_columns] += q
-    return end_pose(chain, at)
 
 
 def loaded(text, base, link, q):

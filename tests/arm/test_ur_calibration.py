@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose, frames, placed
+from changed_arm import departed, expected
+from pa10cal.arm.chain import Chain, frames, placed
 from pa10cal.arm.ur_calibration import (
     LINKS,
     UrLayout,
@@ -43,18 +44,6 @@ UR10E = np.array(
         [3.91986209186124e-08, 0.115670917257426, 0.0, 0.0],
     ]
 )
-
-
-def departed(chain, seed=1):
-    found = chain.nominal + np.random.default_rng(seed).normal(0, 2e-3, len(chain.nominal))
-    found[chain.columns(BASE + TOOL)] = 0.0
-    return found
-
-
-def expected(chain, coordinates, q):
-    at = np.tile(coordinates, (len(q), 1))
-    at[:, chain.joint_columns] += q
-    return end_pose(chain, at)
 
 
 def centres_in_base(arm):

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from benchmarks.couplings import industrial, scara, telescope
 
 from made_up_poses import states_of
 from mended import findings
@@ -18,50 +19,6 @@ from pa10cal.files.arms import arm_text, parse_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures
-
-
-def industrial(rng, along):
-    """Rows of an arm with six joints, whose third axis goes along the second or against it."""
-    a1, a2, a3, d1, d4, d6 = rng.uniform(
-        [0.1, 0.5, 0.1, 0.3, 0.6, 0.1], [0.3, 1.0, 0.3, 0.6, 1.2, 0.2]
-    )
-    side = float(along)
-    return [
-        {"d_m": d1, "a_m": a1, "alpha_deg": -90.0, "limits_deg": [-170, 170]},
-        {
-            "theta_deg": -90.0,
-            "a_m": a2,
-            "alpha_deg": 0.0 if along > 0 else 180.0,
-            "limits_deg": [-80, 90],
-        },
-        {"a_m": a3, "alpha_deg": -90.0, "limits_deg": [-120, 150]},
-        {"d_m": side * d4, "alpha_deg": 90.0, "limits_deg": [-190, 190]},
-        {"alpha_deg": -90.0, "limits_deg": [-120, 120]},
-        {"d_m": side * d6, "limits_deg": [-360, 360]},
-    ]
-
-
-def scara(rng):
-    a1, a2, d1 = rng.uniform([0.2, 0.2, 0.1], [0.4, 0.35, 0.3])
-    return [
-        {"d_m": d1, "a_m": a1, "limits_deg": [-130, 130]},
-        {"a_m": a2, "alpha_deg": 180.0, "limits_deg": [-140, 140]},
-        {"prismatic": True, "limits_m": [0.0, 0.2]},
-        {"d_m": 0.03, "limits_deg": [-350, 350]},
-    ]
-
-
-def telescope(rng):
-    d1, a2 = rng.uniform([0.3, 0.1], [0.6, 0.3])
-    return [
-        {"d_m": d1, "alpha_deg": 90.0, "limits_deg": [-170, 170]},
-        {"a_m": a2, "alpha_deg": 90.0, "theta_deg": 90.0, "limits_deg": [-60, 60]},
-        {"prismatic": True, "limits_m": [0.0, 0.5]},
-        {"prismatic": True, "d_m": 0.4, "limits_m": [0.0, 0.5]},
-        {"d_m": 0.1, "alpha_deg": 90.0, "limits_deg": [-170, 170]},
-        {"d_m": 0.1, "limits_deg": [-170, 170]},
-    ]
-
 
 #: What is logged of each kind of arm, as the coupling that it takes to read it.
 KINDS = {

@@ -48,12 +48,14 @@ class UnknownBeside:
         """Return the probability of something that was not tried; noise errs by a mean [mm]."""
         # Normal errors, alike in three directions, have a mean length of 2 sqrt(2 / pi) sigma.
         noise = 3.0 * np.pi / 2.0 * (0.5 * noise_floor_mm) ** 2
-        taken = max(self.without_mm**2 - self.with_mm**2, 0.0)
-        left = max(self.with_mm**2 - noise, PROBABILITIES.left_of_noise * noise)
-        if not left > 0.0:
-            return PROBABILITIES.unknown
-        ratio = max(taken / left, self.of_readings)
+        ratio = max(over_left(self.without_mm**2, self.with_mm**2, noise), self.of_readings)
         return float(max(1.0 / (1.0 + self.odds * ratio**self.power), PROBABILITIES.unknown))
+
+
+def over_left(without: float, with_it: float, noise: float) -> float:
+    """Return what an effect takes of squares over what it leaves beyond those of noise."""
+    left = max(with_it - noise, PROBABILITIES.left_of_noise * noise)
+    return max(without - with_it, 0.0) / left if left > 0.0 else np.inf
 
 
 class GivesWay(discovery.EvidenceOfSag):

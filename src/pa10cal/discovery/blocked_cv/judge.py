@@ -38,6 +38,7 @@ from pa10cal.discovery.finding import (
     UnknownBeside,
     Untestable,
     carrier_of,
+    over_left,
 )
 from pa10cal.discovery.linear import (
     by_effects,
@@ -96,10 +97,6 @@ def prediction(
     The weighed sum of squares, `whole` without the effect, comes down by the gain of each (B,).
     """
     part, std = float(gain.sum()) / whole, standard_error(gain) / whole
-    over_left = 0.0
-    if noise is not None:
-        left = max((1.0 - part) * whole - noise, PROBABILITIES.left_of_noise * noise)
-        over_left = max(part, 0.0) * whole / left
     return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
@@ -109,7 +106,7 @@ def prediction(
         gain_std=std,
         z=part / max(std, np.finfo(float).tiny),
         carrier=carrier,
-        over_left=over_left,
+        over_left=0.0 if noise is None else over_left(whole, (1.0 - part) * whole, noise),
     )
 
 
