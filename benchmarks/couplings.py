@@ -1,12 +1,13 @@
 """Joints that move together: small couplings named as effects, and large ones as slips of the log.
 
-`python -m benchmarks.couplings [small|large] [--count 40] [--seed 1]` draws arms of the virtual
-cell that stand a little off their design. Of `small` a joint moves by a thousandth as another one
-turns, which no log shows: is it named, of the right joint, with c, and the true arm predicted? One
-arm of five has none, every other one of them a gear ratio that is off in a joint of such a pair:
-no coupling is to be named. Of `large` a controller logs joints together and
-nothing states it: does `pa10cal chain` name the cause, the joints, c, and the key to set? The cell
-shares no formula with the program.
+`python -m benchmarks.couplings [small|quills|large] [--count 40] [--first 0] [--seed 1]` draws
+arms of the virtual cell that stand a little off their design. Of `small` a joint moves by a
+thousandth as another one turns, which no log shows: is it named, of the right joint, with c, and
+the true arm predicted? One arm of five has none, every other one of them a gear ratio that is off
+in a joint of such a pair: no coupling is to be named. Of `quills` all are SCARAs whose quill rises
+by 5 to 8 mm a turn. Of `large` a controller logs joints together and nothing states it: does
+`pa10cal chain` name the cause, the joints, c, and the key to set? The cell shares no formula with
+the program.
 """
 
 from __future__ import annotations
@@ -125,6 +126,14 @@ def drawn_small(number: int, rng: np.random.Generator) -> Drawn:
     return Drawn(rows, {"id": kind, "of": of, "parameters": parameters})
 
 
+def drawn_quill(number: int, rng: np.random.Generator) -> Drawn:
+    """Draw an arm whose quill rises by millimetres a turn, which nothing states."""
+    c = (-1.0) ** number * rng.uniform(0.8e-3, 1.25e-3)
+    return Drawn(
+        scara(rng), {"id": "joint_coupling", "of": "joint 3", "parameters": {"c": c, "by": 4}}
+    )
+
+
 def drawn_large(number: int, rng: np.random.Generator) -> Drawn:
     """Draw an arm that a controller logs with joints together."""
     pitch_mm = float(rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(2.0), np.log(40.0))))
@@ -174,9 +183,20 @@ def written(
 
 def small(folder: Path, number: int, rng: np.random.Generator) -> tuple[tuple[str, ...], str]:
     """Judge an arm with a small coupling or none; return what holds of it, and a line."""
+    return judged_by_search(folder, drawn_small(number, rng), rng)
+
+
+def quills(folder: Path, number: int, rng: np.random.Generator) -> tuple[tuple[str, ...], str]:
+    """Judge an arm whose quill rises as it turns; return what holds of it, and a line."""
+    return judged_by_search(folder, drawn_quill(number, rng), rng)
+
+
+def judged_by_search(
+    folder: Path, drawn: Drawn, rng: np.random.Generator
+) -> tuple[tuple[str, ...], str]:
+    """Judge an arm by what is named of it; return what holds of it, and a line."""
     from pa10cal.interface import calibrate, discover, read_campaign
 
-    drawn = drawn_small(number, rng)
     made = written(folder, drawn, rng)
     begun = time.process_time()
     campaign = read_campaign(folder)
@@ -220,16 +240,19 @@ def large(folder: Path, number: int, rng: np.random.Generator) -> tuple[tuple[st
     return tuple(holds), f"{dict(want)} under {made.instrument.kind}: {stated or text[:400]}"
 
 
+JUDGES = {"small": small, "quills": quills, "large": large}
+
+
 def main() -> None:
     """Draw, judge, and print a line each and the rates."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("which", choices=("small", "large"), nargs="?", default="small")
+    parser.add_argument("which", choices=JUDGES, nargs="?", default="small")
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     limit_threads()
-    judge = small if asked.which == "small" else large
+    judge = JUDGES[asked.which]
     counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as place:
         for k in range(asked.first, asked.first + asked.count):

@@ -20,7 +20,7 @@ from pa10cal.calibration.health import GradeEvidence, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.blocked_cv.family import computable_shapes
-from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows
+from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows, with_tilts_shown
 from pa10cal.discovery.blocked_cv.survey import survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
@@ -112,9 +112,11 @@ def calibrate_with(
         judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
         rows = weighted_rows(judged, computable_shapes(judged)[0], MAPS.spacings[-1][0])
-        fitted = found = refit(
-            judged, chosen, tuple(effect.starts[0] for effect in chosen), rows.weights
-        )
+        starts = tuple(effect.starts[0] for effect in chosen)
+        found = refit(judged, chosen, starts, rows.weights)
+        if tilted := with_tilts_shown(judged, found):
+            found = refit(replace(judged, baseline=tilted), chosen, starts, rows.weights)
+        fitted = found
         used, covariance = judged.poses, found.covariance
         whitener, off_m = found.weights.whiteners(), np.zeros(0)
     else:

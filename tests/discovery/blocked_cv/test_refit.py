@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, at_joint, observe
-from pa10cal.discovery.blocked_cv.refit import PartialFits, refit
+from pa10cal.discovery.blocked_cv.refit import PartialFits, refit, with_tilts_shown
+from pa10cal.discovery.given import calibrate_with
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.noise import unweighted
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
@@ -90,3 +91,25 @@ def test_a_moved_base_is_the_base_times_a_small_motion():
     T = moved_base(np.eye(4), np.array([1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]))
     np.testing.assert_allclose(T[:3, 3], [1.0, 2.0, 3.0])
     np.testing.assert_allclose(T[:3, 0], [0.0, 1.0, 0.0], atol=1e-15)
+
+
+def test_tilts_that_a_missing_effect_hid_are_back_where_a_fit_with_it_shows_them():
+    def turn(states):
+        return at_joint(2, 0.02 * np.sin(states.q_rad[:, 1]))
+
+    hidden = observe(Hidden(turn=turn), poses=150, held_out=0)
+    weights, tilts = unweighted(hidden.readings.measured), {"delta_beta_2", "delta_beta_3"}
+    before = {each.name for each in hidden.baseline.model.parameters}
+    assert before.isdisjoint(tilts)
+    assert with_tilts_shown(hidden.survey, refit(hidden.survey, (), (), weights)) is None
+    fit = refit(hidden.survey, (DISK,), (np.zeros(2),), weights)
+    tilted = with_tilts_shown(hidden.survey, fit)
+    assert {each.name for each in tilted.model.parameters} == before | tilts
+    both = calibrate_with(hidden.readings, hidden.baseline, hidden.setup, (DISK,))
+    assert tilts < {each.name for each in both.model.model.parameters}
+    left = residual(both.model, both.poses)
+    assert np.std(left[:, :3]) == pytest.approx(2e-5, rel=0.1)
+
+
+def test_tilts_stay_at_zero_where_no_fit_shows_them(hidden, found):
+    assert with_tilts_shown(hidden.survey, found) is None

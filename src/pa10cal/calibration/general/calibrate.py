@@ -173,9 +173,7 @@ def tilts_not_shown(problem: Problem, fit: GeneralSolution) -> dict[str, Calibra
     std = np.sqrt(np.diag(covariance))
     if not len(at) or not np.all(std > 0.0):
         return {}
-    tilts = fit.x[at]
-    gain = float(tilts @ np.linalg.solve(covariance, tilts))
-    if gain > len(at) * np.log(problem.readings):
+    if shown(fit.x[at], covariance, problem.readings):
         return {}
     return {
         names[k]: CalibratedParameter(
@@ -189,6 +187,12 @@ def tilts_not_shown(problem: Problem, fit: GeneralSolution) -> dict[str, Calibra
         )
         for k, sigma in zip(at, std, strict=True)
     }
+
+
+def shown(values: Array, covariance: Array, readings: int) -> bool:
+    """Return whether so many readings show parameters (k,) all together, by Schwarz's criterion."""
+    gain = float(values @ np.linalg.solve(covariance, values))
+    return bool(gain > len(values) * np.log(readings))
 
 
 # Frames and targets from which a fit starts, by the nominal arm, and where the base moves to.

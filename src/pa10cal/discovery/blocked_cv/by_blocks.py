@@ -23,6 +23,7 @@ from pa10cal.discovery.blocked_cv.refit import (
     compare,
     refit,
     seen_by_maps,
+    with_tilts_shown,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
@@ -310,7 +311,12 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         campaign.setup,
         torques_logged=campaign.torques == "logged",
     )
-    return _searched(campaign, judged)
+    found = _searched(campaign, judged)
+    tilted = with_tilts_shown(found.survey, found.extended) if found.findings else None
+    if tilted is None:
+        return found
+    ahead = _searched(campaign, _survey_from(found, tilted))
+    return ahead if ahead.remaining.rms_mm < found.remaining.rms_mm else found
 
 
 def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
@@ -411,7 +417,7 @@ def about_likelier_set(found: VerdictByBlocks) -> VerdictByBlocks | None:
 
 def _survey_about(found: VerdictByBlocks, sets: Together, likeliest: Scored) -> Survey:
     """Return a survey about the calibrated model with the springs of a set, fitted anew."""
-    campaign, calibrated = found.prepared, found.prepared.baseline
+    calibrated = found.survey.baseline
     springs = sets.springs(likeliest)
     effects = sets.effects(likeliest)
     terms = [term for term in calibrated.model.terms if not is_spring(term)]
@@ -429,12 +435,19 @@ def _survey_about(found: VerdictByBlocks, sets: Together, likeliest: Scored) -> 
         return calibrated.values_of(term)
 
     about = replace(bent, model=model, x=np.concatenate([*map(start, terms)]), covariance=None)
+    return replace(_survey_from(found, about), begins_with=effects)
+
+
+def _survey_from(found: VerdictByBlocks, about: FittedModel) -> Survey:
+    """Return a survey that sets out from another model than the calibrated one, fitted anew."""
+    campaign = found.prepared
 
     def surveyed(baseline: FittedModel) -> Survey:
-        return survey(campaign.trusted, baseline, campaign.setup, torques_logged=False)
+        logged = campaign.torques == "logged"
+        return survey(campaign.trusted, baseline, campaign.setup, torques_logged=logged)
 
     fitted = refit(surveyed(about), (), (), found.extended.weights).fitted()
-    return replace(surveyed(fitted), calibrated=calibrated, begins_with=effects)
+    return replace(surveyed(fitted), calibrated=campaign.baseline)
 
 
 def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> VerdictByBlocks:

@@ -12,6 +12,8 @@ from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.calibration.general.calibrate import shown
+from pa10cal.calibration.general.problem import choose_unknowns
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
@@ -31,6 +33,8 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Start
+from pa10cal.options import Tolerances
 from pa10cal.results import calibration as records
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
@@ -41,6 +45,7 @@ from pa10cal.terms.effects.joint_error_map import (
     harmonic_orders,
     is_error_map,
 )
+from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal.terms.term import Report, Term
 
@@ -169,6 +174,43 @@ def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
     held = fit.bounds.held(found.x, there.gradient)
     covariance = _inverse(there.normal, fit.prior, ~held)
     return found.x - covariance @ there.gradient, covariance
+
+
+# Tilts of parallel axes that a calibration left at zero. An effect that it lacks may hide them.
+
+
+def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
+    """Return the model that a survey sets out from with tilts that a fit with effects shows.
+
+    None where it has all that the instrument can tell, or where the tilts are not shown yet.
+    """
+    own, measured = survey.baseline, survey.poses.measured
+    links = next((term for term in own.model.terms if term.of == "links"), None)
+    if links is None:
+        return None
+    about = Start(own.T_instr_base, np.zeros(3), own.R_ee_target, own.targets_m)
+    every = choose_unknowns(own.arm, Tolerances(), measured, about).links
+    known = {parameter.name for parameter in links.parameters}
+    lacking = np.array([parameter.name not in known for parameter in every.parameters])
+    tilts = np.array([role == "tilt" for role in every.roles])
+    if not lacking.any() or not np.array_equal(lacking, tilts):
+        return None
+    terms = tuple(every if term is links else term for term in own.model.terms)
+    of_links = np.zeros(len(every.parameters))
+    of_links[~lacking] = own.values_of(links)
+    values = (of_links if term is links else own.values_of(term) for term in own.model.terms)
+    model, x = Model(own.model.chain, terms), np.concatenate([*values])
+    tilted = replace(own, model=model, x=x, covariance=None)
+    fitted = refit(
+        replace(survey, baseline=tilted),
+        found.effects,
+        tuple(map(found.of, found.effects)),
+        found.weights,
+    )
+    at = fitted.model.parameter_indices(every)[tilts]
+    covariance = fitted.covariance[np.ix_(at, at)]
+    readings = int(measured.components_seen.sum())
+    return tilted if shown(fitted.x[at], covariance, readings) else None
 
 
 class _NormalFit:
