@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import Campaign, read_group
@@ -123,7 +123,7 @@ def discover(
     model: FittedModel,
     options: DiscoveryOptions | None = None,
     calibration: CalibrationOptions | None = None,
-) -> Verdict[Any]:
+) -> Verdict:
     """Find which effects a calibrated model lacks, and close the gap.
 
     Args:

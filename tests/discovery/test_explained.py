@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pa10cal.discovery.finding import GivesWay
 from pa10cal.discovery.gap import explained_by
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.results.explained import ExplainedEffect
@@ -150,8 +151,8 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
 
     spring = SimpleNamespace(
         id="joint_compliance", of="joint 2", explanations=ALONE, effect="of 2",
-        proof=SimpleNamespace(
-            weights="stated", without_each_mm=errors(0.4), all_rigid_each_mm=errors(all_rigid_mm)
+        proof=GivesWay.model_construct(
+            weights="logged", without_each_mm=errors(0.4), all_rigid_each_mm=errors(all_rigid_mm)
         ),
     )  # fmt: skip
     eccentric = SimpleNamespace(id="eccentricity", of="joint 3", explanations=ALONE, effect="of 3")

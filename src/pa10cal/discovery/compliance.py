@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
 
-V = TypeVar("V", bound=Verdict[Any])
+V = TypeVar("V", bound=Verdict)
 
 
 def with_compliance(found: V) -> V:
@@ -123,7 +123,7 @@ def with_compliance(found: V) -> V:
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
 
 
-def _rivals(found: Verdict[Any], rows: _LinearProblem) -> dict[tuple[str, str], tuple[Rival, ...]]:
+def _rivals(found: Verdict, rows: _LinearProblem) -> dict[tuple[str, str], tuple[Rival, ...]]:
     """Return what may stand for each that is missed of what was found, by name."""
     at = found.extended.at
     sets = Together.of(
@@ -149,7 +149,7 @@ class _LinearProblem:
     whitener: Array  # (P, b, b) of the poses fitted
 
     @classmethod
-    def of(cls, found: Verdict[Any]) -> _LinearProblem:
+    def of(cls, found: Verdict) -> _LinearProblem:
         at, poses = found.extended.at, found.train.poses
         left, jacobian = residual_and_jacobian(at, poses)
         weights = pose_weights(left, float(jacobian.shape[2]), poses.measured)

@@ -64,7 +64,7 @@ class CannotSearch(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class NotSought(Verdict[object]):
+class NotSought(Verdict):
     """A campaign in which effects cannot be sought: its calibrated model stays as it is."""
 
     calibrated: FittedModel  # the calibrated model
@@ -125,7 +125,7 @@ def discover(
     model: FittedModel,
     setup: MeasurementSetup,
     wrong: Sequence[InputFinding] = (),
-) -> Verdict[object]:
+) -> Verdict:
     """Find which effects are missing from a calibrated model.
 
     In a campaign with too few poses or repeats nothing is sought, and the verdict says so.
@@ -164,7 +164,7 @@ def discover(
     return with_likely(with_predicted(with_compliance(found)))
 
 
-def _likelier(found: SearchVerdict[object], passed: SearchVerdict[object]) -> SearchVerdict[object]:
+def _likelier(found: SearchVerdict, passed: SearchVerdict) -> SearchVerdict:
     """Return a verdict that has passed the gates, or that about a likelier set that passes them.
 
     Args:
@@ -186,7 +186,7 @@ def _likelier(found: SearchVerdict[object], passed: SearchVerdict[object]) -> Se
     return passed
 
 
-def with_predicted(found: Verdict[object]) -> Verdict[object]:
+def with_predicted(found: Verdict) -> Verdict:
     """Return a verdict that predicts what has no name too, where poses held out gain by it.
 
     Not where the log is to be checked, nor where the base moved: neither goes with the joints.
@@ -211,7 +211,7 @@ def with_predicted(found: Verdict[object]) -> Verdict[object]:
     return replace(found, predicted=predicted).with_gaps(after)
 
 
-def _without_name(found: SearchVerdict[object], model: FittedModel) -> tuple[Effect, ...]:
+def _without_name(found: SearchVerdict, model: FittedModel) -> tuple[Effect, ...]:
     """Return the effects that may stand for what has no name.
 
     None where poses are repeated: readings of one apparatus err alike, at held-out poses too.
@@ -222,7 +222,7 @@ def _without_name(found: SearchVerdict[object], model: FittedModel) -> tuple[Eff
     return nameless_effects(found.context, found.states, held, logged=logged)
 
 
-def _judged(campaign: Prepared, model: FittedModel) -> Verdict[object]:
+def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     """Return the verdict on a campaign made ready, before its gates."""
     if wrong_attitudes := attitudes_off(campaign.trusted, campaign.baseline):
         return not_sought(campaign, model, wrong_attitudes)
@@ -302,7 +302,7 @@ def too_little(readings: Observations, baseline: FittedModel) -> CannotSearch | 
 
 # Formulas proposed for what a verdict has no name for; the verdict stays as it is.
 
-V = TypeVar("V", bound=SearchVerdict[object])
+V = TypeVar("V", bound=SearchVerdict)
 
 
 def with_proposals(found: V) -> V:
@@ -312,7 +312,7 @@ def with_proposals(found: V) -> V:
     return replace(found, proposed=tuple(_proposals(found)))
 
 
-def _proposals(found: SearchVerdict[object]) -> Iterator[FormulaProposal]:
+def _proposals(found: SearchVerdict) -> Iterator[FormulaProposal]:
     """Yield one formula for everything without a name; else one for each place, where there is."""
     nameless = found.without_name
     if not nameless and not found.over_noise:
@@ -343,7 +343,7 @@ def _proposals(found: SearchVerdict[object]) -> Iterator[FormulaProposal]:
 
 
 def _chosen(
-    found: SearchVerdict[object], held: tuple[Effect, ...], forms: list[Form]
+    found: SearchVerdict, held: tuple[Effect, ...], forms: list[Form]
 ) -> FormulaProposal | None:
     """Return the shortest form that does as well as some effects without a name."""
     if not forms or sum(effect.linear for effect in held) > FORMS.most_parameters:
@@ -390,7 +390,7 @@ def _named(found: V, proposal: FormulaProposal) -> V | None:
     ):
         return None
     line = PeriodicError(form.of, float(order))
-    findings: tuple[Finding[object], ...] = found.findings
+    findings: tuple[Finding, ...] = found.findings
     (of_map,) = (each for each in findings if each.effect == held[0])
     # A fit takes an effect in the place of one of which it is an alternative.
     known = replace(of_map, alternatives=(line, *of_map.alternatives))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Generic, Literal, Self, TypeVar
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,6 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import BandPrior, is_error_map
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import LogFault
-
-P_co = TypeVar("P_co", covariant=True)
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,7 @@ class Explanations:
 
 
 @dataclass(frozen=True, eq=False)
-class Finding(Generic[P_co]):
+class Finding:
     """One effect that was found."""
 
     effect: Effect  # which, and where
@@ -145,7 +143,8 @@ class Finding(Generic[P_co]):
     x: Array
     covariance: Array
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
-    proof: P_co  # the statistics that decided
+    # the statistics that decided
+    proof: discovery.EvidenceByRepeats | discovery.BlockedCrossValidation | GivesWay
     # whatever else was tried in its place, of the vocabulary and without a name
     rivals: tuple[Rival, ...] = ()
     unknown: float = PROBABILITIES.unknown  # probability that nothing that was tried is there

@@ -295,7 +295,7 @@ def errors_of(model: FittedModel, poses: Observations, T_moved: Array | None = N
 
 
 def taken_away(
-    finding: Finding[object],
+    finding: Finding,
     before_mm: Array,
     after_mm: Array,
     weights: Literal["assumed"] | None = None,

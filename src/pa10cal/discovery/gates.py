@@ -41,7 +41,7 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.weights import holds_weights
 
-V = TypeVar("V", bound=SearchVerdict[object])
+V = TypeVar("V", bound=SearchVerdict)
 
 #: Grades of the calibration with which `none` is not said.
 NO_COMFORT = ("suspect_input", "not_converged")
@@ -105,7 +105,7 @@ def _without_unlikely_names(found: V) -> V:
     return found
 
 
-def _harmed(found: SearchVerdict[object]) -> bool:
+def _harmed(found: SearchVerdict) -> bool:
     """Return whether held-out poses are predicted worse than by the calibrated model."""
     held_out = found.trusted_holdout
     return (
@@ -134,7 +134,7 @@ def _without_names_that_move_nothing(found: V) -> V:
     return replace(safe, unexplained=(*safe.unexplained, *unknown))
 
 
-def of_order(finding: Finding[object], campaign: Prepared) -> Iterator[str]:
+def of_order(finding: Finding, campaign: Prepared) -> Iterator[str]:
     """Return why a drift is none: the poses came in the order of a joint or a rail."""
     states, slides = campaign.readings.states, campaign.baseline.arm.prismatic
     if finding.id != BaseDrift.id or measured_again(campaign.readings):
@@ -167,7 +167,7 @@ def with_pulls(found: V) -> V:
     return found
 
 
-def _alternative(found: V, finding: Finding[object]) -> V | None:
+def _alternative(found: V, finding: Finding) -> V | None:
     """Return the verdict with the first alternative of a finding that passes in its place."""
     held = {one.effect for one in found.findings}
     for other in finding.alternatives[: NAMES.most_alternatives]:
@@ -182,7 +182,7 @@ def _alternative(found: V, finding: Finding[object]) -> V | None:
     return None
 
 
-def _of_the_robot(found: V, finding: Finding[object]) -> V:
+def _of_the_robot(found: V, finding: Finding) -> V:
     """Return the verdict with an effect of the robot in the place of one of the instrument.
 
     Between both it is never the instrument's: no prediction has that, and the geometry fitted
@@ -221,9 +221,7 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
         yield f"the intervals of its {names} hold zero"
 
 
-def unfit(
-    finding: Finding[object], model: FittedModel, states: PoseStates | None = None
-) -> Iterator[str]:
+def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None) -> Iterator[str]:
     """Return why an effect cannot be named, by the calibrated model with the effects found.
 
     Args:
@@ -262,7 +260,7 @@ def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
 
 
 def _turns_too_far(
-    finding: Finding[object], x: Array, states: PoseStates, most_rad: float, why: str
+    finding: Finding, x: Array, states: PoseStates, most_rad: float, why: str
 ) -> Iterator[str]:
     """Return why an effect is none that turns joints or links farther than they can."""
     effect = finding.effect
@@ -274,7 +272,7 @@ def _turns_too_far(
         yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
 
-def reasons_against_none(found: SearchVerdict[object]) -> Iterator[str]:
+def reasons_against_none(found: SearchVerdict) -> Iterator[str]:
     """Return why it cannot be said that nothing is missing."""
     train, holdout = found.train, found.trusted_holdout
     measured = train.poses.measured
@@ -453,7 +451,7 @@ def _only_within(found: V, within: AngleCoverage) -> V:
     )
 
 
-def _left_mm(found: SearchVerdict[object], campaign: str) -> float:
+def _left_mm(found: SearchVerdict, campaign: str) -> float:
     """Return what is left of held-out poses, of those of a campaign where they are harmed."""
     gap = found.trusted_holdout
     assert gap is not None
@@ -461,7 +459,7 @@ def _left_mm(found: SearchVerdict[object], campaign: str) -> float:
     return summarise(gap.found_after, rows).rms_mm
 
 
-def _harmed_campaign(found: SearchVerdict[object]) -> str | None:
+def _harmed_campaign(found: SearchVerdict) -> str | None:
     """Return the campaign of a group that is predicted worse by most; None where none is."""
     gap = found.trusted_holdout
     worse = {}
@@ -472,7 +470,7 @@ def _harmed_campaign(found: SearchVerdict[object]) -> str | None:
     return max(worse, key=worse.__getitem__, default=None)
 
 
-def _is_harmed(found: SearchVerdict[object], campaign: str) -> bool:
+def _is_harmed(found: SearchVerdict, campaign: str) -> bool:
     """Return whether held-out poses of a campaign are predicted worse by more than chance.
 
     Where they are too few to be sure, the poses of that campaign that were fitted tell whether it
@@ -511,7 +509,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
-def _beyond_uncertainty(found: SearchVerdict[object], gap: PairedErrors, rows: Mask) -> bool:
+def _beyond_uncertainty(found: SearchVerdict, gap: PairedErrors, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
     Where single poses scatter by more than noise, as joints do that stop where friction lets them,

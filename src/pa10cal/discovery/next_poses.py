@@ -159,7 +159,7 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
 
 
 def unresolved(
-    effects: Sequence[Finding[object]], not_testable: Sequence[Untestable] = ()
+    effects: Sequence[Finding], not_testable: Sequence[Untestable] = ()
 ) -> dict[Pair, Odds | None]:
     """Return what other poses might settle: effects found against their alternatives, first.
 

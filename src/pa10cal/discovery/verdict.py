@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 
@@ -59,8 +59,6 @@ from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.weights import is_fault
 
-P_co = TypeVar("P_co", covariant=True)
-
 MAP = "joint_error_map"
 
 
@@ -89,7 +87,7 @@ class Predicted:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Verdict(ABC, Generic[P_co]):
+class Verdict(ABC):
     """What became of a campaign."""
 
     prepared: Prepared  # the campaign
@@ -97,7 +95,7 @@ class Verdict(ABC, Generic[P_co]):
     candidates: int = 0  # how many effects were tried
     # what was found and is in the extended model, in the order found: effects of the vocabulary,
     # and faults of the whole log
-    findings: tuple[Finding[P_co], ...] = ()
+    findings: tuple[Finding, ...] = ()
     unexplained: tuple[Unexplained, ...] = ()  # what remains without a name
     # smooth unknown functions of the search that stand for a part of that
     nameless: tuple[Effect, ...] = ()
@@ -126,7 +124,7 @@ class Verdict(ABC, Generic[P_co]):
     proposed: tuple[FormulaProposal, ...] = ()  # formulas for what has no name; they name nothing
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
-    gives_way: tuple[Finding[GivesWay], ...] = ()
+    gives_way: tuple[Finding, ...] = ()
     # why effects cannot be sought, and what would do; None where they were
     why: str | None = None
     remedy: str | None = None
@@ -145,7 +143,7 @@ class Verdict(ABC, Generic[P_co]):
         return word_of(named, self.unexplained)
 
     @property
-    def effects(self) -> tuple[Finding[P_co], ...]:
+    def effects(self) -> tuple[Finding, ...]:
         """Return the effects of the vocabulary that were found, in the order found."""
         return tuple(found for found in self.findings if not is_fault(found.effect))
 
@@ -339,11 +337,12 @@ class Verdict(ABC, Generic[P_co]):
         effects, after_mm = [], named.found_after.distance_mm[rows]
         before_mm = rms(gap.found_before.distance_mm[rows])
         for spring in self.gives_way:
-            assumed = spring.proof.weights in ("assumed", "total")
-            without_mm = spring.proof.without_each_mm
+            proof = spring.proof
+            assert isinstance(proof, GivesWay)
+            without_mm, assumed = proof.without_each_mm, proof.weights != "logged"
             effects.append(taken_away(spring, without_mm, after_mm, "assumed" if assumed else None))
             # Rigid joints have the effects found in them: without these it is no less.
-            before_mm = max(before_mm, rms(spring.proof.all_rigid_each_mm))
+            before_mm = max(before_mm, rms(proof.all_rigid_each_mm))
         findings = {finding.effect: finding for finding in self.findings}
         for effect, without in self.errors_by_name.without.items():
             effects.append(taken_away(findings[effect], without.distance_mm[rows], after_mm))
@@ -354,12 +353,12 @@ class Verdict(ABC, Generic[P_co]):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class SearchVerdict(Verdict[P_co]):
+class SearchVerdict(Verdict):
     """What became of a campaign in which effects were sought."""
 
     method: ClassVar[str]
 
-    def with_findings(self, findings: Sequence[Finding[P_co]]) -> Self:
+    def with_findings(self, findings: Sequence[Finding]) -> Self:
         """Return the verdict with these findings, all fitted anew, and their parameters with it.
 
         Args:
@@ -378,16 +377,12 @@ class SearchVerdict(Verdict[P_co]):
             holdout=None if held_out is None else found._gap_on(held_out),
         )
 
-    def instead(
-        self, finding: Finding[Any], effect: Effect | None = None
-    ) -> tuple[Finding[Any], ...]:
+    def instead(self, finding: Finding, effect: Effect | None = None) -> tuple[Finding, ...]:
         """Return the findings, one in the place of that of an effect, or else of its own."""
         effect = effect or finding.effect
         return tuple(finding if one.effect == effect else one for one in self.findings)
 
-    def without_names(
-        self, reasons: Mapping[Finding[P_co], str], left_mm: float | None = None
-    ) -> Self:
+    def without_names(self, reasons: Mapping[Finding, str], left_mm: float | None = None) -> Self:
         """Return the verdict, fitted anew, without some names: they are unexplained, for a reason.
 
         With the mean error [mm] that is left without them; None for that of the new fit.
@@ -427,7 +422,7 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
     return name if rival is None else f"{name} or {rival.id} of {rival.of}"
 
 
-V = TypeVar("V", bound=Verdict[Any])
+V = TypeVar("V", bound=Verdict)
 
 
 def with_likely(found: V) -> V:
@@ -442,7 +437,7 @@ def with_likely(found: V) -> V:
     return replace(found, findings=findings, gives_way=gives_way)
 
 
-def in_doubt(found: Verdict[Any], finding: Finding[P_co]) -> Finding[P_co]:
+def in_doubt(found: Verdict, finding: Finding) -> Finding:
     """Return a finding with how probable it is that something makes it that was not tried."""
     if (by_errors := getattr(finding.proof, "unknown", None)) is not None:
         return replace(finding, unknown=by_errors.probability(found.noise_floor_mm))
@@ -450,7 +445,7 @@ def in_doubt(found: Verdict[Any], finding: Finding[P_co]) -> Finding[P_co]:
     return replace(finding, unknown=PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown)
 
 
-def no_name(finding: Finding[object], left_mm: float, why: str) -> Unexplained:
+def no_name(finding: Finding, left_mm: float, why: str) -> Unexplained:
     """Return what a finding is that fits best and is no name, by the mean error left without it."""
     said = f"{label_of(finding.effect, None)} fits best, but is not named: {why}"
     return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
@@ -465,7 +460,7 @@ def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
     return Unexplained(of=effect.of, form=effect.id, shared_error_mm=left_mm, why=why)
 
 
-def word_of(findings: Sequence[Finding[object]], unexplained: Sequence[Unexplained]) -> Word:
+def word_of(findings: Sequence[Finding], unexplained: Sequence[Unexplained]) -> Word:
     """Return the verdict in a word."""
     if unexplained or not findings:
         return "unexplained" if unexplained else "none"

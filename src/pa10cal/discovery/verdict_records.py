@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from pa10cal.calibration.levels import report_base
@@ -28,7 +26,7 @@ from pa10cal.results.maps import FallsBack
 from pa10cal.results.record import CampaignIdentity
 
 
-def verdict_keys(found: Verdict[Any], ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
+def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
     """Return the verdict as it is written, and what to measure next."""
     # Maps say where an error is, and not why: they are what has no name, where nothing else is.
     places = found.unexplained or tuple(
@@ -68,7 +66,7 @@ def verdict_keys(found: Verdict[Any], ahead: Plan = NOTHING_PLANNED) -> VerdictK
 
 
 def verdict_record(
-    found: Verdict[Any], campaign: CampaignIdentity, ahead: Plan = NOTHING_PLANNED
+    found: Verdict, campaign: CampaignIdentity, ahead: Plan = NOTHING_PLANNED
 ) -> VerdictRecord:
     """Return `verdict.json` of a campaign, with what to measure next."""
     return VerdictRecord(
@@ -83,7 +81,7 @@ def verdict_record(
 
 
 def extended_record(
-    found: Verdict[Any], verdict: VerdictRecord, robot: str, load: str
+    found: Verdict, verdict: VerdictRecord, robot: str, load: str
 ) -> ExtendedRecord:
     """Return `extended.json`, by `verdict.json`, the arm, and the load case it began with."""
     return ExtendedRecord(
@@ -103,7 +101,7 @@ def extended_record(
     )
 
 
-def analysis_record(found: Verdict[Any], campaign: CampaignIdentity) -> AnalysisRecord:
+def analysis_record(found: Verdict, campaign: CampaignIdentity) -> AnalysisRecord:
     """Return `analysis.json` of a campaign: what the figures show."""
     before, after = found.lack_of_fit()
     rows = {name: gap and gap.rows(found.baseline) for name, gap in found.gap.items()}
@@ -117,7 +115,7 @@ def analysis_record(found: Verdict[Any], campaign: CampaignIdentity) -> Analysis
     )
 
 
-def extended_parameters(found: Verdict[Any]) -> dict[str, Parameter]:
+def extended_parameters(found: Verdict) -> dict[str, Parameter]:
     """Return the parameters of the calibrated model as they are with the effects."""
     baseline, covariance, k = found.searched_from, found.covariance, len(found.extended.at.x)
     own, base = slice(len(baseline.x)), slice(k - 6, k)

@@ -69,7 +69,7 @@ from pa10cal.terms.weights import holds_weights
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
+class VerdictByBlocks(SearchVerdict):
     """What became of a campaign of many different poses."""
 
     survey: Survey  # the campaign as it was judged
@@ -117,7 +117,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
         if not self.weights_assumed:
             return self
 
-        def with_more(finding: Finding[judge.BlockPrediction]) -> Finding[judge.BlockPrediction]:
+        def with_more(finding: Finding) -> Finding:
             known = {name_of(each.effect) for each in finding.rivals}
             more = rivals.get((finding.id, finding.of), ())
             further = (each for each in more if name_of(each.effect) not in known)
@@ -227,7 +227,7 @@ class VerdictByBlocks(SearchVerdict[judge.BlockPrediction]):
         )
 
     @override
-    def with_findings(self, findings: Sequence[Finding[judge.BlockPrediction]]) -> VerdictByBlocks:
+    def with_findings(self, findings: Sequence[Finding]) -> VerdictByBlocks:
         return super().with_findings(findings).with_nuisances_of(self)
 
     @override

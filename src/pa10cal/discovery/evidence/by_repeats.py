@@ -15,7 +15,6 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery import preparation
 from pa10cal.discovery.evidence.judge import (
-    Confirmation,
     Judgement,
     floor_mm,
     judge,
@@ -68,7 +67,7 @@ from pa10cal.terms.weights import is_fault
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByRepeats(SearchVerdict[Confirmation]):
+class VerdictByRepeats(SearchVerdict):
     """What became of a campaign whose poses are repeated."""
 
     problem: EvidenceProblem  # the campaign as it was weighed

@@ -217,7 +217,7 @@ def _cross_validation(
 class Judgement:
     """What the search comes to."""
 
-    findings: tuple[Finding[Confirmation], ...]  # effects of the vocabulary, in the order found
+    findings: tuple[Finding, ...]  # effects of the vocabulary, in the order found
     unexplained: tuple[Unexplained, ...]  # what remains without a name
     found: EndOfSearch  # the search, its fit holding every finding and every generic effect
 
