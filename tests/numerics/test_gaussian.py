@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.gaussian import Gaussian, taken_by_each
 
 pytestmark = pytest.mark.digits
 seeds = st.integers(0, 2**32 - 1)
@@ -160,3 +160,22 @@ def test_unknowns_found_in_turn_are_those_of_two_fits(seed):
     np.testing.assert_allclose(mean[then], other.mean, atol=1e-9)
     np.testing.assert_allclose(alone.covariance, one.covariance, atol=1e-9)
     np.testing.assert_allclose(beside.covariance, other.covariance, atol=1e-9)
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=50)
+def test_many_at_once_are_each_alone(seed):
+    alone = [Gaussian.of(*rows(seed + k)) for k in range(4)]
+    taken, log_det = taken_by_each(
+        *(np.stack([getattr(one, of) for one in alone]) for of in ("gram", "projection"))
+    )
+    close(taken, np.array([one.squares - one.left for one in alone]), 1e-5)
+    close(log_det, np.array([one.log_precision for one in alone]))
+
+
+def test_products_that_rounding_left_below_nothing_count_as_nothing():
+    gram = np.array([[[1e18, 1e18], [1e18, 1e18 * (1.0 - 1e-15)]], np.eye(2)])
+    taken, log_det = taken_by_each(gram, np.ones((2, 2)))
+    assert np.all(taken > 0.0)
+    assert np.all(np.isfinite(log_det))
+    assert taken[1] == pytest.approx(1.0)

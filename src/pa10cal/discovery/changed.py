@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
@@ -21,7 +22,7 @@ from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.discovery.wander import Wander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
-from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.gaussian import Gaussian, taken_by_each
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import like_a_scan, measured_again, partings, spread_over_time
 from pa10cal.terms.effects.effect import Effect
@@ -248,15 +249,13 @@ class _Rows:
 
     def best(self, columns: Array, rows: Index | None = None) -> tuple[float, int, float, float]:
         """Return the greatest gain of log evidence, its row, scale and part of squares left."""
-        found = (-np.inf, 0, 1.0, 1.0)
-        white = self._whitener @ columns
-        for row in (self._apart if rows is None else rows).tolist():
-            step = self._step(white, row)
-            for scale in CHANGE.scales:
-                gain, left = self._gain(step, scale)
-                if gain > found[0]:
-                    found = gain, row, scale, left
-        return found
+        rows = self._apart if rows is None else rows
+        if not len(rows):
+            return -np.inf, 0, 1.0, 1.0
+        gain, left = self._gains(columns, rows, CHANGE.scales)
+        row, of_scale = np.unravel_index(np.argmax(gain), gain.shape)
+        scale = CHANGE.scales[int(of_scale)]
+        return float(gain[row, of_scale]), int(rows[row]), scale, float(left[row, of_scale])
 
     def as_well(self, kind: Kind, worse: float, times: float) -> bool:
         """Return whether a kind does as well as the best, by log evidence and squares left.
@@ -268,26 +267,48 @@ class _Rows:
 
     def as_good(self, columns: Array, scale: float, row: int) -> Index:
         """Return the rows near the best one that are as good, in order."""
-        white = self._whitener @ columns
-        gains = [self._gain(self._step(white, row), scale)[0] for row in self._apart.tolist()]
-        good = self._apart[np.array(gains) > max(gains) - CHANGE.row_nats]
+        gains = self._gains(columns, self._apart, (scale,))[0][:, 0]
+        good = self._apart[gains > np.max(gains, initial=-np.inf) - CHANGE.row_nats]
         return good if len(good) else np.array([row])
 
     def amounts(self, columns: Array, scale: float, row: int) -> Array:
         """Return the most likely amounts of a step at a row, in the usual sizes times a scale."""
-        step = self._step(self._whitener @ columns, row)
+        gram, projection, _ = self._steps(columns, np.array([row]))
+        step = Gaussian.of_products(gram[0], projection[0])
         return step.in_sizes(np.full(step.unknowns, scale)).mean
 
-    def _step(self, white: Array, row: int) -> Gaussian:
-        """Return what is said of a step in columns (P, b, k) at a row."""
-        step = white[row:].reshape(-1, white.shape[2])
-        held = self._held[row:].reshape(len(step), -1)
-        data = self._data[row:].ravel()
-        return self._unchanged.of_further(held.T @ step, step.T @ step, step.T @ data)
+    def _steps(self, columns: Array, rows: Index) -> tuple[Array, Array, float]:
+        """Return what is said of steps in columns (P, b, k) at each of R rows.
 
-    def _gain(self, step: Gaussian, scale: float) -> tuple[float, float]:
-        """Return the gain of log evidence, scatter profiled, and the part of squares left."""
-        sized = step.in_sizes(np.full(step.unknowns, scale))
-        left = max(sized.left, 0.0) / max(step.squares, np.finfo(float).tiny)
-        left = max(left, CHANGE.same_squares)
-        return -0.5 * (self._seen * float(np.log(left)) + sized.log_precision), left
+        As products of the columns (R, k, k), with the data (R, k), and of the data, what is held
+        beside them integrated out.
+        """
+        step = self._whitener @ columns
+        every = np.concatenate([self._held, step, self._data[:, :, None]], axis=2)
+        products = _from_each_on(every.swapaxes(1, 2) @ step)[rows]  # (R, h + k + 1, k)
+        held, count = self._held.shape[2], step.shape[2]
+        lower = self._unchanged.lower
+        white = solve_triangular(
+            lower, products[:, :held].swapaxes(0, 1).reshape(held, -1), lower=True
+        ).reshape(held, len(rows), count)
+        data = solve_triangular(lower, self._unchanged.projection, lower=True)
+        taken = white.transpose(1, 2, 0)
+        gram = products[:, held:-1] - taken @ taken.swapaxes(1, 2)
+        return gram, products[:, -1] - taken @ data, self._unchanged.squares - float(data @ data)
+
+    def _gains(self, columns: Array, rows: Index, scales: Sequence[float]) -> tuple[Array, Array]:
+        """Return gains of log evidence and parts of squares left, (R, S), scatter profiled."""
+        gram, projection, squares = self._steps(columns, rows)
+        gains, lefts = np.empty((len(rows), len(scales))), np.empty((len(rows), len(scales)))
+        for k, scale in enumerate(scales):
+            taken, log_det = taken_by_each(scale**2 * gram, scale * projection)
+            left = np.maximum(squares - taken, 0.0) / max(squares, np.finfo(float).tiny)
+            lefts[:, k] = np.maximum(left, CHANGE.same_squares)
+            gains[:, k] = -0.5 * (self._seen * np.log(lefts[:, k]) + log_det)
+        return gains, lefts
+
+
+def _from_each_on(values: Array) -> Array:
+    """Return the sums of values (P, ...) from each row to the last."""
+    summed: Array = np.cumsum(values[::-1], axis=0)[::-1]
+    return summed

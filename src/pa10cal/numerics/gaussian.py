@@ -169,6 +169,24 @@ class Gaussian:
         )
 
 
+def taken_by_each(gram: Array, projection: Array) -> tuple[Array, Array]:
+    """Return the squares that unknowns take away, and log determinants of their precisions.
+
+    Of m models of k unknowns each, in the sizes expected of these.
+
+    Args:
+        gram: (m, k, k) products of the columns.
+        projection: (m, k) the same with the data.
+    """
+    try:
+        lower = np.linalg.cholesky(gram + np.eye(gram.shape[1]))
+    except np.linalg.LinAlgError:  # as for one of them
+        lower = np.stack([_factor(each) for each in gram])
+    white = np.linalg.solve(lower, projection[:, :, None])[:, :, 0]
+    diagonal = np.diagonal(lower, axis1=1, axis2=2)
+    return np.sum(white**2, axis=1), 2.0 * np.sum(np.log(diagonal), axis=1)
+
+
 def _factor(gram: Array) -> Array:
     """Return the lower factor of products beside what is expected.
 

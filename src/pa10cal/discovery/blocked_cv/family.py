@@ -74,6 +74,30 @@ class Candidate(Columns):
 
 
 @dataclass(frozen=True, eq=False)
+class _SameLength:
+    """Candidates of k columns each; maps of several sizes have the same columns."""
+
+    which: Index  # (m,) which candidates
+    places: Index  # (u, k) where different columns stand among those of all candidates
+    of: Index  # (m,) which of these each candidate has
+    sizes: Array  # (m, k) standard deviation expected of each parameter
+
+
+def _by_length(candidates: Sequence[Columns], every: Index) -> list[_SameLength]:
+    """Return candidates with as many columns together, their places in (E,) columns."""
+    lengths = np.array([len(each.at) for each in candidates])
+    found = []
+    for length in np.unique(lengths):
+        which = np.flatnonzero(lengths == length)
+        own = [candidates[int(k)] for k in which]
+        at = np.stack([each.at for each in own])
+        different, of = np.unique(at, axis=0, return_inverse=True)
+        sizes = np.stack([each.sizes for each in own])
+        found.append(_SameLength(which, np.searchsorted(every, different), of.ravel(), sizes))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
 class EffectSet:
     """A set of members beside the calibrated model."""
 
@@ -116,8 +140,10 @@ class EffectSet:
 
     def with_each(self, candidates: Sequence[Columns]) -> Array:
         """Return the sums of squares with each of some candidates added, (m, B)."""
+        every = np.unique(np.concatenate([each.at for each in candidates]))
+        groups = _by_length(candidates, every)
         blocks = range(len(self.squares))
-        return np.stack([self._with_each(b, candidates) for b in blocks], axis=1)
+        return np.stack([self._with_each(b, every, groups) for b in blocks], axis=1)
 
     def without_each(self) -> Array:
         """Return the sums of squares with each member taken out, (m, B)."""
@@ -167,38 +193,37 @@ class EffectSet:
         members = tuple(each for k, each in enumerate(self.members) if k != member)
         return replace(self, members=members, inverse=inverse)
 
-    def _with_each(self, b: int, candidates: Sequence[Columns]) -> Array:
+    def _with_each(self, b: int, every: Index, groups: Sequence[_SameLength]) -> Array:
         """Return the sum of squares of a block with each candidate added, (m,).
 
         The other blocks give a candidate's amounts, by a Schur complement, and the steps that the
         parameters in use take with it; the squares of the block change quadratically in both.
         """
         in_use, solution = self.at, self.solution[b]
-        every = np.unique(np.concatenate([each.at for each in candidates]))
         gram, projection = self.products.gram[b], self.products.projection[b]
-        own, across, corner = (
-            gram[np.ix_(*at)] for at in ((in_use, in_use), (in_use, every), (every, every))
-        )
+        own, across = gram[np.ix_(in_use, in_use)], gram[np.ix_(in_use, every)]
         elsewhere = self._elsewhere(b, in_use, every)
         followed = self.inverse[b] @ elsewhere
-        gram_elsewhere = self.total.gram[np.ix_(every, every)] - corner
         open_elsewhere = self.total.projection[every] - projection[every] - elsewhere.T @ solution
         open_here = projection[every] - across.T @ solution
         open_in_use = projection[in_use] - own @ solution
-        steps, change = np.zeros((len(candidates), len(in_use))), np.zeros(len(candidates))
-        known: dict[bytes, Array] = {}  # maps of several sizes have the same columns
-        for k, candidate in enumerate(candidates):
-            places = np.searchsorted(every, candidate.at)
-            in_one = bool(np.ptp(places) == len(places) - 1)  # then views are enough
-            at = slice(places[0], places[-1] + 1) if in_one else places
-            by_in_use = followed[:, at]
-            key = candidate.at.tobytes()
-            if key not in known:
-                known[key] = gram_elsewhere[at][:, at] - elsewhere[:, at].T @ by_in_use
-            amounts = solve(known[key], open_elsewhere[at], candidate.prior)
-            steps[k] = -by_in_use @ amounts
-            change[k] = amounts @ (
-                corner[at][:, at] @ amounts + 2.0 * (across[:, at].T @ steps[k] - open_here[at])
+        count = sum(len(group.which) for group in groups)
+        steps, change = np.zeros((count, len(in_use))), np.zeros(count)
+        for group in groups:
+            at = every[group.places]
+            corner = gram[at[:, :, None], at[:, None, :]]
+            by_in_use = followed.T[group.places]  # (u, k, n)
+            known = self.total.gram[at[:, :, None], at[:, None, :]] - corner
+            known -= by_in_use @ elsewhere.T[group.places].swapaxes(1, 2)
+            of, places = group.of, group.places[group.of]
+            amounts = _solved(known[of], open_elsewhere[places], group.sizes**-2.0)[:, None]
+            its_steps = -(amounts @ by_in_use[of])
+            beside = (
+                its_steps @ across.T[group.places].swapaxes(1, 2)[of] - open_here[places][:, None]
+            )
+            steps[group.which] = its_steps[:, 0]
+            change[group.which] = np.sum(
+                amounts * (amounts @ corner[of] + 2.0 * beside), axis=(1, 2)
             )
         change += np.sum(steps * (steps @ own - 2.0 * open_in_use), axis=1)
         squares: Array = self.squares[b] + change
@@ -240,6 +265,22 @@ def solve(gram: Array, projection: Array, prior: Array) -> Array:
         return no_wider_than(normal, prior) @ projection
     solved: Array = (cho_solve(factor, scaled, check_finite=False).T * scale).T
     return solved
+
+
+def _solved(gram: Array, projection: Array, precision: Array) -> Array:
+    """Return the best parameters (m, k) by m products (m, k, k) and precisions (m, k)."""
+    at = np.arange(gram.shape[1])
+    normal = gram.copy()
+    normal[:, at, at] += precision
+    scale = 1.0 / np.sqrt(np.maximum(normal[:, at, at], precision))
+    normal *= scale[:, :, None] * scale[:, None, :]
+    try:
+        np.linalg.cholesky(normal)
+    except np.linalg.LinAlgError:  # of one of them at least
+        each = zip(gram, projection, precision, strict=True)
+        return np.stack([solve(normal, x, np.diag(size)) for normal, x, size in each])
+    found: Array = scale * np.linalg.solve(normal, (scale * projection)[:, :, None])[:, :, 0]
+    return found
 
 
 def no_wider_than(normal: Array, prior: Array) -> Array:
