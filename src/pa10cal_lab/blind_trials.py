@@ -387,7 +387,7 @@ def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]
 
     def difference(twin: SimulatedCampaign) -> Array:
         other_m, R_other = as_read(twin.truth)
-        turned = Rotation.from_matrix(R @ R_other.transpose(0, 2, 1)).as_rotvec()
+        turned = Rotation.from_matrix(R @ R_other.transpose(0, 2, 1), assume_valid=True).as_rotvec()
         return stacked((p_m - other_m)[..., None], turned[..., None])[:, 0]
 
     def position_mm(difference: Array) -> float:

@@ -19,7 +19,6 @@ from pa10cal.campaign.conventions import EXPECTED_M, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.hand_eye import LEVER_M
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, reading_groups
 
@@ -90,10 +89,9 @@ class CheckedCampaign:
     def nominal_misfit_m(self, q: Array) -> float:
         """Return the rms misfit of the nominal arm, base and targets fitted; inf if none fits."""
         try:
-            found = self.grid.measured.locate(Chain.of(self.arm).forward(q), roughly=True)
+            return self.grid.measured.locate(Chain.of(self.arm).forward(q), roughly=True).misfit_m
         except CalibrationError:
             return np.inf
-        return float(np.hypot(found.scatter_m, LEVER_M * (found.scatter_rad or 0.0)))
 
     def calibration(
         self, payload: Payload | None, q: Array | None = None

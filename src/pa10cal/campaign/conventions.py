@@ -15,8 +15,7 @@ from pa10cal.campaign.composed_columns import polar_to_xyz
 from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
 from pa10cal.campaign.own_columns import ANGLES_OF_POLAR, LENGTHS, RotationColumns
 from pa10cal.campaign.raw_file import quaternions
-from pa10cal.frame.hand_eye import LEVER_M
-from pa10cal.frame.rigid_fit import Located
+from pa10cal.frame.rigid_fit import LEVER_M, Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 

@@ -60,17 +60,16 @@ def coupling_that_fits(
     """
 
     some = spread(len(axes), _LOOKED_AT)
-    few, weights = measured.take(some), np.ones(len(some))
+    few = measured.take(some)
 
     def ends(coupled: Coupled, at: Array) -> Array:
         return Chain.of(arm).forward(replace(arm.coupling, joints=coupled).to_joints(at))
 
     def size_m(coupled: Coupled) -> float:
         try:
-            misfit = few.misfit(ends(coupled, axes[some]), np.arange(len(some)), weights)
+            return few.locate(ends(coupled, axes[some]), roughly=True).misfit_m
         except CalibrationError:
             return np.inf
-        return float(np.sqrt(np.mean(misfit.size_m**2)))
 
     as_stated_m = size_m(arm.coupled)
     if len(some) < measured.least_rows or as_stated_m <= NEARER * EXPECTED_M:

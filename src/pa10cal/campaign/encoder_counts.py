@@ -114,7 +114,7 @@ def _fitted(scale: CountScale, counts: Array, arm: Arm, p_m: Array) -> CountScal
     """Return a scale with the misfit of the nominal arm."""
     q_rad = arm.coupling.to_joints(np.radians(scale.degrees(counts)))
     T_base_ee = Chain.of(arm).forward(q_rad)
-    located = placed_by_points(T_base_ee, p_m[:, None])
+    located = placed_by_points(T_base_ee, p_m[:, None], roughly=True)
     if located is None:
         return scale
     off_m = np.linalg.norm(p_m - located.targets(T_base_ee)[:, 0, :3, 3], axis=1)

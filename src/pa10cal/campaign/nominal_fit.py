@@ -68,10 +68,12 @@ def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
     return modelled
 
 
-def placed_by_points(T_base_ee: Array, p_m: Array, weights: Array | None = None) -> Located | None:
+def placed_by_points(
+    T_base_ee: Array, p_m: Array, weights: Array | None = None, *, roughly: bool = False
+) -> Located | None:
     """Return base and targets by the nominal arm; None where the poses do not determine them."""
     try:
-        return hand_eye_from_points(T_base_ee, p_m, weights=weights)
+        return hand_eye_from_points(T_base_ee, p_m, weights=weights, roughly=roughly)
     except CalibrationError:
         return None
 

@@ -21,11 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation, taken
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located, by_small_motion
+from pa10cal.frame.rigid_fit import LEVER_M, Located, by_small_motion
 from pa10cal.numerics import least_squares
 
-#: How far from the target an error of orientation counts as the error of position it makes there.
-LEVER_M = 0.5
 #: Poses that are needed to fit a base frame, and distances to find a fixed point.
 _NEEDED_POSES = (3, "poses to fit a base frame to", "base frame")
 _NEEDED_DISTANCES = (4, "distances to find the fixed point", "fixed point")
@@ -34,7 +32,9 @@ _MOST_POSES, _MOST_DISTANCES = 100, 300
 #: The null space depends a little on the solution, so it is found again there.
 PASSES = 2
 #: Part of the cost that makes no difference between two starts.
-_ROUGHLY = 1e-6
+_ROUGHLY = 1e-4
+#: Steps after which starts are compared, how many of them go on, and by how many steps.
+_FIRST_STEPS, _MOST_STARTS, _MORE_STEPS = 5, 2, 25
 
 
 @dataclass(frozen=True)
@@ -154,12 +154,17 @@ def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array)
 
 
 def refined(
-    problem: TargetProblem, guess: Guess, *, roughly: bool = False
+    problem: TargetProblem,
+    guess: Guess,
+    *,
+    roughly: bool = False,
+    most_steps: int = least_squares.MAX_ITERATIONS,
 ) -> tuple[Guess, least_squares.Linearised, least_squares.Split]:
     """Refine a guess, holding what of the targets the base can mimic.
 
     Args:
         roughly: whether to stop where it is clear which of several guesses leads lowest.
+        most_steps: bound on the steps of a descent.
 
     Returns:
         The solution, the problem there, and which steps of the targets (places of all, then the
@@ -177,6 +182,7 @@ def refined(
             partial(_linearise, problem, free=split.identified),
             partial(_moved, own=own, free=split.identified),
             _ROUGHLY if roughly else least_squares.COST_TOLERANCE,
+            most_steps,
         )
     return guess, at, split
 
@@ -207,7 +213,7 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
         return off_m, np.zeros((0, 3))
     modelled = problem.R_base @ guess.R_ee_target
     return off_m, Rotation.from_matrix(
-        R.T @ problem.R_instr_target @ np.swapaxes(modelled, 1, 2)
+        R.T @ problem.R_instr_target @ np.swapaxes(modelled, 1, 2), assume_valid=True
     ).as_rotvec()
 
 
@@ -394,7 +400,9 @@ def _best(
     ends: list[tuple[Guess, least_squares.Linearised, least_squares.Split]] = []
     for start in starts:
         if not (directional and any(_leads_to(start, guess) for guess, _, _ in ends)):
-            ends.append(refined(few, start, roughly=True))
+            ends.append(refined(few, start, roughly=True, most_steps=_FIRST_STEPS))
+    ahead = sorted(ends, key=lambda end: end[1].cost)[:_MOST_STARTS]
+    ends = [refined(few, guess, roughly=True, most_steps=_MORE_STEPS) for guess, _, _ in ahead]
     guess, at, split = min(ends, key=lambda end: end[1].cost)
     if split.unidentified.size:
         guess = replace(guess, p_ee_m=problem.p_ee_stated_m)

@@ -19,6 +19,10 @@ from pa10cal.errors import CalibrationError
 # angle^3 / 24.
 
 
+#: How far from the target an error of orientation counts as the error of position it makes there.
+LEVER_M = 0.5
+
+
 @dataclass(frozen=True)
 class PoseError:
     """Difference of predicted and measured poses, along the measuring frame's axes."""
@@ -31,7 +35,7 @@ class PoseError:
 def pose_error(T_predicted: Array, T_measured: Array) -> PoseError:
     """Compare poses (P, 4, 4) given in the same frame."""
     difference = T_predicted[:, :3, :3] @ T_measured[:, :3, :3].transpose(0, 2, 1)
-    quaternion = Rotation.from_matrix(difference).as_quat(canonical=True)
+    quaternion = Rotation.from_matrix(difference, assume_valid=True).as_quat(canonical=True)
     vector, scalar = quaternion[:, :3], quaternion[:, 3]
     by_rotation = scalar[:, None, None] * np.eye(3) - cross_matrix(vector)
     return PoseError(T_predicted[:, :3, 3] - T_measured[:, :3, 3], 2.0 * vector, by_rotation)
@@ -208,6 +212,11 @@ class Located:
     held: tuple[str, ...] | None = None
     # whether the places of the targets are stated; None where it does not matter
     stated: bool | None = None
+
+    @property
+    def misfit_m(self) -> float:
+        """Return the root mean square of what is left, turns as far as they move the target."""
+        return float(np.hypot(self.scatter_m, LEVER_M * (self.scatter_rad or 0.0)))
 
     @property
     def T_ee_targets(self) -> Array:

@@ -253,12 +253,14 @@ def descend(
     linearise: Callable[[S], Linearised],
     moved: Callable[[S, Array], S],
     cost_tolerance: float = COST_TOLERANCE,
+    most_steps: int = MAX_ITERATIONS,
 ) -> tuple[S, Linearised]:
     """Go down from a start by Gauss-Newton steps, damped where they would go up.
 
     Args:
         moved: a point and a step (k,) to the next point.
         cost_tolerance: the descent ends after a step that lowers the cost by a smaller part of it.
+        most_steps: bound on the steps.
 
     Returns:
         The lowest point reached, and the problem there.
@@ -277,7 +279,7 @@ def descend(
         still = np.abs(taken.step).max(initial=0.0) <= STEP_TOLERANCE
         return bool(still or taken.gained <= cost_tolerance * taken.before.cost)
 
-    found = minimise(start, equations, moved, arrived, most_steps=MAX_ITERATIONS)
+    found = minimise(start, equations, moved, arrived, most_steps=most_steps)
     for at, here in looked_at:
         if at is found.at:
             return at, here

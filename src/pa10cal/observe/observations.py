@@ -202,7 +202,7 @@ def with_repeat_scatter(
     mean = average_repeats(single).measured.T_instr_target[code]
     R_ee_instr = np.swapaxes(mean[:, :3, :3], 1, 2)
     shift = R_ee_instr @ (T[:, :3, 3] - mean[:, :3, 3])[..., None]
-    turn = Rotation.from_matrix(R_ee_instr @ T[:, :3, :3]).as_rotvec()
+    turn = Rotation.from_matrix(R_ee_instr @ T[:, :3, :3], assume_valid=True).as_rotvec()
     deviation = np.hstack([shift[..., 0], turn])
     cov_ee = deviation.T @ deviation / dof
     R = poses.measured.T_instr_target[:, :3, :3]

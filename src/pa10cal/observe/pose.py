@@ -169,7 +169,8 @@ class Pose(Instrument):
         T = self.T_instr_target
         found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights)
         modelled = found.targets(T_base_ee)[:, 0]
-        turn = Rotation.from_matrix(T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2))
+        off = T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2)
+        turn = Rotation.from_matrix(off, assume_valid=True)
         length_m = np.linalg.norm(T[:, :3, 3] - modelled[:, :3, 3], axis=1)
         return quantities.Misfit(length_m[:, None], np.asarray(turn.magnitude()))
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Mask, Rows, taken
-from pa10cal.frame.hand_eye import LEVER_M
-from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.frame.rigid_fit import LEVER_M, by_small_motion
 
 
 @dataclass(frozen=True)

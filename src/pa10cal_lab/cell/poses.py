@@ -280,7 +280,9 @@ class _Reach:
             T_base_ee = self._nominal.T_base_ee(q)
             R_ee_base = T_base_ee[:, :3, :3].transpose(0, 2, 1)
             shift = np.einsum("pij,pj->pi", R_ee_base, (T_wanted - T_base_ee)[:, :3, 3])
-            turn = Rotation.from_matrix(R_ee_base @ T_wanted[:, :3, :3]).as_rotvec()
+            turn = Rotation.from_matrix(
+                R_ee_base @ T_wanted[:, :3, :3], assume_valid=True
+            ).as_rotvec()
             error = np.hstack([shift, turn])
             residual = np.abs(error).max(axis=1, initial=0.0)
             moving = residual > _IK_TOLERANCE
