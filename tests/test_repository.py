@@ -426,7 +426,8 @@ LOCKS = "requirements.lock", "users.lock"
 
 
 def plain(name):
-    return re.sub(r"[-_.]+", "-", name).lower()
+    """Return the name of a package, whatever its versions, as locks write it."""
+    return re.sub(r"[-_.]+", "-", re.split(r"[<>=!~ ;]", name)[0]).lower()
 
 
 def locked(name):
