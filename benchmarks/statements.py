@@ -35,10 +35,11 @@ def rows() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def printed(raw: Path, logs: Sequence[str] = ()) -> str:
+def printed(raw: Path, logs: Sequence[str] = (), results: Path | None = None) -> str:
     """Return what is printed of a campaign from its raw files to its model.
 
     Logs that are not named are all that lie there; without any, the arm of a URDF is imported.
+    Results are kept where a folder is given for them.
     """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / raw.name
@@ -53,8 +54,8 @@ def printed(raw: Path, logs: Sequence[str] = ()) -> str:
             given = [str(folder / name) for name in logs or every]
             text = _told("columns", *given, "--robot", arm)
             (folder / "campaign.yaml").write_text(text, encoding="utf-8")
-        results = str(Path(place) / "results")
-        return text + _told("chain", "--campaign-dir", str(folder), "--results", results)
+        kept = str(results or Path(place) / "results")
+        return text + _told("chain", "--campaign-dir", str(folder), "--results", kept)
 
 
 def _told(*words: str) -> str:

@@ -57,7 +57,9 @@ def test_one_factor_of_all_readings_is_told_with_its_number(tmp_path, kind, time
         "poses.csv",
         lambda table: table.put(places, times * np.array(table.numbers(places))),
     )
-    found = [each for each in findings(folder) if each.kind == "scale"]
+    every = findings(folder)
+    assert all(each.kind != "target_places" for each in every)  # of which lengths are off as well
+    found = [each for each in every if each.kind == "scale"]
     if times == 1.0:
         assert found == []
         return

@@ -57,6 +57,23 @@ def test_signs_and_offsets_of_joints_are_taken_out(raw):
     )
 
 
+def test_joints_that_count_turns_are_brought_back_where_the_nominal_arm_agrees(raw):
+    right = read(raw)
+    rng = np.random.default_rng(2)
+    changed(raw, lambda q_deg, _: q_deg + 360.0 * rng.integers(-3, 4, 6))
+    mended = read(raw)
+    turns = (mended.observations.states.q_rad - right.observations.states.q_rad) / (2.0 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+    assert mended.quarantined == ()
+    assert any("angles are moved by whole turns" in note for note in mended.notes)
+
+
+def test_numbers_far_beyond_limits_that_do_not_fit_then_stay(raw):
+    changed(raw, lambda q_deg, _: 57.3 * q_deg)
+    with pytest.raises(Pa10calError, match="beyond the limits"):
+        read(raw)
+
+
 def test_coupled_joints_are_those_of_the_arm_and_commands_those_of_the_controller(raw):
     right = read(raw)
     changed(raw, lambda q_deg, _: q_deg - 1.0 * q_deg[1] * np.eye(6)[2])

@@ -89,11 +89,14 @@ def check_input(
         _gravity,
     )
     others = (finding for hypothesis in hypotheses if (finding := hypothesis(checked)))
+    found = tuple(itertools.islice(others, 1))
+    # Lengths of another size are those between targets, too.
+    scaled = any(finding.kind == "scale" for finding in found)
     return (
         *_temperature(campaign, every, words),
         *weights_finding(arm),
-        *_target_places(campaign, arm, grid, options),
-        *itertools.islice(others, 1),
+        *(() if scaled else _target_places(campaign, arm, grid, options)),
+        *found,
     )
 
 

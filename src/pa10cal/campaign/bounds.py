@@ -35,6 +35,7 @@ STANDARD_M_S2 = 9.80665
 TOOL_KG_PER_M = 1000.0
 #: Joints are logged within one turn where so many numbers are in their limits only a turn away.
 LEAST_WRAPPED = 2
+ONE_TURN_DEG = 360.0
 #: Part of the rows that are within bounds in another unit, for that unit to be meant.
 NEARLY_ALL = 0.9
 
@@ -161,11 +162,14 @@ def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:
     return raw
 
 
-def unwrapped(raw: RawRows, q: Sequence[str], arm: Arm) -> RawRows:
+def unwrapped(
+    raw: RawRows, q: Sequence[str], arm: Arm, *, spread_deg: float = ONE_TURN_DEG
+) -> RawRows:
     """Bring joints that were logged within one turn, such as 0 to 360 deg, back into their limits.
 
     Where whole turns put nearly all numbers beyond a joint's limits within them, the log wraps
-    angles: then those of every joint are meant nearest to the middle of its limits.
+    angles: then those of every joint are meant nearest to the middle of its limits. Numbers of a
+    joint over a wider range than `spread_deg` may as well be of another unit, and stay.
     """
     turned: dict[str, NDArray[Any]] = {}
     wraps = False
@@ -175,11 +179,11 @@ def unwrapped(raw: RawRows, q: Sequence[str], arm: Arm) -> RawRows:
             continue
         beyond = BEYOND_LIMITS["deg"]
         outside = (column < low - beyond) | (column > high + beyond)
-        turns = np.round((column - 0.5 * (low + high)) / 360.0)
-        nearest = column - 360.0 * turns
+        turns = np.round((column - 0.5 * (low + high)) / ONE_TURN_DEG)
+        nearest = column - ONE_TURN_DEG * turns
         inside = (nearest >= low - beyond) & (nearest <= high + beyond)
         if (
-            np.nanmax(column) - np.nanmin(column) <= 360.0
+            np.nanmax(column) - np.nanmin(column) <= spread_deg
             and inside[outside].sum() >= NEARLY_ALL * outside.sum()
         ):
             turned[name] = np.where(inside, nearest, column)
@@ -188,7 +192,8 @@ def unwrapped(raw: RawRows, q: Sequence[str], arm: Arm) -> RawRows:
     if not wraps:
         return raw
     words = ", ".join(OwnWords(raw.own).column(name) for name in moved)
-    note = f"{words}: angles logged within one turn are moved by whole turns, into the limits"
+    logged = "angles logged within one turn" if spread_deg == ONE_TURN_DEG else "angles"
+    note = f"{words}: {logged} are moved by whole turns, into the limits"
     return replace(raw.with_columns(moved), notes=(*raw.notes, f"{raw.file}: {note}"))
 
 

@@ -1,7 +1,8 @@
-"""Joints logged together with another, where nobody stated so: does the nominal arm agree then?
+"""Joints logged together with another, or turns away: does the nominal arm agree then?
 
 A controller that counts joint 3 to the horizontal makes rows look wrong in which joint 2 moved:
-their joint angles beyond limits, their places far from the nominal arm. They are right.
+their joint angles beyond limits, their places far from the nominal arm. They are right. So are
+those of a controller that goes on counting turns.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, spread
-from pa10cal.campaign.bounds import outside_bounds
+from pa10cal.arrays import Array, Index, spread
+from pa10cal.campaign.bounds import outside_bounds, unwrapped
 from pa10cal.campaign.conventions import EXPECTED_M, NEARER, puts_right
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.raw_rows import RawRows, in_radians
@@ -97,3 +98,19 @@ def arm_of_log(raw: RawRows, q: Sequence[str], arm: Arm, measured: Instrument) -
     axes = in_radians(raw.numbers_of(q), arm.axes_slide)
     found = coupling_that_fits(arm, axes, measured, within)
     return arm if found is None else replace(arm, coupled=found[0])
+
+
+def without_turns(
+    raw: RawRows, q: Sequence[str], arm: Arm, usable: Index, measured: Instrument
+) -> RawRows:
+    """Return a log with its joints moved by whole turns into their limits, where it fits so.
+
+    What was measured in the usable rows is `measured`.
+    """
+    moved = unwrapped(raw, q, arm, spread_deg=np.inf)
+    if moved is raw or len(usable) < measured.least_rows:
+        return raw
+    axes = in_radians(moved.at(usable).numbers_of(q), arm.axes_slide)
+    found = misfit_of(measured, Chain.of(arm).forward(arm.coupling.to_joints(axes)))
+    fits = found is not None and puts_right(float(np.median(found.size_m)), EXPECTED_M)
+    return moved if fits else raw

@@ -24,7 +24,7 @@ from pa10cal.campaign.base_motion import (
 )
 from pa10cal.campaign.bounds import labelled, outside_bounds, unwrapped, within_bounds
 from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes, other_scale
-from pa10cal.campaign.coupled_logs import Coupled, arm_of_log, coupling_that_fits
+from pa10cal.campaign.coupled_logs import Coupled, arm_of_log, coupling_that_fits, without_turns
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.nominal_fit import (
@@ -165,7 +165,9 @@ def _read_poses(
             usable &= ~off.rows
         unknown = np.full(values[usable].shape, np.nan)
         seen = instrument.from_raw(measured, values[usable], unknown, stated)
-        of_log = arm_of_log(raw.at(np.flatnonzero(usable)), q, arm, seen)
+        raw = without_turns(raw, q, arm, np.flatnonzero(usable), seen)
+        if outside_bounds(raw, q, arm).any():
+            of_log = arm_of_log(raw.at(np.flatnonzero(usable)), q, arm, seen)
     raw = within_bounds(raw, bounded, of_log)
     remaining = np.ones(len(raw), dtype=bool)
     for off in instrument.unusable(measured, raw.numbers_of(measured.names)):
