@@ -101,6 +101,26 @@ def sighted(tmp_path, kind, *, robot="ur10", poses=40, repeats=1, targets=3, see
     )
 
 
+def rows_of(*columns, names="", sep="\t", decimals=6):
+    """Return lines of columns (N,) or (N, k), under names where there are some."""
+    every = [np.asarray(each).reshape(len(columns[0]), -1).tolist() for each in columns]
+    rows = [[v for each in row for v in each] for row in zip(*every, strict=True)]
+    fields = [
+        [f"{v:.{decimals}f}" if isinstance(v, float) else str(v) for v in row] for row in rows
+    ]
+    return "\n".join([*filter(None, [names]), *(sep.join(row) for row in fields), ""])
+
+
+def is_read(found, q, T, atol_rad=2e-5, atol_m=2e-6):
+    """Say whether every pose is among those read, with its joints and its place."""
+    states, p_m = found.observations.states, found.observations.measured.places_m
+    for q_rad, T_instr_target in zip(q, T, strict=True):
+        k = int(np.argmin(np.abs(states.q_rad - q_rad).max(axis=1)))
+        np.testing.assert_allclose(states.q_rad[k], q_rad, atol=atol_rad)
+        np.testing.assert_allclose(p_m[k, 0], T_instr_target[:3, 3], atol=atol_m)
+    return True
+
+
 def _pose_columns(T):
     quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
     columns = dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * T[:, :3, 3].T, strict=True))

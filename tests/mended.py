@@ -7,6 +7,7 @@ import gzip
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -74,9 +75,19 @@ def simulated(folder: Path, robot: str, instrument: str, seed: int = 5, **plan) 
         usual = {"poses": 100 if instrument == "distance" else 60, "unseen_share": 0.0}
         usual |= {"flexible_joints": SOFT[robot]} if robot in SOFT else {}
         raw["without_touches"] = {"instrument": instrument, **usual, **plan}
-    options = parse_section(SimulateOptions, raw, where="test")
-    campaign = simulate_campaign(folder.name, load_arm(robot), options, "text_e7")
-    write_campaign(campaign, folder, folder.parent / f"{folder.name}.truth.json")
+    return write_simulated(folder, raw, folder.name, folder.parent / f"{folder.name}.truth.json")
+
+
+def write_simulated(
+    folder: Path,
+    asked: SimulateOptions | dict[str, Any],
+    name: str = "c",
+    truth: Path | None = None,
+) -> Path:
+    """Simulate a campaign as asked, and write its raw files, and maybe its truth."""
+    if isinstance(asked, dict):
+        asked = parse_section(SimulateOptions, asked, where="test")
+    write_campaign(simulate_campaign(name, load_arm(asked.robot), asked), folder, truth)
     return folder
 
 

@@ -10,15 +10,14 @@ import pytest
 from benchmarks.fuzz.corpus import CAMPAIGNS as SMALL
 
 import pa10cal
+from mended import write_simulated
 from pa10cal.commands.command_line import run_command
 from pa10cal.discovery.verdict_records import extended_record, verdict_record
 from pa10cal.evaluation.options import ChainOptions
 from pa10cal.results.codec import write
 from pa10cal.settings_reading import parse_section
 from pa10cal_lab.blind_trials import calibrated_by_stages, judged_by_stages
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.write import write_campaign
 
 #: None of them is the default: a way that loses one comes to other bytes.
 SETTINGS = {
@@ -99,10 +98,7 @@ def by_python(raw: Path, place: Path) -> Path:
 @pytest.fixture
 def raw(request, tmp_path):
     name = request.param
-    settings, folder = CAMPAIGNS[name], tmp_path / "raw" / f"made-{name}"
-    arm = pa10cal.load_arm(settings.robot)
-    write_campaign(simulate_campaign(folder.name, arm, settings), folder)
-    return folder
+    return write_simulated(tmp_path / f"raw/made-{name}", CAMPAIGNS[name], f"made-{name}")
 
 
 def bytes_of(results: Path) -> dict[str, bytes]:

@@ -5,11 +5,7 @@ import pytest
 from benchmarks.watched_base import WALK_MM, campaign_of
 
 import pa10cal
-from pa10cal.files.arms import load_arm
-from pa10cal.settings_reading import parse_section
-from pa10cal_lab.cell.campaign import simulate_campaign
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
+from mended import write_simulated
 
 
 @pytest.mark.slow
@@ -49,10 +45,7 @@ def test_a_base_that_drifts_with_its_targets_is_not_named_a_second_time(tmp_path
                 "seconds_a_pose": 40.0,
             },
         }
-        settings = parse_section(SimulateOptions, asked, where="test")
-        raw = tmp_path / str(base)
-        write_campaign(simulate_campaign("c", load_arm("irb120"), settings), raw)
-        campaign = pa10cal.read_campaign(raw)
+        campaign = pa10cal.read_campaign(write_simulated(tmp_path / str(base), asked))
         verdict = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
         assert [effect.id for effect in verdict.effects] == ["base_drift"] * named
         assert verdict.verdict == ("named" if named else "none")

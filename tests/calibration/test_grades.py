@@ -10,6 +10,7 @@ import pytest
 
 import pa10cal
 from calibrated import calibrated
+from mended import write_simulated
 from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.general import case
 from pa10cal.calibration.load_case import LoadCase
@@ -17,14 +18,9 @@ from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.given import calibrated_with
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.evaluation.holdout import Evaluation
-from pa10cal.files.arms import load_arm
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import UNRESERVED, InputFinding
-from pa10cal.settings_reading import parse_section
-from pa10cal_lab.cell.campaign import simulate_campaign
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
 
 RAW = Path(__file__).parents[2] / "data/raw"
 #: An error of joint 2 once a turn, far beyond the noise.
@@ -59,10 +55,7 @@ def campaign(tmp_path):
             "disturbances": list(disturbances),
             "without_touches": {"instrument": instrument, "poses": poses, **plan},
         } | ({} if stated_mm is None else {"stated_uncertainty_mm": stated_mm})
-        options = parse_section(SimulateOptions, raw, where="test")
-        made = simulate_campaign("c", load_arm(robot), options)
-        write_campaign(made, tmp_path / "raw")
-        return pa10cal.read_campaign(tmp_path / "raw")
+        return pa10cal.read_campaign(write_simulated(tmp_path / "raw", raw))
 
     return measured
 

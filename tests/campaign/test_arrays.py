@@ -11,35 +11,25 @@ import pytest
 import yaml
 
 from made_up_arrays import ARRAYS, MOTORS, lerobot_info, lerobot_table, mat_file
-from made_up_sightings import sighted
-from pa10cal.__main__ import main
+from made_up_sightings import rows_of, sighted
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.text_lines import lines_of
 from pa10cal.errors import Pa10calError
 
 
-@pytest.fixture
-def columns(tmp_path, capsys):
-    """Propose a campaign.yaml for files in a folder, and keep it there."""
-
-    def run(*names):
-        code = main(["columns", *(str(tmp_path / name) for name in names), "--robot", "ur10"])
-        out, said = capsys.readouterr()
-        (tmp_path / "campaign.yaml").write_text(out, encoding="utf-8")
-        return code, out, said
-
-    return run
+def places(raw):
+    """Return a list of places in mm."""
+    return rows_of(1e3 * raw.T_instr_target[:, :3, 3], names="X,Y,Z", sep=",")
 
 
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=[pytest.mark.slow] * (k % 3 > 0)) for k, name in enumerate(ARRAYS)],
 )
-def test_arrays_are_read_as_columns(tmp_path, columns, name):
+def test_arrays_are_read_as_columns(tmp_path, proposed, name):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     (tmp_path / name).write_bytes(ARRAYS[name](np.degrees(raw.q), raw.T_instr_target))
-    code, out, said = columns(name)
-    assert code == 0, said
+    out = proposed(name)
     first = {"m": "MATLAB file", "n": "NumPy file", "j": "JSON"}[name.rpartition(".")[2][0]]
     assert out.startswith(f"# {name}: {first}")
     found = read_campaign(tmp_path)
@@ -57,7 +47,7 @@ def test_arrays_are_read_as_columns(tmp_path, columns, name):
     ("beside", "names"),
     [("meta/info.json", list), ("info.json", lambda motors: {"motors": list(motors)})],
 )
-def test_tables_of_lerobot_have_the_names_that_stand_beside_them(tmp_path, columns, beside, names):
+def test_tables_of_lerobot_have_the_names_that_stand_beside_them(tmp_path, proposed, beside, names):
     """Motors in the order of the alphabet, single precision, joined with a tracker by the time."""
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     time_s = 10.0 * np.arange(len(raw.q))
@@ -67,14 +57,10 @@ def test_tables_of_lerobot_have_the_names_that_stand_beside_them(tmp_path, colum
     (tmp_path / "meta").mkdir()
     called = names([f"{MOTORS[k]}.pos" for k in order])
     (tmp_path / beside).write_text(lerobot_info(called))
-    rows = ["t [s];X [mm];Y [mm];Z [mm]"]
-    rows += [
-        f"{t};" + ";".join(f"{v:.6f}" for v in 1e3 * T[:3, 3])
-        for t, T in zip(time_s, raw.T_instr_target, strict=True)
-    ]
-    (tmp_path / "tracker.csv").write_text("\n".join(rows))
-    code, out, said = columns("episode_000000.parquet", "tracker.csv")
-    assert code == 0, said
+    places_mm = 1e3 * raw.T_instr_target[:, :3, 3]
+    tracker = rows_of(time_s, places_mm, names="t [s];X [mm];Y [mm];Z [mm]", sep=";")
+    (tmp_path / "tracker.csv").write_text(tracker)
+    out = proposed("episode_000000.parquet", "tracker.csv")
     assert "Parquet table, as lerobot writes it" in out
     joints = yaml.safe_load(out)["columns"]["joints"]["joints"]
     assert joints == {"names": [f"{name}.pos" for name in MOTORS], "unit": "deg"}
@@ -82,36 +68,32 @@ def test_tables_of_lerobot_have_the_names_that_stand_beside_them(tmp_path, colum
     np.testing.assert_allclose(states.q_rad[np.argsort(states.time_s)], raw.q, atol=1e-6)
 
 
-def test_states_of_lerobot_without_names_are_joints_in_order(tmp_path, columns):
+def test_states_of_lerobot_without_names_are_joints_in_order(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     (tmp_path / "a.parquet").write_bytes(lerobot_table(np.arange(40.0), np.degrees(raw.q)))
-    rows = [",".join(f"{v:.6f}" for v in 1e3 * T[:3, 3]) for T in raw.T_instr_target]
-    (tmp_path / "b.csv").write_text("\n".join(["X,Y,Z", *rows]))
-    code, out, said = columns("a.parquet", "b.csv")
-    assert code == 0, said
+    (tmp_path / "b.csv").write_text(places(raw))
+    out = proposed("a.parquet", "b.csv")
     names = [f"observation.state_{k}" for k in range(1, 7)]
     assert yaml.safe_load(out)["columns"]["joints"]["joints"]["names"] == names
 
 
-def test_time_that_begins_anew_in_each_episode_is_none(tmp_path, columns):
+def test_time_that_begins_anew_in_each_episode_is_none(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     time_s = np.tile(np.arange(20.0), 2)
     table = lerobot_table(time_s, np.degrees(raw.q), np.repeat([0, 1], 20))
     (tmp_path / "a.parquet").write_bytes(table)
-    rows = [",".join(f"{v:.6f}" for v in 1e3 * T[:3, 3]) for T in raw.T_instr_target]
-    (tmp_path / "b.csv").write_text("\n".join(["X,Y,Z", *rows]))
-    code, out, said = columns("a.parquet", "b.csv")
-    assert code == 0, said
+    (tmp_path / "b.csv").write_text(places(raw))
+    out = proposed("a.parquet", "b.csv")
     assert "timestamp (it begins anew in each of 2 episodes) not read" in out
     assert "time" not in yaml.safe_load(out)["columns"]["joints"]
     assert len(read_campaign(tmp_path).observations) == 40
 
 
-def test_what_is_not_read_is_named(tmp_path, columns):
+def test_what_is_not_read_is_named(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     variables = {"q": raw.q, "p": raw.T_instr_target[:, :3, 3], "other": np.zeros((7, 5))}
     (tmp_path / "a.mat").write_bytes(mat_file(variables, packed=True))
-    assert "; other not read" in columns("a.mat")[1].splitlines()[0]
+    assert "; other not read" in proposed("a.mat").splitlines()[0]
 
 
 @pytest.mark.parametrize("name", [*ARRAYS, "a.parquet"])
@@ -152,15 +134,13 @@ def test_what_holds_no_arrays_is_refused_with_what_to_do(tmp_path, name):
         list(lines_of(tmp_path / name))
 
 
-def test_ticks_of_motors_are_counts(tmp_path, columns):
+def test_ticks_of_motors_are_counts(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     ticks = np.round(2048 + raw.q / (2.0 * np.pi) * 4096)
     (tmp_path / "a.parquet").write_bytes(lerobot_table(np.arange(40.0), ticks))
     (tmp_path / "info.json").write_text(lerobot_info(list(MOTORS)))
-    rows = [",".join(f"{v:.6f}" for v in 1e3 * T[:3, 3]) for T in raw.T_instr_target]
-    (tmp_path / "b.csv").write_text("\n".join(["X,Y,Z", *rows]))
-    code, out, said = columns("a.parquet", "b.csv")
-    assert code == 0, said
+    (tmp_path / "b.csv").write_text(places(raw))
+    out = proposed("a.parquet", "b.csv")
     joints = yaml.safe_load(out)["columns"]["joints"]["joints"]
     assert joints["names"] == list(MOTORS)
     assert (joints["unit"], joints["counts_per_turn"], joints["zero_count"]) == (

@@ -5,18 +5,14 @@ import pandas as pd
 import pytest
 import yaml
 
+from mended import write_simulated
 from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import read_base_motion, read_observations, write_pose_table
 from pa10cal.commands.command_line import main
 from pa10cal.errors import RawDataError
-from pa10cal.files.arms import load_arm
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.observe.joined import Member, join
-from pa10cal.settings_reading import parse_section
-from pa10cal_lab.cell.campaign import simulate_campaign
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
 
 WALK = ({"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}},)
 
@@ -37,9 +33,7 @@ def written(folder, instrument="points", base=3, seed=3, disturbances=WALK, **pl
         },
         "disturbances": list(disturbances),
     }
-    settings = parse_section(SimulateOptions, asked, where="test")
-    write_campaign(simulate_campaign("c", load_arm("irb120"), settings), folder)
-    return folder
+    return write_simulated(folder, asked)
 
 
 def spoil(folder, change):

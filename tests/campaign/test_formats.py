@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from made_up_formats import PROGRAMS, TAKES, YASKAWA, qualisys_bodies
-from made_up_sightings import sighted
-from pa10cal.__main__ import main
+from made_up_sightings import is_read, rows_of, sighted
 from pa10cal.campaign.formats import BY_NAME
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
@@ -20,17 +19,26 @@ WRITTEN_RAD, WRITTEN_M = np.radians(1e-3), 2e-6
 
 
 @pytest.fixture
-def proposed(tmp_path, capsys):
-    """Write files, propose a campaign.yaml for them, and keep it beside them."""
+def given(tmp_path, columns):
+    """Write files, and propose a campaign.yaml for them; return code, text, what was said."""
 
     def run(**files):
-        for name, text in files.items():
-            (tmp_path / name.replace("_", ".", 1)).write_bytes(text.encode())
-        paths = [str(tmp_path / name.replace("_", ".", 1)) for name in files]
-        assert main(["columns", *paths, "--robot", "ur10"]) == 0, capsys.readouterr().err
-        text = capsys.readouterr().out
-        (tmp_path / "campaign.yaml").write_text(text, encoding="utf-8")
-        return text
+        names = {name.replace("_", ".", 1): text for name, text in files.items()}
+        for name, text in names.items():
+            (tmp_path / name).write_bytes(text.encode())
+        return columns(*names)
+
+    return run
+
+
+@pytest.fixture
+def proposed(given):
+    """Return what is proposed for files that can be read."""
+
+    def run(**files):
+        code, out, said = given(**files)
+        assert code == 0, said
+        return out
 
     return run
 
@@ -48,6 +56,12 @@ def points(raw, seed=3):
     return [(k + 1, 1e3 * raw.T_instr_target[k, :3, 3]) for k in order.tolist()]
 
 
+def timed_joints(time_s, raw):
+    """Return a log of joint positions."""
+    names = "t;A1;A2;A3;A4;A5;A6"
+    return rows_of(time_s, np.degrees(raw.q), names=names, sep=";", decimals=9)
+
+
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_points_of_a_program_are_joined_with_readings_by_their_names(tmp_path, proposed, name):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
@@ -57,12 +71,8 @@ def test_points_of_a_program_are_joined_with_readings_by_their_names(tmp_path, p
     assert yaml.safe_load(text)["columns"]["joints"]["format"] == name
     found = read_campaign(tmp_path)
     assert found.quarantined == ()
-    states, measured = found.observations.states, found.observations.measured
-    assert len(states.q_rad) == len(raw.q)
-    for q, p_m in zip(states.q_rad, measured.places_m[:, 0], strict=True):
-        k = int(np.argmin(np.abs(raw.q - q).max(axis=1)))
-        np.testing.assert_allclose(q, raw.q[k], atol=WRITTEN_RAD)
-        np.testing.assert_allclose(p_m, raw.T_instr_target[k, :3, 3], atol=WRITTEN_M)
+    assert len(found.observations) == len(raw.q)
+    assert is_read(found, raw.q, raw.T_instr_target, WRITTEN_RAD, WRITTEN_M)
 
 
 @pytest.mark.parametrize("title", TAKES)
@@ -70,12 +80,9 @@ def test_a_take_of_motion_capture_is_read(tmp_path, proposed, title):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     write, turns = TAKES[title]
     time_s = 10.0 * np.arange(len(raw.q))
-    joints = ["t;" + ";".join(f"A{k}" for k in range(1, 7))]
-    joints += [
-        f"{t};" + ";".join(f"{v:.9f}" for v in q)
-        for t, q in zip(time_s, np.degrees(raw.q), strict=True)
-    ]
-    text = proposed(joints_csv="\n".join([*joints, ""]), take_txt=write(time_s, raw.T_instr_target))
+    text = proposed(
+        joints_csv=timed_joints(time_s, raw), take_txt=write(time_s, raw.T_instr_target)
+    )
     name = title.split()[0]
     assert text.startswith(f"# take.txt: {BY_NAME[name].title}")
     content = yaml.safe_load(text)
@@ -95,13 +102,8 @@ def test_a_take_of_motion_capture_is_read(tmp_path, proposed, title):
 def test_what_was_not_seen_in_a_take_is_left_out(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     time_s = 10.0 * np.arange(len(raw.q))
-    joints = ["t;" + ";".join(f"A{k}" for k in range(1, 7))]
-    joints += [
-        f"{t};" + ";".join(f"{v:.9f}" for v in q)
-        for t, q in zip(time_s, np.degrees(raw.q), strict=True)
-    ]
     take = TAKES["motive"][0](time_s, raw.T_instr_target, lost=(4, 9))
-    proposed(joints_csv="\n".join([*joints, ""]), take_csv=take)
+    proposed(joints_csv=timed_joints(time_s, raw), take_csv=take)
     found = read_campaign(tmp_path)
     assert len(found.observations) == len(raw.q) - 2
     assert [row.line for row in found.quarantined] == [12, 17]  # below seven lines
@@ -113,23 +115,18 @@ def test_of_two_bodies_that_on_the_arm_is_the_target(tmp_path, proposed):
     time_s = 10.0 * np.arange(len(raw.q))
     floor = np.tile(np.eye(4), (len(time_s), 1, 1))
     floor[:, :3, 3] = np.random.default_rng(0).normal([1.2, 0.3, 0.05], 2e-5, (len(time_s), 3))
-    joints = ["t;" + ";".join(f"A{k}" for k in range(1, 7))]
-    rows = zip(time_s, np.degrees(raw.q), strict=True)
-    joints += [f"{t};" + ";".join(f"{v:.9f}" for v in q) for t, q in rows]
     take = qualisys_bodies(time_s, {"Floor": floor, "Flange": raw.T_instr_target})
-    text = proposed(joints_csv="\n".join([*joints, ""]), take_tsv=take)
+    text = proposed(joints_csv=timed_joints(time_s, raw), take_tsv=take)
     columns = yaml.safe_load(text)["columns"]["readings"]
     assert columns["rotation"]["names"][0] == "Flange r11"
     assert columns["position"]["names"][0] == "Flange x [mm]"
     assert list(columns["targets"]) == ["base1"]
 
 
-def test_pulses_are_refused_with_what_to_export(tmp_path, capsys):
-    (tmp_path / "job.jbi").write_text(YASKAWA)
-    (tmp_path / "tracker.csv").write_text("Name,X,Y,Z\nC00000,1,2,3\nC00001,4,5,6\n")
-    paths = [str(tmp_path / name) for name in ("job.jbi", "tracker.csv")]
-    assert main(["columns", *paths, "--robot", "ur10"]) == 2
-    said = capsys.readouterr().err
+def test_pulses_are_refused_with_what_to_export(given):
+    places = "Name,X,Y,Z\nC00000,1,2,3\nC00001,4,5,6\n"
+    code, _, said = given(job_jbi=YASKAWA, tracker_csv=places)
+    assert code == 2
     assert "job.jbi:6" in said
     assert "pulses" in said
     assert "S, L, U, R, B, T in degrees" in said
@@ -157,24 +154,17 @@ def said_of(folder):
 
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("share", [0.02, 0.5, pytest.param(0.93, marks=pytest.mark.slow)])
-def test_a_file_that_was_cut_short_is_told(tmp_path, capsys, name, share):
+def test_a_file_that_was_cut_short_is_told(tmp_path, given, name, share):
     """A part of a row is quarantined as cut; a part of a header is refused with its place."""
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     text = written(raw, name)
     cut = text[: int(share * len(text))].rstrip("\r\n")[:-1]
-    file = "program.dat" if name in PROGRAMS else "take.txt"
-    (tmp_path / file).write_bytes(cut.encode())
     if name in PROGRAMS:
-        other = "tracker.csv"
-        (tmp_path / other).write_text(tracker(points(raw), PROGRAMS[name][1]))
+        code, _, said = given(program_dat=cut, tracker_csv=tracker(points(raw), PROGRAMS[name][1]))
     else:
-        other = "joints.csv"
-        rows = ["A1;A2;A3;A4;A5;A6", *(";".join(f"{v:.6f}" for v in q) for q in np.degrees(raw.q))]
-        (tmp_path / other).write_text("\n".join(rows))
-    code = main(["columns", str(tmp_path / file), str(tmp_path / other), "--robot", "ur10"])
-    out, said = capsys.readouterr()
+        joints = rows_of(np.degrees(raw.q), names="A1;A2;A3;A4;A5;A6", sep=";")
+        code, _, said = given(take_txt=cut, joints_csv=joints)
     if code == 0:
-        (tmp_path / "campaign.yaml").write_text(out)
         assert re.search("cut short|; allowed: ", said_of(tmp_path))
     else:
         assert code == 2
@@ -196,29 +186,23 @@ def test_a_file_that_was_cut_short_is_told(tmp_path, capsys, name, share):
         ("abb", "jointtarget", "poseframe", "no joint positions"),
     ],
 )
-def test_a_header_of_another_version_is_refused(tmp_path, capsys, name, old, new, told):
+def test_a_header_of_another_version_is_refused(given, tmp_path, name, old, new, told):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     text = written(raw, name)
     assert old in text
-    (tmp_path / "file.txt").write_bytes(text.replace(old, new).encode())
-    (tmp_path / "other.csv").write_text(tracker(points(raw), "P{}"))
-    paths = [str(tmp_path / each) for each in ("file.txt", "other.csv")]
-    code = main(["columns", *paths, "--robot", "ur10"])
-    out, said = capsys.readouterr()
+    other = tracker(points(raw), "P{}")
+    code, out, said = given(file_txt=text.replace(old, new), other_csv=other)
     assert re.search(told, said + out)
     assert code == 2 or "it is refused" in out
 
 
-def test_a_program_in_two_units_is_refused(tmp_path, capsys):
+def test_a_program_in_two_units_is_refused(tmp_path, given):
     raw = sighted(tmp_path, "pose")
     text = PROGRAMS["fanuc_ls"][0](np.degrees(raw.q))
     last = text.rindex("J2=")
     text = text[:last] + text[last:].replace(" deg", " mm", 1)
-    (tmp_path / "file.ls").write_bytes(text.encode())
-    (tmp_path / "other.csv").write_text(tracker(points(raw), "P{}"))
-    paths = [str(tmp_path / each) for each in ("file.ls", "other.csv")]
-    assert main(["columns", *paths, "--robot", "ur10"]) == 2
-    said = capsys.readouterr().err
+    code, _, said = given(file_ls=text, other_csv=tracker(points(raw), "P{}"))
+    assert code == 2
     assert re.search(r"file\.ls:\d+: J2 is in two units", said)
 
 
@@ -238,11 +222,8 @@ def test_a_file_of_another_format_than_is_stated_is_refused(tmp_path, proposed):
 
 def with_joints(raw, **columns):
     """Return a table of joint positions and further columns, to nine decimals."""
-    every = {f"J{k} [deg]": values for k, values in enumerate(np.degrees(raw.q.T), start=1)}
-    every |= columns
-    lines = [";".join(every)]
-    lines += [";".join(f"{v:.9f}" for v in row) for row in zip(*every.values(), strict=True)]
-    return "\n".join([*lines, ""])
+    names = ";".join([*(f"J{k} [deg]" for k in range(1, 7)), *columns])
+    return rows_of(np.degrees(raw.q), *columns.values(), names=names, sep=";", decimals=9)
 
 
 TURN = {"deg": 360.0, "gon": 400.0, "rad": 2.0 * np.pi}
@@ -301,12 +282,9 @@ def test_a_log_of_rtde_is_read(tmp_path, proposed):
     for k, q in enumerate(raw.q):
         values = [100.0 + 10 * k, *(q + 1e-3), *q, *np.zeros(6), *raw.T_instr_target[k, 0], 0, 0]
         lines.append(" ".join(f"{value:.9f}" for value in values))
-    rows = ["Zeit;X [mm];Y [mm];Z [mm]"]
-    rows += [
-        f"{5 + 10 * k};" + ";".join(f"{v:.6f}" for v in p)
-        for k, p in enumerate(1e3 * raw.T_instr_target[:, :3, 3])
-    ]
-    text = proposed(robot_txt="\n".join([*lines, ""]), tracker_csv="\n".join([*rows, ""]))
+    time_s, places = 5 + 10 * np.arange(len(raw.q)), 1e3 * raw.T_instr_target[:, :3, 3]
+    tracker_csv = rows_of(time_s, places, names="Zeit;X [mm];Y [mm];Z [mm]", sep=";")
+    text = proposed(robot_txt="\n".join([*lines, ""]), tracker_csv=tracker_csv)
     assert text.startswith("# robot.txt: Universal Robots RTDE log")
     found = read_campaign(tmp_path)
     order = np.argsort(found.observations.states.time_s)

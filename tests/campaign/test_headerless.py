@@ -6,62 +6,40 @@ import numpy as np
 import pytest
 
 from made_up_formats import PROGRAMS
-from made_up_sightings import sighted
-from pa10cal.__main__ import main
+from made_up_sightings import is_read, rows_of, sighted
 from pa10cal.campaign.read import read_campaign
 
 
-def rows_of(*columns):
-    """Return rows with tabs between the fields, of columns (N,) or (N, k)."""
-    every = [np.asarray(each).reshape(len(columns[0]), -1).tolist() for each in columns]
-    rows = [[v for each in row for v in each] for row in zip(*every, strict=True)]
-    fields = [[f"{v:.6f}" if isinstance(v, float) else str(v) for v in row] for row in rows]
-    return "\n".join([*("\t".join(row) for row in fields), ""])
-
-
-def columns(folder, capsys, *files):
-    code = main(["columns", *(str(folder / name) for name in files), "--robot", "ur10"])
-    out, said = capsys.readouterr()
-    (folder / "campaign.yaml").write_text(out, encoding="utf-8")
-    return code, out, said
-
-
-def is_read(folder, raw):
-    states, p_m = (found := read_campaign(folder).observations).states, found.measured.places_m
-    assert len(states.q_rad) == len(raw.q)
-    for q, T in zip(raw.q, raw.T_instr_target, strict=True):
-        k = int(np.argmin(np.abs(states.q_rad - q).max(axis=1)))
-        np.testing.assert_allclose(states.q_rad[k], q, atol=2e-5)
-        np.testing.assert_allclose(p_m[k, 0], T[:3, 3], atol=2e-6)
-    return True
+def is_whole(folder, raw):
+    found = read_campaign(folder)
+    assert len(found.observations) == len(raw.q)
+    return is_read(found, raw.q, raw.T_instr_target)
 
 
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 @pytest.mark.parametrize("exchanged", [False, True])
-def test_two_logs_without_names_are_told_by_the_arm(tmp_path, capsys, unit, exchanged):
+def test_two_logs_without_names_are_told_by_the_arm(tmp_path, proposed, unit, exchanged):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     q = np.degrees(raw.q) if unit == "deg" else raw.q
     number = np.arange(len(q))
     (tmp_path / "a.txt").write_text(rows_of(number, q, 0.3 + 0.01 * np.sin(number)))
     (tmp_path / "b.txt").write_text(rows_of(1e3 * raw.T_instr_target[:, :3, 3]))
     files = ("b.txt", "a.txt") if exchanged else ("a.txt", "b.txt")
-    code, out, said = columns(tmp_path, capsys, *files)
-    assert code == 0, said
+    out = proposed(*files)
     assert "joined by row" in out
-    assert is_read(tmp_path, raw)
+    assert is_whole(tmp_path, raw)
 
 
-def test_one_file_without_names_is_told_by_the_arm(tmp_path, capsys):
+def test_one_file_without_names_is_told_by_the_arm(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     place = 1e3 * raw.T_instr_target[:, :3, 3]
     (tmp_path / "a.txt").write_text(rows_of(place, np.degrees(raw.q), 20.0 + 0.0 * place[:, 0]))
-    code, _, said = columns(tmp_path, capsys, "a.txt")
-    assert code == 0, said
-    assert is_read(tmp_path, raw)
+    proposed("a.txt")
+    assert is_whole(tmp_path, raw)
 
 
 @pytest.mark.parametrize("before", [[], ["A", "Points"]])
-def test_points_as_text_are_joined_by_their_labels(tmp_path, capsys, before):
+def test_points_as_text_are_joined_by_their_labels(tmp_path, proposed, before):
     """As SpatialAnalyzer exports them: collection, group and target, or the target alone."""
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     (tmp_path / "p.dat").write_text(PROGRAMS["kuka"][0](np.degrees(raw.q)))
@@ -71,14 +49,13 @@ def test_points_as_text_are_joined_by_their_labels(tmp_path, capsys, before):
         values = [f"{v:.6f}" for v in 1e3 * raw.T_instr_target[k, :3, 3]]
         lines.append(" ".join([*before, f"P{k + 1}", *values]))
     (tmp_path / "points.txt").write_text("\n".join([*lines, ""]))
-    code, out, said = columns(tmp_path, capsys, "points.txt", "p.dat")
-    assert code == 0, said
+    out = proposed("points.txt", "p.dat")
     assert "# points.txt: points as text" in out
     assert "joined by label" in out
-    assert is_read(tmp_path, raw)
+    assert is_whole(tmp_path, raw)
 
 
-def test_a_column_that_numbers_the_targets_is_named(tmp_path, capsys):
+def test_a_column_that_numbers_the_targets_is_named(tmp_path, columns):
     raw = sighted(tmp_path, "points", poses=60)
     which = np.random.default_rng(2).integers(0, 3, len(raw.q))
     p = np.where(np.isnan(raw.p_instr_m), np.nanmean(raw.p_instr_m), raw.p_instr_m)
@@ -86,21 +63,21 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, capsys):
     place = 1e3 * p[np.arange(len(which)), which]
     (tmp_path / "a.txt").write_text(rows_of(np.degrees(raw.q)[seen], which[seen] + 1))
     (tmp_path / "b.txt").write_text(rows_of(place[seen]))
-    code, _, said = columns(tmp_path, capsys, "a.txt", "b.txt")
+    code, _, said = columns("a.txt", "b.txt")
     assert code == 2
     assert "a.txt: column 7 says which of 3 targets a row is of" in said
     assert "copy column 7 behind those of b.txt" in said
     for file, names in (("a.txt", "J1 J2 J3 J4 J5 J6 target"), ("b.txt", "X Y Z")):
         rows = (tmp_path / file).read_text()
         (tmp_path / file).write_text(f"{names}\n{rows}")
-    code, out, _ = columns(tmp_path, capsys, "a.txt", "b.txt")
+    code, out, _ = columns("a.txt", "b.txt")
     assert code == 0
     assert "target of a.txt says which target a row is of" in out
     assert "copy that column into b.txt" in out
     texts = [(tmp_path / file).read_text().splitlines() for file in ("a.txt", "b.txt")]
     both = zip(*texts, strict=True)
     (tmp_path / "b.txt").write_text("".join(f"{b} {a.split()[-1]}\n" for a, b in both))
-    code, out, _ = columns(tmp_path, capsys, "a.txt", "b.txt")
+    code, out, _ = columns("a.txt", "b.txt")
     assert code == 0
     assert "every row is of one target" in out
     assert "copy that column" not in out
@@ -109,7 +86,7 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, capsys):
 
 @pytest.mark.parametrize("files", [("all.txt",), ("a.txt", "b.txt")])
 def test_targets_that_a_column_numbers_are_read_where_it_stands_with_their_places(
-    tmp_path, capsys, files
+    tmp_path, proposed, files
 ):
     raw = sighted(tmp_path, "points", poses=60)
     which = np.random.default_rng(2).integers(0, 3, len(raw.q))
@@ -121,25 +98,26 @@ def test_targets_that_a_column_numbers_are_read_where_it_stands_with_their_place
     else:
         (tmp_path / "a.txt").write_text(rows_of(q))
         (tmp_path / "b.txt").write_text(rows_of(place, which))
-    code, out, said = columns(tmp_path, capsys, *files)
-    assert code == 0, said
+    out = proposed(*files)
     assert f"read so: {seen.sum()} rows can be used, 0 cannot" in out
     assert "every row is of one target" in out
     assert "is not read: a gripper" not in out
 
 
-def test_columns_that_no_arm_explains_are_refused(tmp_path, capsys):
+def test_columns_that_no_arm_explains_are_refused(tmp_path, columns):
     raw = sighted(tmp_path, "pose")
     place = 1e3 * raw.T_instr_target[:, :3, 3]
     (tmp_path / "a.txt").write_text(rows_of(np.degrees(raw.q)))
     (tmp_path / "b.txt").write_text(rows_of(place[::-1]))
-    code, _, said = columns(tmp_path, capsys, "a.txt", "b.txt")
+    code, _, said = columns("a.txt", "b.txt")
     assert code == 2
     assert "header" in said
 
 
 @pytest.mark.parametrize("heading", ["Pos {}", "Position {}:", "{}"])
-def test_blocks_of_named_values_are_joined_by_the_numbers_of_the_joints(tmp_path, capsys, heading):
+def test_blocks_of_named_values_are_joined_by_the_numbers_of_the_joints(
+    tmp_path, proposed, heading
+):
     """Five readings under each number, as T-Scan writes them; the joints in rows without names."""
     raw = sighted(tmp_path, "pose")
     rng, lines = np.random.default_rng(3), []
@@ -151,8 +129,7 @@ def test_blocks_of_named_values_are_joined_by_the_numbers_of_the_joints(tmp_path
         lines += [""]
     (tmp_path / "scan.txt").write_text("\n".join(lines), encoding="utf-8")
     (tmp_path / "joints.txt").write_text(rows_of(np.arange(1, len(raw.q) + 1), raw.q))
-    code, out, said = columns(tmp_path, capsys, "joints.txt", "scan.txt")
-    assert code == 0, said
+    out = proposed("joints.txt", "scan.txt")
     assert "joined by label" in out
     states = read_campaign(tmp_path).observations.states
     assert len(states.q_rad) == 5 * len(raw.q)
@@ -168,8 +145,8 @@ def test_blocks_of_named_values_are_joined_by_the_numbers_of_the_joints(tmp_path
         "Pos 1\nX Y Z\n",
     ],
 )
-def test_blocks_that_hold_too_little_are_refused(tmp_path, capsys, text):
+def test_blocks_that_hold_too_little_are_refused(tmp_path, columns, text):
     (tmp_path / "scan.txt").write_text(text, encoding="utf-8")
-    code, _, said = columns(tmp_path, capsys, "scan.txt")
+    code, _, said = columns("scan.txt")
     assert code == 2
     assert said.startswith("pa10cal columns:")

@@ -24,17 +24,14 @@ PLACE, QUATERNION = ["x_mm", "y_mm", "z_mm"], ["qw", "qx", "qy", "qz"]
 
 
 @pytest.fixture
-def proposed(tmp_path, capsys):
-    """Write a table, propose a campaign.yaml for it, and read the campaign with that."""
+def written(tmp_path, proposed):
+    """Write a table, and propose a campaign.yaml for it."""
 
     def run(table, *options, preamble="", **how):
         folder = tmp_path / "mine"
         folder.mkdir(exist_ok=True)
-        path = folder / "export.txt"
-        path.write_text(preamble + table.to_csv(index=False, **how))
-        assert main(["columns", str(path), *options]) == 0
-        text = capsys.readouterr().out
-        (folder / "campaign.yaml").write_text(text)
+        (folder / "export.txt").write_text(preamble + table.to_csv(index=False, **how))
+        text = proposed("export.txt", folder=folder, options=options)
         return yaml.safe_load(text), text, folder
 
     return run
@@ -69,14 +66,14 @@ def attitudes(table, convention):
     ],
 )
 def test_the_convention_is_that_in_which_the_nominal_arm_agrees(
-    tmp_path, proposed, convention, names
+    tmp_path, written, convention, names
 ):
     raw, table = tracked(tmp_path)
     own = table.drop(columns=QUATERNION).rename(columns=dict(zip(PLACE, "XYZ", strict=True)))
     own[Q] = np.radians(own[Q])
     own = own.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
     own = own.join(pd.DataFrame(attitudes(table, convention), columns=names))
-    content, text, folder = proposed(own, "--robot", "ur10", sep=";", decimal=",")
+    content, text, folder = written(own, "--robot", "ur10", sep=";", decimal=",")
     assert "# read so: 40 rows can be used, 0 cannot" in text
     columns = content["columns"]["poses"]
     assert columns["rotation"]["convention"] == convention
@@ -90,79 +87,79 @@ def test_the_convention_is_that_in_which_the_nominal_arm_agrees(
     )
 
 
-def test_units_without_a_word_are_found_by_the_arm(tmp_path, proposed):
+def test_units_without_a_word_are_found_by_the_arm(tmp_path, written):
     _, table = tracked(tmp_path)
     own = table.rename(columns=dict(zip(PLACE, ["px", "py", "pz"], strict=True)))
     own[["px", "py", "pz"]] *= 1e-3
-    columns = proposed(own, "--robot", "ur10")[0]["columns"]["poses"]
+    columns = written(own, "--robot", "ur10")[0]["columns"]["poses"]
     assert columns["position"] == {"names": ["px", "py", "pz"], "unit": "m"}
 
 
-def test_an_arm_is_taken_from_a_folder_of_arms(tmp_path, proposed):
+def test_an_arm_is_taken_from_a_folder_of_arms(tmp_path, written):
     _, table = tracked(tmp_path)
     arms = tmp_path / "elsewhere"
     arms.mkdir()
     own = arm_text(load_arm("ur10")).replace("ur10", "ours")
     (arms / "ours.yaml").write_text(own, encoding="utf-8")
-    content, text, folder = proposed(table, "--robot", "ours", "--arms", str(arms))
+    content, text, folder = written(table, "--robot", "ours", "--arms", str(arms))
     assert content["robot"] == "ours"
     assert "rows can be used, 0 cannot" in text
     assert read_campaign(folder, arms=arms).arm.n == 6
     assert main(["columns", str(folder / "export.txt"), "--robot", "ours"]) != 0
 
 
-def test_a_proposal_shows_nothing_that_a_terminal_obeys(tmp_path, proposed):
+def test_a_proposal_shows_nothing_that_a_terminal_obeys(tmp_path, written):
     """And names its columns all the same."""
     _, table = tracked(tmp_path)
     names = [f"J{k}\u202e\x1b[2J\x9b'# : {{" for k in range(1, 7)]
     own = table.rename(columns=dict(zip(Q, names, strict=True)))
-    content, text, folder = proposed(own, "--robot", "ur10")
+    content, text, folder = written(own, "--robot", "ur10")
     assert content["columns"]["poses"]["joints"]["names"] == names
     assert all(line.isprintable() for line in text.splitlines())
     assert read_campaign(folder).arm.n == 6
 
 
-def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, proposed):
+def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, written):
     _, table = tracked(tmp_path)
     own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
     own[PLACE] = own[PLACE].to_numpy()[::-1]  # of other poses
-    text = proposed(own, "--robot", "ur10")[1]
+    text = written(own, "--robot", "ur10")[1]
     assert re.search(r"^# check: the nominal model, base and target fitted, is \d+ mm", text, re.M)
 
 
 @pytest.mark.parametrize("times", [0.5, 1.1, 4.0])
 @pytest.mark.parametrize("kind", ["pose", "points"])
-def test_lengths_of_another_scale_are_told_by_their_factor(tmp_path, proposed, times, kind):
+def test_lengths_of_another_scale_are_told_by_their_factor(tmp_path, written, times, kind):
     """As of a tag that is held for another size: orientations are right, and no row is lost."""
     _, table = tracked(tmp_path, kind)
     own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
     places = [name for name in own if name.endswith(("x_mm", "y_mm", "z_mm"))]
     own[places] *= times
-    text = proposed(own, "--robot", "ur10")[1]
+    text = written(own, "--robot", "ur10")[1]
     assert "rows can be used, 0 cannot" in text
     assert re.search(rf"mm if lengths are divided by {times:g}: check the size of the tag", text)
     assert "none agrees with the nominal arm" not in text
 
 
-def test_without_an_arm_the_reader_is_told_what_to_check(tmp_path, proposed):
+def test_without_an_arm_the_reader_is_told_what_to_check(tmp_path, written):
     _, table = tracked(tmp_path)
     own = table.drop(columns=QUATERNION)
     own[["rx", "ry", "rz"]] = attitudes(table, "euler_XYZ")
-    content, text, _ = proposed(own)
+    content, text, _ = written(own)
     assert content["robot"] == "my_arm"
     assert content["columns"]["poses"]["rotation"]["convention"] == "rpy"
     assert "# check rotation.convention: rpy, by the names alone" in text
     assert "--robot" in text
 
 
-def test_what_was_commanded_is_not_taken_for_what_was_measured(tmp_path, proposed):
+def test_what_was_commanded_is_not_taken_for_what_was_measured(tmp_path, written):
     _, table = tracked(tmp_path)
     goals = {"Goal x": 0.1, "Goal y": 0.2, "Goal z": 0.3, "Goal roll": 0.0}
     own = table.assign(**goals | {"Goal pitch": 0.0, "Goal yaw": 0.0})
     stamps = pd.Timestamp("2026-01-05 10:00") + pd.to_timedelta(np.arange(len(own)), unit="min")
     own = own.assign(Clock=stamps.strftime("%m/%d/%Y %H:%M:%S"), Temp_F=70.0)
     own = own.rename(columns={"Clock": "Time"}).assign(std_x_mm=0.02, std_y_mm=0.02, std_z_mm=0.02)
-    content, _, folder = proposed(own, "--robot", "ur10", preamble="Tracker\nOperator: me\n\n")
+    content, _, folder = written(own, "--robot", "ur10", preamble="Tracker\nOperator: me\n\n")
     columns = content["columns"]["poses"]
     assert columns["header"] == 4
     assert columns["position"]["names"] == PLACE
@@ -174,32 +171,32 @@ def test_what_was_commanded_is_not_taken_for_what_was_measured(tmp_path, propose
     assert len(read_campaign(folder).observations) == 40
 
 
-def test_a_date_and_a_time_of_day_are_one_time(tmp_path, proposed):
+def test_a_date_and_a_time_of_day_are_one_time(tmp_path, written):
     _, table = tracked(tmp_path)
     stamps = pd.Timestamp("2026-11-03 09:00") + pd.to_timedelta(10 * np.arange(len(table)), "s")
     table.insert(0, "Datum", stamps.strftime("%d.%m.%Y"))
     table.insert(1, "Uhrzeit", stamps.strftime("%H:%M:%S"))
-    content, text, folder = proposed(table, "--robot", "ur10", sep=";", decimal=",")
+    content, text, folder = written(table, "--robot", "ur10", sep=";", decimal=",")
     how = {"names": ["Datum", "Uhrzeit"], "format": "%d.%m.%Y %H:%M:%S"}
     assert content["columns"]["poses"]["time"] == how
     assert "# check time" not in text
     assert np.ptp(read_campaign(folder).observations.states.time_s) == 10.0 * (len(table) - 1)
 
 
-def test_several_targets_are_points_and_a_distance_is_one(tmp_path, proposed):
+def test_several_targets_are_points_and_a_distance_is_one(tmp_path, written):
     _, table = tracked(tmp_path, "points")
-    content, _, _ = proposed(table, "--robot", "ur10")
+    content, _, _ = written(table, "--robot", "ur10")
     assert content["instrument"]["kind"] == "points"
     assert sorted(content["columns"]["poses"]["targets"]) == ["T1", "T2", "T3"]
     _, table = tracked(tmp_path, "distance")
-    content, _, _ = proposed(table.rename(columns={"d_mm": "Range mm"}), "--robot", "ur10")
+    content, _, _ = written(table.rename(columns={"d_mm": "Range mm"}), "--robot", "ur10")
     assert content["columns"]["poses"]["distance"] == {"names": "Range mm", "unit": "mm"}
 
 
-def test_a_file_of_the_contract_needs_no_mapping(tmp_path, proposed):
+def test_a_file_of_the_contract_needs_no_mapping(tmp_path, written):
     raw = sighted(tmp_path, "pose")
     table = pd.read_csv(io.StringIO("\n".join(raw.poses)))
-    content, _, folder = proposed(table, "--robot", "ur10", "--name", "mine")
+    content, _, folder = written(table, "--robot", "ur10", "--name", "mine")
     assert "columns" not in content
     assert content["name"] == "mine"
     assert len(read_campaign(folder).observations) == 40
@@ -225,30 +222,30 @@ def test_a_file_of_something_else_is_refused(tmp_path, capsys, text, message):
     assert main(["columns", str(tmp_path / "none.txt")]) == 2
 
 
-def test_numbered_columns_behind_the_last_joint_are_not_read_which_is_said(tmp_path, proposed):
+def test_numbered_columns_behind_the_last_joint_are_not_read_which_is_said(tmp_path, written):
     """As of a gripper: seven are there, for an arm of six."""
     raw, table = tracked(tmp_path, "points")
     own = table.rename(columns={name: f"J{k}" for k, name in enumerate(Q, start=1)})
     own["J7"] = np.linspace(0.0, 40.0, len(own))
-    content, text, folder = proposed(own, "--robot", "ur10")
+    content, text, folder = written(own, "--robot", "ur10")
     assert content["columns"]["poses"]["joints"]["names"] == [f"J{k}" for k in range(1, 7)]
     assert "joints: the arm has 6, so J7 is not read" in text
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
 
 
 @pytest.mark.parametrize(("largest", "said"), [(99.9, True), (160.0, False), (1.5, False)])
-def test_percents_of_a_range_are_no_angles(tmp_path, proposed, largest, said):
+def test_percents_of_a_range_are_no_angles(tmp_path, written, largest, said):
     """LeRobot writes positions so, unless it is told to use degrees."""
     _, table = tracked(tmp_path, "points")
     own = table.rename(columns=dict(zip(Q, (f"{name}.pos" for name in UR), strict=True)))
     joints = own[[f"{name}.pos" for name in UR]]
     own[joints.columns] = joints * (largest / joints.abs().max())
-    assert ("percents of each joint's range" in proposed(own, "--robot", "ur10")[1]) == said
+    assert ("percents of each joint's range" in written(own, "--robot", "ur10")[1]) == said
 
 
 @pytest.mark.parametrize("names", [UR, [f"j{k}" for k in range(1, 7)]])
 @pytest.mark.parametrize("sides", [("left", "right"), ("right", "left"), ("actual", "target")])
-def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, proposed, names, sides):
+def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, written, names, sides):
     """But of what was commanded and what was measured the latter is taken, both near."""
     raw, table = tracked(tmp_path, "points")
     joints, places = table[Q].to_numpy(), table.drop(columns=Q)
@@ -256,7 +253,7 @@ def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, propos
     other = joints + 1e-3 if "actual" in sides else rng.permutation(joints)
     both = {"left": joints, "actual": joints, "right": other, "target": other}
     own = pd.DataFrame({f"{s}_{n}": both[s][:, k] for s in sides for k, n in enumerate(names)})
-    content, _, folder = proposed(own.join(places), "--robot", "ur10")
+    content, _, folder = written(own.join(places), "--robot", "ur10")
     found = content["columns"]["poses"]["joints"]["names"]
     assert found == [f"{'actual' if 'actual' in sides else 'left'}_{name}" for name in names]
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
@@ -264,7 +261,7 @@ def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, propos
 
 @pytest.mark.parametrize("other_first", [False, True])
 def test_of_two_arms_under_the_same_names_the_nominal_arm_tells_its_own(
-    tmp_path, proposed, other_first
+    tmp_path, written, other_first
 ):
     """And nine numbers side by side that are a rotation are one, under any names."""
     raw, table = tracked(tmp_path)
@@ -277,7 +274,7 @@ def test_of_two_arms_under_the_same_names_the_nominal_arm_tells_its_own(
     both = np.column_stack([of_other, of_arm] if other_first else [of_arm, of_other])
     names = [f"pos {axis}" for axis in "xyz"] + [f"o{k}" for k in range(9)]
     own = pd.DataFrame(both, columns=2 * (names + [f"J{k}" for k in range(1, 7)]))
-    content, text, folder = proposed(own, "--robot", "ur10")
+    content, text, folder = written(own, "--robot", "ur10")
     columns = content["columns"]["poses"]
     assert columns["joints"]["names"][0] == ("J1 (2)" if other_first else "J1")
     assert columns["rotation"]["names"][8] == ("o8 (2)" if other_first else "o8")
@@ -300,17 +297,17 @@ def test_the_mapping_of_the_measured_ur10_is_found(ipa_data, capsys, series):
     assert ("u" in columns["position"]) == series.startswith("C")
 
 
-def test_joints_are_mapped_by_their_names_whatever_their_order(tmp_path, proposed):
+def test_joints_are_mapped_by_their_names_whatever_their_order(tmp_path, written):
     raw, table = tracked(tmp_path, "points")
     called = dict(zip(Q, (f"{name}_joint" for name in UR), strict=True))
     own = table.rename(columns=called)
     own = own[[*sorted(called.values()), *(set(own) - set(called.values()))]]
-    content, _, folder = proposed(own, "--robot", "ur10")
+    content, _, folder = written(own, "--robot", "ur10")
     assert content["columns"]["poses"]["joints"]["names"] == list(called.values())
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
 
 
-def test_names_in_columns_of_text_give_the_order_and_are_no_angles(tmp_path, proposed):
+def test_names_in_columns_of_text_give_the_order_and_are_no_angles(tmp_path, written):
     """A table of /joint_states: names, positions, efforts, in the order of the alphabet."""
     raw, table = tracked(tmp_path, "points")
     own = table.drop(columns=Q)
@@ -320,7 +317,7 @@ def test_names_in_columns_of_text_give_the_order_and_are_no_angles(tmp_path, pro
         own[f"position{k}"] = np.radians(table[Q[joint]])
         own[f"velocity{k}"] = 0.0
         own[f"effort{k}"] = float(joint)
-    content, text, folder = proposed(own, "--robot", "ur10")
+    content, text, folder = written(own, "--robot", "ur10")
     columns = content["columns"]["poses"]
     inverse = np.argsort(order)
     assert columns["joints"]["names"] == [f"position{k}" for k in inverse]
@@ -332,7 +329,7 @@ def test_names_in_columns_of_text_give_the_order_and_are_no_angles(tmp_path, pro
     np.testing.assert_allclose(every.states.tau_Nm[0], np.arange(6.0))
 
 
-def test_joints_have_the_names_of_the_urdf_that_the_arm_came_from(tmp_path, proposed):
+def test_joints_have_the_names_of_the_urdf_that_the_arm_came_from(tmp_path, written):
     _, table = tracked(tmp_path, "points")
     arms, names = tmp_path / "arms", list("fedcba")
     arms.mkdir()
@@ -346,7 +343,7 @@ def test_joints_have_the_names_of_the_urdf_that_the_arm_came_from(tmp_path, prop
     (arms / "ours.yaml").write_text(text, encoding="utf-8")
     own = table.rename(columns=dict(zip(Q, (f"{name}.pos" for name in names), strict=True)))
     own = own[sorted(own)]
-    content, _, _ = proposed(own, "--robot", "ours")
+    content, _, _ = written(own, "--robot", "ours")
     columns = content["columns"]["poses"]["joints"]["names"]
     assert columns == [f"{name}.pos" for name in names]
     (arms / "ours.urdf").write_text("<robot", encoding="utf-8")  # names are then not known
@@ -367,13 +364,13 @@ def test_joints_have_the_names_of_the_urdf_that_the_arm_came_from(tmp_path, prop
     ],
 )
 def test_expanded_uncertainties_are_divided_by_their_factor(
-    tmp_path, proposed, names, unit, coverage
+    tmp_path, written, names, unit, coverage
 ):
     _, table = tracked(tmp_path)
     own = table.drop(columns=QUATERNION).rename(columns=dict(zip(PLACE, "XYZ", strict=True)))
     size = 0.04 * (1e3 if unit == "um" else 1.0)
     own = own.assign(**dict.fromkeys(names, size))
-    content, text, folder = proposed(own, "--robot", "ur10")
+    content, text, folder = written(own, "--robot", "ur10")
     position = content["columns"]["poses"]["targets"]["T1"]
     assert position["u"] == (names if len(names) == 3 else 3 * names)
     assert position.get("coverage", 1.0) == coverage
@@ -384,7 +381,7 @@ def test_expanded_uncertainties_are_divided_by_their_factor(
     np.testing.assert_allclose(np.sqrt(variance[:, 0, 0]), 4e-5 / coverage)
 
 
-def test_a_target_called_a_b_c_is_no_euler_angle(tmp_path, proposed):
+def test_a_target_called_a_b_c_is_no_euler_angle(tmp_path, written):
     _, table = tracked(tmp_path, "points")
     names = {
         f"T{k}_{axis}_mm": f"Target {letter} {axis.upper()}"
@@ -393,14 +390,14 @@ def test_a_target_called_a_b_c_is_no_euler_angle(tmp_path, proposed):
     }
     own = table.rename(columns=names).assign(robot="ours")
     own.insert(0, "Point name", [f"Pose {k}" for k in range(len(own))])
-    content, _, folder = proposed(own, "--robot", "ur10")
+    content, _, folder = written(own, "--robot", "ur10")
     columns = content["columns"]["poses"]
     assert list(columns["targets"]) == ["TargetA", "TargetB", "TargetC"]
     assert "Pose 3" in read_campaign(folder).observations.pose
 
 
-def test_a_name_that_all_rows_have_is_no_label(tmp_path, proposed):
+def test_a_name_that_all_rows_have_is_no_label(tmp_path, written):
     _, table = tracked(tmp_path, "points")
-    content, text, _ = proposed(table.assign(Name="cell 1"), "--robot", "ur10")
+    content, text, _ = written(table.assign(Name="cell 1"), "--robot", "ur10")
     assert "pose" not in content["columns"]["poses"]
     assert re.search(r"Name +not read", text)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from made_up_reports import REPORTS
-from made_up_sightings import sighted
-from pa10cal.__main__ import main
+from made_up_sightings import is_read, rows_of, sighted
 from pa10cal.campaign.formats import BY_NAME
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.sniffing import sniff
@@ -23,56 +22,48 @@ def points(raw):
 
 
 @pytest.fixture
-def columns(tmp_path, capsys):
+def written(tmp_path, columns):
     """Write a report and a list of joints under the same labels, and propose a campaign.yaml."""
 
     def run(raw, report):
         (tmp_path / "report.txt").write_bytes(report.encode())
-        rows = ["Point;A1;A2;A3;A4;A5;A6"]
-        for k, q in enumerate(np.degrees(raw.q), start=1):
-            rows.append(f"P{k};" + ";".join(f"{v:.9f}" for v in q))
-        (tmp_path / "joints.csv").write_text("\n".join([*rows, ""]))
-        paths = [str(tmp_path / name) for name in ("joints.csv", "report.txt")]
-        code = main(["columns", *paths, "--robot", "ur10"])
-        out, said = capsys.readouterr()
-        (tmp_path / "campaign.yaml").write_text(out, encoding="utf-8")
-        return code, out, said
+        labels, names = [f"P{k + 1}" for k in range(len(raw.q))], "Point;A1;A2;A3;A4;A5;A6"
+        joints = rows_of(labels, np.degrees(raw.q), names=names, sep=";", decimals=9)
+        (tmp_path / "joints.csv").write_text(joints)
+        return columns("joints.csv", "report.txt")
 
     return run
 
 
 @pytest.mark.parametrize("name", REPORTS)
-def test_points_of_a_report_are_joined_with_joints_by_their_names(tmp_path, columns, name):
+def test_points_of_a_report_are_joined_with_joints_by_their_names(tmp_path, written, name):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
-    code, out, said = columns(raw, REPORTS[name](points(raw)))
+    code, out, said = written(raw, REPORTS[name](points(raw)))
     assert code == 0, said
     assert out.startswith(f"# report.txt: {BY_NAME[name.split()[0]].title}")
     assert "joined by label" in out
     found = read_campaign(tmp_path)
     assert found.quarantined == ()
-    states, places_m = found.observations.states, found.observations.measured.places_m[:, 0]
-    assert len(states.q_rad) == len(raw.q)
-    for q, T in zip(raw.q, raw.T_instr_target, strict=True):
-        k = int(np.argmin(np.abs(states.q_rad - q).max(axis=1)))
-        np.testing.assert_allclose(places_m[k], T[:3, 3], atol=2e-6)
+    assert len(found.observations) == len(raw.q)
+    assert is_read(found, raw.q, raw.T_instr_target)
 
 
-def test_objects_without_a_place_are_counted(tmp_path, columns):
+def test_objects_without_a_place_are_counted(tmp_path, written):
     raw = sighted(tmp_path, "pose")
     told = "2 objects without a measured x, y and z are not read"
-    assert told in columns(raw, REPORTS["polyworks"](points(raw)))[1].splitlines()[0]
-    assert told in columns(raw, REPORTS["faro"](points(raw)))[1].splitlines()[0]
+    assert told in written(raw, REPORTS["polyworks"](points(raw)))[1].splitlines()[0]
+    assert told in written(raw, REPORTS["faro"](points(raw)))[1].splitlines()[0]
 
 
 @pytest.mark.parametrize("name", ["spatialanalyzer", "polyworks", "faro"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_report_that_was_cut_short_is_told(tmp_path, columns, name, axis):
+def test_a_report_that_was_cut_short_is_told(tmp_path, written, name, axis):
     """In the middle of a number of the 30th of 40 points."""
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     places = points(raw)
     whole = REPORTS[name](places)
     at = whole.index(f"{places[29][1][axis]:.6f}")
-    code, _, said = columns(raw, whole[: at + 3])
+    code, _, said = written(raw, whole[: at + 3])
     assert code == 0, said
     found = read_campaign(tmp_path)
     assert len(found.observations) == 29
@@ -89,11 +80,11 @@ def test_a_report_that_was_cut_short_is_told(tmp_path, columns, name, axis):
         ("faro", "mm", "ell", "the unit of lengths is not known"),
     ],
 )
-def test_a_report_of_another_version_is_refused(tmp_path, columns, name, old, new, told):
+def test_a_report_of_another_version_is_refused(tmp_path, written, name, old, new, told):
     raw = sighted(tmp_path, "pose")
     report = REPORTS[name](points(raw))
     assert old in report
-    code, out, said = columns(raw, report.replace(old, new))
+    code, out, said = written(raw, report.replace(old, new))
     assert code == 2 or "it is refused" in out
     assert re.search(told, said + out)
 

@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from made_up_sightings import sighted
-from pa10cal.__main__ import main
 from pa10cal.campaign.own_columns import TargetOfRow
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.row_targets import label_endings
@@ -34,7 +33,7 @@ def sightings(tmp_path):
 
 
 @pytest.fixture
-def read(tmp_path, capsys):
+def read(tmp_path, proposed):
     """Write tables, propose a campaign.yaml for them, and read the campaign so."""
 
     def run(*tables):
@@ -43,10 +42,7 @@ def read(tmp_path, capsys):
         paths = [folder / f"export{k}.csv" for k in range(len(tables))]
         for path, table in zip(paths, tables, strict=True):
             table.to_csv(path, index=False)
-        assert main(["columns", *map(str, paths), "--robot", "ur10"]) == 0
-        text = capsys.readouterr().out
-        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
-        return text, read_campaign(folder)
+        return proposed(*paths, folder=folder), read_campaign(folder)
 
     return run
 

@@ -7,7 +7,6 @@ import pytest
 import yaml
 
 from made_up_sightings import sighted
-from pa10cal.__main__ import main
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.sniffing import sniff
 
@@ -23,17 +22,12 @@ def rows(tmp_path):
 
 
 @pytest.fixture
-def read(tmp_path, capsys):
+def read(tmp_path, proposed):
     """Write lines, propose a campaign.yaml for them, and read the campaign so."""
 
     def run(lines):
-        folder = tmp_path / "mine"
-        folder.mkdir()
-        (folder / "export.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        assert main(["columns", str(folder / "export.txt"), "--robot", "ur10"]) == 0
-        text = capsys.readouterr().out
-        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
-        return text, read_campaign(folder)
+        (tmp_path / "export.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return proposed("export.txt"), read_campaign(tmp_path)
 
     return run
 

@@ -10,8 +10,8 @@ import yaml
 
 import made_up_streams
 from made_up_formats import TAKES
+from made_up_sightings import is_read
 from made_up_streams import streams
-from pa10cal.__main__ import main
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 
@@ -26,16 +26,12 @@ def drawn_rates(seed):
 
 
 @pytest.fixture
-def proposed(tmp_path, capsys):
-    """Write both logs, propose a campaign.yaml for them, and return what was printed."""
+def written(tmp_path, proposed):
+    """Write both logs, and propose a campaign.yaml for them."""
 
     def run(logs, paths=None):
         folder = tmp_path / "mine"
-        paths = paths or logs.write(folder)
-        assert main(["columns", *paths, "--robot", "ur10"]) == 0
-        text = capsys.readouterr().out
-        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
-        return text, folder
+        return proposed(*(paths or logs.write(folder)), folder=folder), folder
 
     return run
 
@@ -46,30 +42,20 @@ def clock_in(text):
     return float(found[1]), float(found[2])
 
 
-def is_near(found, logs, tolerance_m=2e-4):
-    """Say whether every pose is there with its joints and its mean place."""
-    states, p_m = found.observations.states, found.observations.measured.places_m[:, 0]
-    for q, T in zip(logs.q_rad, logs.T_instr_target, strict=True):
-        k = int(np.argmin(np.abs(states.q_rad - q).max(axis=1)))
-        np.testing.assert_allclose(states.q_rad[k], q, atol=2e-5)
-        np.testing.assert_allclose(p_m[k], T[:3, 3], atol=tolerance_m)
-    return True
-
-
 @pytest.mark.parametrize("pairs", [QUICK, pytest.param(PAIRS, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ppm", [0.0, 50.0])
-def test_the_clock_is_found_within_its_uncertainty(proposed, ppm, pairs):
+def test_the_clock_is_found_within_its_uncertainty(written, ppm, pairs):
     """Of pairs of rates that are drawn, 95 of 100 clocks lie within what is stated."""
     inside = 0
     for seed in range(pairs):
         logs = streams(seed, *drawn_rates(seed), poses=20, ppm=ppm)
-        text, folder = proposed(logs)
+        text, folder = written(logs)
         offset_s, two_u_s = clock_in(text)
         assert two_u_s < 0.01
         inside += abs(offset_s - logs.offsets_s[0]) <= two_u_s
         found = read_campaign(folder)
         assert found.quarantined == ()
-        assert is_near(found, logs)
+        assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)
         assert len(found.observations) == len(logs.q_rad) + 1  # where it stood before the first too
         told = r"and ([-+]\d+\.\d+) s at the last: it runs (\d+) ± (\S+) ppm fast"
         last = re.search(told, text)
@@ -83,20 +69,20 @@ def test_the_clock_is_found_within_its_uncertainty(proposed, ppm, pairs):
 
 @pytest.mark.parametrize("stands_s", [0.5, 0.8])
 @pytest.mark.parametrize("hertz", [(20.0, 20.0), (125.0, 60.0), (500.0, 240.0)])
-def test_dwells_below_a_second_are_found(proposed, stands_s, hertz):
+def test_dwells_below_a_second_are_found(written, stands_s, hertz):
     logs = streams(4, *hertz, poses=20, stands_s=(stands_s, stands_s))
-    text, folder = proposed(logs)
+    text, folder = written(logs)
     offset_s, two_u_s = clock_in(text)
     assert abs(offset_s - logs.offsets_s[0]) <= two_u_s
     found = read_campaign(folder)
     assert found.quarantined == ()
-    assert is_near(found, logs)
+    assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)
     assert len(found.observations) == len(logs.q_rad) + 1
 
 
-def test_readings_in_motion_are_set_aside_and_counted(proposed):
+def test_readings_in_motion_are_set_aside_and_counted(written):
     logs = streams(2, 100.0, 100.0)
-    text, folder = proposed(logs)
+    text, folder = written(logs)
     said = re.search(r"(\d+) of (\d+) readings lie in (\d+) of (\d+) steady phases", text)
     used, count, here, phases = map(int, said.groups())
     assert count == len(logs.readings)
@@ -107,24 +93,24 @@ def test_readings_in_motion_are_set_aside_and_counted(proposed):
 
 
 @pytest.mark.parametrize("hertz", [(20.0, 20.0), (10.0, 240.0), (500.0, 20.0)])
-def test_logs_of_any_length_are_logs_of_motion(proposed, hertz):
+def test_logs_of_any_length_are_logs_of_motion(written, hertz):
     """Twelve thousand rows in both are no twelve thousand steady phases."""
     logs = streams(5, *hertz)
-    text, folder = proposed(logs)
+    text, folder = written(logs)
     assert "in 31 of 31 steady phases" in text
-    assert is_near(read_campaign(folder), logs)
+    assert is_read(read_campaign(folder), logs.q_rad, logs.T_instr_target, atol_m=2e-4)
 
 
-def test_stamps_that_are_rounded_make_the_clock_uncertain(proposed, monkeypatch):
+def test_stamps_that_are_rounded_make_the_clock_uncertain(written, monkeypatch):
     monkeypatch.setattr(made_up_streams, "DECIMALS", 1)
     logs = streams(6, 120.0, 60.0)
-    offset_s, two_u_s = clock_in(proposed(logs)[0])
+    offset_s, two_u_s = clock_in(written(logs)[0])
     assert 0.05 < two_u_s < 0.07
     assert abs(offset_s - logs.offsets_s[0]) <= two_u_s
 
 
 @pytest.mark.slow
-def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, proposed):
+def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, written):
     logs = streams(7, 125.0, 120.0)
     folder = tmp_path / "mine"
     paths = logs.write(folder)
@@ -132,7 +118,7 @@ def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, proposed):
     lost = set(rng.choice(len(logs.readings), len(logs.readings) // 3, replace=False).tolist())
     time_s = logs.readings["Time [s]"].to_numpy()
     (folder / "take.csv").write_text(TAKES["motive"][0](time_s, logs.T_read, lost=lost))
-    text, folder = proposed(logs, [paths[0], str(folder / "take.csv")])
+    text, folder = written(logs, [paths[0], str(folder / "take.csv")])
     assert text.startswith("# take.csv: OptiTrack Motive")
     assert f"without the target in sight ({len(lost)})" in text
     assert yaml.safe_load(text)["instrument"]["kind"] == "pose"
@@ -148,9 +134,9 @@ def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, proposed):
 
 
 @pytest.mark.parametrize("stands_s", [0.0, 0.1])
-def test_streams_without_a_dwell_are_refused(tmp_path, proposed, stands_s):
+def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     told = "hardly stands still|never stands|never at rest"
-    text, folder = proposed(streams(8, 50.0, 100.0, stands_s=(stands_s, stands_s)))
+    text, folder = written(streams(8, 50.0, 100.0, stands_s=(stands_s, stands_s)))
     with pytest.raises(Pa10calError, match=told) as refused:
         read_campaign(folder)
     assert re.search(r"(tracker|controller)\.csv", refused.value.where)
@@ -159,7 +145,7 @@ def test_streams_without_a_dwell_are_refused(tmp_path, proposed, stands_s):
 
 
 @pytest.mark.parametrize("which", ["joints", "readings"])
-def test_a_log_that_never_rests_is_named(tmp_path, proposed, which):
+def test_a_log_that_never_rests_is_named(tmp_path, written, which):
     """One of the logs goes on as from another run, without a rest."""
     logs, moving = streams(9, 50.0, 100.0), streams(10, 50.0, 100.0, stands_s=(0.0, 0.0))
     time_s = np.arange(len(moving.joints)) / 50.0
@@ -171,18 +157,18 @@ def test_a_log_that_never_rests_is_named(tmp_path, proposed, which):
         at_s = np.arange(len(logs.readings)) / 100.0
         swing = 300.0 * np.sin(np.outer(at_s, [0.5, 0.7, 0.9]))
         logs.readings.iloc[:, 1:] = swing
-    _, folder = proposed(logs)
+    _, folder = written(logs)
     with pytest.raises(Pa10calError) as refused:
         read_campaign(folder)
     assert refused.value.remedy
 
 
-def test_a_clock_that_is_stated_is_taken(proposed):
+def test_a_clock_that_is_stated_is_taken(written):
     logs = streams(11, 60.0, 60.0)
-    text, folder = proposed(logs)
+    text, folder = written(logs)
     content = yaml.safe_load(text)
     content["join"] = {"by": "time", "clock_offset_s": logs.offsets_s[0]}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
     found = read_campaign(folder)
     assert any(f"{logs.offsets_s[0]:+.2f} s;" in note for note in found.notes)
-    assert is_near(found, logs)
+    assert is_read(found, logs.q_rad, logs.T_instr_target, atol_m=2e-4)

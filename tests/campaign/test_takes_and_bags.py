@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from made_up_arrays import c3d_file, joint_state, pose_stamped, write_bag
-from made_up_sightings import sighted
-from pa10cal.__main__ import main
+from made_up_sightings import rows_of, sighted
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.text_lines import lines_of
 from pa10cal.errors import Pa10calError
@@ -21,25 +20,10 @@ NAMES += [f"wrist_{k}_joint" for k in (1, 2, 3)]
 ORDER = [2, 1, 0, 3, 4, 5]
 
 
-@pytest.fixture
-def proposed(tmp_path, capsys):
-    """Propose a campaign.yaml for files in a folder, and keep it there."""
-
-    def run(*names):
-        code = main(["columns", *(str(tmp_path / name) for name in names), "--robot", "ur10"])
-        out, said = capsys.readouterr()
-        assert code == 0, said
-        (tmp_path / "campaign.yaml").write_text(out, encoding="utf-8")
-        return out
-
-    return run
-
-
 def controller(raw, step_s=10.0):
-    rows = ["t [s];" + ";".join(f"A{k} [deg]" for k in range(1, 7))]
-    for k, q in enumerate(np.degrees(raw.q)):
-        rows.append(f"{step_s * k};" + ";".join(f"{v:.9f}" for v in q))
-    return "\n".join([*rows, ""])
+    names = "t [s];" + ";".join(f"A{k} [deg]" for k in range(1, 7))
+    time_s = step_s * np.arange(len(raw.q))
+    return rows_of(time_s, np.degrees(raw.q), names=names, sep=";", decimals=9)
 
 
 def test_markers_of_a_take_are_read(tmp_path, proposed):
@@ -74,10 +58,8 @@ def test_joints_and_targets_of_a_bag_are_read(tmp_path, proposed, what):
             (t + 0.2, joint_state(t, NAMES, q[ORDER])) for t, q in zip(time_s, raw.q, strict=True)
         ]
         topic = ("sensor_msgs/msg/JointState", messages)
-        rows = ["t [s];x [mm];y [mm];z [mm]"]
-        for t, T in zip(time_s, raw.T_instr_target, strict=True):
-            rows.append(f"{t};" + ";".join(f"{v:.6f}" for v in 1e3 * T[:3, 3]))
-        other = "\n".join(rows)
+        places = 1e3 * raw.T_instr_target[:, :3, 3]
+        other = rows_of(time_s, places, names="t [s];x [mm];y [mm];z [mm]", sep=";")
     else:
         messages = [
             (t, pose_stamped(t, T)) for t, T in zip(time_s, raw.T_instr_target, strict=True)

@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from made_up_two_logs import JOINTS, PLACE, two_logs
-from pa10cal.__main__ import main
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 
@@ -23,24 +22,21 @@ def some(seeds):
 
 
 @pytest.fixture
-def proposed(tmp_path, capsys):
-    """Write two logs, propose a campaign.yaml for them, and read the campaign so."""
+def written(tmp_path, proposed):
+    """Write two logs, and propose a campaign.yaml for them."""
 
     def run(logs, **how):
         folder = tmp_path / "mine"
-        paths = logs.write(folder, **how)
-        assert main(["columns", *map(str, paths), "--robot", "ur10"]) == 0
-        text = capsys.readouterr().out
-        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+        text = proposed(*logs.write(folder, **how), folder=folder)
         return yaml.safe_load(text), text, folder
 
     return run
 
 
 @pytest.mark.parametrize("seed", some(JOINED))
-def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, proposed, seed):
+def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, written, seed):
     logs = two_logs(tmp_path, seed, dense=seed % 4 != 3, regular=seed % 5 == 4)
-    content, text, folder = proposed(logs, sep=";", decimal=",")
+    content, text, folder = written(logs, sep=";", decimal=",")
     assert content["files"] == {"joints": "controller.csv", "readings": "tracker.csv"}
     found = read_campaign(folder)
     (note,) = (each for each in found.notes if "joined by time" in each)
@@ -57,7 +53,7 @@ def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, proposed
 
 
 @pytest.mark.parametrize("seed", some(SHIFTED))
-def test_a_row_that_is_missing_is_named(tmp_path, proposed, seed):
+def test_a_row_that_is_missing_is_named(tmp_path, written, seed):
     """Readings a row away from their joints, from the start or from a place on."""
     rng = np.random.default_rng(seed)
     logs = two_logs(tmp_path, 1000 + seed, dense=False)
@@ -180,7 +176,7 @@ def test_dwells_of_a_dense_log_have_uncertainties(tmp_path, stated):
         assert np.median(log.tau_u / scatter) == pytest.approx(1.0, rel=0.1)
 
 
-def test_labels_join_whatever_the_order(tmp_path, proposed):
+def test_labels_join_whatever_the_order(tmp_path, written):
     logs = two_logs(tmp_path, 6, dense=False)
     names = [f"P{k:03d}" for k in range(len(logs.q_rad))]
     logs.joints, logs.readings = (
@@ -190,7 +186,7 @@ def test_labels_join_whatever_the_order(tmp_path, proposed):
     logs.readings.insert(0, "Messpunkt", names)
     logs.joints = logs.joints.sample(frac=1.0, random_state=1)
     logs.readings = logs.readings.drop(index=[3, 17])
-    _, text, folder = proposed(logs)
+    _, text, folder = written(logs)
     assert "joined by label" in text
     found = read_campaign(folder).observations
     assert len(found) == len(names) - 2
@@ -199,20 +195,20 @@ def test_labels_join_whatever_the_order(tmp_path, proposed):
         np.testing.assert_allclose(q_rad, expected[pose], atol=2e-4)
 
 
-def test_readings_while_the_arm_moved_are_left_out(tmp_path, proposed):
+def test_readings_while_the_arm_moved_are_left_out(tmp_path, written):
     logs = two_logs(tmp_path, 7, apart_s=0.0)
     at = logs.readings.columns[0]
     between = logs.stood_s[11, 0] - 0.8 - logs.stood_s[10, 1] + 0.4
     logs.readings.loc[10, at] = logs.readings.loc[11, at]  # of a dwell whose joints are others
-    _, _, folder = proposed(logs)
+    _, _, folder = written(logs)
     found = read_campaign(folder)
     assert between > 0.0
     assert len(found.observations) + len(found.quarantined) == len(logs.q_rad)
 
 
-def test_directions_of_arrival_come_from_a_dense_log(tmp_path, proposed):
+def test_directions_of_arrival_come_from_a_dense_log(tmp_path, written):
     logs = two_logs(tmp_path, 8)
-    arrival = read_campaign(proposed(logs)[2]).observations.states.arrival
+    arrival = read_campaign(written(logs)[2]).observations.states.arrival
     assert np.abs(arrival).mean() > 0.9
 
 

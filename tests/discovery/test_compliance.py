@@ -8,24 +8,19 @@ import numpy as np
 import pytest
 
 import pa10cal
+from mended import write_simulated
 from pa10cal.discovery import compliance
 from pa10cal.discovery.verdict_records import extended_parameters, verdict_keys
-from pa10cal.files.arms import load_arm
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.wording import sentences
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.trials import draw_trials
-from pa10cal_lab.cell.write import write_campaign
 
 SEED = 20261123
 
 
 def judged(tmp_path_factory, subject):
     (trial,) = draw_trials("unstated_masses", 1, SEED, "wild", ("ur10-pose",), only=subject)
-    folder = tmp_path_factory.mktemp(subject) / trial.name
-    write_campaign(
-        simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings), folder
-    )
+    folder = write_simulated(tmp_path_factory.mktemp(subject) / "raw", trial.settings, trial.name)
     campaign = pa10cal.read_campaign(folder)
     model = pa10cal.calibrate(campaign)
     return trial, campaign, model, pa10cal.discover(campaign, model)

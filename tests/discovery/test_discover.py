@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calibrated import calibrated
+from mended import write_simulated
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
@@ -17,13 +18,8 @@ from pa10cal.discovery.verdict_records import (
     verdict_record,
     warnings_of,
 )
-from pa10cal.files.arms import load_arm
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.discovery import VerdictKeys
-from pa10cal.settings_reading import parse_section
-from pa10cal_lab.cell.campaign import simulate_campaign
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
 
 PHASED = {"A": 6e-4, "phi": 1.0}, {"A": 5e-4, "phi": 0.5}
 ECCENTRIC = {"id": "encoder_eccentricity", "of": "joint 3", "parameters": PHASED[0]}
@@ -47,10 +43,7 @@ def campaign(tmp_path):
                 **plan,
             },
         }
-        options = parse_section(SimulateOptions, raw, where="test")
-        made = simulate_campaign("c", load_arm("ur10"), options)
-        write_campaign(made, tmp_path / "raw", tmp_path / "truth.json")
-        return read_campaign(tmp_path / "raw")
+        return read_campaign(write_simulated(tmp_path / "raw", raw))
 
     return measured
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
+from mended import write_simulated
 from pa10cal.discovery.field import by_joint, field_of, with_field
 from pa10cal.discovery.nameless import with_terms
-from pa10cal.files.arms import load_arm
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.interface import calibrate, read_campaign
@@ -16,9 +16,7 @@ from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity, GearRatio
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.field import Field, Nameless
 from pa10cal.terms.model import Model
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.write import write_campaign
 
 NOISE_MM = 0.02
 
@@ -33,9 +31,7 @@ def measured(tmp_path_factory):
             instrument="points", flexible_joints=(), poses=240, holdout_share=0.25
         ),
     )
-    folder = tmp_path_factory.mktemp("field") / "robot"
-    write_campaign(simulate_campaign("robot", load_arm("irb120"), settings), folder)
-    campaign = read_campaign(folder)
+    campaign = read_campaign(write_simulated(tmp_path_factory.mktemp("field") / "robot", settings))
     model = calibrate(campaign)
     poses = [model.as_modelled(campaign.observations.of_kind(kind)) for kind in ("grid", "holdout")]
     return model, *poses

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 import pa10cal
+from mended import write_simulated
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.errors import CalibrationError
-from pa10cal.files.arms import load_arm
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.write import write_campaign
 
 #: Tilts of joint 3 [rad/(N m)].
 TILTS = {"cx": 4e-6, "cy": 8e-6}
@@ -18,7 +16,6 @@ TILTS = {"cx": 4e-6, "cy": 8e-6}
 @pytest.fixture(scope="module")
 def tilting(tmp_path_factory):
     """Return a campaign of an arm whose third joint tilts."""
-    folder = tmp_path_factory.mktemp("tilting")
     hidden = HiddenEffectOptions(id="lateral_tilt", of="joint 3", parameters=TILTS)
     options = SimulateOptions(
         robot="ur10",
@@ -26,9 +23,7 @@ def tilting(tmp_path_factory):
         hidden_effects=(hidden,),
         without_touches=TrackerOptions(instrument="pose", poses=400),
     )
-    simulated = simulate_campaign("tilting", load_arm("ur10"), options)
-    write_campaign(simulated, folder / "raw")
-    return pa10cal.read_campaign(folder / "raw")
+    return pa10cal.read_campaign(write_simulated(tmp_path_factory.mktemp("given") / "raw", options))
 
 
 def _rms_mm(model, poses):

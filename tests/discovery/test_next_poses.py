@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calibrated import calibrated
+from mended import write_simulated
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.room import PosturePoints
 from pa10cal.calibration.options import CalibrationOptions
@@ -29,11 +30,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
 from pa10cal.options import DiscoveryOptions
-from pa10cal.settings_reading import parse_section
 from pa10cal.terms.effects.effect import Effect, candidates
-from pa10cal_lab.cell.campaign import simulate_campaign
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
 
 ARM = load_arm("pa10_6ce")
 FLEXIBLE = (2, 3, 5)
@@ -80,10 +77,7 @@ def measure(tmp_path_factory):
                 "extra_deg": [np.degrees(suggestion.q_rad).tolist() for suggestion in further],
             },
         }
-        folder = tmp_path_factory.mktemp("campaign")
-        made = simulate_campaign("c", ARM, parse_section(SimulateOptions, raw, where="test"))
-        write_campaign(made, folder / "raw", folder / "truth.json")
-        found = read_campaign(folder / "raw")
+        found = read_campaign(write_simulated(tmp_path_factory.mktemp("campaign") / "raw", raw))
         options = CalibrationOptions(starts=1, flexible_joints=FLEXIBLE, inner_poses="all")
         model = calibrated(found.description, ARM, found.calibration, options=options)
         setup = setup_of(found.description, ARM, options, DiscoveryOptions())

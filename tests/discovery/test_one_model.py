@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from mended import write_simulated
 from pa10cal.evaluation.options import ChainOptions
-from pa10cal.files.arms import load_arm
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal_lab.blind_trials import calibrated_by_stages, judged_by_stages
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.trials import draw_trials
-from pa10cal_lab.cell.write import write_campaign
 
 #: Study, kind, layout or bench, seed of its first trial.
 QUICK = [
@@ -45,8 +43,7 @@ def cases():
 def test_verdict_and_evaluation_have_the_same_errors(measured, kind, layout, seed, tmp_path):
     (trial,) = draw_trials(kind, 1, seed, measured, filter(None, [layout]))
     raw, out, options = tmp_path / "raw" / trial.name, tmp_path / "out", ChainOptions()
-    arm = load_arm(trial.settings.robot)
-    write_campaign(simulate_campaign(trial.name, arm, trial.settings), raw)
+    write_simulated(raw, trial.settings, trial.name)
     calibration = calibrated_by_stages((raw,), out, options)
     verdict, _ = judged_by_stages((raw,), out, calibration, options)
     models = read(HoldoutRecord, out / "evaluation/holdout.json").models

@@ -12,17 +12,13 @@ import pa10cal
 from calibrated import calibrated
 from made_up_model import fitted
 from made_up_pair import campaign, parts, shifted
+from mended import write_simulated
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
-from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FallBack
 from pa10cal.options import Tolerances
-from pa10cal.settings_reading import parse_section
 from pa10cal.terms.term import link_departures
-from pa10cal_lab.cell.campaign import simulate_campaign
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
 
 
 def over_u(found, name):
@@ -147,9 +143,7 @@ def test_turns_of_the_tool_count_from_the_attitude_that_a_fit_began_with():
 def test_two_halves_of_a_campaign_agree(tmp_path):
     plan = {"instrument": "points", "poses": 160, "departs": "rows"}
     raw = {"random_seed": 21, "robot": "irb120", "without_touches": plan}
-    options = parse_section(SimulateOptions, raw, where="test")
-    write_campaign(simulate_campaign("c", load_arm("irb120"), options), tmp_path / "raw")
-    measured = pa10cal.read_campaign(tmp_path / "raw")
+    measured = pa10cal.read_campaign(write_simulated(tmp_path / "raw", raw))
     every, about = measured.observations, (measured.description, measured.arm)
     half = np.arange(len(every)) % 2 == 0
     found = pa10cal.compare(*(calibrated(*about, every.take(rows)) for rows in (half, ~half)))

@@ -5,14 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pa10cal.files.arms import load_arm
+from mended import write_simulated
 from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.terms.field import embedded
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.write import write_campaign
 
 SOME = Discrepancy(
     q=np.array([[0.0, 0.2], [1.0, 0.3]]),
@@ -47,9 +45,7 @@ def simulated(tmp_path, hidden, **plan):
         without_touches=TrackerOptions(instrument="points", flexible_joints=(), **plan),
         hidden_effects=hidden,
     )
-    folder = tmp_path / "robot"
-    write_campaign(simulate_campaign("robot", load_arm("irb120"), settings), folder)
-    return read_campaign(folder)
+    return read_campaign(write_simulated(tmp_path / "robot", settings))
 
 
 def ratio_and_share(campaign, model):

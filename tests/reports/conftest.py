@@ -9,13 +9,9 @@ import pytest
 
 from built_once import built_once
 from made_up_results import NAME, VERDICTS, small_results, with_verdict
+from mended import write_simulated
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import write_pose_table
-from pa10cal.files.arms import load_arm
-from pa10cal.settings_reading import parse_section
-from pa10cal_lab.cell.campaign import simulate_campaign
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
 
 
 @pytest.fixture(scope="session")
@@ -48,9 +44,7 @@ def watched_poses(tmp_path_factory) -> Path:
         "without_touches": {"instrument": "points", "poses": 120, "base_targets": 3},
         "disturbances": [{"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}}],
     }
-    settings, raw = parse_section(SimulateOptions, asked, where="test"), place / "watched"
-    write_campaign(simulate_campaign("watched", load_arm("irb120"), settings), raw)
-    campaign = read_campaign(raw)
+    campaign = read_campaign(write_simulated(place / "watched", asked, "watched"))
     (place / "results/ingest").mkdir(parents=True)
     path = place / "results/ingest/poses.parquet"
     write_pose_table(path, campaign.observations, campaign.arm.prismatic, campaign.name)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pa10cal
+from mended import write_simulated
 from pa10cal.discovery.blocked_cv import by_blocks
 from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.family import Candidate
@@ -13,16 +14,11 @@ from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
 from pa10cal.discovery.verdict_records import verdict_keys, verdict_record
-from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
-from pa10cal.settings_reading import parse_section
 from pa10cal.stages.discover import verdict_lines
 from pa10cal.terms.effects.joint_error_map import FadingPrior
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.effects.effect import Site
 from pa10cal_lab.cell.effects.joint import SimulatedSensorError as CellSensorError
-from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.write import write_campaign
 
 POSES, JOINT = 900, 3
 
@@ -40,10 +36,7 @@ def campaign(tmp_path_factory):
         "hidden_effects": [{"id": "sensor_error", "of": f"joint {JOINT}", "parameters": drawn}],
         "without_touches": {"poses": POSES, "commanded": commanded, "position_mm": 0.02},
     }
-    settings = parse_section(SimulateOptions, raw, where="trial")
-    folder = tmp_path_factory.mktemp("raw") / "drive"
-    write_campaign(simulate_campaign("drive", load_arm("ur10"), settings), folder)
-    return pa10cal.read_campaign(folder)
+    return pa10cal.read_campaign(write_simulated(tmp_path_factory.mktemp("raw") / "drive", raw))
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 import pa10cal
 from made_up_survey import observe
+from mended import write_simulated
 from pa10cal.discovery.blocked_cv.family import (
     Columns,
     below_detection_limit,
@@ -26,7 +27,6 @@ from pa10cal.discovery.blocked_cv.survey import (
 )
 from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
 from pa10cal.discovery.noise import unweighted
-from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import (
@@ -35,9 +35,7 @@ from pa10cal.terms.effects.joint_error_map import (
     b_splines_by_knots,
     harmonics_at_knots,
 )
-from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.trials import draw_trials
-from pa10cal_lab.cell.write import write_campaign
 
 
 @pytest.fixture(scope="module")
@@ -190,10 +188,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
 @pytest.mark.slow
 def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp_path):
     (trial,) = draw_trials("null", 1, 5, "distance")
-    write_campaign(
-        simulate_campaign("t", load_arm(trial.settings.robot), trial.settings), tmp_path / "raw"
-    )
-    campaign = pa10cal.read_campaign(tmp_path / "raw")
+    campaign = pa10cal.read_campaign(write_simulated(tmp_path / "raw", trial.settings))
     judged = pa10cal.discover(campaign, pa10cal.calibrate(campaign)).survey
     found = weighted_rows(judged, computable_shapes(judged)[0], 72)
     noise_mm = 1e3 / np.median(found.weights.whitener)
