@@ -35,6 +35,14 @@ def measured_poses(
     )
 
 
+def at_rest(q_rad, **known) -> PoseStates:
+    """Return states of joint positions (P, n) in which all else is zero, but for what is given."""
+    q_rad, nothing = np.asarray(q_rad), np.zeros(len(q_rad))
+    usual = {"tau_Nm": np.zeros_like(q_rad), "arrival": np.zeros_like(q_rad)}
+    usual |= dict.fromkeys(("load_N", "temperature_C", "time_s"), nothing)
+    return PoseStates(q_rad, **usual | known)
+
+
 def states_of(arm, seed=3, poses=5, **known) -> PoseStates:
     """Return states of an arm in which all effects show, drawn but for what is given."""
     rng, n = np.random.default_rng(seed), arm.n

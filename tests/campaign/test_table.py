@@ -8,8 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.spatial.transform import Rotation
 
-from made_up_poses import measured_poses
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest, measured_poses
 from pa10cal.campaign.table import SCHEMA, read_observations, read_pose_table, write_pose_table
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import poses_of
@@ -50,11 +49,10 @@ def made_up_poses(repeats, scatter_ee, rng, poses=40):
     turn = (R @ error[:, 3:, None])[..., 0]
     T[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ R
     T[:, :3, 3] = place + (R @ error[:, :3, None])[..., 0]
-    states = PoseStates(
-        q_rad=rng.normal(size=(count, ARMS)),
+    states = at_rest(
+        rng.normal(size=(count, ARMS)),
         tau_Nm=rng.normal(size=(count, ARMS)),
         arrival=np.sign(rng.normal(size=(count, ARMS))),
-        load_N=np.zeros(count),
         temperature_C=np.full(count, 21.0),
         time_s=np.arange(count, dtype=float),
     )

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from made_up_poses import measured_poses
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest, measured_poses
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, gap, trusted
 
 POSES, LOADS_N = 12, (0.0, 44.0)
@@ -21,10 +20,9 @@ def made(poses=POSES, loads_N=LOADS_N):
     rng = np.random.default_rng(4)
     count = poses * len(loads_N)
     pose = np.repeat([f"P{k:02d}" for k in range(poses)], len(loads_N))
-    zeros = np.zeros((count, 6))
     measured = measured_poses(
         pose=pose,
-        states=PoseStates(zeros, zeros, zeros, np.tile(loads_N, poses), zeros[:, 0], zeros[:, 0]),
+        states=at_rest(np.zeros((count, 6)), load_N=np.tile(loads_N, poses)),
         T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),
         cov=np.tile(np.eye(6), (count, 1, 1)),
     )

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.linear import by_joints
 from pa10cal.discovery.noise import PoseDeviations, scatter_of, share_inside
 from pa10cal.files.arms import load_arm
@@ -37,8 +37,7 @@ def seen_by(model, seed, count=1500):
     """Poses where joints and the instrument scatter as is true, and what is left of them."""
     rng = np.random.default_rng(seed)
     q_rad = rng.uniform(-2.5, 2.5, (count, 6))
-    zeros, zero = np.zeros_like(q_rad), np.zeros(count)
-    states = PoseStates(q_rad, zeros, zeros, zero, zero, zero)
+    states = at_rest(q_rad)
     T = model.model.predict(states, model.x)
     poses = Observations.single(
         np.array([f"P{k}" for k in range(count)]),

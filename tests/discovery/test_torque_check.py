@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_up_poses import measured_poses
+from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import Payload, PoseStates, statics
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.discovery.compliance import stated_wrongly
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.files.arms import load_arm
@@ -27,9 +27,8 @@ def told(load_N=STATED_N, tool=TOOL, gains=1.0, stated=TOOL, seed=3):
     at = Chain.of(ARM).coordinates(q_rad)
     tau_Nm = gains * statics(Chain.of(ARM), at, load_N, tool).torque_Nm
     tau_Nm += NOISE_NM * rng.standard_normal(tau_Nm.shape)
-    nothing = np.zeros(len(q_rad))
-    arrival = rng.choice([-1.0, 1.0], q_rad.shape)
-    states = PoseStates(q_rad, tau_Nm, arrival, STATED_N, nothing, np.arange(len(q_rad)) * 1.0)
+    arrival, time_s = rng.choice([-1.0, 1.0], q_rad.shape), np.arange(len(q_rad)) * 1.0
+    states = at_rest(q_rad, tau_Nm=tau_Nm, arrival=arrival, load_N=STATED_N, time_s=time_s)
     poses = measured_poses(
         pose=np.array([f"P{k}" for k in range(len(q_rad))]),
         states=states,

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from changed_arm import Change, draw_changed
-from made_up_poses import measured_poses
+from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import PoseStates
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.discovery.given import Extended
@@ -68,10 +67,8 @@ def test_judges_by_load_by_point_and_beyond_what_was_learnt():
     T = Chain.of(arm).forward(q_rad)
     T[:, 0, 3] -= [1e-3, 2e-3, 3e-3, 6e-3]
     load = np.array([22.0, 90.0, 22.0, 90.0])
-    zeros = np.zeros((4, 6))
-    states = PoseStates(q_rad, zeros, zeros, load, np.zeros(4), np.zeros(4))
     labels = np.array(["H01", "H01", "H02", "H02"])
-    poses = measured_poses(labels, states, T, np.zeros((4, 6, 6)))
+    poses = measured_poses(labels, at_rest(q_rad, load_N=load), T, np.zeros((4, 6, 6)))
     found = held_out_errors(model, poses)
     assert found.mean_mm == pytest.approx(3.0)
     assert found.peak_mm == pytest.approx(6.0)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from made_up_poses import measured_poses
+from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import PoseStates
 from pa10cal.evaluation import iso9283
 from pa10cal.evaluation.holdout import held_out_errors
 from pa10cal.evaluation.iso9283 import LEAST_REPEATS, iso9283_record, repeatability
@@ -55,12 +54,10 @@ def repeated(repeats, *, arrival=1.0):
     along[-1] = 1e-3 * repeats  # mean 1 mm
     T[:repeats, 0, 3] += along
     T[:repeats, 2, 3] += 3e-3
-    count = len(q_rad)
-    zero, arrivals = np.zeros(count), np.full((count, 6), 1.0)
+    arrivals = np.ones_like(q_rad)
     arrivals[0] = arrival
-    states = PoseStates(q_rad, np.zeros((count, 6)), arrivals, zero, zero, zero)
     labels = np.array(["P1"] * repeats + ["P2"])
-    every = measured_poses(labels, states, T, np.zeros((count, 6, 6)))
+    every = measured_poses(labels, at_rest(q_rad, arrival=arrivals), T, np.zeros((len(T), 6, 6)))
     return every, {"grid": {"linear": held_out_errors(model, average_repeats(every))}}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from made_up_model import fitted, postures, vocabulary
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest
 from pa10cal.fit.rigid import best_rigid_model, beyond_rigid, beyond_rigid_mm, dh_text, rigid_part
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
@@ -25,8 +25,8 @@ def links(arm):
 
 def measured(model, seed=1):
     q = postures(model.arm, seed, 9)
-    zero = np.zeros(len(q))
-    states = PoseStates(q, np.full_like(q, np.nan), np.ones_like(q), zero + 22.0, zero + 22, zero)
+    at_22 = dict.fromkeys(("load_N", "temperature_C"), np.full(len(q), 22.0))
+    states = at_rest(q, tau_Nm=np.full_like(q, np.nan), arrival=np.ones_like(q), **at_22)
     seen = Pose.of(model.predict(q).T, np.tile(np.eye(6), (len(q), 1, 1)))
     return Observations.single(np.array([f"P{k}" for k in range(len(q))]), states, seen)
 

@@ -7,8 +7,9 @@ import pytest
 
 from calibrated import general
 from made_up_model import on_springs
+from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arm.statics import Payload
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
 from pa10cal.fit.loads import statics_of, weighed, with_torques
@@ -33,9 +34,7 @@ STIFFNESS = {2: 7e4, 3: 5e4, 4: 1.5e4}
 
 def states(count=60, seed=1):
     q_rad = np.random.default_rng(seed).uniform(-2.0, 2.0, (count, ARM.n))
-    nothing = np.zeros(count)
-    unknown = np.full_like(q_rad, np.nan)
-    return PoseStates(q_rad, unknown, np.zeros_like(q_rad), nothing, nothing + 20.0, nothing)
+    return at_rest(q_rad, tau_Nm=np.full_like(q_rad, np.nan), temperature_C=np.full(count, 20.0))
 
 
 def with_springs(payload=TOOL):

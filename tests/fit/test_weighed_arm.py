@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
-from pa10cal.arm.statics import PoseStates
 from pa10cal.campaign.description import CampaignDescription, Masses
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
@@ -50,8 +50,7 @@ def readings(arm=ARM, *, logged=True, noise_Nm=0.3, gain=1.0, count=120):
     """Return poses of an arm whose torques were logged, as its weights make them."""
     rng = np.random.default_rng(3)
     q = rng.uniform(-2.0, 2.0, (count, arm.n))
-    zero = np.zeros(count)
-    states = PoseStates(q, np.full_like(q, np.nan), np.zeros_like(q), zero, zero + 20.0, zero)
+    states = at_rest(q, tau_Nm=np.full_like(q, np.nan), temperature_C=np.full(count, 20.0))
     if logged:
         payload = described().payload(arm)
         torque_Nm = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload).torque_Nm

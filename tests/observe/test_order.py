@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
@@ -38,11 +38,8 @@ class Unmeasured:
 def random_order():
     """Poses in random order under three loads, each pose read once."""
     rng = np.random.default_rng(7)
-    nothing = np.zeros((ROWS, JOINTS))
-    states = PoseStates(
-        q_rad=rng.uniform(-2.0, 2.0, (ROWS, JOINTS)),
-        tau_Nm=nothing,
-        arrival=nothing,
+    states = at_rest(
+        rng.uniform(-2.0, 2.0, (ROWS, JOINTS)),
         load_N=rng.choice([0.0, 20.0, 44.0], ROWS),
         temperature_C=np.full(ROWS, 20.0),
         time_s=10.0 * np.arange(ROWS),
@@ -163,12 +160,10 @@ def observed(q1, q2, s1=0.0):
     """Return readings of an arm of two joints, ten seconds apart."""
     count = len(q1)
     zeros = np.zeros(count)
-    states = PoseStates(
-        q_rad=np.column_stack([q1, q2]),
+    states = at_rest(
+        np.column_stack([q1, q2]),
         tau_Nm=np.zeros((count, 2)),
         arrival=np.column_stack([np.broadcast_to(s1, count), zeros]).astype(float),
-        load_N=zeros,
-        temperature_C=zeros,
         time_s=10.0 * np.arange(count),
     )
     labels = np.array([f"P{k}" for k in range(count)], dtype=str)

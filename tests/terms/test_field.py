@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest
 from pa10cal.errors import TermError
 from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity
 from pa10cal.terms.field import Field, Nameless, embedded, well_spread
@@ -24,12 +24,6 @@ FIELD = Field(
     size_m=2e-4,
 )
 X = FIELD.size_m * RNG.standard_normal(len(FIELD.parameters))
-
-
-def states(q):
-    count, n = q.shape
-    nothing = np.zeros(count)
-    return PoseStates(q, np.zeros((count, n)), np.zeros((count, n)), nothing, nothing, nothing)
 
 
 def covariance_of(one, other):
@@ -56,16 +50,16 @@ def test_nowhere_more_is_expected_than_its_size_and_far_away_nothing(position):
     expected = float(np.sum(FIELD.features(q) ** 2))
     assert expected <= 1.0 + 1e-9
     away = q + np.array([[0.0, 0.0, 50.0]])  # along the joint that slides
-    assert np.abs(FIELD.shift(states(away), X)).max() < 1e-12
+    assert np.abs(FIELD.shift(at_rest(away), X)).max() < 1e-12
 
 
 def test_its_derivative_is_exact_and_it_is_proportional():
     q = RNG.uniform(-1.5, 1.5, (5, 3))
-    by_x = FIELD.derivative(states(q), X)
-    np.testing.assert_allclose(by_x @ X, FIELD.shift(states(q), X), atol=1e-15)
+    by_x = FIELD.derivative(at_rest(q), X)
+    np.testing.assert_allclose(by_x @ X, FIELD.shift(at_rest(q), X), atol=1e-15)
     step = 1e-6
     for k in (0, 6, 7, 20):
-        ahead, behind = (FIELD.shift(states(q), X + sign * step * (np.arange(21) == k))
+        ahead, behind = (FIELD.shift(at_rest(q), X + sign * step * (np.arange(21) == k))
                          for sign in (1.0, -1.0))  # fmt: skip
         np.testing.assert_allclose(by_x[:, :, k], (ahead - behind) / (2.0 * step), atol=1e-9)
 
@@ -73,7 +67,7 @@ def test_its_derivative_is_exact_and_it_is_proportional():
 def test_a_whole_turn_changes_nothing():
     q = RNG.uniform(-1.5, 1.5, (5, 3))
     turned = q + 2.0 * np.pi * np.array([1.0, -1.0, 0.0])
-    there, here = (FIELD.shift(states(at), X) for at in (turned, q))
+    there, here = (FIELD.shift(at_rest(at), X) for at in (turned, q))
     np.testing.assert_allclose(there, here, atol=1e-12)
 
 
@@ -101,7 +95,7 @@ SUM = Nameless(
 
 
 def test_a_sum_does_what_its_terms_do_and_its_derivative_is_exact():
-    at, x = replace(states(PLACES), arrival=np.sign(PLACES)), RNG.standard_normal(9)
+    at, x = replace(at_rest(PLACES), arrival=np.sign(PLACES)), RNG.standard_normal(9)
     shift = SUM.shift(at, x)
     assert SUM.coordinates == (*base_frame().coordinates, "theta_2")
     np.testing.assert_allclose(shift[:, :6], np.broadcast_to(x[:6], (7, 6)))

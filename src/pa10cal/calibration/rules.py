@@ -16,15 +16,13 @@ class Grades:
 
     # remaining error over the noise above which a model lacks something (trials)
     over_noise: float = 1.25
-    # remaining error over the noise above which the sentence of a good grade states both
-    # (told)
+    # remaining error over the noise above which the sentence of a good grade states both (told)
     noticed_ratio: float = 1.1
     chance_errors: float = 3.0  # standard deviations by which chance may exceed a limit (level)
     # what the places of the targets of one apparatus leave, over what is expected: they are
     # few numbers, drawn once (statistics)
     apparatus_ratio: float = 2.0
-    # held-out over expected error above which the model does not predict as it promises
-    # (measured)
+    # held-out over expected error above which the model does not predict as it promises (measured)
     over_expected: float = 1.3
     # stated over found uncertainty, either way, above which one of them is wrong (trials)
     stated_ratio: float = 3.0
@@ -34,28 +32,24 @@ class Grades:
     # the same of touched balls, where it holds what all touches of a ball share (form of
     # ball and stylus), which repeats do not show (trials)
     touches_ratio: float = 15.0
-    # remaining error over a stated noise that nothing else confirms, above which its unit
-    # is in doubt: a unit is off by 1000, an effect of the arm leaves less than 100 times
-    # the noise (size)
+    # remaining error over a stated noise that nothing else confirms, above which its unit is in
+    # doubt: a unit is off by 1000, an effect of the arm leaves less than 100 times the noise (size)
     unit_ratio: float = 300.0
     # held-out over remaining error, or over the noise, up to which held-out poses confirm a
     # model (measured)
     confirmed_ratio: float = 2.0
     few_held_out: int = 5  # held-out poses that it takes for that (statistics)
-    # a joint off by whole turns of its motor is off by them to within this part of a turn
-    # (size)
+    # a joint off by whole turns of its motor is off by them to within this part of a turn (size)
     of_a_turn: float = 0.1
     # a length whose sign is wrong is off by twice itself, to within this part of it (size)
     of_a_length: float = 0.1
-    # an end-effector that turned by less over all poses was held in one orientation [rad]
-    # (size)
+    # an end-effector that turned by less over all poses was held in one orientation [rad] (size)
     hardly_turned_rad: float = 0.1
     # what the reading of a joint may scatter by: encoders of arms resolve this and less
     # [rad] (size)
     joint_rad: float = 1e-5
     far_off_ratio: float = 20.0  # departure over tolerance that no arm was built with (size)
-    # remaining error, in the spread of the measured positions, that no calibrated arm has
-    # (size)
+    # remaining error, in the spread of the measured positions, that no calibrated arm has (size)
     no_fit_share: float = 0.01
     # part of the squared error that springs leave where they explain the larger part: a
     # robot soft by a hundredth of its reach lacks an effect, it is no other robot (trials)
@@ -115,8 +109,7 @@ class Checks:
     # a thousandth of its lengths (size)
     another_scale: float = 0.01
     about_scale: float = 1.3  # how far about a first estimate the factor is looked for (computing)
-    # misfit of the nominal arm, base and target fitted, that no departures explain [m]
-    # (size)
+    # misfit of the nominal arm, base and target fitted, that no departures explain [m] (size)
     not_departures_m: float = 0.01
     # part of the misfit of the nominal arm that a change must leave at most (trials)
     nominal_left_share: float = 1.0 / 3.0
@@ -159,8 +152,7 @@ class Springs:
     usual_Nm_per_rad: float = 5e4  # a usual stiffness, from which springs start [N m/rad] (size)
     # a usual sag, from which springs under assumed weights start [rad] (size)
     usual_sag_rad: float = 3e-4
-    # a large one, about which that of any robot lies: a 3 m robot sags by milliradians
-    # [rad] (size)
+    # a large one, about which that of any robot lies: a 3 m robot sags by milliradians [rad] (size)
     large_sag_rad: float = 5e-3
     rigid_rad: float = 1e-9  # a joint counts as rigid at this windup [rad] (size)
     clusters: int = 10  # clusters of poses held out in turn, where springs are weighed (trials)
@@ -179,20 +171,17 @@ class Unknowns:
     # part of a column that must remain beside those before it: exact redundancy leaves
     # 1e-13 (computing)
     least_left: float = 1e-8
-    # columns below this part of the largest are rounding: of a target on the axis of a
-    # joint, or of a base turned about the line to an instrument that measures distances
-    # (computing)
+    # columns below this part of the largest are rounding: of a target on the axis of a joint, or of
+    # a base turned about the line to an instrument that measures distances (computing)
     no_column: float = 1e-12
-    # no parameter replaces another if it has to move the target so many times further
-    # (trials)
+    # no parameter replaces another if it has to move the target so many times further (trials)
     most_times: float = 5.0
     # reach of an unknown in its scale, where it has no physical range (size)
     reach_scales: float = 30.0
     # a parameter is determined by a campaign that knows it to this part of what it may well
     # be (statistics)
     determined_share: float = 0.1
-    # random postures at which it is found what no pose determines, in the paper's model
-    # (computing)
+    # random postures at which it is found what no pose determines, in the paper's model (computing)
     paper_postures: int = 60
     no_part: float = 1e-6  # part of a parameter in another that is none (computing)
     no_row: float = 1e-9  # rows of a pose that are none (computing)
@@ -203,8 +192,7 @@ class Unknowns:
 class Groups:
     """Campaigns of one robot together, and arms about a model of another campaign."""
 
-    # campaigns contradict each other where chance makes such a difference more rarely
-    # (level)
+    # campaigns contradict each other where chance makes such a difference more rarely (level)
     chance_rate: float = 1e-3
     # and parameters of its own take away this part of one's squared error (trials)
     matters_share: float = 0.1
@@ -243,8 +231,7 @@ class Fit:
     # in the valley of unstated weights and springs, along which no prediction changes,
     # steps so many times longer end it (trials)
     valley_times: float = 200.0
-    # predictions stand still where they moved by so little, in standard uncertainties
-    # (measured)
+    # predictions stand still where they moved by so little, in standard uncertainties (measured)
     still_errors: float = 0.05
     still_steps: int = 8  # in so many steps (measured)
     # a step ahead so many times as long as those taken is one along a valley (trials)
@@ -256,11 +243,9 @@ class Fit:
     # fits more that bring them to rest: what sag moves weights by is a thousandth of the
     # sag (computing)
     most_refits: int = 3
-    # starts whose cost is within this part of the best have found the same minimum
-    # (computing)
+    # starts whose cost is within this part of the best have found the same minimum (computing)
     same_cost: float = 1e-6
-    # relative changes at which linear springs are near enough to start cubic ones
-    # (computing)
+    # relative changes at which linear springs are near enough to start cubic ones (computing)
     good_enough: float = 1e-6
     cubic_share: float = 0.01  # cubic share that they start with (computing)
     # times that the null space is found again at the solution (computing)

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain, end_pose
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.points import Distance, Points
@@ -64,14 +64,8 @@ def see(
     T_instr_base[:3, :3] = Rotation.random(random_state=seed).as_matrix()
     T_instr_base[:3, 3] = [1.4, -0.8, 0.6]
     T_instr_ee = T_instr_base @ end_pose(chain, coordinates)
-    states = PoseStates(
-        q_rad,
-        np.full_like(q_rad, np.nan),
-        np.zeros_like(q_rad),
-        np.zeros(count),
-        np.full(count, 20.0),
-        np.arange(count, dtype=float),
-    )
+    at_20 = {"temperature_C": np.full(count, 20.0), "time_s": np.arange(count, dtype=float)}
+    states = at_rest(q_rad, tau_Nm=np.full_like(q_rad, np.nan), **at_20)
     p_instr_m = T_instr_ee[:, None, :3, 3] + np.einsum(
         "pij,bj->pbi", T_instr_ee[:, :3, :3], targets_m
     )

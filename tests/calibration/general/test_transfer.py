@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_model import on_springs
+from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.placed import refit_frames, with_tool_of
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.files.arms import load_arm
@@ -50,10 +51,7 @@ def measured(true, payload, seed):
     """Return exact poses of a model, instrument and target somewhere."""
     rng = np.random.default_rng(seed)
     q_rad = rng.uniform(-2.0, 2.0, (80, ARM.n))
-    nothing = np.zeros(len(q_rad))
-    states = PoseStates(
-        q_rad, np.full_like(q_rad, np.nan), 0.0 * q_rad, nothing, nothing, np.arange(80.0)
-    )
+    states = at_rest(q_rad, tau_Nm=np.full_like(q_rad, np.nan), time_s=np.arange(80.0))
     loaded, _ = with_torques(true.model, true.x, states, payload)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.random(random_state=seed).as_matrix(), [0.4, -1.2, 0.3]

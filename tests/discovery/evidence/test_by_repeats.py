@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import Missing, harmonic, measure
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest
 from pa10cal.discovery.evidence.judge import floor_mm
 from pa10cal.discovery.next_poses import unresolved
 from pa10cal.errors import CalibrationError, DiscoveryError
@@ -155,9 +155,9 @@ class TestANewEffect:
         (finding,) = campaign.discovery.judgement.findings
         assert name(finding.effect) == ("joint_error_map", "joint 1")
         assert finding.alternatives == ()
-        q_rad, zero = np.zeros((40, 6)), np.zeros(40)
+        q_rad = np.zeros((40, 6))
         q_rad[:, 0] = np.linspace(*campaign.problem.context.q_span_rad[0], 40)
-        states = PoseStates(q_rad, q_rad, q_rad, zero, zero, zero)
+        states = at_rest(q_rad, tau_Nm=q_rad, arrival=q_rad)
         off = finding.effect.shift(states, finding.x)[:, 0] - 3e-4 * np.sin(3.0 * q_rad[:, 0] + 1.0)
         assert np.std(off) < 0.1 * 3e-4  # less a constant that calibration takes
 

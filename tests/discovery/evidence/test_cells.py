@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from made_up_poses import measured_poses
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest, measured_poses
 from pa10cal.discovery.evidence.problem import gather, shared_error
 from pa10cal.discovery.rules import EVIDENCE
 
@@ -16,12 +15,11 @@ def rows_of(pose, load_N, side, time_s, repeats=None):
     count = len(pose)
     return measured_poses(
         pose=np.array([f"P{k}" for k in pose]),
-        states=PoseStates(
-            q_rad=np.eye(count),
+        states=at_rest(
+            np.eye(count),
             tau_Nm=np.zeros((count, 2)),
             arrival=np.stack([side, np.ones(count)], axis=1),
             load_N=np.asarray(load_N, dtype=float),
-            temperature_C=np.zeros(count),
             time_s=np.asarray(time_s, dtype=float),
         ),
         T_instr_ee=np.tile(np.eye(4), (count, 1, 1)),

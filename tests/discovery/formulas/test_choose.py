@@ -5,7 +5,7 @@ import pytest
 
 import made_up_survey
 from made_up_arm import Missing, at_joint, measure
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest
 from pa10cal.discovery.discover import with_proposals
 from pa10cal.discovery.short_forms import FormComparison, choose
 from pa10cal.discovery.verdict_records import verdict_keys
@@ -36,9 +36,8 @@ def made_up_comparison(values, poses=200, seed=5, held=None):
     """Return rows in which joint 1 stands at angles over a turn, and errs by some values."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-np.pi, np.pi, poses)
-    states = PoseStates(
-        *(q[:, None],) * 3, load_N=0.0 * q, temperature_C=0.0 * q, time_s=np.arange(float(poses))
-    )
+    of_joint = q[:, None]
+    states = at_rest(of_joint, tau_Nm=of_joint, arrival=of_joint, time_s=np.arange(float(poses)))
     data = values(q) + rng.normal(size=poses)
 
     def columns_of(forms):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pa10cal.arm.statics import PoseStates
+from made_up_poses import at_rest
 from pa10cal.terms.effects.joint_error_map import (
     TYPICAL,
     FadingPrior,
@@ -31,8 +31,7 @@ def at(q_rad):
     q_rad = np.asarray(q_rad)
     states = np.zeros((len(q_rad), 6))
     states[:, 1] = q_rad
-    zeros, zero = np.zeros_like(states), np.zeros(len(states))
-    return PoseStates(states, zeros, zeros, zero, zero, zero)
+    return at_rest(states)
 
 
 @settings(deadline=None, max_examples=40)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_up_poses import context_of
+from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.statics import Payload, PoseStates, statics
+from pa10cal.arm.statics import Payload, statics
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.weights import LoadStated, ToolStated, fault_candidates
 
@@ -19,10 +19,8 @@ LOADS_N = np.repeat([0.0, 22.0, 40.0], 4)
 def found(load_N=LOADS_N, tool=TOOL):
     q_rad = np.random.default_rng(2).uniform(-1.5, 1.5, (len(LOADS_N), ARM.n))
     loads = statics(Chain.of(ARM), Chain.of(ARM).coordinates(q_rad), load_N, tool)
-    nothing = np.zeros(len(LOADS_N))
-    return PoseStates(
-        q_rad, loads.torque_Nm, np.zeros_like(q_rad), LOADS_N, nothing, nothing, loads.static_loads
-    )
+    loaded = {"load_N": LOADS_N, "static_loads": loads.static_loads}
+    return at_rest(q_rad, tau_Nm=loads.torque_Nm, **loaded)
 
 
 def of(kind, **changes):
