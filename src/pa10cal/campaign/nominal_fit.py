@@ -24,6 +24,8 @@ FITS, FITS_OF_POINTS = 10, 6
 FITTED_ROWS = 300
 ALIKE_M = 1e-3
 LEAST_POSES = 12
+#: Reweighted fits end where the sum of distances stays over this part of that before.
+_STILL = 0.999
 
 
 def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None) -> Misfit | None:
@@ -36,14 +38,15 @@ def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None)
     if rows < measured.least_rows:
         return None
     used = _some(rows)
-    weights = np.ones(len(used))
+    weights, sum_m = np.ones(len(used)), np.inf
     try:
         for _ in range(FITS):
             misfit = measured.misfit(T_base_ee, used, weights)
-            # In millimetres, so that weights are about one.
-            before, weights = weights, 1e-3 / np.maximum(misfit.size_m[used], ALIKE_M)
-            if np.array_equal(weights, before):
-                break  # the next fit would be this one
+            off_m = np.maximum(misfit.size_m[used], ALIKE_M)
+            before_m, sum_m = sum_m, float(off_m.sum())
+            if sum_m > _STILL * before_m:
+                break
+            weights = 1e-3 / off_m  # in millimetres, so that weights are about one
     except CalibrationError:
         return None
     return misfit

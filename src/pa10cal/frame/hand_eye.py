@@ -116,23 +116,22 @@ class TargetProblem:
         return np.sqrt(self.weights[self.seen[0]])
 
     @cached_property
-    def _R_rows(self) -> Array:
-        """Modelled orientation of every row, (K, 3, 3)."""
-        return self.R_base[self.seen[0]]
+    def _p_rows_m(self) -> Array:
+        """Modelled position of the end-effector of every row, (K, 3)."""
+        return self.p_base_m[self.seen[0]]
 
     def in_base(self, p_ee_m: Array) -> Array:
         """Return the modelled places (K, 3) of the targets in the base frame."""
-        pose, target = self.seen
-        carried = self._R_rows @ p_ee_m[target, :, None]
-        return np.asarray(self.p_base_m[pose] + carried[..., 0])
+        carried = self.by_places.reshape(-1, p_ee_m.size) @ p_ee_m.ravel()
+        return np.asarray(self._p_rows_m + carried.reshape(-1, 3))
 
     @cached_property
     def by_places(self) -> Array:
         """Return the derivative (K, 3, 3 B) of those places by the targets' places."""
-        target = self.seen[1]
+        pose, target = self.seen
         by_places = np.zeros((len(target), 3, self.p_ee_stated_m.size))
         rows, columns = np.arange(len(target))[:, None, None], 3 * target[:, None, None]
-        by_places[rows, np.arange(3)[:, None], columns + np.arange(3)] = self._R_rows
+        by_places[rows, np.arange(3)[:, None], columns + np.arange(3)] = self.R_base[pose]
         return by_places
 
 
@@ -191,10 +190,12 @@ def _moved(guess: Guess, step: Array, *, own: int, free: Array) -> Guess:
     """Move origin and turn of the base, along its axes, then the targets."""
     of_targets, places = free @ step[own:], guess.p_ee_m.size
     R_instr_base, R_ee_target = guess.R_instr_base, guess.R_ee_target
-    if own > 3:
-        R_instr_base = R_instr_base @ Rotation.from_rotvec(step[3:6]).as_matrix()
-    if len(of_targets) > places:
-        R_ee_target = Rotation.from_rotvec(of_targets[places:]).as_matrix() @ R_ee_target
+    turns = np.concatenate([step[3:own], of_targets[places:]]).reshape(-1, 3)
+    if len(turns):
+        turned = Rotation.from_rotvec(turns).as_matrix()
+        R_instr_base = R_instr_base @ turned[0]
+        if len(of_targets) > places:
+            R_ee_target = turned[1] @ R_ee_target
     return Guess(
         R_instr_base,
         guess.p_instr_base_m + guess.R_instr_base @ step[:3],
@@ -246,8 +247,9 @@ def _linearise(
         of_turns[:, :, -3:] = root[:, None, None] * problem.R_base
         residual.append(root[:, None] * off_rad)
     if free is not None:
-        own = problem.of_base
-        by_step = np.hstack([by_step[:, :own], by_step[:, own:] @ free])
+        own, count = problem.of_base, free.shape[1]
+        by_step[:, own : own + count] = by_step[:, own:] @ free
+        by_step = by_step[:, : own + count]
     return least_squares.Linearised(by_step, np.concatenate(residual).ravel())
 
 

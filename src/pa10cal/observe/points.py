@@ -180,7 +180,9 @@ class Points(Instrument):
         return replace(self, p_instr_m=factor * self.p_instr_m)
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        found = hand_eye_from_points(T_base_ee[used], self.p_instr_m[used], weights=weights)
+        found = hand_eye_from_points(
+            T_base_ee[used], self.p_instr_m[used], weights=weights, roughly=True
+        )
         off_m = self.p_instr_m - found.targets(T_base_ee)[..., :3, 3]
         return Misfit(np.linalg.norm(off_m, axis=2), np.zeros(len(self)))
 
@@ -376,7 +378,7 @@ class Distance(Instrument):
         return replace(self, d_m=factor * self.d_m)
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        found = ranging(T_base_ee[used], self.d_m[used], weights=weights)
+        found = ranging(T_base_ee[used], self.d_m[used], weights=weights, roughly=True)
         modelled_m = np.linalg.norm(found.targets(T_base_ee)[..., :3, 3], axis=2)
         return Misfit(np.abs(self.d_m[:, None] - modelled_m), np.zeros(len(self)))
 

@@ -167,7 +167,7 @@ class Pose(Instrument):
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> quantities.Misfit:
         T = self.T_instr_target
-        found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights)
+        found = hand_eye_from_poses(T_base_ee[used], T[used], weights=weights, roughly=True)
         modelled = found.targets(T_base_ee)[:, 0]
         off = T[:, :3, :3] @ np.swapaxes(modelled[:, :3, :3], 1, 2)
         turn = Rotation.from_matrix(off, assume_valid=True)
