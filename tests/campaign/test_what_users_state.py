@@ -68,6 +68,15 @@ def test_joints_that_count_turns_are_brought_back_where_the_nominal_arm_agrees(r
     assert any("angles are moved by whole turns" in note for note in mended.notes)
 
 
+def test_rows_that_exchanged_joints_put_beyond_limits_are_read_and_the_joints_told(tmp_path):
+    raw = sighted(tmp_path, "pose", robot="irb120", noise_mm=0.02)
+    changed(raw, lambda q_deg, _: q_deg[[2, 1, 0, 3, 4, 5]])
+    assert max(float(line.split(",")[raw.column("q3_deg")]) for line in raw.poses[1:]) > 80.0
+    assert read(raw).quarantined == ()
+    (found,) = findings(raw.folder)
+    assert (found.kind, found.where) == ("joint_order", "q1, q3")
+
+
 def test_numbers_far_beyond_limits_that_do_not_fit_then_stay(raw):
     changed(raw, lambda q_deg, _: 57.3 * q_deg)
     with pytest.raises(Pa10calError, match="beyond the limits"):

@@ -1,15 +1,15 @@
-"""Joints logged together with another, or turns away: does the nominal arm agree then?
+"""Joints logged beyond their limits: together with another, exchanged, or turns away.
 
 A controller that counts joint 3 to the horizontal makes rows look wrong in which joint 2 moved:
 their joint angles beyond limits, their places far from the nominal arm. They are right. So are
-those of a controller that goes on counting turns.
+those of a controller that goes on counting turns. The nominal arm tells.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -60,35 +60,54 @@ def coupling_that_fits(
         among: which are tried; None for all that are near.
     """
 
-    some = spread(len(axes), _LOOKED_AT)
-    few = measured.take(some)
+    def ends(coupled: Coupled) -> Ends:
+        matrix = replace(arm.coupling, joints=coupled)
+        return lambda rows: Chain.of(arm).forward(matrix.to_joints(axes[rows]))
 
-    def ends(coupled: Coupled, at: Array) -> Array:
-        return Chain.of(arm).forward(replace(arm.coupling, joints=coupled).to_joints(at))
+    tried = [each for _, each in couplings_near(arm)] if among is None else list(among)
+    found = _that_fits(measured, ends(arm.coupled), list(map(ends, tried)))
+    return None if found is None else (tried[found[0]], found[1])
 
-    def size_m(coupled: Coupled) -> float:
+
+#: The nominal end (r, 4, 4) at some rows.
+Ends = Callable[[Index], Array]
+
+
+def _that_fits(
+    measured: Instrument, as_stated: Ends, tried: Sequence[Ends]
+) -> tuple[int, Misfit] | None:
+    """Return which of some readings of a log fits all that was measured, and the misfit.
+
+    None where none does, or where the log fits nearly as well as it is read.
+    """
+    some = spread(len(measured), _LOOKED_AT)
+    few, weights = measured.take(some), np.ones(len(some))
+
+    def size_m(ends: Ends) -> float:
         try:
-            return few.locate(ends(coupled, axes[some]), roughly=True).misfit_m
+            misfit = few.misfit(ends(some), np.arange(len(some)), weights)
         except CalibrationError:
             return np.inf
+        return float(np.sqrt(np.mean(misfit.size_m**2)))
 
-    as_stated_m = size_m(arm.coupled)
+    as_stated_m = size_m(as_stated)
     if len(some) < measured.least_rows or as_stated_m <= NEARER * EXPECTED_M:
         return None
-    tried = [each for _, each in couplings_near(arm)] if among is None else list(among)
-    sizes_m = [size_m(coupled) for coupled in tried]
+    sizes_m = list(map(size_m, tried))
     best = int(np.argmin(sizes_m)) if tried else -1
     if best < 0 or NEARER * sizes_m[best] > as_stated_m:
         return None
-    found = misfit_of(measured, ends(tried[best], axes))
+    found = misfit_of(measured, tried[best](np.arange(len(measured))))
     fits = found is not None and puts_right(float(np.median(found.size_m)), EXPECTED_M)
-    return (tried[best], found) if found is not None and fits else None
+    return (best, found) if found is not None and fits else None
 
 
 def arm_of_log(raw: RawRows, q: Sequence[str], arm: Arm, measured: Instrument) -> Arm:
     """Return the arm as a log has its limits: coupled, where rows beyond them fit so alone.
 
-    The joints' columns are `q`; what was measured in each of the rows is `measured`.
+    Or with limits exchanged or reversed, as the columns of two joints or the sign of one then are,
+    which is told where a calibration is checked. The joints' columns are `q`; what was measured in
+    each of the rows is `measured`.
     """
     within = [
         coupled
@@ -97,7 +116,36 @@ def arm_of_log(raw: RawRows, q: Sequence[str], arm: Arm, measured: Instrument) -
     ]
     axes = in_radians(raw.numbers_of(q), arm.axes_slide)
     found = coupling_that_fits(arm, axes, measured, within)
-    return arm if found is None else replace(arm, coupled=found[0])
+    if found is not None or arm.coupled:
+        return arm if found is None else replace(arm, coupled=found[0])
+    slips = [
+        (slipped, order, signs)
+        for slipped, order, signs in _slips(arm)
+        if not outside_bounds(raw, q, slipped).any()
+    ]
+
+    def ends(order: Index, signs: Array) -> Ends:
+        return lambda rows: Chain.of(arm).forward(signs * axes[rows][:, order])
+
+    as_read = ends(np.arange(arm.n), np.ones(arm.n))
+    slip = _that_fits(measured, as_read, [ends(order, signs) for _, order, signs in slips])
+    return arm if slip is None else slips[slip[0]][0]
+
+
+def _slips(arm: Arm) -> Iterator[tuple[Arm, Index, Array]]:
+    """Yield arms with the limits of a log in which two joints are exchanged, or one is reversed.
+
+    Beside each, which column holds each joint (n,), and its sign (n,).
+    """
+    for one, other in combinations(range(arm.n), 2):
+        if arm.prismatic[one] == arm.prismatic[other]:
+            order = np.arange(arm.n)
+            order[[one, other]] = other, one
+            yield replace(arm, limits_rad=arm.limits_rad[order]), order, np.ones(arm.n)
+    for joint in range(arm.n):
+        signs, limits = np.ones(arm.n), arm.limits_rad.copy()
+        signs[joint], limits[joint] = -1.0, -limits[joint, ::-1]
+        yield replace(arm, limits_rad=limits), np.arange(arm.n), signs
 
 
 def without_turns(
