@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL, end_pose
 from pa10cal_lab.cell.individual import draw_individual
+from pa10cal_lab.cell.options import TrackerOptions
 
 #: Base and tool are mounted anew about as well as they were.
 _SHIFT_M, _TURN_RAD = 2e-3, 2e-3
@@ -22,6 +23,18 @@ class Change:
     zero_rad: tuple[tuple[int, float], ...] = ()  # by joint, from 1: how far its zero moved
     softer: tuple[tuple[int, float], ...] = ()  # by joint: factor of its stiffness
     longer_m: tuple[tuple[int, float], ...] = ()  # by row: how much further the next joint is away
+
+
+def plan_of(kind, poses):
+    """Return how an instrument measures an arm with two springs, whose targets nobody states."""
+    return TrackerOptions(
+        instrument=kind,
+        poses=poses,
+        holdout_share=0.0,
+        flexible_joints=(2, 3),
+        hardening=False,
+        states_targets=False,
+    )
 
 
 def draw_changed(arm, plan, change, rng):

@@ -26,14 +26,14 @@ def folder(tmp_path):
 def test_rows_of_the_seven_tables_come_together_and_zeros_were_not_seen(folder):
     (campaign,) = read(folder, 0.2)
     q_deg, *places = (np.loadtxt(folder / name) for name in FILES)
-    np.testing.assert_array_equal(campaign.poses[[f"q{j}_deg" for j in range(1, 7)]], q_deg)
+    np.testing.assert_array_equal(campaign.readings[[f"q{j}_deg" for j in range(1, 7)]], q_deg)
     p_mm = np.hstack(places)
     assert (p_mm == 0.0).sum() == 9
     p_mm[p_mm == 0.0] = np.nan
-    np.testing.assert_array_equal(campaign.poses[PLACES], p_mm)
+    np.testing.assert_array_equal(campaign.readings[PLACES], p_mm)
     assert np.isnan(p_mm[3:5, 3:6]).all()
     assert np.isnan(p_mm[6, 15:]).all()
-    assert campaign.poses["base2_y_mm"].eq(1002.0).all()
+    assert campaign.readings["base2_y_mm"].eq(1002.0).all()
     assert campaign.notes == (
         "10 configurations, 2 places not seen at the flange and 1 on the base",
     )
@@ -57,7 +57,7 @@ def test_the_contracts_reader_takes_it_with_the_targets_on_the_base(folder, tmp_
 def test_one_zero_is_a_coordinate(folder):
     edit(folder / IRB120 / "measured_SMR_1.txt", 2, 1, "0.0", separator=None)
     (campaign,) = read(folder, 0.2)
-    assert campaign.poses.loc[1, "T1_y_mm"] == 0.0
+    assert campaign.readings.loc[1, "T1_y_mm"] == 0.0
     assert campaign.notes[0].startswith("10 configurations, 2 places")
 
 
@@ -72,10 +72,10 @@ def test_rows_that_cannot_be_used_are_listed(folder):
         (f"{IRB120}/measured_joints.txt", 7, "not a finite number"),
         (f"{IRB120}/measured_SMR_1.txt", 4, "no reflector was observed"),
     ]
-    assert len(campaign.poses) == ROWS - 2
+    assert len(campaign.readings) == ROWS - 2
     q_deg = np.genfromtxt(folder / FILES[0])
     kept = [k for k in range(ROWS) if k not in (3, 6)]
-    np.testing.assert_allclose(campaign.poses["q2_deg"], q_deg[kept, 1])
+    np.testing.assert_allclose(campaign.readings["q2_deg"], q_deg[kept, 1])
 
 
 def test_tables_of_different_lengths_are_refused(folder):

@@ -241,13 +241,13 @@ def test_rows_left_out_are_in_a_file(campaign, tmp_path):
 
 
 def test_numbers_are_written_by_their_unit_and_nan_is_empty(campaign):
-    text = gzip.decompress(table_bytes(campaign.poses)).decode()
+    text = gzip.decompress(table_bytes(campaign.readings)).decode()
     first, second, third = text.splitlines()[1:]
     assert first == "0.0,grid,P00001,0,1,5.72957795,1.000000,0.000123457,1.0000000000"
     assert second == "1.0,grid,P00002,0,1,0.00000000,,0.5,0.5000000000"
     assert third.split(",")[6:8] == ["-2.500000", ""]
     back = pd.read_csv(StringIO(text))
-    np.testing.assert_allclose(back["x_mm"], campaign.poses["x_mm"])
+    np.testing.assert_allclose(back["x_mm"], campaign.readings["x_mm"])
 
 
 def test_the_same_campaign_gives_the_same_bytes(campaign, tmp_path):

@@ -57,7 +57,9 @@ def read(tmp_path):
 
 
 def joints(campaign, row=0):
-    return campaign.poses.iloc[row][[c for c in campaign.poses if c.startswith("q")]].to_numpy()
+    return campaign.readings.iloc[row][
+        [c for c in campaign.readings if c.startswith("q")]
+    ].to_numpy()
 
 
 def test_the_titans_axes_turn_as_its_description_has_them(read):
@@ -66,8 +68,8 @@ def test_the_titans_axes_turn_as_its_description_has_them(read):
     fixed, rail = found.values()
     np.testing.assert_array_equal(joints(fixed), [-10, -20, 30, -40, 50, 60])
     np.testing.assert_array_equal(joints(rail, 1), [1500, -11, -20, 30, -40, 50, 60])
-    assert list(rail.poses)[:2] == ["q1_mm", "q2_deg"]
-    assert fixed.poses.loc[1, "T2_y_mm"] == 401.0
+    assert list(rail.readings)[:2] == ["q1_mm", "q2_deg"]
+    assert fixed.readings.loc[1, "T2_y_mm"] == 401.0
     assert "misses these points by 0.300 mm rms" in fixed.provenance
     assert (fixed.joints, fixed.instrument, dict(fixed.holdout)) == (
         "commanded",
@@ -80,10 +82,10 @@ def test_the_iiwa_logs_the_load_on_a_joint_and_its_motor_holds_against_it(read):
     found = read("iiwa7-robot-calibration")
     first = found["iiwa7-free"]
     np.testing.assert_allclose(joints(first)[:2], [5.729577951, 11.459155903])
-    torques = first.poses[[f"tau{k}_Nm" for k in range(1, 8)]]
+    torques = first.readings[[f"tau{k}_Nm" for k in range(1, 8)]]
     np.testing.assert_array_equal(torques.to_numpy()[2], [-1, -2, -3, -4, -5, -6, -7])
-    np.testing.assert_array_equal(first.poses.iloc[2][["x_mm", "y_mm", "z_mm"]], [502, 600, 700])
-    quaternion = first.poses.iloc[0][["qw", "qx", "qy", "qz"]]
+    np.testing.assert_array_equal(first.readings.iloc[2][["x_mm", "y_mm", "z_mm"]], [502, 600, 700])
+    quaternion = first.readings.iloc[0][["qw", "qx", "qy", "qz"]]
     np.testing.assert_allclose(quaternion, [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
     assert {name: each.tool_mass_kg for name, each in found.items()} == {
         "iiwa7-free": 0.0,
@@ -96,8 +98,8 @@ def test_the_iiwa_logs_the_load_on_a_joint_and_its_motor_holds_against_it(read):
 def test_the_motomans_quaternions_have_length_one_and_w_first(read):
     found = read("welding-motoman")["ma2010-0801"]
     np.testing.assert_allclose(joints(found, 1)[:2], [11.459155903, 11.459155903])
-    assert found.poses.loc[0, "x_mm"] == 1000.0
-    rotation = found.poses[["qw", "qx", "qy", "qz"]].to_numpy()
+    assert found.readings.loc[0, "x_mm"] == 1000.0
+    rotation = found.readings[["qw", "qx", "qy", "qz"]].to_numpy()
     np.testing.assert_allclose(rotation, [[0.8, -0.6, 0, 0], [1, 0, 0, 0]], atol=1e-12)
     assert found.joints == "logged"
 
@@ -107,8 +109,8 @@ def test_a_line_of_one_of_two_tables_takes_the_other_along(tmp_path):
     edit(folder / MOTOMAN / "test0516_R1/mocap_T_align.csv", 1, 3, "?", separator=",")
     first, second = dataset_named("welding-motoman").read(folder, 0.6)
     assert [(row.line, row.value) for row in first.left_out] == [(1, "qw = '?'")]
-    assert first.poses["x_mm"].tolist() == [1001.0]
-    assert len(second.poses) == 2
+    assert first.readings["x_mm"].tolist() == [1001.0]
+    assert len(second.readings) == 2
 
 
 def test_justins_chest_stays_upright_and_each_hand_has_its_marker(read):
@@ -118,8 +120,8 @@ def test_justins_chest_stays_upright_and_each_hand_has_its_marker(read):
     np.testing.assert_allclose(joints(right)[:7], degrees)
     np.testing.assert_allclose(joints(left)[4:7], np.degrees([0.0, 0.2, 0.4]))
     places = ["T1_x_mm", "T1_y_mm", "T1_z_mm"]
-    np.testing.assert_allclose(right.poses[places].to_numpy()[1], [-1500, 1250, 1500])
-    np.testing.assert_allclose(left.poses[places].to_numpy()[1], [-3000, 2500, 100])
+    np.testing.assert_allclose(right.readings[places].to_numpy()[1], [-1500, 1250, 1500])
+    np.testing.assert_allclose(left.readings[places].to_numpy()[1], [-3000, 2500, 100])
     assert len(joints(left)) == load_arm("justin_left", ARMS).n == 11
 
 
@@ -146,10 +148,10 @@ def test_the_contracts_reader_takes_every_campaign_and_no_time_is_made_up(datase
     ):
         found = read_campaign(place)
         assert found.quarantined == ()
-        assert len(found.observations) == len(campaign.poses)
+        assert len(found.observations) == len(campaign.readings)
         q = found.observations.states.q_rad
         np.testing.assert_allclose(
-            np.degrees(q[:, -1]), campaign.poses.filter(regex="^q").iloc[:, found.arm.n - 1]
+            np.degrees(q[:, -1]), campaign.readings.filter(regex="^q").iloc[:, found.arm.n - 1]
         )
         assert found.description.columns.poses.time is None
         assert "No time was recorded" in found.description.provenance

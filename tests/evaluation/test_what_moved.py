@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from changed_arm import Change, draw_changed
+from changed_arm import Change, draw_changed, plan_of
 from made_up_pair import campaign, shifted
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
@@ -17,7 +17,6 @@ from pa10cal.terms.effects.structure import ToolSag
 from pa10cal.terms.field import Field
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
-from pa10cal_lab.cell.options import TrackerOptions
 from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
@@ -31,14 +30,7 @@ def pair():
     def make(change, kind="pose", seed=1):
         key = change, kind, seed
         if key not in found:
-            plan = TrackerOptions(
-                instrument=kind,
-                poses=100,
-                holdout_share=0.0,
-                flexible_joints=(2, 3),
-                hardening=False,
-                states_targets=False,
-            )
+            plan = plan_of(kind, 100)
             robots = draw_changed(ARM, plan, change, np.random.default_rng(seed))
             models = []
             for number, robot in enumerate(robots):

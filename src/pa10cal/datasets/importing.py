@@ -104,12 +104,6 @@ class ImportedCampaign:
     arm: Path | None = None  # description of the arm where it is not a shipped one; its path
     tool_mass_kg: float = 0.0  # what the flange carries; 0 where it is not known
 
-    @property
-    def poses(self) -> pd.DataFrame:
-        """Return the columns of `files.poses` of a campaign that is not read as it is."""
-        assert isinstance(self.readings, pd.DataFrame)
-        return self.readings
-
 
 @dataclass(frozen=True)
 class DataSet:

@@ -51,13 +51,11 @@ class HeldOutSquares:
 
 @dataclass(frozen=True, eq=False)
 class FieldFit:
-    """What has no name beside a fitted model, and what poses that were held out say of it."""
+    """What has no name beside a fitted model, where poses that were held out gain by it."""
 
     terms: tuple[Term, ...]  # a sum of effects, a smooth displacement, or both in this order
     x: Array  # (f,) their amounts
     covariance: Array  # (f, f) of them
-    places: HeldOutSquares  # poses among others, of a path whole stretches, held out
-    regions: HeldOutSquares  # clusters of neighbours, held out
     by_joint: Array  # (n,) part of its variance that goes with each joint
 
 
@@ -120,8 +118,6 @@ class _Judged:
             there.terms,
             there.model.x[there.model.model.having("field")],
             there.amounts.covariance * np.outer(sizes, sizes),
-            self.places,
-            self.regions,
             by_joint(model, there.model, states),
         )
 

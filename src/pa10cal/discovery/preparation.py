@@ -308,7 +308,6 @@ def context_of(
         tau_span_Nm=np.abs(
             states.tau_Nm if states.static_loads is None else states.static_loads.joint_Nm
         ).max(axis=0),
-        T_instr_base=baseline.T_instr_base,
         p_instr_middle_m=np.mean(states.seen.p_instr_targets_m.reshape(-1, 3), axis=0),
         q_span_rad=np.stack([states.q_rad.min(axis=0), states.q_rad.max(axis=0)], axis=1),
         time_span_s=(float(states.time_s.min()), float(states.time_s.max())),

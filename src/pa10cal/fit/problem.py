@@ -116,10 +116,6 @@ class Problem:
         )
         return predicted
 
-    def residual(self, x: Array) -> Array:
-        """Return predicted less seen, (P, b)."""
-        return self.observations.measured.compare(self.predict(x), self.places_at(x)).residual
-
     def rows(self, x: Array) -> Rows:
         """Return residuals and exact derivatives."""
         predicted = self.model.predict_with_jacobian(self.observations.states, self.of_model(x))

@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from calibrated import general
-from changed_arm import Change, draw_changed
+from changed_arm import Change, draw_changed, plan_of
 from made_up_model import fitted_to
 from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import fitted
@@ -29,7 +29,6 @@ from pa10cal.terms.effects.joint import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.model import Model
-from pa10cal_lab.cell.options import TrackerOptions
 from pa10cal_lab.simulated import (
     exact_observations,
     measure,
@@ -47,14 +46,7 @@ def _arms():
 
 def arms(kind, change, seed=3):
     """Return a model of an arm, readings of it after a change, payload, and exact readings."""
-    plan = TrackerOptions(
-        instrument=kind,
-        poses=120,
-        holdout_share=0.0,
-        flexible_joints=(2, 3),
-        hardening=False,
-        states_targets=False,
-    )
+    plan = plan_of(kind, 120)
     before, after = draw_changed(ARM, plan, change, np.random.default_rng(seed))
     payload = payload_of_individual(before)
     model = fitted(general(ARM, observations_of(measure(before, plan, seed)), payload))

@@ -37,7 +37,6 @@ class CandidateContext:
     flexible_joints: tuple[int, ...]  # joints, from 1, to which the model gives a spring
     reference_temperature_C: float  # temperature at which lengths are nominal
     tau_span_Nm: Array  # (n,) largest torque that each joint carried
-    T_instr_base: Array  # (4, 4) approximate base frame in the instrument's frame
     p_instr_middle_m: Array  # (3,) middle of the measured places in the instrument's frame
     q_span_rad: Array  # (n, 2) lowest and highest angle that each joint took
     time_span_s: tuple[float, float]  # first and last reading of the campaign
@@ -402,7 +401,6 @@ def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
         flexible_joints=(),
         reference_temperature_C=20.0,
         tau_span_Nm=arm.rated_Nm(np.ones(arm.n)),
-        T_instr_base=np.eye(4),
         p_instr_middle_m=np.zeros(3),
         q_span_rad=arm.joint_ranges_rad,
         time_span_s=(0.0, 3600.0),
