@@ -8,24 +8,23 @@ import os
 for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-import gzip
 import inspect
 import re
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import settings as hypothesis_settings
 from scipy.spatial.transform import Rotation
 
 from attacks import Attack, Forking
 from built_once import built_once
 from made_up_mistakes import Own, own_campaign
+from made_up_sightings import RawFolder
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from snakemake_calls import Snakemake
@@ -118,34 +117,16 @@ def attack(forking, tmp_path, request) -> Attack:
     return Attack(forking, tmp_path / "sent", tmp_path / "not-sent", request.node.name)
 
 
-@dataclass
-class RawCampaign:
-    """Raw files as lists of lines (the header first), with the truth they were made from."""
+@dataclass(kw_only=True)
+class RawCampaign(RawFolder):
+    """Raw files of touched balls, with the truth they were made from."""
 
-    folder: Path
     T_instr_base: np.ndarray
     q_rad: np.ndarray
     T_instr_ee: np.ndarray
     keys: list[tuple[str, str, int, int]]
-    description: dict[str, Any]
     cmm: list[str]
     resolver: list[str]
-    poses: list[str]
-    line_end: str = "\n"
-    extra: dict[str, bytes] = field(default_factory=dict)
-
-    def write(self) -> Path:
-        """Write the folder; a name that ends in .gz is compressed."""
-        self.folder.mkdir(exist_ok=True)
-        (self.folder / "campaign.yaml").write_text(yaml.safe_dump(self.description))
-        for key, lines in (("cmm", self.cmm), ("resolver", self.resolver), ("poses", self.poses)):
-            if name := self.description["files"].get(key):
-                content = "".join(line + self.line_end for line in lines).encode()
-                packed = gzip.compress(content) if name.endswith(".gz") else content
-                (self.folder / name).write_bytes(packed)
-        for name, content in self.extra.items():
-            (self.folder / name).write_bytes(content)
-        return self.folder
 
 
 @pytest.fixture

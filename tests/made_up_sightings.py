@@ -1,4 +1,4 @@
-"""A made-up campaign of an instrument that touches nothing, as raw lines that a test may spoil."""
+"""Made-up campaigns as raw lines that a test may spoil, and one that touches nothing."""
 
 from __future__ import annotations
 
@@ -17,11 +17,35 @@ from pa10cal.files.arms import load_arm
 UNCERTAINTY_MM = 0.02
 
 
-@dataclass
-class Sighted:
-    """Raw file as a list of lines (the header first), with the truth it was made from."""
+@dataclass(kw_only=True)
+class RawFolder:
+    """Raw files as lists of lines (the header first)."""
 
     folder: Path
+    description: dict[str, Any]
+    poses: list[str]
+    line_end: str = "\n"
+    extra: dict[str, bytes] = field(default_factory=dict)
+
+    def write(self) -> Path:
+        """Write the folder; a name that ends in .gz is compressed."""
+        self.folder.mkdir(exist_ok=True)
+        (self.folder / "campaign.yaml").write_text(yaml.safe_dump(self.description))
+        for key in ("cmm", "resolver", "poses"):
+            if name := self.description["files"].get(key):
+                lines = getattr(self, key, ())
+                content = "".join(line + self.line_end for line in lines).encode()
+                packed = gzip.compress(content) if name.endswith(".gz") else content
+                (self.folder / name).write_bytes(packed)
+        for name, content in self.extra.items():
+            (self.folder / name).write_bytes(content)
+        return self.folder
+
+
+@dataclass(kw_only=True)
+class Sighted(RawFolder):
+    """Raw file of an instrument that touches nothing, with the truth it was made from."""
+
     q: np.ndarray
     T_instr_base: np.ndarray
     T_ee_target: np.ndarray
@@ -30,21 +54,6 @@ class Sighted:
     p_instr_m: np.ndarray
     p_base_point_m: np.ndarray
     d_m: np.ndarray
-    description: dict[str, Any]
-    poses: list[str]
-    line_end: str = "\n"
-    extra: dict[str, bytes] = field(default_factory=dict)
-
-    def write(self) -> Path:
-        self.folder.mkdir(exist_ok=True)
-        (self.folder / "campaign.yaml").write_text(yaml.safe_dump(self.description))
-        name = self.description["files"]["poses"]
-        content = "".join(line + self.line_end for line in self.poses).encode()
-        packed = gzip.compress(content) if name.endswith(".gz") else content
-        (self.folder / name).write_bytes(packed)
-        for name, content in self.extra.items():
-            (self.folder / name).write_bytes(content)
-        return self.folder
 
     def column(self, name: str) -> int:
         return self.poses[0].split(",").index(name)
