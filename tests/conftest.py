@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from attacks import Attack, Forking
 from built_once import built_once
 from made_up_mistakes import Own, own_campaign
-from made_up_sightings import RawFolder
+from made_up_sightings import RawFolder, described
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from snakemake_calls import Snakemake
@@ -185,23 +185,17 @@ def _along(chain: Chain, q0_rad: np.ndarray, travel_m: np.ndarray, axis: int) ->
 
 
 def _description() -> dict[str, Any]:
-    return {
-        "schema": "pa10cal-campaign/1",
-        "name": "made-up",
-        "robot": "pa10_6ce",
-        "provenance": "made up by the tests",
-        "instrument": {"kind": "touch_trigger_cmm", "uncertainty_mm": 0.005},
-        "ball_diameter_mm": 2 * RADIUS_MM,
-        "tool": {
-            "mass_kg": 2.4,
-            "com_mm": [0, 0, 190],
-            "load_point_mm": [0, 0, 30],
-            "balls_mm": {name: list(place) for name, place in BALLS_MM.items()},
-        },
-        "gravity_m_s2": [0, 0, -9.80665],
-        "reference_temperature_C": 21,
-        "files": {"cmm": "cmm.csv", "resolver": "resolver.csv"},
-    }
+    said = described(
+        mass_kg=2.4,
+        com_mm=(0, 0, 190),
+        load_point_mm=(0, 0, 30),
+        robot="pa10_6ce",
+        instrument={"kind": "touch_trigger_cmm", "uncertainty_mm": 0.005},
+        ball_diameter_mm=2 * RADIUS_MM,
+        files={"cmm": "cmm.csv", "resolver": "resolver.csv"},
+    )
+    said["tool"]["balls_mm"] = {name: list(place) for name, place in BALLS_MM.items()}
+    return said
 
 
 def _cmm_lines(keys, T_instr_ee, rng) -> list[str]:

@@ -105,7 +105,7 @@ def sighted(tmp_path, kind, *, robot="ur10", poses=40, repeats=1, targets=3, see
         p_instr_m=p_instr_m,
         p_base_point_m=point,
         d_m=d_m,
-        description=_description(kind, robot),
+        description=described(kind, 1.0, (0, 0, 50), (0, 0, 30), name="sighted", robot=robot),
         poses=lines,
     )
 
@@ -158,15 +158,18 @@ def _lines(arm, q, poses, measured):
     return lines
 
 
-def _description(kind, robot):
+def described(kind="pose", mass_kg=0.0, com_mm=(0, 0, 0), load_point_mm=(0, 0, 0), **more):
+    """Return the content of a campaign.yaml, of a UR10 but for what is given."""
+    tool = {"mass_kg": mass_kg, "com_mm": [*com_mm], "load_point_mm": [*load_point_mm]}
     return {
         "schema": "pa10cal-campaign/1",
-        "name": "sighted",
-        "robot": robot,
+        "name": "made-up",
+        "robot": "ur10",
         "provenance": "made up by the tests",
         "instrument": {"kind": kind, "uncertainty_mm": UNCERTAINTY_MM},
-        "tool": {"mass_kg": 1.0, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 30]},
+        "tool": tool,
         "gravity_m_s2": [0, 0, -9.80665],
         "reference_temperature_C": 21,
         "files": {"poses": "poses.csv"},
+        **more,
     }

@@ -11,6 +11,7 @@ import yaml
 from benchmarks.couplings import industrial, scara, telescope
 
 from made_up_poses import states_of
+from made_up_sightings import described
 from mended import findings
 from pa10cal import calibrate
 from pa10cal.arm.chain import Chain
@@ -63,18 +64,9 @@ def logged(folder, kind, seed, poses=60):
     folder.mkdir()
     table.to_csv(folder / "poses.csv", index=False)
     (folder / "mine.yaml").write_text(arm_text(plain))
-    description = {
-        "schema": "pa10cal-campaign/1",
-        "name": folder.name,
-        "provenance": "made up",
-        "robot": "mine",
-        "instrument": {"kind": "points", "uncertainty_mm": 0.03},
-        "tool": {"mass_kg": 0.0, "com_mm": [0, 0, 0], "load_point_mm": [0, 0, 0]},
-        "gravity_m_s2": [0, 0, -9.81],
-        "reference_temperature_C": 20,
-        "holdout": {"every": 5},
-        "files": {"poses": "poses.csv"},
-    }
+    instrument, holdout = {"kind": "points", "uncertainty_mm": 0.03}, {"every": 5}
+    about = {"name": folder.name, "robot": "mine"}
+    description = described(**about, instrument=instrument, holdout=holdout)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(description))
     return coupling, description
 

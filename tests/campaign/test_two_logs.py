@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from made_up_sightings import described
 from made_up_two_logs import JOINTS, PLACE, two_logs
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
@@ -66,7 +67,7 @@ def test_a_row_that_is_missing_is_named(tmp_path, written, seed):
     logs.joints, logs.readings = (shorter, readings) if seed % 2 else (joints, shorter)
     folder = tmp_path / "mine"
     logs.write(folder)
-    (folder / "campaign.yaml").write_text(yaml.safe_dump(described()))
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(mapped()))
     with pytest.raises(Pa10calError) as refused:
         read_campaign(folder)
     assert "readings fit the joints of the row" in str(refused.value)
@@ -74,31 +75,21 @@ def test_a_row_that_is_missing_is_named(tmp_path, written, seed):
     assert abs(int(line) - 2 - place) <= 1
 
 
-def described():
-    return {
-        "schema": "pa10cal-campaign/1",
-        "name": "mine",
-        "provenance": "synthetic",
-        "robot": "ur10",
-        "instrument": {"kind": "pose", "uncertainty_mm": 0.02},
-        "tool": {"mass_kg": 0, "com_mm": [0, 0, 0], "load_point_mm": [0, 0, 0]},
-        "gravity_m_s2": [0, 0, -9.81],
-        "reference_temperature_C": 20,
-        "files": {"joints": "controller.csv", "readings": "tracker.csv"},
-        "holdout": {"every": 5},
-        "columns": {
-            "joints": {"joints": {"names": JOINTS}},
-            "readings": {
-                "position": {"names": ["X [mm]", "Y [mm]", "Z [mm]"]},
-                "rotation": {"names": ["Rx [deg]", "Ry [deg]", "Rz [deg]"], "convention": "rpy"},
-            },
-        },
+def mapped():
+    readings = {
+        "position": {"names": ["X [mm]", "Y [mm]", "Z [mm]"]},
+        "rotation": {"names": ["Rx [deg]", "Ry [deg]", "Rz [deg]"], "convention": "rpy"},
     }
+    return described(
+        files={"joints": "controller.csv", "readings": "tracker.csv"},
+        holdout={"every": 5},
+        columns={"joints": {"joints": {"names": JOINTS}}, "readings": readings},
+    )
 
 
 def read_with(tmp_path, logs, of_readings=(), exclude=(), **of_joints):
     """Read two logs with further columns mapped."""
-    folder, content = tmp_path / "mine", described() | {"exclude": list(exclude)}
+    folder, content = tmp_path / "mine", mapped() | {"exclude": list(exclude)}
     logs.write(folder)
     content["columns"]["joints"] |= of_joints
     content["columns"]["readings"] |= dict(of_readings)
@@ -220,7 +211,7 @@ def test_logs_of_two_runs_are_refused(tmp_path):
     logs.readings[stamps] = rng.permutation(logs.readings[stamps].to_numpy())
     folder = tmp_path / "mine"
     logs.write(folder)
-    content = described()
+    content = mapped()
     content["columns"]["joints"]["time"] = {"names": "Zeit [s]"}
     content["columns"]["readings"]["time"] = {"names": stamps, "format": "%d.%m.%Y %H:%M:%S.%f"}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content))

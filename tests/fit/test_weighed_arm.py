@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import made_up_sightings
 from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
@@ -25,19 +26,9 @@ BARE = replace(ARM, mass_kg=None, com_m=None)
 
 
 def described(**more):
-    return CampaignDescription.model_validate(
-        {
-            "name": "made-up",
-            "provenance": "synthetic",
-            "robot": "ur10",
-            "instrument": {"kind": "pose", "uncertainty_mm": 0.02},
-            "tool": {"mass_kg": 1.0, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]},
-            "gravity_m_s2": [0, 0, -9.81],
-            "reference_temperature_C": 20,
-            "files": {"poses": "poses.csv"},
-            **more,
-        }
-    )
+    content = made_up_sightings.described("pose", 1.0, (0, 0, 50), **more)
+    del content["schema"]
+    return CampaignDescription.model_validate(content)
 
 
 def weighed(campaign, arm, every):
