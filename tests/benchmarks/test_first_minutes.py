@@ -29,4 +29,4 @@ def test_more_steps_than_wanted_are_not_right_and_the_table_has_a_row_each():
     assert (
         "| a | 2: `pa10cal columns a`; `pa10cal run .` | 1: provenance | 20 | 9 | good |" in table
     )
-    assert len(table.splitlines()) == 12
+    assert len(table.splitlines()) == 13
