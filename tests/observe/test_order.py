@@ -12,6 +12,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
     goes_with,
+    like_a_scan,
     measured_again,
     partings,
     reversed_joints,
@@ -256,3 +257,17 @@ def test_a_joint_that_is_always_logged_from_the_other_side_is_put_right():
 def test_most_joints_must_arrive_from_where_they_stood(wrong):
     logged, _ = many_arrivals(wrong=wrong)
     assert not reversed_joints(logged).any()
+
+
+def test_campaigns_of_a_group_have_clocks_of_their_own(random_order):
+    q_rad = random_order.states.q_rad.copy()
+    q_rad[ROWS // 2 :] = q_rad[: ROWS // 2]
+    campaign = np.repeat([0, 1], ROWS // 2)
+    states = replace(random_order.states, q_rad=q_rad, load_N=np.zeros(ROWS), campaign=campaign)
+    # The same places on another day say nothing of time, there or here.
+    assert not measured_again(random_order.with_states(states))
+    # Paths that two campaigns follow at the same times are paths.
+    path = np.linspace(0.0, 1.0, ROWS // 2)[:, None] * np.ones(JOINTS)
+    both = replace(states, q_rad=np.concatenate([path, path[::-1]]))
+    times_s = np.tile(np.arange(ROWS // 2, dtype=float), 2)
+    assert like_a_scan(random_order.with_states(replace(both, time_s=times_s)))

@@ -131,14 +131,23 @@ def with_places(every: Observations) -> Observations:
 
 
 def measured_again(every: Observations) -> bool:
-    """Return whether readings of the same place and load are spread over time: they tell it."""
-    load = np.unique(every.states.load_N, return_inverse=True)[1].ravel()
+    """Return whether readings of the same place and load are spread over time: they tell it.
+
+    Of a group each campaign has its own clock and base: only within one do they tell anything.
+    """
+    states = every.states
     pose = np.unique(with_places(every).pose, return_inverse=True)[1].ravel()
-    group = np.unique(pose * (load.max() + 1) + load, return_inverse=True)[1].ravel()
+    same = np.column_stack([pose, states.load_N, _campaign(states)])
+    group = np.unique(same, axis=0, return_inverse=True)[1].ravel()
     time = _ranks(every.states.time_s)
     middle = np.bincount(group, time) / np.bincount(group)
     within = float(np.mean((time - middle[group]) ** 2))
     return within > _AGAIN * float(np.var(time))
+
+
+def _campaign(states: PoseStates) -> Index:
+    """Return the number (N,) of the campaign of a group that each is of."""
+    return np.zeros(len(states), np.intp) if states.campaign is None else states.campaign
 
 
 def _ranks(values: Array) -> Array:
@@ -149,7 +158,7 @@ def _ranks(values: Array) -> Array:
 
 def slow_joints(states: PoseStates) -> Mask:
     """Return (n,) which joints move little from one pose to the next."""
-    q_rad = states.q_rad[np.argsort(states.time_s, kind="stable")]
+    q_rad = states.q_rad[np.lexsort((states.time_s, _campaign(states)))]
     steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
     spread = np.median(np.abs(q_rad - np.median(q_rad, axis=0)), axis=0)
     return np.asarray(steps < _SMALL_MOVES * spread)
@@ -273,7 +282,7 @@ def _by_order(every: Observations) -> tuple[Array, Array, Array] | None:
     states = every.states
     if len(np.unique(states.time_s)) < _OWN_TIMES * len(every):
         return None
-    campaign = np.zeros(len(every), int) if states.campaign is None else states.campaign
+    campaign = _campaign(states)
     in_time = np.lexsort((states.time_s, campaign))
     of_campaign = pd.DataFrame(states.q_rad[in_time]).groupby(campaign[in_time])
     moved = of_campaign.diff().to_numpy()
