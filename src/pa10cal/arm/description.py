@@ -209,15 +209,6 @@ class Arm:
                     allowed=f"{n} entries, one a joint",
                     remedy="complete the arm description",
                 )
-        if self.coupling.singular:
-            raise ArmError(
-                "the coupling makes two joints one: some axes of the controller move nothing",
-                where=f"{self.name}: coupling",
-                value=", ".join(f"joint {c.joint} by {c.by}: {c.factor:g}" for c in self.coupled),
-                allowed="axes that move the joints in as many ways as there are axes",
-                remedy="remove one of these couplings, or set follows: true of a joint that has no "
-                "axis of its own",
-            )
         places = [*np.column_stack([self.a_m, self.d_m])]
         names = [f"row {row}" for row in range(1, n + 1)]
         for T, name in ((self.T_base_row1, "base"), (self.T_row_n_ee, "tool")):

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from datetime import date, datetime, time
 from pathlib import Path
+from struct import unpack
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -242,6 +243,10 @@ def _c3d(_: int, called: dict[str, list[str]]) -> dict[str, Any]:
     file = ezc3d.c3d(_INPUT)
     about = file["parameters"]["POINT"]
     places = file["data"]["points"][:3]
+    head = Path(_INPUT).read_bytes()[6:10]  # first and last frame, in either order of the bytes
+    promised = min(last - first + 1 for first, last in (unpack("<HH", head), unpack(">HH", head)))
+    if places.shape[2] < promised:
+        raise _UnfitError("unreadable", f"{places.shape[2]} of {promised} frames are there")
     unseen = (file["data"]["meta_points"]["residuals"][0] < 0.0) | (places == 0.0).all(axis=0)
     places = np.where(unseen, np.nan, places)
     unit = (about["UNITS"]["value"] or ["mm"])[0].strip() or "mm"
@@ -260,6 +265,11 @@ def _bag(kind: str, called: dict[str, list[str]]) -> dict[str, Any]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    with Path(_INPUT).open("rb") as file:
+        head, size = file.read(32), os.fstat(file.fileno()).st_size
+    pages, page = int.from_bytes(head[28:32]), int.from_bytes(head[16:18])  # of SQLite
+    if kind == "db3" and size < pages * page:
+        raise _UnfitError("unreadable", f"{size} of {pages * page} bytes are there")
     with TemporaryDirectory() as folder:
         link = Path(folder) / f"bag.{kind}"  # its end says how it is read
         link.symlink_to(_INPUT)
@@ -423,6 +433,7 @@ if __name__ == "__main__":
     except BrokenPipeError:  # whoever reads has seen enough
         wrong = ""
     except Exception as error:  # of a reader that is not ours
-        wrong = f"!unreadable\t{' '.join(str(error).split())}"
+        said = re.sub(r"/\S*/bag\.\w+", "the bag", str(error))  # not where it was linked to
+        wrong = f"!unreadable\t{' '.join(said.split())}"
     if wrong:
         print(wrong)

@@ -60,7 +60,7 @@ def _table(
         values = [point.axes.get(name, "") for name in used if point.whole or name in point.axes]
         fields = [*point.labels[: len(labels)], *values]
         yield TextLine(point.line, table_row(fields), ended=point.whole)
-    if cut is not None and placed[-1].whole:
+    if cut is not None and (placed[-1].whole or set(used) <= set(placed[-1].axes)):
         yield TextLine(cut.number, cut.text.strip().replace("\t", " "), ended=False)
 
 

@@ -141,6 +141,7 @@ _VICON_AXES = {
 }
 _VICON_SECTIONS = ("trajectories", "segments", "objects", "bodies", "global angles")
 _VICON_HEADER = 4  # lines below the name of a section
+_NUMBER = re.compile(r"[-+]?\d+\.?\d*(e[-+]?\d+)?", re.I)
 
 
 @dataclass
@@ -161,6 +162,13 @@ class _Section:
             )
         rate, names, axes, units = (_fields(line.text) for line in self.head[:_VICON_HEADER])
         rate_hz = _rate_hz(rate)
+        if any(_NUMBER.fullmatch(each) for each in units):
+            raise _refuse_header(
+                f"the section {self.title.text.strip(', ')} lacks the line of units",
+                f"{where}:{self.head[-1].number}",
+                ", ".join(units),
+                "a line such as ,,mm,mm,mm below the axes",
+            )
         if rate_hz <= 0.0:
             raise _refuse_header(
                 "the rate is not a number",

@@ -27,19 +27,22 @@ class _Point:
 
 
 def _table(
-    points: Sequence[_Point],
+    points: list[_Point],
     called: str,
     unit: str,
     where: str,
     notes: list[str],
+    last: TextLine,
     *,
-    ended: bool,
     torn: bool,
 ) -> Iterator[TextLine]:
     """Yield a table of the points that have three coordinates.
 
-    The file may have `ended` with the end of a line, and else its last line may be `torn`.
+    The file may end with the end of its last line, and else that may be `torn`.
     """
+    ended = last.ended
+    if torn and points and len(points[-1].places) == len(_AXES):  # in what follows that point
+        points.append(_Point(last.number, (last.text.strip(),)))
     whole = [point for point in points if len(point.places) == len(_AXES)]
     cut = [
         point for point in points[-1:] if torn or (point.places and not (ended and point in whole))
@@ -119,10 +122,11 @@ def control_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> It
         axis = control.lower()
         if not points or points[-1].labels != (name,) or axis in points[-1].places:
             points.append(_Point(last.number, (name,)))
-        if axis in _AXES and measured:
+        whole = last.ended or len(fields) >= min(width, at[-1] + 2)
+        if axis in _AXES and measured and whole:
             points[-1].places[axis] = measured
     torn = not last.ended and len(fields) < width
-    yield from _table(points, "Object Name", unit, where, notes, ended=last.ended, torn=torn)
+    yield from _table(points, "Object Name", unit, where, notes, last, torn=torn)
 
 
 def _length_unit(stated: str, where: str) -> str:
@@ -152,7 +156,7 @@ def begins_features(head: Sequence[str]) -> bool:
 
 def feature_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield the actual centre of each feature, a row for each."""
-    actual, unit, points, torn = 2, "", list[_Point](), False
+    actual, unit, points = 2, "", list[_Point]()
     last = TextLine(1, "", ended=True)
     for last in lines:
         fields = [each.strip() for each in last.text.split("\t")]
@@ -163,7 +167,6 @@ def feature_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> It
         elif points and (axis := _PROPERTY.fullmatch(fields[0])) is not None:
             value = _WITH_UNIT.fullmatch(fields[actual] if actual < len(fields) else "")
             if value is None or (not last.ended and not value[2]):
-                torn = not last.ended
                 continue
             found = _length_unit(value[2], f"{where}:{last.number}") if value[2] else unit
             if unit and found != unit:
@@ -176,4 +179,4 @@ def feature_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> It
                 )
             unit = found
             points[-1].places.setdefault(axis[1].lower(), value[1])
-    yield from _table(points, "Feature", unit, where, notes, ended=last.ended, torn=torn)
+    yield from _table(points, "Feature", unit, where, notes, last, torn=not last.ended)

@@ -344,8 +344,18 @@ class _Proposing:
 
     def _stated(self, names: Sequence[str], known: Mapping[str, float]) -> str | None:
         """Return the unit that columns state in their names, or below them; None for none."""
-        units = [unit_of(self.sniffed.titled(name)) for name in names]
-        return next((unit for unit in units if unit in known), None)
+        titles = list(map(self.sniffed.titled, names))
+        units = list(dict.fromkeys(unit for unit in map(unit_of, titles) if unit in known))
+        if len(units) > 1:
+            raise RawDataError(
+                "columns of one quantity are in different units",
+                where=self.sniffed.file,
+                value=", ".join(titles),
+                allowed=f"one unit of {', '.join(known)} for all of them",
+                remedy=f"export them all in {units[0]}, or convert those in {units[1]} and name "
+                "them so",
+            )
+        return next(iter(units), None)
 
     def _temperatures(self) -> dict[str, Any]:
         """Return the column of temperatures, and note a reference temperature."""

@@ -54,6 +54,7 @@ class Sniffed:
     # what the columns are called in a line that is not written as the rows are; then their names
     # are 1, 2, …; empty where names are what they are called
     titles: tuple[str, ...] = ()
+    file: str = ""  # its name
 
     def column(self, name: str) -> Array:
         """Return a column of numbers."""
@@ -153,6 +154,13 @@ def sniff(path: Path) -> Sniffed:
     starts = np.mean(~np.isnan(every), axis=1)
     usual = float(np.median(starts))
     body = next(k for k, share in enumerate(starts) if share >= 0.6 * usual) if of is None else 1
+    if len(rows) == body:
+        raise RawDataError(
+            "there is no whole row under the names of the columns",
+            where=str(path),
+            allowed="a row for each configuration",
+            remedy="export the file again",
+        )
     named = body > 0
     units: tuple[str, ...] = ()
     called: tuple[str, ...] = ()
@@ -187,6 +195,7 @@ def sniff(path: Path) -> Sniffed:
         found or format_of_columns(names, every[body:]),
         tuple(dict.fromkeys(notes)),
         called,
+        path.name,
     )
 
 

@@ -40,6 +40,14 @@ _USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊ
 _ASCII = bytes(range(128))
 #: What states the names of the columns of an array: that of a data set of lerobot, beside its file.
 _STATES_NAMES = ("meta/info.json", "info.json")
+#: Beginnings of files that are packed in another way than with gzip.
+_PACKED = {
+    b"\x28\xb5\x2f\xfd": "zstd",
+    b"\xfd7zXZ": "xz",
+    b"BZh": "bzip2",
+    b"7z\xbc\xaf": "7-Zip",
+    b"PK\x03\x04": "zip",
+}
 #: Signs that end a field of a table, or quote it.
 _NOT_IN_FIELDS = str.maketrans('\t"\n', " ' ")
 
@@ -123,11 +131,20 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
     for mark, encoding in _MARKS:
         if head.startswith(mark):
             return encoding
+    packed = next((how for begins, how in _PACKED.items() if head.startswith(begins)), "")
+    if packed or kind_of_bytes(head, path.with_suffix("").suffix.lower()):
+        raise RawDataError(
+            "the file is packed in a way that is not read",
+            where=str(path),
+            value=packed or "gzip, of a file that is no text",
+            allowed="files as they are, and text packed with gzip",
+            remedy="unpack it",
+        )
     if b"\x00" in head:
         even, uneven = head[::2].count(0), head[1::2].count(0)
         if max(even, uneven) > 0.4 * len(head) / 2 and min(even, uneven) == 0:
             return "utf-16-le" if uneven > even else "utf-16-be"
-        raise _no_text(f"{path}:1")
+        raise _no_text(f"{path}:1", head)
 
     def usual(encoding: str) -> int:
         return sum(letter in _USUAL for letter in odd.decode(encoding, errors="replace"))
@@ -256,10 +273,15 @@ def _too_large(path: Path) -> RawDataError:
     )
 
 
-def _no_text(where: str) -> RawDataError:
+def _no_text(where: str, head: bytes = b"") -> RawDataError:
+    begins = "".join(
+        letter for letter in head[:20].decode("ascii", "ignore") if " " <= letter <= "~"
+    )
     return RawDataError(
         "the file is not UTF-8 text, nor text in another usual encoding",
         where=where,
-        allowed="UTF-8, UTF-16, or an encoding of Windows (cp1252) or DOS (cp850)",
-        remedy="export it as UTF-8",
+        value=f"it begins with {begins}" if begins else None,
+        allowed="UTF-8, UTF-16, or an encoding of Windows (cp1252) or DOS (cp850); or a file of "
+        "arrays, a workbook, a take or a bag as docs/raw-data.md lists them",
+        remedy="export it as UTF-8, or a file of another version in one that is listed",
     )

@@ -216,6 +216,8 @@ def _read_poses(
 #: and as logged be further off than this.
 BETTER = 5.0
 BAD_M = 2e-3
+#: Rows that show another unit than the others have, at least.
+LEAST_OTHER_UNIT = 3
 #: Logged positions of prismatic joints that never exceed the longest stroke in metres may be in
 #: metres.
 LONGEST_STROKE_M = 10.0
@@ -368,14 +370,17 @@ class Screen:
         places = time_s[seen], 1e3 * places_m[seen, best]
         screens.refuse_wrong_angle_unit((time_s, q), places, self.arm, 0.0, where_joints, words)
         tried = []
-        if radians:
-            tried.append(("angles", "rad", "deg", np.where(slides, 1.0, np.degrees(1.0))))
+        every = np.ones((len(q), 1), dtype=bool)
+        small = np.array([screens.may_be_radians(row[None], self.arm) for row in q])[:, None]
+        if small.sum() >= LEAST_OTHER_UNIT:
+            tried.append(("angles", "rad", "deg", small, np.where(slides, 1.0, np.degrees(1.0))))
         if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
-            tried.append(("strokes", "m", "mm", np.where(slides, 1e3, 1.0)))
+            tried.append(("strokes", "m", "mm", every, np.where(slides, 1e3, 1.0)))
         logged = misfit_of(measured, T_base_ee) if tried else None
         logged_m = 0.0 if logged is None else float(np.median(logged.size_m))
-        for quantity, unit, right_unit, factor in tried if logged_m > BAD_M else ():
-            moved = Chain.of(self.arm).forward(coupling.to_joints(in_radians(q * factor, slides)))
+        for quantity, unit, right_unit, of, factor in tried if logged_m > BAD_M else ():
+            axes = in_radians(np.where(of, factor, 1.0) * q, slides)
+            moved = Chain.of(self.arm).forward(coupling.to_joints(axes))
             misfit = misfit_of(measured, moved)
             misfit_m = np.inf if misfit is None else float(np.median(misfit.size_m))
             if BETTER * misfit_m <= logged_m:
@@ -385,9 +390,13 @@ class Screen:
                     f"{1e3 * misfit_m:.0f} mm with {named}"
                 )
                 first = next(name for name in names if name.endswith(f"_{right_unit}"))
-                remedy = words.set_unit(first, unit, right)
+                what, remedy = f"the joint {quantity} look like", words.set_unit(first, unit, right)
+                if not of.all():
+                    what = f"in {of.sum()} of {len(of)} rows {what}"
+                    where_joints = where_joints.replace(":", f":{self.line[of.argmax()]}:", 1)
+                    remedy = "convert these rows to the unit of the others"
                 raise RawDataError(
-                    f"the joint {quantity} look like {named}",
+                    f"{what} {named}",
                     where=where_joints,
                     value=value,
                     allowed=f"joint {quantity} in {right}",

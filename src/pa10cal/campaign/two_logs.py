@@ -102,6 +102,8 @@ def clock_offset(stations: Stations, time_s: Array, fit: Fit) -> tuple[float, fl
 MANY_MORE = 1.3
 #: Dwells that last less are no poses [s]; those that are found are shorter than they were.
 SHORT_S = 0.4
+#: Phases in which joints and target both stood, at least.
+LEAST_VISITS = 3
 #: Columns of labels share at least so many, and so large a part of the shorter one's.
 SHARED, SHARED_PART = 3, 0.8
 
@@ -412,11 +414,7 @@ class TwoLogs:
         if 2 * inside <= len(dwells):
             lasts_s = (np.median(each.end_s - each.start_s) for each in (dwells, stations))
             if min(lasts_s) < SHORT_S or 2 * len(stations) < len(dwells):
-                what = (
-                    f"the arm hardly stands still: {len(stations)} steady phases of the joints, "
-                    f"{len(dwells)} of the target"
-                )
-                raise self._no_dwell(self.readings.path, count, what)
+                raise self._hardly_still(inside, len(stations), len(dwells), count)
             raise self._apart(inside, stations, middle_s, fit, "dwells of the target")
         clock = Clock(offset_s, u_s, float(time_s[0]), float(time_s[-1]))
         if stated_s is None:
@@ -433,6 +431,8 @@ class TwoLogs:
         few = np.bincount(group, minlength=len(visits)) < LEAST_READINGS
         of_group[steady] = np.where(few[group], -1, (np.cumsum(~few) - 1)[group])
         used = int((of_group >= 0).sum())
+        if (~few).sum() < LEAST_VISITS:
+            raise self._hardly_still(int((~few).sum()), len(stations), len(dwells), count)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
         note = (
             f"{files} joined by time: the joints' clock is that of the readings {clock.words}; "
@@ -483,6 +483,13 @@ class TwoLogs:
     def _ends(self, q_deg: Array) -> Array:
         """Return the nominal end (P, 4, 4) at positions of the joints."""
         return Chain.of(self.arm).forward(in_radians(q_deg, self.arm.prismatic))
+
+    def _hardly_still(self, both: int, joints: int, target: int, rows: int) -> RawDataError:
+        what = (
+            f"the arm hardly stands still: {joints} steady phases of the joints, {target} of the "
+            f"target, {both} of them at one time"
+        )
+        return self._no_dwell(self.readings.path, rows, what)
 
     def _no_dwell(self, path: Path, rows: int, what: str) -> RawDataError:
         return RawDataError(

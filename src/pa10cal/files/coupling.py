@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, FiniteFloat
 
-from pa10cal.arm.coupling import CoupledJoint
+from pa10cal.arm.coupling import CoupledJoint, Coupling
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Mask
 from pa10cal.errors import ArmError
@@ -54,6 +54,15 @@ def coupled_joints(
         slides, by_slides = (bool(prismatic[k - 1]) for k in (each.joint, each.by))
         factor = _factor(each, slides, by_slides, place)
         found.append(CoupledJoint(each.joint, each.by, factor, each.joint in followers))
+    if Coupling(len(prismatic), tuple(found)).singular:
+        raise ArmError(
+            "the coupling makes two joints one: some axes of the controller move nothing",
+            where=f"{where}: coupling",
+            value=", ".join(f"joint {c.joint} by {c.by}: {c.factor:g}" for c in found),
+            allowed="axes that move the joints in as many ways as there are axes",
+            remedy="remove one of these couplings, or set follows: true of a joint that has no "
+            "axis of its own",
+        )
     return tuple(found)
 
 
