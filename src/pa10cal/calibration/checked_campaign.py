@@ -93,6 +93,10 @@ class CheckedCampaign:
         except CalibrationError:
             return np.inf
 
+    def least_misfit_m(self, q: Array) -> float:
+        """Return what the misfit of the nominal arm is at least, quickly."""
+        return self.grid.measured.least_misfit_m(Chain.of(self.arm).forward(q))
+
     def calibration(
         self, payload: Payload | None, q: Array | None = None
     ) -> GeneralCalibration | None:

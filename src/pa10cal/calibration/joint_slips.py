@@ -20,6 +20,7 @@ from pa10cal.calibration.rules import CHECKS, UNKNOWNS
 from pa10cal.campaign.conventions import STILL_WRONG
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.files.coupling import coupling_in_words, set_coupling
+from pa10cal.frame.least_misfit import SURELY, first_of_least
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.joint import JointCoupling, moved_along
@@ -81,6 +82,10 @@ class _Log:
     def nominal_m(self) -> float:
         """Return the misfit of the nominal arm."""
         return self.checked.nominal_misfit_m(self.q)
+
+    def may_be_below(self, misfit_m: float) -> bool:
+        """Return whether the misfit of the nominal arm may be less."""
+        return self.checked.least_misfit_m(self.q) <= SURELY * misfit_m
 
     def with_change(self, change: _Change) -> _Log:
         """Return the log with one more change."""
@@ -287,12 +292,20 @@ def _changed_in_turn(log: _Log, changes: Callable[[_Log], Sequence[_Change]]) ->
     """Return the log with the best changes made one after the other, and its nominal misfit."""
     left_m = log.nominal_m
     for _ in range(CHECKS.most_changes):
-        tried = [(each.nominal_m, each) for each in map(log.with_change, changes(log))]
-        least_m, best = min(tried, key=lambda each: each[0])
-        if least_m > CHECKS.change_left_share * left_m:
+        best = _least_misfit(
+            [log.with_change(each) for each in changes(log)], CHECKS.change_left_share * left_m
+        )
+        if best is None:
             break
-        log, left_m = best, least_m
+        left_m, log = best
     return log, left_m
+
+
+def _least_misfit(logs: Sequence[_Log], most_m: float) -> tuple[float, _Log] | None:
+    """Return the first log with the least misfit, at most so large; None where there is none."""
+    least_m = [each.checked.least_misfit_m(each.q) for each in logs]
+    best = first_of_least(least_m, lambda k: logs[k].nominal_m, most_m)
+    return None if best is None else (best[0], logs[best[1]])
 
 
 def small_signs(checked: CheckedCampaign) -> InputFinding | None:
@@ -306,6 +319,8 @@ def small_signs(checked: CheckedCampaign) -> InputFinding | None:
     near = (each for each in _couplings(log) if abs(each.axes[0] - each.axes[1]) == 1)
     most_m, tried = CHECKS.worth_trying * log.nominal_m, []
     for changed in map(log.with_change, (*_signs_and_order(log), *near)):
+        if not changed.may_be_below(most_m):
+            continue
         nominal_m = changed.nominal_m
         if nominal_m < most_m:
             tried.append((checked.calibrated_mm(None, changed.q)[0], nominal_m, changed))

@@ -22,6 +22,7 @@ from pa10cal.campaign.conventions import EXPECTED_M, NEARER, puts_right
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.raw_rows import RawRows, in_radians
 from pa10cal.errors import CalibrationError
+from pa10cal.frame.least_misfit import first_of_least
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 
@@ -83,20 +84,22 @@ def _that_fits(
     some = spread(len(measured), _LOOKED_AT)
     few, weights = measured.take(some), np.ones(len(some))
 
-    def size_m(ends: Ends) -> float:
+    def size_m(T_base_ee: Array) -> float:
         try:
-            misfit = few.misfit(ends(some), np.arange(len(some)), weights)
+            misfit = few.misfit(T_base_ee, np.arange(len(some)), weights)
         except CalibrationError:
             return np.inf
         return float(np.sqrt(np.mean(misfit.size_m**2)))
 
-    as_stated_m = size_m(as_stated)
+    as_stated_m = size_m(as_stated(some))
     if len(some) < measured.least_rows or as_stated_m <= NEARER * EXPECTED_M:
         return None
-    sizes_m = list(map(size_m, tried))
-    best = int(np.argmin(sizes_m)) if tried else -1
-    if best < 0 or NEARER * sizes_m[best] > as_stated_m:
+    T_base_ee = [ends(some) for ends in tried]
+    least_m = list(map(few.least_misfit_m, T_base_ee))
+    least = first_of_least(least_m, lambda k: size_m(T_base_ee[k]), as_stated_m / NEARER)
+    if least is None:
         return None
+    best = least[1]
     found = misfit_of(measured, tried[best](np.arange(len(measured))))
     fits = found is not None and puts_right(float(np.median(found.size_m)), EXPECTED_M)
     return (best, found) if found is not None and fits else None

@@ -497,13 +497,20 @@ def _by_distances(problem: TargetProblem) -> list[tuple[Array, Array]]:
         across = np.linalg.svd(off)[2][2]
         starts += [(mean + c, p_ee_m), (mean + c - 2.0 * (c @ across) * across, p_ee_m)]
     if len(d_m) >= _PRODUCTS:
-        # d^2 - |x|^2 = 2 x.R u - 2 x.c - 2 c.R u + (|u|^2 + |c|^2) for target u and point c.
-        turned, ones = np.einsum("pji,pj->pi", R, x), np.ones((len(x), 1))
-        columns = np.hstack([2.0 * turned, -2.0 * x, -2.0 * R.reshape(-1, 9), ones])
-        square = d_m**2 - (x**2).sum(axis=1)
+        columns, square = distance_products(x, R, d_m)
         solved = _solved(root[:, None] * columns, root * square)
         starts.append((solved[3:6], solved[:3]))
     return starts
+
+
+def distance_products(x: Array, R: Array, d_m: Array) -> tuple[Array, Array]:
+    """Return the equations (P, 16) of u, c, the products of their parts, and their squares.
+
+    d^2 - |x|^2 = 2 x.R u - 2 x.c - 2 c.R u + (|u|^2 + |c|^2) for target u and point c.
+    """
+    turned, ones = np.einsum("pji,pj->pi", R, x), np.ones((len(x), 1))
+    columns = np.hstack([2.0 * turned, -2.0 * x, -2.0 * R.reshape(-1, 9), ones])
+    return columns, d_m**2 - (x**2).sum(axis=1)
 
 
 def _solved(columns: Array, values: Array) -> Array:

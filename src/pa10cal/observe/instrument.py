@@ -233,6 +233,10 @@ class Instrument(ABC):
             CalibrationError: when the poses do not determine them.
         """
 
+    def least_misfit_m(self, T_base_ee: Array) -> float:
+        """Return what `locate` leaves at least, quickly; 0 where nothing says so."""
+        return 0.0
+
     def find_start(self, T_base_ee: Array) -> quantities.Start:
         """Find where a fit starts from nominal poses (P, 4, 4); see `locate`."""
         found = self.locate(T_base_ee)

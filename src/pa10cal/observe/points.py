@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array, Index, homogeneous
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
+from pa10cal.frame.least_misfit import least_misfit_of_distances, least_misfit_of_targets
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,
@@ -168,6 +169,9 @@ class Points(Instrument):
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names, roughly=roughly
         )
         return replace(found, stated=self.p_ee_stated_m is not None)
+
+    def least_misfit_m(self, T_base_ee: Array) -> float:
+        return least_misfit_of_targets(T_base_ee, self.p_instr_m)
 
     def scale(self, T_base_ee: Array) -> float | None:
         seen = np.isfinite(self.p_instr_m[..., 0])
@@ -370,6 +374,9 @@ class Distance(Instrument):
         found = ranging(T_base_ee, self.d_m, self.p_ee_stated_m, roughly=roughly)
         T_instr_base = homogeneous(np.eye(3), self.p_instr_point_m + found.T_instr_base[:3, 3])
         return replace(found, T_instr_base=T_instr_base, stated=self.p_ee_stated_m is not None)
+
+    def least_misfit_m(self, T_base_ee: Array) -> float:
+        return least_misfit_of_distances(T_base_ee, self.d_m)
 
     def scale(self, T_base_ee: Array) -> float | None:
         return rigid_fit.scale_of_distances(self.d_m, T_base_ee)

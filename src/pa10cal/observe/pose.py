@@ -16,6 +16,7 @@ from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
+from pa10cal.frame.least_misfit import least_misfit_of_targets
 from pa10cal.observe import quantities
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points
@@ -153,6 +154,10 @@ class Pose(Instrument):
 
     def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
         return hand_eye_from_poses(T_base_ee, self.T_instr_target, roughly=roughly)
+
+    def least_misfit_m(self, T_base_ee: Array) -> float:
+        T = self.T_instr_target
+        return least_misfit_of_targets(T_base_ee, T[:, None, :3, 3], T[:, :3, :3])
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         return target_on_base(T_instr_base, T_base_ee, self.T_instr_target)
@@ -384,6 +389,9 @@ class Touched(Pose):
     def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
         del roughly  # its solution is closed
         return rigid_fit.seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
+
+    def least_misfit_m(self, T_base_ee: Array) -> float:
+        return 0.0
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         return None
