@@ -65,7 +65,11 @@ VERSIONS = {
     "vicon": (b",,deg,deg,deg,mm,mm,mm\n", b"", r"take\.csv:5: .*lacks the line of units"),
     "qualisys": (b"BODY_NAMES", b"BODIES", r"take\.tsv:\d+: the rows do not have the columns"),
     "blocks": (b"Y=", b"V=", "no position and no distance"),
-    "spatialanalyzer": (b"Collection,  Group,", b"Collection  Group", "another number of"),
+    "spatialanalyzer": (
+        b"Collection,  Group,",
+        b"Collection  Group",
+        "points.txt: there is no whole row",
+    ),
     "polyworks": (b"\tMeas\t", b"\tReal\t", "no position and no distance"),
     "faro": (b"Center.y", b"Middle", "no point with a measured x, y and z"),
     "kuka": (b"E6AXIS", b"E7AXIS", "no joint positions"),

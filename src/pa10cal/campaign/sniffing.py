@@ -158,7 +158,7 @@ def sniff(path: Path) -> Sniffed:
         raise RawDataError(
             "there is no whole row under the names of the columns",
             where=str(path),
-            allowed="a row for each configuration",
+            allowed="a row for each configuration, with a field for each column",
             remedy="export the file again",
         )
     named = body > 0

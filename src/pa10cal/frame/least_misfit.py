@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.frame.hand_eye import LEVER_M, distance_products
+from pa10cal.frame.hand_eye import distance_products
+from pa10cal.frame.rigid_fit import LEVER_M
 
 #: Part by which what is left at least may be off by rounding.
 SURELY = 1.001
