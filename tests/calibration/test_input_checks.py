@@ -279,5 +279,6 @@ def test_a_refusal_says_what_was_found():
 def test_no_change_of_signs_or_order_is_told_where_nothing_fits():
     arm = load_arm("ur10")
     axes = np.zeros((3, arm.n))
-    checked = SimpleNamespace(arm=arm, axes=axes, nominal_misfit_m=lambda q: np.inf)
+    misfit = {"nominal_misfit_m": lambda q: np.inf, "least_misfit_m": lambda q: 0.0}
+    checked = SimpleNamespace(arm=arm, axes=axes, **misfit)
     assert signs_and_order(checked) is None
