@@ -21,7 +21,6 @@ from pa10cal.campaign.bounds import outside_bounds, unwrapped
 from pa10cal.campaign.conventions import EXPECTED_M, NEARER, puts_right
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.raw_rows import RawRows, in_radians
-from pa10cal.errors import CalibrationError
 from pa10cal.frame.least_misfit import first_of_least
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
@@ -82,21 +81,13 @@ def _that_fits(
     None where none does, or where the log fits nearly as well as it is read.
     """
     some = spread(len(measured), _LOOKED_AT)
-    few, weights = measured.take(some), np.ones(len(some))
-
-    def size_m(T_base_ee: Array) -> float:
-        try:
-            misfit = few.misfit(T_base_ee, np.arange(len(some)), weights)
-        except CalibrationError:
-            return np.inf
-        return float(np.sqrt(np.mean(misfit.size_m**2)))
-
-    as_stated_m = size_m(as_stated(some))
+    few = measured.take(some)
+    as_stated_m = few.misfit_m(as_stated(some))
     if len(some) < measured.least_rows or as_stated_m <= NEARER * EXPECTED_M:
         return None
     T_base_ee = [ends(some) for ends in tried]
     least_m = list(map(few.least_misfit_m, T_base_ee))
-    least = first_of_least(least_m, lambda k: size_m(T_base_ee[k]), as_stated_m / NEARER)
+    least = first_of_least(least_m, lambda k: few.misfit_m(T_base_ee[k]), as_stated_m / NEARER)
     if least is None:
         return None
     best = least[1]

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, Mask, Rows, homogeneous, taken
+from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe import quantities
 from pa10cal.terms.term import TermParameter
@@ -233,8 +234,15 @@ class Instrument(ABC):
             CalibrationError: when the poses do not determine them.
         """
 
+    def misfit_m(self, T_base_ee: Array) -> float:
+        """Return the root mean square that `locate` leaves, roughly; inf where nothing is found."""
+        try:
+            return self.locate(T_base_ee, roughly=True).misfit_m
+        except CalibrationError:
+            return np.inf
+
     def least_misfit_m(self, T_base_ee: Array) -> float:
-        """Return what `locate` leaves at least, quickly; 0 where nothing says so."""
+        """Return what `misfit_m` is at least, quickly; 0 where nothing says so."""
         return 0.0
 
     def find_start(self, T_base_ee: Array) -> quantities.Start:
