@@ -20,7 +20,7 @@ from pa10cal.calibration.rules import CHECKS, UNKNOWNS
 from pa10cal.campaign.conventions import STILL_WRONG
 from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.files.coupling import coupling_in_words, set_coupling
-from pa10cal.frame.least_misfit import SURELY, first_of_least
+from pa10cal.frame.target_problem import SURELY, first_of_least
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.joint import JointCoupling, moved_along

@@ -21,7 +21,7 @@ from pa10cal.campaign.bounds import outside_bounds, unwrapped
 from pa10cal.campaign.conventions import EXPECTED_M, NEARER, puts_right
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.campaign.raw_rows import RawRows, in_radians
-from pa10cal.frame.least_misfit import first_of_least
+from pa10cal.frame.target_problem import first_of_least
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 

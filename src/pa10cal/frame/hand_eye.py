@@ -14,125 +14,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation, taken
+from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import LEVER_M, Located, by_small_motion
+from pa10cal.frame.target_problem import (
+    TargetProblem,
+    mean_turn,
+    points_by_distances,
+    turn_by_orientations,
+    turns_by_positions,
+)
 from pa10cal.numerics import least_squares
 
-#: Poses that are needed to fit a base frame, and distances to find a fixed point.
-_NEEDED_POSES = (3, "poses to fit a base frame to", "base frame")
-_NEEDED_DISTANCES = (4, "distances to find the fixed point", "fixed point")
-#: Poses, and distances, that choose between starts.
-_MOST_POSES, _MOST_DISTANCES = 100, 300
 #: The null space depends a little on the solution, so it is found again there.
 PASSES = 2
 #: Part of the cost that makes no difference between two starts.
 _ROUGHLY = 1e-4
 #: Steps after which starts are compared, how many of them go on, and by how many steps.
 _FIRST_STEPS, _MOST_STARTS, _MORE_STEPS = 5, 2, 25
-
-
-@dataclass(frozen=True)
-class TargetProblem:
-    """What was seen of B targets in P poses; K of these were seen."""
-
-    p_base_m: Array  # (P, 3) modelled positions of the end-effector
-    R_base: Array  # (P, 3, 3) modelled orientations
-    p_instr_targets_m: Array  # (P, B, 3) measured positions, nan where a target was not seen
-    R_instr_target: Array | None  # (P, 3, 3) measured orientations, where there are any
-    weights: Array  # (P,) weights of the poses
-    p_ee_stated_m: Array  # (B, 3) stated places of the targets
-    # (P,) distances of the one target from the instrument's origin, where these alone were
-    # measured: positions are that origin then, and the base is not turned
-    d_m: Array | None = None
-
-    @classmethod
-    def of(
-        cls,
-        T_base_ee: Array,
-        p_instr_m: Array,
-        p_ee_stated_m: Array,
-        weights: Array | None,
-        R_instr_target: Array | None = None,
-        d_m: Array | None = None,
-    ) -> TargetProblem:
-        """Gather what was seen; see the attributes. None weighs all poses alike.
-
-        Raises:
-            CalibrationError: with fewer than three poses.
-        """
-        poses = int(np.count_nonzero(np.isfinite(p_instr_m[..., 0]).any(axis=1)))
-        least, what, place = _NEEDED_POSES if d_m is None else _NEEDED_DISTANCES
-        if poses < least:
-            raise CalibrationError(
-                f"too few {what}",
-                where=f"poses for the {place}",
-                value=poses,
-                allowed=f"at least {least}",
-                remedy="measure more poses",
-            )
-        weights = np.ones(len(T_base_ee)) if weights is None else weights
-        p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
-        return cls(p_m, R, p_instr_m, R_instr_target, weights, p_ee_stated_m, d_m)
-
-    @property
-    def of_base(self) -> int:
-        """Return how many unknowns the base has: distances show no turn of it."""
-        return 6 if self.d_m is None else 3
-
-    @property
-    def orientations(self) -> int:
-        """Return how many orientations were measured."""
-        return 0 if self.R_instr_target is None else len(self.R_instr_target)
-
-    def thinned(self) -> TargetProblem:
-        """Return the problem of few poses, drawn at random, always the same; itself if few."""
-        most = _MOST_POSES if self.d_m is None else _MOST_DISTANCES
-        if len(self.weights) <= most:
-            return self
-        # Drawn, not every n-th: what was seen may alternate.
-        drawn = np.random.default_rng(0).permutation(len(self.weights))[:most]
-        return taken(self, np.sort(drawn), "p_ee_stated_m")
-
-    @cached_property
-    def seen(self) -> tuple[Index, Index]:
-        """Return pose and target of every row, (K,) each."""
-        pose, target = np.nonzero(np.isfinite(self.p_instr_targets_m[..., 0]))
-        return pose, target
-
-    @cached_property
-    def p_instr_m(self) -> Array:
-        """Return the measured positions, (K, 3)."""
-        return np.asarray(self.p_instr_targets_m[self.seen])
-
-    @cached_property
-    def root_weight(self) -> Array:
-        """Square root of the weight of every row, (K,)."""
-        return np.sqrt(self.weights[self.seen[0]])
-
-    @cached_property
-    def _p_rows_m(self) -> Array:
-        """Modelled position of the end-effector of every row, (K, 3)."""
-        return self.p_base_m[self.seen[0]]
-
-    def in_base(self, p_ee_m: Array) -> Array:
-        """Return the modelled places (K, 3) of the targets in the base frame."""
-        carried = self.by_places.reshape(-1, p_ee_m.size) @ p_ee_m.ravel()
-        return np.asarray(self._p_rows_m + carried.reshape(-1, 3))
-
-    @cached_property
-    def by_places(self) -> Array:
-        """Return the derivative (K, 3, 3 B) of those places by the targets' places."""
-        pose, target = self.seen
-        by_places = np.zeros((len(target), 3, self.p_ee_stated_m.size))
-        rows, columns = np.arange(len(target))[:, None, None], 3 * target[:, None, None]
-        by_places[rows, np.arange(3)[:, None], columns + np.arange(3)] = self.R_base[pose]
-        return by_places
 
 
 @dataclass(frozen=True)
@@ -255,8 +159,6 @@ def _linearise(
 
 #: A start turned by less than this from where another led, leads there too [rad].
 _SAME_RAD = 0.5
-#: Root mean square spread across a line that positions must have to determine a rotation.
-LEAST_SPREAD_M = 1e-3
 _NOWHERE_M = np.finfo(float).tiny
 
 
@@ -286,14 +188,14 @@ def hand_eye_from_poses(
     few = problem.thinned()
     R_instr_target = np.asarray(few.R_instr_target)
     turns = [
-        _by_kronecker(few, R_instr_target),
-        _mean_turn(few.weights, R_instr_target @ _transposed(few.R_base)),
-        *_by_positions(few),
+        turn_by_orientations(few, R_instr_target),
+        mean_turn(few.weights, R_instr_target @ _transposed(few.R_base)),
+        *turns_by_positions(few),
     ]
     starts = []
     for R_instr_base in turns:
         of_target = _transposed(R_instr_base @ few.R_base) @ R_instr_target
-        starts.append(first_guess(few, R_instr_base, _mean_turn(few.weights, of_target)))
+        starts.append(first_guess(few, R_instr_base, mean_turn(few.weights, of_target)))
     starts.append(first_guess(few, turns[1], np.eye(3)))
     return _best(problem, starts, ["the target"], roughly)
 
@@ -346,7 +248,7 @@ def hand_eye_from_points(
     p_ee_m = np.zeros((targets, 3)) if p_ee_stated_m is None else p_ee_stated_m
     problem = TargetProblem.of(T_base_ee, p_instr_m, p_ee_m, weights)
     few = problem.thinned()
-    turns = _by_positions(few)
+    turns = turns_by_positions(few)
     if not turns:
         raise CalibrationError(
             "the positions are collinear or coincide, so the turn of the base about them is free",
@@ -389,7 +291,7 @@ def ranging(
     problem = TargetProblem.of(T_base_ee, origin, p_ee_m, weights, d_m=d_m)
     starts = [
         Guess(np.eye(3), -point_m, target_m[None], np.eye(3))
-        for point_m, target_m in _by_distances(problem.thinned())
+        for point_m, target_m in points_by_distances(problem.thinned())
     ]
     return _best(problem, starts, ["the target"], roughly)
 
@@ -450,90 +352,6 @@ def _refuse_open_point(by_point: Array) -> None:
         allowed="poses that surround the fixed point's direction on all sides",
         remedy="measure poses further apart along that direction",
     )
-
-
-def _by_positions(problem: TargetProblem) -> list[Array]:
-    """Return rotations of the base to start from, by positions; none if they span no plane."""
-    root = problem.root_weight[:, None]
-    mean = np.average(problem.p_instr_m, axis=0, weights=root[:, 0] ** 2)
-    off = root * (problem.p_instr_m - mean)
-    spread = np.linalg.svd(off, compute_uv=False)
-    if spread[1] <= max(least_squares.OPEN * spread[0], LEAST_SPREAD_M * np.linalg.norm(root)):
-        return []
-    stated = problem.in_base(problem.p_ee_stated_m)
-    stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
-    # x = S (p - mean) + s - R_base p_ee, linear in S (nine), s and the places.
-    by_unknowns = np.zeros((len(off), 3, 12 + problem.p_ee_stated_m.size))
-    for row in range(3):
-        by_unknowns[:, row, row:9:3] = off
-        by_unknowns[:, row, 9 + row] = root[:, 0]
-    by_unknowns[:, :, 12:] = -root[..., None] * problem.by_places
-    x_base_m = (root * problem.p_base_m[problem.seen[0]]).ravel()
-    solved = _solved(by_unknowns.reshape(len(x_base_m), -1), x_base_m)
-    # The nine go by columns of S, the inverse of the base's rotation.
-    by_equations = solved[:9].reshape(3, 3)
-    return [nearest_rotation(by_equations), nearest_rotation(off.T @ stated)]
-
-
-#: Starts put the target of distances this far from its stated place, either way along each axis.
-_ASIDE_M = 0.2
-#: Unknowns of the equation that is linear in products of target and point.
-_PRODUCTS = 16
-
-
-def _by_distances(problem: TargetProblem) -> list[tuple[Array, Array]]:
-    """Return fixed points and targets, (3,) each, to start from."""
-    d_m = np.asarray(problem.d_m)
-    x, R, root = problem.p_base_m, problem.R_base, problem.root_weight
-    starts, aside = [], np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
-    for p_ee_m in problem.p_ee_stated_m + _ASIDE_M * aside:
-        place = x + R @ p_ee_m
-        mean = place.mean(axis=0)
-        off = place - mean
-        # |off|^2 - d^2 = 2 off c + (a constant), c from the mean.
-        sphere = np.hstack([2.0 * off, np.ones((len(off), 1))])
-        square = (off**2).sum(axis=1) - d_m**2
-        c = _solved(root[:, None] * sphere, root * square)[:3]
-        across = np.linalg.svd(off)[2][2]
-        starts += [(mean + c, p_ee_m), (mean + c - 2.0 * (c @ across) * across, p_ee_m)]
-    if len(d_m) >= _PRODUCTS:
-        columns, square = distance_products(x, R, d_m)
-        solved = _solved(root[:, None] * columns, root * square)
-        starts.append((solved[3:6], solved[:3]))
-    return starts
-
-
-def distance_products(x: Array, R: Array, d_m: Array) -> tuple[Array, Array]:
-    """Return the equations (P, 16) of u, c, the products of their parts, and their squares.
-
-    d^2 - |x|^2 = 2 x.R u - 2 x.c - 2 c.R u + (|u|^2 + |c|^2) for target u and point c.
-    """
-    turned, ones = np.einsum("pji,pj->pi", R, x), np.ones((len(x), 1))
-    columns = np.hstack([2.0 * turned, -2.0 * x, -2.0 * R.reshape(-1, 9), ones])
-    return columns, d_m**2 - (x**2).sum(axis=1)
-
-
-def _solved(columns: Array, values: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(columns, values, rcond=1e-9)[0], dtype=np.float64)
-
-
-def _by_kronecker(problem: TargetProblem, R_instr_target: Array) -> Array:
-    """Return the rotation of the base by orientations alone.
-
-    With X the target's rotation R_instr_target X' = R_instr_base R_base, so that the sum of R_base
-    (x) R_instr_target carries X' to as many times R_instr_base as there are poses, and nothing
-    further.
-    """
-    weighted = problem.weights[:, None, None] * problem.R_base
-    summed = np.einsum("pij,pkl->ikjl", weighted, R_instr_target).reshape(9, 9)
-    first = np.asarray(np.linalg.svd(summed)[0][:, 0], dtype=float)
-    dominant = first.reshape(3, 3).T  # by columns
-    return nearest_rotation(dominant if np.linalg.det(dominant) > 0.0 else -dominant)
-
-
-def _mean_turn(weights: Array, turns: Array) -> Array:
-    """Return the chordal mean of rotations (P, 3, 3)."""
-    return nearest_rotation(np.tensordot(weights, turns, axes=1))
 
 
 def _transposed(matrices: Array) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array, Index, homogeneous
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
-from pa10cal.frame.least_misfit import least_misfit_of_distances, least_misfit_of_targets
+from pa10cal.frame.target_problem import least_misfit_of_distances, least_misfit_of_targets
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,

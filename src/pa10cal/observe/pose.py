@@ -16,7 +16,7 @@ from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.least_misfit import least_misfit_of_targets
+from pa10cal.frame.target_problem import least_misfit_of_targets
 from pa10cal.observe import quantities
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points

@@ -9,12 +9,12 @@ from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses, ranging
-from pa10cal.frame.least_misfit import (
+from pa10cal.frame.rigid_fit import LEVER_M
+from pa10cal.frame.target_problem import (
     first_of_least,
     least_misfit_of_distances,
     least_misfit_of_targets,
 )
-from pa10cal.frame.rigid_fit import LEVER_M
 
 
 @pytest.mark.parametrize("changed", ["nothing", "sign", "coupling", "order"])
