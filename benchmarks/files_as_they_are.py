@@ -12,16 +12,15 @@ is, or are true poses predicted as if the log were right? A cause without its re
 from __future__ import annotations
 
 import argparse
-import csv
 import re
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import yaml
 
 from benchmarks.low_cost import best_fit
@@ -49,40 +48,27 @@ _PREDICTED_MM = 0.1
 _OF_UNIT, _OF_ORDER = 3, 2
 
 
-@dataclass(frozen=True)
-class Table:
-    """The rows of a file of poses, as text by the names of its columns."""
+Change = Callable[[np.ndarray], np.ndarray]
 
-    path: Path
-    names: list[str]
-    rows: list[list[str]]
 
-    @classmethod
-    def of(cls, folder: Path) -> Table:
-        """Read the file of a campaign."""
-        path = folder / "poses.csv"
-        with path.open(encoding="utf-8", newline="") as file:
-            names, *rows = csv.reader(file)
-        return cls(path, names, rows)
+def rewrite(
+    folder: Path, names: list[str], change: Change, called: dict[str, str] | None = None
+) -> None:
+    """Change the numbers (N, k) of some columns of a file of poses, all else as it is written.
 
-    @property
-    def places(self) -> list[str]:
-        """Return the columns of positions."""
-        return [name for name in self.names if re.fullmatch(r"(T\d+_)?[xyz]_mm", name)]
+    Columns are then called otherwise, where that is given.
+    """
+    path = folder / "poses.csv"
+    table = pd.read_csv(path, dtype=str, keep_default_na=False)
+    numbers = change(table[names].replace("", "nan").to_numpy(dtype=float))
+    table[names] = np.where(np.isnan(numbers), "", np.char.mod("%.9g", numbers))
+    table.rename(columns=called or {}).to_csv(path, index=False)
 
-    def renamed(self, names: dict[str, str]) -> Table:
-        """Return the table under other names of some columns."""
-        return replace(self, names=[names.get(name, name) for name in self.names])
 
-    def change(self, names: list[str], change: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Change the numbers (N, k) of some columns, and write the file."""
-        at = [self.names.index(name) for name in names]
-        numbers = np.array([[float(row[k] or "nan") for k in at] for row in self.rows])
-        for row, values in zip(self.rows, change(numbers).tolist(), strict=True):
-            for k, value in zip(at, values, strict=True):
-                row[k] = "" if np.isnan(value) else f"{value:.9g}"
-        with self.path.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file).writerows([self.names, *self.rows])
+def columns(folder: Path) -> tuple[list[str], list[str]]:
+    """Return the columns of a file of poses, and which of them are positions."""
+    names = list(pd.read_csv(folder / "poses.csv", nrows=0).columns)
+    return names, [name for name in names if re.fullmatch(r"(T\d+_)?[xyz]_mm", name)]
 
 
 def written(folder: Path, rng: np.random.Generator) -> tuple[SimulatedCampaign, Arm]:
@@ -106,19 +92,18 @@ def written(folder: Path, rng: np.random.Generator) -> tuple[SimulatedCampaign, 
 def lengths(folder: Path, number: int, rng: np.random.Generator) -> tuple[bool, str]:
     """Judge a file with other lengths; return whether they are told, and a line."""
     made, arm = written(folder, rng)
-    table = Table.of(folder)
+    _, places = columns(folder)
     if number % _OF_UNIT == _OF_UNIT - 1:
         of_file, stated = (str(each) for each in rng.permutation(list(_UNITS))[:2])
         what, right = f"in {of_file}, stated in {stated}", rf"unit: {of_file}\b"
-        state_unit(folder, table, stated)
-        bare = table.renamed({name: name.removesuffix("_mm") for name in table.places})
-        places = [name.removesuffix("_mm") for name in table.places]
-        bare.change(places, lambda numbers: numbers / _UNITS[of_file])
+        state_unit(folder, stated)
+        bare = {name: name.removesuffix("_mm") for name in places}
+        rewrite(folder, places, lambda numbers: numbers / _UNITS[of_file], bare)
         factor = _UNITS[stated] / _UNITS[of_file]
     else:
         factor, right = float(np.exp(rng.uniform(np.log(0.2), np.log(5.0)))), "$."
         what = f"{factor:.4g} times as long"
-        table.change(table.places, lambda numbers: factor * numbers)
+        rewrite(folder, places, lambda numbers: factor * numbers)
     text = re.sub(r"\s+", " ", printed(folder))
     found = re.search(r"divide the positions by ([\d.e+-]+\d)", text)
     said = abs(float(found[1]) / factor - 1.0) <= _WITHIN if found else False
@@ -127,15 +112,16 @@ def lengths(folder: Path, number: int, rng: np.random.Generator) -> tuple[bool, 
     return said or bool(by_unit), f"{arm.name}, {made.instrument.kind}, {what}: {shown}"
 
 
-def state_unit(folder: Path, table: Table, unit: str) -> None:
+def state_unit(folder: Path, unit: str) -> None:
     """State the columns of a file in campaign.yaml, its places in a unit."""
     path = folder / "campaign.yaml"
     about = yaml.safe_load(path.read_text(encoding="utf-8"))
-    joint_names = [name for name in table.names if re.fullmatch(r"q\d+_(deg|mm)", name)]
+    every, in_mm = columns(folder)
+    joint_names = [name for name in every if re.fullmatch(r"q\d+_(deg|mm)", name)]
     own: dict[str, object] = {"time": {"names": "time_s"}, "kind": {"names": "kind"}}
     own |= {"pose": "pose", "repeat": "repeat", "joints": {"names": joint_names}}
-    places = [name.removesuffix("_mm") for name in table.places]
-    if "qw" in table.names:
+    places = [name.removesuffix("_mm") for name in in_mm]
+    if "qw" in every:
         own["position"] = {"names": places, "unit": unit}
         turn = ["qw", "qx", "qy", "qz"]
         own["rotation"] = {"names": turn, "convention": "quaternion_wxyz"}
@@ -148,7 +134,6 @@ def state_unit(folder: Path, table: Table, unit: str) -> None:
 def joints(folder: Path, number: int, rng: np.random.Generator) -> tuple[bool, str]:
     """Judge a file with exchanged joints or other turns; return whether it is right, and a line."""
     made, arm = written(folder, rng)
-    table = Table.of(folder)
     slides = arm.axes_slide
     units = np.where(slides, "mm", "deg")
     names = [f"q{k}_{unit}" for k, unit in enumerate(units, start=1)]
@@ -156,14 +141,14 @@ def joints(folder: Path, number: int, rng: np.random.Generator) -> tuple[bool, s
     if number % _OF_ORDER:
         pairs = [(a, b) for b in range(arm.n) for a in range(b) if slides[a] == slides[b]]
         one, other = pairs[int(rng.integers(len(pairs)))]
-        table.change([names[one], names[other]], lambda numbers: numbers[:, ::-1])
+        rewrite(folder, [names[one], names[other]], lambda numbers: numbers[:, ::-1])
         right = rf"joints {one + 1} and {other + 1} are exchanged"
         what = f"{about}, joints {one + 1} and {other + 1} exchanged"
     else:
         turning = np.flatnonzero(~slides)
         some = np.sort(rng.choice(turning, int(rng.integers(1, len(turning) + 1)), replace=False))
         way = str(rng.choice(["0 to 360", "-180 to 180", "turns away", "turns a row"]))
-        table.change([names[k] for k in some], lambda q_deg: wrapped(q_deg, way, rng))
+        rewrite(folder, [names[k] for k in some], lambda q_deg: wrapped(q_deg, way, rng))
         right = ""
         what = f"{about}, joints {', '.join(str(k + 1) for k in some)} {way}"
     results = folder.parent / f"{folder.name}-results"
