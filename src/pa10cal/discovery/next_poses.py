@@ -185,7 +185,7 @@ def separating_poses(
     problem: EvidenceProblem,
     found: EvidenceFit,
     asked: Rivals,
-    count: int = 10,
+    count: int,
     random_seed: int = 0,
     alike: float = 1.0,
 ) -> Plan:
