@@ -56,6 +56,7 @@ def states_of(arm, seed=3, poses=5, **known) -> PoseStates:
         "time_s": np.sort(rng.uniform(100.0, 4e4, poses)),
         "move_share": np.linspace(-1.0, 1.0, poses * n).reshape(poses, n),
         "static_loads": StaticLoads(
+            link_N=np.linspace(-200.0, 200.0, poses * n * 3).reshape(poses, n, 3),
             link_Nm=rng.uniform(-60.0, 60.0, (poses, n, 3)),
             base_Nm=rng.uniform(-100.0, 100.0, (poses, 3)),
             joint_Nm=rng.uniform(-60.0, 60.0, (poses, n)),

@@ -98,8 +98,9 @@ def test_torques_are_the_slope_of_potential_energy(random_arm, seed, convention)
 
 @quick
 @given(seed=seeds, convention=conventions)
-def test_moments_work_on_the_bends_and_the_base(random_arm, seed, convention):
-    # The moment of weights about an axis is what a turn about it takes off their energy.
+def test_loads_work_on_the_bends_and_the_base(random_arm, seed, convention):
+    # The moment of weights about an axis is what a turn about it takes off their energy, and the
+    # force along it what a shift takes off.
     chain, coordinates, load_N, payload = drawn(seed, 4, random_arm(seed, 4, convention), (1, 2, 3))
     turns = [BASE[3:], *(bend_coordinates(row)[3:] for row in (1, 2, 3))]
     columns = [chain.columns(names) for names in turns]
@@ -111,7 +112,12 @@ def test_moments_work_on_the_bends_and_the_base(random_arm, seed, convention):
         for axis in range(3):
             wanted = -slope(chain, coordinates, axes[axis], load_N, payload)
             np.testing.assert_allclose(moment_Nm[:, axis], wanted, atol=1e-6)
+    for row, force_N in zip((1, 2, 3), np.moveaxis(carried.link_N, 1, 0), strict=False):
+        for axis, column in enumerate(chain.columns(bend_coordinates(row)[:3])):
+            wanted = -slope(chain, coordinates, column, load_N, payload)
+            np.testing.assert_allclose(force_N[:, axis], wanted, atol=1e-6)
     assert not carried.link_Nm[:, -1].any()
+    assert not carried.link_N[:, -1].any()
 
 
 @quick
@@ -207,7 +213,10 @@ def test_weights_act_as_in_the_virtual_cell(robot, convention, sliding):
                 continue  # the cell takes that moment about where the joint has slid to
             if link < 5:
                 # The cell's joint zero lies an offset of theta ahead of the chain's.
-                wanted = Rotation.from_euler("z", arm.theta_rad[link + 1]).apply(wanted)
+                turned = Rotation.from_euler("z", arm.theta_rad[link + 1])
+                force_N = turned.apply(held.link_N[pose, link])
+                assert found.static_loads.link_N[pose, link] == pytest.approx(force_N, abs=1e-9)
+                wanted = turned.apply(wanted)
             assert found.static_loads.link_Nm[pose, link] == pytest.approx(wanted, abs=1e-9)
 
 

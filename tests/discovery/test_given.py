@@ -10,13 +10,13 @@ from pa10cal.errors import CalibrationError
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 
 #: Tilts of joint 3 [rad/(N m)].
-TILTS = {"cx": 4e-6, "cy": 8e-6}
+TILTS = {"C_x": 4e-6, "C_y": 8e-6}
 
 
 @pytest.fixture(scope="module")
 def tilting(tmp_path_factory):
     """Return a campaign of an arm whose third joint tilts."""
-    hidden = HiddenEffectOptions(id="lateral_tilt", of="joint 3", parameters=TILTS)
+    hidden = HiddenEffectOptions(id="lateral_compliance", of="joint 3", parameters=TILTS)
     options = SimulateOptions(
         robot="ur10",
         random_seed=3,
@@ -33,7 +33,7 @@ def _rms_mm(model, poses):
 
 
 def given(of: str) -> CalibrationOptions:
-    return CalibrationOptions(effects=(EffectOfPlace(id="lateral_tilt", of=of),))
+    return CalibrationOptions(effects=(EffectOfPlace(id="lateral_compliance", of=of),))
 
 
 def test_tilts_of_a_joint_are_found_where_they_are_given(tilting, tmp_path):
@@ -41,7 +41,7 @@ def test_tilts_of_a_joint_are_found_where_they_are_given(tilting, tmp_path):
     model = pa10cal.calibrate(tilting, given("joint 3"))
     values = model.parameters.set_index(["term", "of", "parameter"])
     for name, true in TILTS.items():
-        found = values.loc["lateral_tilt", "joint 3", name]
+        found = values.loc["lateral_compliance", "joint 3", name]
         assert abs(found["value"] - true) < 4.0 * found["std"]
         assert found["std"] < 0.3 * true
     rest = tilting.observations.of_kind("holdout")
@@ -56,6 +56,6 @@ def test_tilts_of_a_joint_are_found_where_they_are_given(tilting, tmp_path):
 
 @pytest.mark.parametrize("of", ["joint 1", "joint 7", "base"])
 def test_a_joint_that_cannot_tilt_is_refused(tilting, of):
-    with pytest.raises(CalibrationError, match=f"no lateral_tilt of {of}") as refused:
+    with pytest.raises(CalibrationError, match=f"no lateral_compliance of {of}") as refused:
         pa10cal.calibrate(tilting, given(of))
     assert refused.value.allowed == ", ".join(f"joint {k}" for k in range(2, 7))

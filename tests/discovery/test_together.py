@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from pa10cal.discovery.together import Member, Together
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import GearRatioError
-from pa10cal.terms.effects.structure import BaseCompliance, LateralTilt
+from pa10cal.terms.effects.structure import BaseCompliance, LateralCompliance
 
 ROWS, WEIGHTS = 60, 2
 
@@ -25,7 +25,7 @@ def sets(random_seed: int, true: dict[int, float], weights: NDArray[np.float64])
     """Return four members with columns drawn, two of which follow weights, and data of some."""
     rng = np.random.default_rng(random_seed)
     members = (
-        member(LateralTilt("joint 3")),
+        member(LateralCompliance("joint 3")),
         member(GearRatioError("joint 1")),
         member(BaseCompliance("base")),
         member(GearRatioError("joint 2")),

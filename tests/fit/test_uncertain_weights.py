@@ -163,5 +163,6 @@ def test_links_and_base_carry_the_weights_found_and_joints_those_described():
     np.testing.assert_allclose(found.torque_Nm, described.torque_Nm)
     loads, wanted = found.static_loads, heavier.static_loads
     np.testing.assert_allclose(loads.link_Nm, wanted.link_Nm)
+    np.testing.assert_allclose(loads.link_N, wanted.link_N)
     np.testing.assert_allclose(loads.base_Nm, wanted.base_Nm)
     assert np.abs(loads.base_Nm - described.static_loads.base_Nm).max() > 0.5

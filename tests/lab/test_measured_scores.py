@@ -175,7 +175,7 @@ def test_truths_of_these_kinds_are_scored_as_such(tmp_path):
 
 WAVES, BEARING = Name("small_waves", "joint 3"), Name("soft_bearing", "joint 3")
 MAP, LINE, TILT = (
-    Name(id, "joint 3") for id in ("joint_error_map", "periodic_error", "lateral_tilt")
+    Name(id, "joint 3") for id in ("joint_error_map", "periodic_error", "lateral_compliance")
 )
 
 

@@ -27,6 +27,7 @@ class StaticLoads:
     # (P, n, 3) moment that each link carries at its far end, where the next joint turns, along the
     # axes of that end (zero for the last link)
     link_Nm: Array
+    link_N: Array  # (P, n, 3) force that it carries there, along the same axes (zero for the last)
     base_Nm: Array  # (P, 3) overturning moment about the base's origin, along base axes
     joint_Nm: Array  # (P, n) torques with which the joints hold links, apparatus and load
     down_ee: Array  # (P, 3) direction of gravity along the end-effector's axes, a unit vector
@@ -132,8 +133,8 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     """Compute torques and moments of an arm at rest.
 
     The chain starts from the axes along which gravity is given. A link carries, at its far end,
-    the moment of the weights beyond it: about the origin and along the axes of the frame in which
-    the next joint moves, where the chain has its bends.
+    force and moment of the weights beyond it: about the origin and along the axes of the frame in
+    which the next joint moves, where the chain has its bends.
 
     Args:
         chain: the chain of an arm whose masses are known.
@@ -206,8 +207,10 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     moments_kg_m = moments_kg_m[::-1].cumsum(axis=0)[::-1]
     ends = found.T_base_joints[1:]
     about_ends = moments_kg_m[1:] - masses_kg[1:, :, None] * ends[..., :3, 3]
-    link_Nm = np.zeros((count, n, 3))
+    link_Nm, link_N = np.zeros((2, count, n, 3))
     link_Nm[:, :-1] = np.einsum("jpba,jpb->pja", ends[..., :3, :3], np.cross(about_ends, gravity))
+    down_ends = np.einsum("jpba,b->jpa", ends[..., :3, :3], gravity)
+    link_N[:, :-1] = np.swapaxes(masses_kg[1:, :, None] * down_ends, 0, 1)
     # Gravity changes with two small turns about axes across it, masses sit at their centres.
     held_kg, moments = masses_kg.T[:, :, None], np.swapaxes(moments_kg_m, 0, 1)
     turning = np.cross(moments - held_kg * origins, axes)
@@ -217,6 +220,7 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     at_centres[..., 0] += np.sum(at_centres[..., 1:] * com_m, axis=-1)
     loads = StaticLoads(
         link_Nm=link_Nm,
+        link_N=link_N,
         base_Nm=np.cross(moments_kg_m[0], gravity),
         joint_Nm=torque_Nm,
         down_ee=(gravity / g) @ found.T_base_ee[:, :3, :3],

@@ -110,9 +110,8 @@ def _statics_of(
                 arm, heavier = weighed(model.chain.arm, own, amounts)
                 chain = Chain.of(arm, bends=model.chain.bends)
                 bending = statics(chain, here, load_N, heavier).static_loads
-                link_Nm, base_Nm = bending.link_Nm, bending.base_Nm
-                loads = replace(found.static_loads, link_Nm=link_Nm, base_Nm=base_Nm)
-                found = replace(found, static_loads=loads)
+                bent = {each: getattr(bending, each) for each in ("link_Nm", "link_N", "base_Nm")}
+                found = replace(found, static_loads=replace(found.static_loads, **bent))
             yield at, found
 
 

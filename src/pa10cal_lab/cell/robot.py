@@ -239,6 +239,7 @@ class SimulatedStatics:
     # (P, n, 3) moment that each link carries at its far end, about and along the axes of the frame
     # from which the next joint moves (zero for the last link, whose payload is part of it)
     link_Nm: Array
+    link_N: Array  # (P, n, 3) force that each link carries there, along the same axes
     base_Nm: Array  # (P, 3) overturning moment about the base's origin, along base axes
 
 
@@ -334,7 +335,7 @@ class Mechanism:
         placements, T_last_ee = self._strained(strain)
         cos, sin = np.cos(q), np.sin(q)
         down = self._gravity(placements, cos, sin)
-        tau, link_Nm = np.empty(q.shape), np.zeros((*q.shape, 3))
+        tau, (link_Nm, link_N) = np.empty(q.shape), np.zeros((2, *q.shape, 3))
         force, moment = self._hold_up_payload(T_last_ee, down[-1], load_N)
         for joint in reversed(range(self.n)):
             weight = self.mass_kg[joint] * down[joint]
@@ -348,11 +349,12 @@ class Mechanism:
                 force = _turned_about_z(force, cos[:, joint], sin[:, joint])
                 moment = _turned_about_z(moment, cos[:, joint], sin[:, joint])
             if joint:
-                link_Nm[:, joint - 1] = -moment  # the link carries the opposite of what holds it
+                # The link carries the opposite of what holds it.
+                link_Nm[:, joint - 1], link_N[:, joint - 1] = -moment, -force
             R, p = placements[joint][..., :3, :3], placements[joint][..., :3, 3]
             force = np.einsum("...ij,...j->...i", R, force)
             moment = np.einsum("...ij,...j->...i", R, moment) + np.cross(p, force)
-        return SimulatedStatics(tau, link_Nm, -moment)
+        return SimulatedStatics(tau, link_Nm, link_N, -moment)
 
     def _strained(self, strain: Strain | None) -> tuple[list[Array], Array]:
         """Return placements of the joints and the end-effector's, (4, 4) or (P, 4, 4) each."""

@@ -102,13 +102,14 @@ def by_pinocchio(mechanism, q, load_N, strain):
         model.inertias[mechanism.n] += moved[-1].act(pin.Inertia(mass_kg, at, np.zeros((3, 3))))
     data = model.createData()
     tau = pin.computeGeneralizedGravity(model, data, q).copy()
-    links = np.zeros((mechanism.n, 3))
+    links, forces = np.zeros((2, mechanism.n, 3))
     for k in range(2, mechanism.n + 1):
         in_end = model.jointPlacements[k].actInv(data.liMi[k])
-        links[k - 2] = -in_end.act(data.f[k]).angular
+        carried = -in_end.act(data.f[k])
+        links[k - 2], forces[k - 2] = carried.angular, carried.linear
     base_Nm = -data.liMi[1].act(data.f[1]).angular
     pin.forwardKinematics(model, data, q)
-    return (data.oMi[mechanism.n] * moved[-1]).homogeneous, tau, links, base_Nm
+    return (data.oMi[mechanism.n] * moved[-1]).homogeneous, tau, links, forces, base_Nm
 
 
 @pytest.mark.parametrize("name", [*arm_names(), "displaced"])
@@ -127,10 +128,11 @@ def test_any_arm_is_that_of_pinocchio(name, unloaded):
     T, found = mechanism.T_base_ee(q, given), mechanism.statics(q, load_N, given)
     for k in range(5):
         one = Strain(*(values[[k]] for values in vars(strain).values()))
-        wanted_T, tau, links, base = by_pinocchio(mechanism, q[k], load_N[k], one)
+        wanted_T, tau, links, forces, base = by_pinocchio(mechanism, q[k], load_N[k], one)
         assert np.abs(T[k] - wanted_T).max() < 1e-12
         assert found.torque_Nm[k] == pytest.approx(tau, abs=1e-10)
         assert found.link_Nm[k] == pytest.approx(links, abs=1e-10)
+        assert found.link_N[k] == pytest.approx(forces, abs=1e-10)
         assert found.base_Nm[k] == pytest.approx(base, abs=1e-10)
 
 

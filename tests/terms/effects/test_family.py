@@ -55,7 +55,7 @@ ONE_SIGN = {
     "base_compliance",
     "friction_torque",
     "joint_compliance",
-    "lateral_tilt",
+    "lateral_compliance",
     "link_bending",
     "link_torsion",
     "soft_windup",

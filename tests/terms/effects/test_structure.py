@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain, long_links
@@ -29,17 +30,24 @@ def motion(effect, arm, states, x):
     return model.predict_with_jacobian(states, np.zeros(len(x))).jacobian @ x
 
 
-def test_a_bent_link_turns_what_follows_about_a_third_of_its_length(at, arm, states):
+def test_a_bent_link_is_an_even_beam(at, arm, states):
+    # Moment and curvature along it, and from these slope and deflection of its end by quadrature.
+    along = np.linspace(0.0, 1.0, 2001)
     for name, row in (("upper_arm", 2), ("forearm", 4)):
         moved = motion(at("link_bending", name), arm, states, np.array([1e-6]))
         for p, q_rad in enumerate(states.q_rad):
             frames = rows(arm, q_rad)
             start, end = frames[row - 1][:3, 3], frames[row][:3, 3]
             axis = (end - start) / np.linalg.norm(end - start)
-            moment = frames[row][:3, :3] @ states.static_loads.link_Nm[p, row - 1]
-            turn = 1e-6 * (moment - axis * (axis @ moment))
-            shift = np.cross(turn, frames[-1][:3, 3] - (start + (end - start) / 3.0))
-            np.testing.assert_allclose(moved[p], np.hstack([shift, turn]), atol=1e-15)
+            loads, R_base_end = states.static_loads, frames[row][:3, :3]
+            moment = R_base_end @ loads.link_Nm[p, row - 1]
+            force = R_base_end @ loads.link_N[p, row - 1]
+            beyond = np.outer(1.0 - along, end - start)
+            curvature = 1e-6 * (moment - axis * (axis @ moment) + np.cross(beyond, force))
+            turn = simpson(curvature, x=along, axis=0)
+            lever = beyond + frames[-1][:3, 3] - end
+            shift = simpson(np.cross(curvature, lever), x=along, axis=0)
+            np.testing.assert_allclose(moved[p], np.hstack([shift, turn]), atol=1e-13)
 
 
 def test_a_twisted_forearm_turns_what_follows_about_its_axis(at, arm, states):

@@ -97,25 +97,28 @@ class LinkEffect(Effect):
 
 @dataclass(frozen=True)
 class LinkBending(LinkEffect):
-    """A link bends under the moment M it carries across its axis at its end, c in rad/(N m).
+    """A link bends under force F and moment M across its axis at its end, c in rad/(N m).
 
-    Its end turns by c M and shifts by (2/3) L (c M) x axis, L the link's length.
+    An even beam, held where its joint stands, c = L / (E I): with s from there to its end, the end
+    turns by c (M + s x F / 2) and shifts by c (M / 2 + s x F / 3) x s.
     """
 
     id = "link_bending"
     clauses = ("{at} bends under load",)
     scale_and_size = (1e-7, 5e-6)
     words = (
-        "the end of link {0.row} turns by c M and shifts by 2/3 L (c M) x axis, "
-        "M the moment it carries across its axis"
+        "the end of link {0.row} turns by c (M + s x F / 2) and shifts by c (M / 2 + s x F / 3) x s"
+        ", M and F what it carries there across its axis, s from its joint to its end"
     )
     positive = True
 
     def per_unit(self, states: PoseStates) -> Array:
-        moment_Nm, axis = self.moment_Nm(states), self.axis
+        moment_Nm, axis, span_m = self.moment_Nm(states), self.axis, np.array(self.span_m)
         across_Nm = moment_Nm - np.outer(moment_Nm @ axis, axis)
-        shift = 2.0 / 3.0 * np.cross(across_Nm, np.array(self.span_m))
-        return np.hstack([shift, across_Nm])
+        force_N = static_loads_in(states, self).link_N[:, self.row - 1]
+        of_force_Nm = np.cross(span_m, force_N)
+        shift = np.cross(across_Nm / 2.0 + of_force_Nm / 3.0, span_m)
+        return np.hstack([shift, across_Nm + of_force_Nm / 2.0])
 
 
 @dataclass(frozen=True)
@@ -138,21 +141,21 @@ class LinkTorsion(LinkEffect):
 
 
 @dataclass(frozen=True)
-class LateralTilt(AtJoint):
-    """A joint's axis tilts about x and y across it by cx M_x and cy M_y under the moment M there.
+class LateralCompliance(AtJoint):
+    """A joint's axis tilts about x and y across it by C_x M_x and C_y M_y under the moment M there.
 
-    cx and cy in rad/(N m), M along the axes of the frame in which the joint moves, z its axis: its
-    bearing and the housing around it give way. Of the first joint that is `base_compliance`.
+    C_x and C_y in rad/(N m), M along the axes of the frame in which the joint moves, z its axis:
+    its bearing and the housing around it give way. Of the first joint that is `base_compliance`.
     """
 
     # moment at which a plausible tilt is reached, where weights are assumed; None where they are
     # stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
-    id = "lateral_tilt"
+    id = "lateral_compliance"
     clauses = ("the axis of {at} tilts under load", "the axes of {at} tilt under load")
     words = (
-        "the frame of joint {0.joint} turns about x by cx M_x and about y by cy M_y, M the moment "
-        "there across the joint's axis"
+        "the frame of joint {0.joint} turns about x by C_x M_x and about y by C_y M_y, M the "
+        "moment there across the joint's axis"
     )
     bends = True
     sought = False  # masked by other effects, one at a time: in sets alone
@@ -172,7 +175,7 @@ class LateralTilt(AtJoint):
     @property
     def reported(self) -> tuple[TermParameter, ...]:
         of_arm_Nm = self.moment_of_arm_Nm
-        return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
+        return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("C_x", "C_y"))
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the moments across the joint's axis, each for its own tilt, (P, 2, 2)."""

@@ -215,7 +215,7 @@ class SoftBearing(effect.SimulatedEffect):
     id = "soft_bearing"
     named = False
     drawn = False
-    also_called = ("lateral_tilt",)
+    also_called = ("lateral_compliance",)
     places = ("turning joint",)
     strains = True
     by_weights = True

@@ -13,39 +13,39 @@ from pa10cal_lab.cell.effects import effect
 from pa10cal_lab.cell.robot import GRAVITY_M_S2, Strain
 
 SECONDS_PER_HOUR = 3600.0
+#: At how many places of a link its bend is added up: exact for an even beam from two on.
+_PIECES = 3
 
 
 class SimulatedLinkEffect(effect.SimulatedEffect):
-    """A long link gives way under the moment that it carries at its far joint."""
+    """A long link gives way under what it carries at its far joint."""
 
     strains = True
     by_weights = True
 
     @abstractmethod
-    def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
+    def end_motion(self, moment_Nm: Array, force_N: Array, span_m: Array) -> tuple[Array, Array]:
         """Return by how much the link's end turns (P, 3) [rad] and shifts (P, 3) [m].
 
         Args:
             moment_Nm: (P, 3) moment.
-            axis: (3,) unit vector along the link.
+            force_N: (P, 3) force.
             span_m: (3,) from the link's near joint to its far one.
         """
 
     def strain(self, loading: effect.Loading) -> Strain:
         """Turn and shift the end of the link."""
         link = loading.link(self.of)
-        span_m = loading.mechanism.spans_m[link]
-        axis = span_m / np.linalg.norm(span_m)
-        none = loading.none
+        carried, none = loading.statics, loading.none
         turn, shift = none.turn_rad.copy(), none.shift_m.copy()
         turn[:, link], shift[:, link] = self.end_motion(
-            loading.statics.link_Nm[:, link], axis, span_m
+            carried.link_Nm[:, link], carried.link_N[:, link], loading.mechanism.spans_m[link]
         )
         return replace(none, turn_rad=turn, shift_m=shift)
 
 
 class SimulatedLinkBending(SimulatedLinkEffect):
-    """A long link bends under the moment across its axis at its far joint."""
+    """A long link, an even beam, bends under what acts across its axis at its far joint."""
 
     id = "link_bending"
     by_moment = True
@@ -57,10 +57,15 @@ class SimulatedLinkBending(SimulatedLinkEffect):
         description="rotation of the link's end per unit bending moment [rad/(N m)]"
     )
 
-    def end_motion(self, moment_Nm: Array, axis: Array, span_m: Array) -> tuple[Array, Array]:
-        """Turn the end by c M, shift it by (2/3) L (c M) x axis, as for a force at the end."""
-        turn = self.c * (moment_Nm - np.outer(moment_Nm @ axis, axis))
-        return turn, 2.0 / 3.0 * np.cross(turn, span_m)
+    def end_motion(self, moment_Nm: Array, force_N: Array, span_m: Array) -> tuple[Array, Array]:
+        """Add up the bends of pieces of the link, each of which turns all beyond it."""
+        places, weights = np.polynomial.legendre.leggauss(_PIECES)
+        turn, shift = np.zeros_like(moment_Nm), np.zeros_like(moment_Nm)
+        for place, weight in zip((1.0 + places) / 2.0, weights / 2.0, strict=True):
+            beyond_m = (1.0 - place) * span_m
+            bend = self.c * weight * _across(moment_Nm + np.cross(beyond_m, force_N), span_m)
+            turn, shift = turn + bend, shift + np.cross(bend, beyond_m)
+        return turn, shift
 
 
 class SimulatedLinkTorsion(SimulatedLinkEffect):
@@ -73,29 +78,36 @@ class SimulatedLinkTorsion(SimulatedLinkEffect):
 
     c: effect.Finite = Field(description="twist of the link per unit torsional moment [rad/(N m)]")
 
-    def end_motion(self, moment_Nm: Array, axis: Array, _span_m: Array) -> tuple[Array, Array]:
-        turn = self.c * np.outer(moment_Nm @ axis, axis)
+    def end_motion(self, moment_Nm: Array, _force_N: Array, span_m: Array) -> tuple[Array, Array]:
+        turn = self.c * (moment_Nm - _across(moment_Nm, span_m))
         return turn, np.zeros_like(turn)
 
 
-class SimulatedLateralTilt(effect.SimulatedEffect):
+def _across(vectors: Array, span_m: Array) -> Array:
+    """Return the part of vectors (P, 3) across a span (3,)."""
+    axis = span_m / np.linalg.norm(span_m)
+    across: Array = vectors - np.outer(vectors @ axis, axis)
+    return across
+
+
+class SimulatedLateralCompliance(effect.SimulatedEffect):
     """The bearing of a joint gives way across its axis."""
 
-    id = "lateral_tilt"
+    id = "lateral_compliance"
     by_moment = True
     places = ("joint",)
     drawn = False  # no search tries it yet
     strains = True
     by_weights = True
-    usual = effect.draws(cx=effect.sized(3e-6), cy=effect.sized(3e-6))
+    usual = effect.draws(C_x=effect.sized(3e-6), C_y=effect.sized(3e-6))
 
-    cx: effect.Finite = Field(description="tilt about x per unit moment about x [rad/(N m)]")
-    cy: effect.Finite = Field(description="tilt about y per unit moment about y [rad/(N m)]")
+    C_x: effect.Finite = Field(description="tilt about x per unit moment about x [rad/(N m)]")
+    C_y: effect.Finite = Field(description="tilt about y per unit moment about y [rad/(N m)]")
 
     def strain(self, loading: effect.Loading) -> Strain:
         """Turn the end of the link before the joint, whose z is the joint's axis."""
         link, none = self.joint - 1, loading.none
-        compliance = np.array([self.cx, self.cy, 0.0])
+        compliance = np.array([self.C_x, self.C_y, 0.0])
         if link < 0:  # the first joint stands on the base
             return replace(none, base_turn_rad=compliance * loading.statics.base_Nm)
         turn = none.turn_rad.copy()

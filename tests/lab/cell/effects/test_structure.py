@@ -43,7 +43,8 @@ def link_moved(rigid, plain, near, far, turn_of):
         frames = other.frames(q)
         start, end, flange = frames[near][:3, 3], frames[far][:3, 3], frames[-1][:3, 3]
         length, axis = np.linalg.norm(end - start), (end - start) / np.linalg.norm(end - start)
-        turn, shift = turn_of(other.moment(q, load_N, far, end), length, axis)
+        at_end, at_start = (other.moment(q, load_N, far, place) for place in (end, start))
+        turn, shift = turn_of(at_end, at_start, axis, length)
         turns.append(turn)
         shifts.append(shift + np.cross(turn, flange - end))
     return np.array(shifts), np.array(turns)
@@ -61,16 +62,20 @@ LINKS = [("upper_arm", 1, 2), ("forearm", 3, 4)]
 
 @pytest.mark.parametrize(("name", "near", "far"), LINKS)
 def test_link_bending(rigid, plain, name, near, far):
-    def turn_of(moment, length, axis):
-        turn = TINY * (moment - axis * (axis @ moment))
-        return turn, 2 / 3 * length * np.cross(turn, axis)
+    def turn_of(moment, at_start, axis, length):
+        # Handbooks: M L / EI and M L^2 / 2 EI of a moment at the end, F L^2 / 2 EI and F L^3 / 3 EI
+        # of a force, whose moment at the start is that of the end and F L.
+        at_end, of_force = moment - axis * (axis @ moment), at_start - moment
+        return TINY * (at_end + of_force / 2.0), length * TINY * np.cross(
+            at_end / 2.0 + of_force / 3.0, axis
+        )
 
     effect = structure.SimulatedLinkBending(c=TINY).at(name)
     assert_same(moved(rigid, effect), link_moved(rigid, plain, near, far, turn_of))
 
 
 def test_link_torsion(rigid, plain):
-    def turn_of(moment, length, axis):
+    def turn_of(moment, _at_start, axis, _length):
         return TINY * axis * (axis @ moment), np.zeros(3)
 
     effect = structure.SimulatedLinkTorsion(c=TINY).at("forearm")
