@@ -11,14 +11,20 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.low_cost import Hobby, write_campaign
+from pa10cal.arrays import Array
 from pa10cal.commands.command_line import limit_threads
+
+if TYPE_CHECKING:
+    from pa10cal.discovery.verdict import Verdict
 
 _AXES = ("z", "y", "y", "x", "y", "x")
 #: Of an arm that reaches 1 m: links after each joint [m].
@@ -31,17 +37,20 @@ _LEADS = 5
 
 @dataclass(frozen=True)
 class Drawn:
-    """An arm with lost motion, and what is known of it."""
+    """An arm whose links are not where their motors are, and what is known of it."""
 
-    joint: int  # counted from 1
-    b_rad: float  # below 0 where the link leads
-    rms_mm: float  # what it moves the reflectors by
+    off_rad: Array  # (P, 6) how far links are ahead of their motors
+    rms_mm: float  # what that moves the reflectors by
     noise_mm: float
     poses: int
 
 
-def written(folder: Path, rng: np.random.Generator, leads: bool) -> Drawn:
-    """Write a campaign of an arm with lost motion in one joint; return what is in it."""
+#: How far links are ahead of their motors (P, 6) [rad], by their angles and sides of arrival.
+Off = Callable[[Array, Array, np.random.Generator], Array]
+
+
+def written(folder: Path, rng: np.random.Generator, off: Off, what: str) -> Drawn:
+    """Write a campaign of a drawn arm whose links are off; return what is in it."""
     size = rng.uniform(0.6, 2.5)
     designed = Hobby(_AXES, size * _LINKS_M, np.zeros(6))
     built = Hobby(
@@ -53,10 +62,8 @@ def written(folder: Path, rng: np.random.Generator, leads: bool) -> Drawn:
     q_rad = rng.uniform(-1.5, 1.5, (poses, 6))
     # The arm is where it was before, then moves: the sides on which it arrives are those of moves.
     side = np.sign(np.diff(q_rad, axis=0, prepend=rng.uniform(-1.5, 1.5, (1, 6))))
-    joint, size_rad = int(rng.integers(6)), float(rng.uniform(1e-4, 5e-4))
-    lag_rad = np.zeros((poses, 6))
-    lag_rad[:, joint] = (-1.0 if leads else 1.0) * size_rad * side[:, joint]
-    T = built.gripper(q_rad - lag_rad)
+    off_rad = off(q_rad, side, rng)
+    T = built.gripper(q_rad + off_rad)
     targets = rng.uniform(-0.15, 0.15, (3, 3)) + np.array([0.05, 0.0, 0.0])
     seen = T[:, None, :3, 3] + np.einsum("pij,tj->pti", T[:, :3, :3], targets)
     exact = built.gripper(q_rad)
@@ -70,17 +77,35 @@ def written(folder: Path, rng: np.random.Generator, leads: bool) -> Drawn:
         designed,
         ["time_s", "load_N", "repeat", *_columns()],
         np.hstack([known, np.degrees(q_rad), side, p_mm.reshape(poses, 9)]),
-        provenance="SYNTHETIC: lost motion in one joint",
+        provenance=f"SYNTHETIC: {what}",
         instrument={"kind": "points", "uncertainty_mm": round(noise_mm, 4)},
         targets_mm={f"T{t + 1}": [round(1e3 * float(x), 1) for x in targets[t]] for t in range(3)},
     )
-    return Drawn(
-        joint=joint + 1,
-        b_rad=-size_rad if leads else size_rad,
-        rms_mm=1e3 * float(np.sqrt(np.mean(np.sum(moved**2, axis=2)))),
-        noise_mm=noise_mm,
-        poses=poses,
-    )
+    rms_mm = 1e3 * float(np.sqrt(np.mean(np.sum(moved**2, axis=2))))
+    return Drawn(off_rad, rms_mm, noise_mm, poses)
+
+
+def with_lost_motion(
+    folder: Path, rng: np.random.Generator, leads: bool
+) -> tuple[Drawn, int, float]:
+    """Write a campaign of an arm with lost motion in one joint.
+
+    Returns:
+        What was drawn, the joint, counted from 1, and how far its link stays behind [rad], below 0
+        where it leads.
+    """
+    at: list[tuple[int, float]] = []
+
+    def off(q_rad: Array, side: Array, drawing: np.random.Generator) -> Array:
+        joint, size_rad = int(drawing.integers(6)), float(drawing.uniform(1e-4, 5e-4))
+        b_rad = -size_rad if leads else size_rad
+        at.append((joint + 1, b_rad))
+        found = np.zeros_like(q_rad)
+        found[:, joint] = -b_rad * side[:, joint]
+        return found
+
+    drawn = written(folder, rng, off, "lost motion in one joint")
+    return drawn, *at[0]
 
 
 def _columns() -> list[str]:
@@ -89,12 +114,17 @@ def _columns() -> list[str]:
     return [*joints, *sides, *(f"T{t}_{axis}_mm" for t in (1, 2, 3) for axis in "xyz")]
 
 
-def judged(folder: Path) -> tuple[str, tuple[str, ...]]:
-    """Return the word of a campaign's verdict and the effects that it names, `id of place`."""
+def verdict_of(folder: Path) -> Verdict:
+    """Return the verdict of a campaign."""
     from pa10cal.interface import calibrate, discover, read_campaign
 
     campaign = read_campaign(folder)
-    verdict = discover(campaign, calibrate(campaign))
+    return discover(campaign, calibrate(campaign))
+
+
+def judged(folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Return the word of a campaign's verdict and the effects that it names, `id of place`."""
+    verdict = verdict_of(folder)
     return verdict.verdict, tuple(
         f"{found.effect.id} of {found.effect.of}" for found in verdict.effects
     )
@@ -112,16 +142,17 @@ def main() -> None:
         for k in range(asked.count):
             leads = k % _LEADS == _LEADS - 1
             folder = Path(place) / f"arm{k}"
-            drawn = written(folder, np.random.default_rng([asked.seed, k]), leads)
+            rng = np.random.default_rng([asked.seed, k])
+            drawn, joint, b_rad = with_lost_motion(folder, rng, leads)
             word, named = judged(folder)
-            right = f"backlash of joint {drawn.joint}" in named
-            others = [name for name in named if name != f"backlash of joint {drawn.joint}"]
+            right = f"backlash of joint {joint}" in named
+            others = [name for name in named if name != f"backlash of joint {joint}"]
             became["leads" if leads else "lags"] += 1
             became["leads, called backlash"] += leads and any("backlash" in each for each in named)
             became["lags, named"] += right and not leads
             became["other names"] += bool(others) and not leads
             print(
-                f"{k}: joint {drawn.joint}, {1e3 * drawn.b_rad:.2f} mrad, {drawn.rms_mm:.3f} mm of "
+                f"{k}: joint {joint}, {1e3 * b_rad:.2f} mrad, {drawn.rms_mm:.3f} mm of "
                 f"{drawn.noise_mm:.3f} mm noise, {drawn.poses} poses: {word}, "
                 f"{', '.join(named) or 'no effect'}"
             )

@@ -23,7 +23,7 @@ from pa10cal_lab.cell.measured_trials import SUBJECTS
 
 MAP = "joint_error_map"
 #: A map that is one line, of `k` cycles a turn.
-LINE = "periodic_error"
+LINE, GEAR_LINE = "periodic_error", "gear_line"
 #: How trials are measured: in which no pose is repeated; with stressors and faults in the raw
 #: files; of sensors and gears that err.
 TRACKED, WILD, DRIVES = "tracked", "wild", "drives"
@@ -274,6 +274,8 @@ class BlindTrial:
         Waves behind everything (`outside`) are what a map was found for, and no alternative.
         """
         here = [each for each in self.hidden if each.of == name.of and _kind_of(each).by_angle]
+        if name.id == GEAR_LINE:
+            return name == named.name and any(_has_line(each, named) for each in here)
         return name.id in (MAP, LINE) and any(
             name == named.name or not each.outside for each in here
         )
@@ -297,9 +299,8 @@ class BlindTrial:
         """Return whether a name is right of something outside, or leaves its cause open."""
         for each in (each for each in self.hidden if each.outside and each.of == named.of):
             kind = _kind_of(each)
-            if named.id == LINE and kind.by_angle:
-                orders = np.atleast_1d(np.array(each.parameters.get("orders", ()), float))
-                if np.any(np.abs(orders - (cycles_of(named) or 0.0)) < _SAME_ORDER):
+            if named.id in (LINE, GEAR_LINE) and kind.by_angle:
+                if _has_line(each, named):
                     return True
             elif named.id in (each.id, *kind.also_called) or (named.id == MAP and kind.by_angle):
                 return True
@@ -499,6 +500,12 @@ class BlindTrial:
 def cycles_of(found: FoundEffect) -> float | None:
     """Return the cycles a turn that a finding reports; None where it reports none."""
     return found.parameters["k"].value if "k" in found.parameters else None
+
+
+def _has_line(hidden: results.HiddenEffect, found: FoundEffect) -> bool:
+    """Return whether waves that are hidden have the cycles a turn that a finding reports."""
+    orders = np.atleast_1d(np.array(hidden.parameters.get("orders", ()), float))
+    return bool(np.any(np.abs(orders - (cycles_of(found) or 0.0)) < _SAME_ORDER))
 
 
 class Formula(NamedTuple):

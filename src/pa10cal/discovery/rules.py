@@ -362,6 +362,8 @@ class Together:
     looked_at: int = 5  # sets ahead that are looked at as they are (computing)
     # log evidence by which a rival may be worse that is looked at as it is [nat] (computing)
     near_nats: float = 5.0
+    # members that alone make rows likeliest, from each of which a search begins (computing)
+    begun_with: int = 5
     # squares of the noise that a combination of weights must be able to move (computing)
     least_squares: float = 0.01
     rounding: float = 1e-12  # part of the largest products that rounding leaves (computing)
@@ -410,6 +412,24 @@ class Rows:
     # more than this part of the readings are no slip: a load is misstated, or a torque wrong
     # (trials)
     most_slips_share: float = 0.1
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines of gears whose ratio nobody stated."""
+
+    # lowest and highest cycles a turn: below are errors by the joint's angle, that maps follow;
+    # above is twice the ratio of any gear but a few (size)
+    orders: tuple[float, float] = (13.0, 360.0)
+    size_rad: float = 1e-4  # size of a line by which it is sought [rad] (size)
+    # widths within which numbers of cycles are one line (statistics)
+    widths_apart: float = 2.0
+    # nats by which the best number must stand out of all others, further away (level)
+    better_nats: float = 4.6
+    least_angles: int = 50  # different angles of a joint below which no line is sought (statistics)
+    most_poses: int = 2000  # poses that say enough of where lines are (computing)
+    at_once: int = 100  # numbers of cycles that are computed together (computing)
+    most_rounds: int = 3  # times that lines are sought anew, beside those found (computing)
 
 
 @dataclass(frozen=True)
@@ -526,6 +546,7 @@ TOGETHER = Together()
 TORQUES = Torques()
 ROWS = Rows()
 RIPPLE = Ripple()
+LINES = Lines()
 FIELD = Field()
 FORMS = Forms()
 
@@ -545,6 +566,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "together": TOGETHER,
     "torques": TORQUES,
     "rows": ROWS,
+    "lines": LINES,
     "ripple": RIPPLE,
     "field": FIELD,
     "forms": FORMS,

@@ -185,8 +185,19 @@ class Together:
         return tuple(k for k in at if self.members[k].gives_way)
 
     def likeliest(self, *starts: Sequence[int]) -> Scored:
-        """Return the most likely set that is found by single steps from some sets, or from none."""
-        found = [self._climbed(self.scored(start)) for start in ((), *starts)]
+        """Return the most likely set that is found by single steps from some sets, or from none.
+
+        And from each of the members that alone make the rows likeliest: the first to join decides
+        which others have anything left to do.
+        """
+        none = self.scored(())
+        alone: dict[tuple[str, str], Scored] = {}
+        every = (self.scored((k,), none) for k in range(len(self.members)))
+        for each in sorted(every, key=lambda each: -each.nats):
+            alone.setdefault(self.members[each.at[0]].name, each)
+        first = [each.at for each in list(alone.values())[: TOGETHER.begun_with]]
+        ends: dict[tuple[int, ...], Scored] = {}
+        found = [self._climbed(self.scored(start), ends) for start in ((), *starts, *first)]
         return max(found, key=lambda each: each.nats)
 
     def scored(self, at: Iterable[int], known: Scored | None = None) -> Scored:
@@ -277,11 +288,16 @@ class Together:
             for k, best in every.items()
         }
 
-    def _climbed(self, found: Scored) -> Scored:
-        """Return the most likely set that single steps lead to: join, leave, be exchanged."""
+    def _climbed(self, found: Scored, ends: dict[tuple[int, ...], Scored]) -> Scored:
+        """Return the most likely set that single steps lead to: join, leave, be exchanged.
+
+        Ends are where other sets have led to, and get those on the way here.
+        """
         if not found.possible:
             found = replace(found, nats=-np.inf)
-        while True:
+        way: list[tuple[int, ...]] = []
+        while found.at not in ends:
+            way.append(found.at)
             ahead = [self.scored(each, found) for each in self._steps(found.at)]
             ahead.sort(key=lambda each: -each.nats)
             for each in ahead[: TOGETHER.looked_at]:
@@ -290,7 +306,9 @@ class Together:
                     found = surely
                     break
             else:
-                return found
+                ends[found.at] = found
+        ends |= dict.fromkeys(way, ends[found.at])
+        return ends[found.at]
 
     def _steps(self, at: tuple[int, ...]) -> Iterator[set[int]]:
         there = set(at)

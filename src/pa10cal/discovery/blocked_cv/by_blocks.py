@@ -29,6 +29,7 @@ from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.gap import PairedErrors, errors_of
+from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
@@ -41,7 +42,7 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, PROBABILITIES
+from pa10cal.discovery.rules import BLOCKS, LINES, MAPS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
 from pa10cal.discovery.verdict import Plan, SearchVerdict
@@ -56,6 +57,7 @@ from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
 from pa10cal.terms.effects.effect import Effect, is_effect
+from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.effects.joint_error_map import (
     GearError,
     JointErrorMap,
@@ -323,6 +325,13 @@ def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
     """Search a survey of a campaign."""
     shaped, unknown = computable_shapes(judged)
     found = judge.found_in(judged, shaped)
+    for _ in range(LINES.most_rounds):
+        more = _lines(campaign, found)
+        if not more:
+            break
+        judged = replace(judged, begins_with=(*judged.begins_with, *more))
+        shaped, unknown = computable_shapes(judged)
+        found = judge.found_in(judged, shaped)
     fitted, about = found.extended, found.rows.survey
     whiteners, logged = fitted.weights.whiteners(), about.torques_logged
     every = tuple(sought(about.context, about.baseline.model.terms))
@@ -389,6 +398,15 @@ def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
         bands=found.bands,
     )
     return with_causes(_motion_aside(_with_rivals(found_by_blocks, found.nameless)))
+
+
+def _lines(campaign: Prepared, found: judge.SearchOutcome) -> tuple[Effect, ...]:
+    """Return the lines of gears in what a search leaves, at joints where it has tried none."""
+    about, fitted = found.rows.survey, found.extended
+    known = [each.of for each in about.begins_with if each.id == GearLine.id]
+    rate = campaign.setup.options.error_rate
+    left, whiten = about.net_residual(fitted.at), fitted.weights.whiteners()
+    return gear_lines(fitted.at, about.poses, left, whiten, rate, known)
 
 
 # Weights that nobody stated: which joints give way is sought anew, together with all else.

@@ -33,6 +33,7 @@ from pa10cal.discovery.evidence.problem import (
     torque_rows,
 )
 from pa10cal.discovery.evidence.search import (
+    EndOfSearch,
     evidence_about,
     refit,
     resized,
@@ -41,6 +42,7 @@ from pa10cal.discovery.evidence.search import (
     threshold,
 )
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
+from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.linear import by_every_joint, residual
@@ -48,7 +50,7 @@ from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.row_faults import moved_between_repeats
-from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.discovery.rules import EVIDENCE, LINES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
@@ -61,6 +63,7 @@ from pa10cal.observe.observations import Observations, average_repeats, reading_
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.discovery import SearchByRepeats, SharedError
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.forms.form import Form
 from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal.terms.weights import is_fault
@@ -204,8 +207,15 @@ def discover_by_repeats(campaign: preparation.Prepared) -> VerdictByRepeats:
     family, refused = testable(
         problem, start, preparation.sought(problem.context, baseline.model.terms)
     )
+    found = search(problem, family, error_rate, start)
+    for _ in range(LINES.most_rounds):
+        more = _lines(found, error_rate)
+        if not more:
+            break
+        family = (*family, *more)
+        found = search(problem, family, error_rate, start)
     needed = threshold(preparation.effects_in(family), error_rate)
-    judgement = judge(search(problem, family, error_rate, start), needed)
+    judgement = judge(found, needed)
     problem, extended = judgement.found.problem, judgement.found.fit
     named = tuple(finding.effect for finding in judgement.findings)
     if named != extended.effects:
@@ -244,6 +254,14 @@ def discover_by_repeats(campaign: preparation.Prepared) -> VerdictByRepeats:
         start=start,
         judgement=judgement,
     )
+
+
+def _lines(found: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
+    """Return the lines of gears in what a search leaves, at joints where it has tried none."""
+    at, cells = found.fit.at, found.problem.cells
+    known = [each.of for each in found.family if each.id == GearLine.id]
+    left, whiten = residual(at, cells), whitener_of(found.problem.cell_cov)
+    return gear_lines(at, cells, left, whiten, error_rate, known)
 
 
 def _with_time(

@@ -145,6 +145,8 @@ class AlongMove(effect.Effect):
 
 # Joints whose drives run through others: a wrist's shafts and gears, belts along an arm, quills.
 
+#: How far a fit may take the cycles of a line from where they were found.
+_LINE_MOVES = 0.5
 #: Axes nearer than this are one [m]: a quill slides along the axis about which it turns.
 _ONE_AXIS_M = 1e-3
 
@@ -374,6 +376,58 @@ class PeriodicError(JointHarmonic):
             values=np.append(known.values, self.order),
             jacobian=np.vstack([known.jacobian, np.zeros(2)]),
         )
+
+
+@dataclass(frozen=True)
+class GearLine(effect.AtJoint):
+    """A sin(k q_j + phi) of a gear whose ratio nobody stated: k, cycles a turn, is found.
+
+    A toothed wheel or a motor off its centre errs once a turn of its own, a harmonic drive twice a
+    turn of its wave generator. It is not sought: k is found first, where errors of the joint have a
+    line (`discovery/gear_lines`). Of a stated ratio it is `transmission_error`.
+    """
+
+    order: float = 100.0  # cycles a turn of the joint, about which k is found
+    id = "gear_line"
+    clauses = (
+        "the gear of {at} errs many times a turn",
+        "the gears of {at} err many times a turn",
+    )
+    words = "theta_{0.joint} += A sin(k q_{0.joint} + phi), k near {0.order:.5g}"
+    sought = False
+    linear = 2  # proportional to its sine and cosine; k shapes it
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return the parts it is solved in, and not what `report` makes of them."""
+        parts = (TermParameter(name, "rad", 1e-5, plausible=3e-4) for name in ("sin", "cos"))
+        low, high = self.order - _LINE_MOVES, self.order + _LINE_MOVES
+        return (*parts, TermParameter("k", "1", 0.01, lower=low, upper=high))
+
+    @property
+    def starts(self) -> tuple[Array, ...]:
+        return (np.array([0.0, 0.0, self.order]),)
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        shift: Array = (self._waves(states, x[2]) @ x[:2])[:, None]
+        return shift
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        waves = self._waves(states, x[2])
+        by_k = states.q_rad[:, self.joint - 1] * (waves[:, ::-1] @ (x[:2] * [1.0, -1.0]))
+        return np.concatenate([waves, by_k[:, None]], axis=1)[:, None, :]
+
+    def report(self, x: Array) -> Report:
+        known = amplitude_and_phase(x[:2], "rad")
+        jacobian = np.eye(3)
+        jacobian[:2, :2] = known.jacobian
+        parameters = (*known.parameters, TermParameter("k", "1", 0.01))
+        return Report(parameters, np.append(known.values, x[2]), jacobian)
+
+    def _waves(self, states: PoseStates, k: float) -> Array:
+        """Return sine and cosine of k times the joint's angle, (P, 2)."""
+        phase = k * states.q_rad[:, self.joint - 1]
+        return np.stack([np.sin(phase), np.cos(phase)], axis=-1)
 
 
 # Effects by which the log shows another torque than the joint carries.

@@ -51,6 +51,23 @@ class Harmonic(effect.SimulatedJointEffect):
         return error
 
 
+class SimulatedGearLine(Harmonic):
+    """A wheel of a gear off its centre: one cycle a turn of its own, k of the joint."""
+
+    id = "gear_line"
+    drawn = False  # `small_waves` have such lines, and `python -m benchmarks.gear_lines` draws them
+
+    k: effect.FinitePositive = Field(description="turns of the wheel a turn of the joint")
+
+    @classmethod
+    def at_size(cls, site: effect.Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return it of a wheel that turns 30 to 160 times."""
+        return super().at_size(site, size, rng) | {"k": float(rng.uniform(30.0, 160.0))}
+
+    def cycles_of(self, _joint: effect.JointState) -> float:
+        return self.k
+
+
 class SimulatedTransmissionError(Harmonic):
     """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
 
