@@ -1,9 +1,9 @@
 """Lines of gears whose ratio nobody stated: are they named, with their cycles a turn?
 
 `python -m benchmarks.gear_lines [--count 40] [--seed 1]` draws arms as `benchmarks.lost_motion`,
-with kinematics of their own. In three of four a wheel in the drive of one joint is off its centre:
-it turns 15 to 160 times a turn of the joint, and the link is off by 0.03 to 0.5 mrad, by a fifth of
-that twice a turn of the wheel besides. In the others there is no such wheel: nothing, or slow waves.
+with kinematics of their own. In three of four arms a wheel in the drive of one joint is off centre:
+it turns 15 to 160 times a turn of the joint, and the link is off by 0.03 to 0.5 mrad, and by a
+fifth of that twice a turn of the wheel. In the others is no such wheel: nothing, or slow waves.
 """
 
 from __future__ import annotations
@@ -67,7 +67,9 @@ def main() -> None:
                 found.of: float(found.x[2]) for found in verdict.effects if found.id == "gear_line"
             }
             others = [f"{each.id} of {each.of}" for each in verdict.effects]
-            others = [each for each in others if each != f"gear_line of joint {joint}"]
+            as_map = f"joint_error_map of joint {joint}" in others
+            right_place = {f"{each} of joint {joint}" for each in ("gear_line", "joint_error_map")}
+            others = [each for each in others if each not in right_place]
             found = lines.get(f"joint {joint}")
             large = arm.rms_mm > arm.noise_mm
             right = found is not None and abs(found - turns) < NEAR
@@ -75,6 +77,7 @@ def main() -> None:
             became["large"] += bool(joint) and large
             became["named"] += bool(joint) and right
             became["large, named"] += bool(joint) and large and right
+            became["as a map"] += as_map and not right
             became["other turns"] += found is not None and not right
             became["other names"] += bool(joint) and bool(others)
             became["without"] += not joint
@@ -83,13 +86,14 @@ def main() -> None:
                 f"{k}: joint {joint}, {turns:.2f} turns, {arm.rms_mm:.3f} mm of "
                 f"{arm.noise_mm:.3f} mm noise, {arm.poses} poses: {verdict.verdict}, "
                 f"{', '.join(f'{of} {value:.2f}' for of, value in lines.items()) or 'no line'}; "
-                f"{', '.join(others) or 'nothing else'}",
+                f"{', '.join([*as_map * ['a map of it'], *others]) or 'nothing else'}",
                 flush=True,
             )
     print(
         f"{became['named']} of {became['wheels']} wheels named with their turns, "
         f"{became['large, named']} of {became['large']} that move more than the noise; "
-        f"{became['other turns']} with other turns, {became['other names']} with another name; "
+        f"{became['as a map']} as a map of that joint, {became['other turns']} with other turns, "
+        f"{became['other names']} with another name; "
         f"{became['without, named']} of {became['without']} others have a line"
     )
 

@@ -73,6 +73,7 @@ EITHER_SIGN = {
     "encoder_eccentricity",
     "encoder_ellipticity",
     "gear_error",
+    "gear_line",
     "gear_ratio_error",
     "joint_coupling",
     "joint_error_map",

@@ -1,0 +1,96 @@
+"""Lines of gears whose ratio nobody stated: cycles a turn, found from what a model leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.gear_lines import drawn
+from benchmarks.lost_motion import verdict_of
+
+from made_up_arm import Missing, harmonic, measure
+from made_up_survey import ARM, Hidden, observe
+from pa10cal.arm.chain import Chain
+from pa10cal.discovery import linear
+from pa10cal.discovery.gear_lines import gear_lines
+from pa10cal.terms.model import Model
+from pa10cal_lab.cell.effects.joint import SimulatedGearLine
+
+POSES, RATE, NOISE = 250, 0.01, 2e-5
+
+
+@pytest.fixture(scope="module")
+def given():
+    return observe(poses=POSES, held_out=10)
+
+
+def left_by(at, poses, joint, cycles, size_rad, seed=0):
+    """What a model leaves of poses with a line at a joint and noise, predicted less measured."""
+    follows = linear.by_joints(at, poses, [joint])[:, :, 0]
+    q_rad = poses.states.q_rad[:, joint - 1]
+    noise = np.random.default_rng(seed).normal(0.0, NOISE, follows.shape)
+    return noise - follows * (size_rad * np.sin(cycles * q_rad + 1.0))[:, None]
+
+
+def found(at, poses, left):
+    whiten = np.tile(np.eye(left.shape[1]) / NOISE, (len(poses), 1, 1))
+    return gear_lines(at, poses, left, whiten, RATE)
+
+
+@pytest.mark.parametrize(("joint", "cycles"), [(1, 31.4), (2, 50.0), (3, 101.0), (5, 180.3)])
+def test_cycles_are_found_at_their_joint(given, joint, cycles):
+    at, poses = given.baseline, given.readings
+    (line,) = found(at, poses, left_by(at, poses, joint, cycles, 2e-4))
+    assert (line.id, line.of) == ("gear_line", f"joint {joint}")
+    assert abs(line.order - cycles) < 0.05
+
+
+def test_noise_has_none(given):
+    at, poses = given.baseline, given.readings
+    for seed in range(20):
+        assert found(at, poses, left_by(at, poses, 1, 50.0, 0.0, seed)) == ()
+
+
+def test_angles_in_whole_steps_do_not_tell_cycles_apart(given):
+    # At steps of 5 degrees 50 cycles a turn look like 22 and like 94.
+    at, poses = given.baseline, given.readings
+    step = np.radians(5.0)
+    states = replace(poses.states, q_rad=step * np.round(poses.states.q_rad / step))
+    poses = replace(poses, states=states)
+    assert found(at, poses, left_by(at, poses, 2, 50.0, 3e-4)) == ()
+
+
+def test_what_a_stated_ratio_gives_is_left_to_its_name(given):
+    at, poses = given.baseline, given.readings
+    chain = Chain.of(replace(ARM, gear_ratio=np.full(ARM.n, 50.0)), bends=at.model.chain.bends)
+    stated = replace(at, model=Model(chain, at.model.terms))
+    left = left_by(at, poses, 2, 100.0, 2e-4)
+    assert found(at, poses, left)
+    assert found(stated, poses, left) == ()
+
+
+@pytest.mark.slow
+def test_repeats_name_a_line_with_its_cycles():
+    verdict = measure(Missing(turn=harmonic(2, 137.0, 2e-4, 1.0)), poses=70).discovery
+    (finding,) = verdict.effects
+    assert (verdict.verdict, finding.id, finding.of) == ("named", "gear_line", "joint 2")
+    assert finding.x == pytest.approx([2e-4, 1.0, 137.0], rel=0.02)
+
+
+@pytest.mark.slow
+def test_blocks_name_a_line_with_its_cycles_and_predict_by_it():
+    turn = SimulatedGearLine(A=2e-4, phi=0.4, k=81.3).at("joint 3").added
+    verdict = observe(Hidden(turn=turn), poses=300).discovery
+    (finding,) = verdict.effects
+    assert (verdict.verdict, finding.id, finding.of) == ("named", "gear_line", "joint 3")
+    assert finding.x == pytest.approx([2e-4, 0.4, 81.3], rel=0.05)
+    assert verdict.holdout.after.mean_mm < 0.5 * verdict.holdout.before.mean_mm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [5, 7, 8, 19])
+def test_arms_of_other_kinematics(tmp_path, number):
+    arm, joint, turns = drawn(tmp_path / "arm", np.random.default_rng([1, number]), number)
+    verdict = verdict_of(tmp_path / "arm")
+    lines = {each.of: each.x[2] for each in verdict.effects if each.id == "gear_line"}
+    assert set(lines) == ({f"joint {joint}"} if joint else set())
+    assert not joint or (lines[f"joint {joint}"] == pytest.approx(turns, abs=0.1) and arm.rms_mm)
