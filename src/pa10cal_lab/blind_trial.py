@@ -23,7 +23,8 @@ from pa10cal_lab.cell.measured_trials import SUBJECTS
 
 MAP = "joint_error_map"
 #: A map that is one line, of `k` cycles a turn.
-LINE, GEAR_LINE = "periodic_error", "gear_line"
+LINE = "periodic_error"
+GEAR_LINE = "gear_line"
 #: How trials are measured: in which no pose is repeated; with stressors and faults in the raw
 #: files; of sensors and gears that err.
 TRACKED, WILD, DRIVES = "tracked", "wild", "drives"
