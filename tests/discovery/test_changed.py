@@ -22,6 +22,8 @@ def other_arm():
     return replace(ARM, **{name: getattr(ARM, name) + by for name, by in off.items()})
 
 
+#: How much longer all distances from the instrument are read [m].
+RANGE_M = 4e-4
 #: Where the arm stands, seen from the instrument [m].
 NEAR_M, FAR_M = np.array([3.0, 0.5, 0.2]), np.array([300.0, 50.0, 20.0])
 
@@ -50,6 +52,8 @@ def seen(tmp_path, targets, change, place_m=NEAR_M):
     p_m = p_m @ raw.T_instr_base[:3, :3].T + raw.T_instr_base[:3, 3] + place_m
     if change == "beam":
         p_m[after] *= 1.0 + 6.35e-3 / np.linalg.norm(p_m[after], axis=2, keepdims=True)
+    if change == "range":  # of all rows
+        p_m *= 1.0 + RANGE_M / np.linalg.norm(p_m, axis=2, keepdims=True)
     p_m += 1e-3 * np.random.default_rng(5).normal(0.0, NOISE_MM, p_m.shape)
     first = raw.column("T1_x_mm")
     for k, line in enumerate(raw.poses[1:]):
@@ -103,3 +107,12 @@ def test_what_cannot_be_told_apart_stands_beside_each_other(tmp_path):
     assert "along the beam" in fault.what or "another size of the reflector" in fault.what
     assert "motion of the instrument or the base" in fault.what or "base moved" in fault.what
     assert fault.at_s is None
+
+
+@pytest.mark.slow
+def test_a_length_that_all_distances_are_too_long_by_is_a_range_constant(tmp_path):
+    found = seen(tmp_path, 3, "range")
+    (finding,) = found.effects
+    assert (found.faults, finding.id, finding.of) == ((), "range_constant", "instrument")
+    std_m = float(np.sqrt(finding.covariance[0, 0]))
+    assert abs(finding.x[0] - RANGE_M) < 4.0 * std_m < RANGE_M

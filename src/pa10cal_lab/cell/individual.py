@@ -49,9 +49,6 @@ PAPER_K_CUB: dict[KcubReading, Array] = {
 _MACHINE_MIDDLE_M = np.array([0.40, 0.40, 0.40])
 _MACHINE_MIDDLE_SPREAD_M = 0.02
 _TILT_RAD = 4e-3
-#: How far the robot stands from the origin of a tracker, in any direction.
-STAND_OFF_M = (1.5, 2.5)
-
 #: Joint stiffness a rated torque, and its spread, of a drawn robot; harmonic drives of the
 #: paper's robot lie at 85 to 177 rated torques a radian, hardening by 1 to 19 % at 5 mrad.
 _K_LIN_PER_RATED = 120.0
@@ -141,7 +138,7 @@ def draw_individual(
         )
     turned = Rotation.random(rng=geometry).as_matrix()  # anyhow, any way, some way off
     direction = geometry.standard_normal(3)
-    off_m = geometry.uniform(*STAND_OFF_M) * direction / np.linalg.norm(direction)
+    off_m = geometry.uniform(*plan.stand_off_m) * direction / np.linalg.norm(direction)
     T_instr_base = homogeneous(turned, off_m)
     T_ee_target = _small_motions(1, plan.target_m, plan.target_rad, geometry)[0]
     designed = ring_of_targets(plan.target_count)

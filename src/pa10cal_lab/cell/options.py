@@ -146,6 +146,11 @@ class TrackerOptions(Section):
         (0.0,), description="external loads, pose by pose in turn"
     )
     seconds_a_pose: Positive = Field(10.0, description="time that one configuration takes")
+    stand_off_m: tuple[Positive, Positive] = Field(
+        (1.5, 2.5),
+        description="least and greatest distance of the robot from the instrument's origin, in any "
+        "direction",
+    )
     departs: Literal["any_way", "rows"] = Field(
         "any_way",
         description="any_way: joint axes and flange are off in all directions, by axis_m, "

@@ -78,6 +78,7 @@ EITHER_SIGN = {
     "joint_coupling",
     "joint_error_map",
     "periodic_error",
+    "range_constant",
     "scale",
     "sensor_error",
     "torque_gain",
@@ -123,6 +124,14 @@ def test_a_scale_is_one_number_but_of_a_machine_with_three_axes(context, three_a
     assert known & {"cmm_scale", "scale"} == named
 
 
+def test_beams_have_a_constant_where_they_come_from_outside_of_the_arm(context):
+    reach_m = context.arm.reach_m
+    for three_axes, away_m, there in ((False, 2.0, True), (False, 0.5, False), (True, 2.0, False)):
+        middle_m = np.array([0.0, away_m * reach_m, 0.0])
+        known = candidates(replace(context, three_axes=three_axes, p_instr_middle_m=middle_m))
+        assert any(each.id == "range_constant" for each in known) == there
+
+
 @pytest.mark.slow
 def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
     """A new class of the folder is in one of the two lists, and a wrong sign is no name."""
@@ -130,7 +139,9 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
     assert set(named) == ONE_SIGN | EITHER_SIGN
     assert not ONE_SIGN & EITHER_SIGN
     for kind in named.values():
-        effect = next(iter(kind.everywhere(replace(context, commanded=True))))
+        near = replace(context, commanded=True)
+        far = replace(near, three_axes=False, p_instr_middle_m=np.array([0.0, 9.0, 0.0]))
+        effect = next(each for known in (near, far) for each in kind.everywhere(known))
         assert effect.positive == (effect.id in ONE_SIGN)
         plausible = np.array([each.plausible for each in effect.parameters[: effect.linear]])
         for k in range(effect.linear):

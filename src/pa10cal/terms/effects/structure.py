@@ -410,6 +410,31 @@ class Scale(FalseReading):
 
 
 @dataclass(frozen=True)
+class RangeConstant(FalseReading):
+    """The instrument reads every distance from itself longer by c, in m.
+
+    A tracker's distance meter has a zero of its own, and a reflector a radius that is stated. Its
+    frame begins where its beams do; where readings are given in another frame it is not known.
+    """
+
+    id = "range_constant"
+    clauses = ("the instrument reads all distances too long by one length",)
+    words = "reading of x, y, z += c times the unit vector from the instrument to the target"
+    reported = (TermParameter("c", "m", 1e-6, plausible=1e-4),)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return that it may be there where beams come from outside of the arm's reach."""
+        outside = np.linalg.norm(context.p_instr_middle_m) > context.arm.reach_m
+        return () if context.three_axes is False and outside else None
+
+    def field(self, p_instr_m: Array) -> Array:
+        length_m = np.linalg.norm(p_instr_m, axis=-1, keepdims=True)
+        along: Array = p_instr_m / np.maximum(length_m, np.finfo(float).tiny)
+        return along[..., None]
+
+
+@dataclass(frozen=True)
 class CmmSquareness(FalseReading):
     """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
 

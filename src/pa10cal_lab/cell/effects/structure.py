@@ -221,6 +221,26 @@ class SimulatedCmmScale(effect.SimulatedEffect):
         return extra
 
 
+class SimulatedRangeConstant(effect.SimulatedEffect):
+    """A tracker's distance meter adds a constant: its zero, or a reflector of another radius."""
+
+    id = "range_constant"
+    places = ("instrument",)
+    drawn = False
+    usual = effect.draws(c=effect.signed(1e-4))
+
+    c: effect.Finite = Field(description="excess of every distance from the instrument [m]")
+
+    def read_too_much_m(self, p_instr_m: Array) -> Array:
+        """Change the distance of polar coordinates and go back, as a tracker reads them."""
+        x, y, z = np.moveaxis(p_instr_m, -1, 0)
+        azimuth, level = np.arctan2(y, x), np.hypot(x, y)
+        elevation, distance = np.arctan2(z, level), np.hypot(level, z) + self.c
+        level = distance * np.cos(elevation)
+        read = (level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation))
+        return np.stack(read, axis=-1) - p_instr_m
+
+
 class SimulatedCmmSquareness(effect.SimulatedEffect):
     """The instrument's y axis is not square to its x axis."""
 
