@@ -1,4 +1,4 @@
-"""Effects that are given and that no search tries: the axes of joints tilt under load."""
+"""Effects that are given and that no search tries: axes that tilt under load, lines of gears."""
 
 import numpy as np
 import pytest
@@ -59,3 +59,36 @@ def test_a_joint_that_cannot_tilt_is_refused(tilting, of):
     with pytest.raises(CalibrationError, match=f"no lateral_compliance of {of}") as refused:
         pa10cal.calibrate(tilting, given(of))
     assert refused.value.allowed == ", ".join(f"joint {k}" for k in range(2, 7))
+
+
+@pytest.fixture(scope="module")
+def geared(tmp_path_factory):
+    """Return a campaign of an arm whose third gear errs 70.5 times a turn."""
+    line = {"A": 2e-4, "phi": 0.3, "k": 70.5}
+    options = SimulateOptions(
+        robot="ur10",
+        random_seed=4,
+        hidden_effects=(HiddenEffectOptions(id="gear_line", of="joint 3", parameters=line),),
+        without_touches=TrackerOptions(instrument="pose", poses=200),
+    )
+    return pa10cal.read_campaign(
+        write_simulated(tmp_path_factory.mktemp("geared") / "raw", options)
+    )
+
+
+def of_gear(of: str) -> CalibrationOptions:
+    return CalibrationOptions(effects=(EffectOfPlace(id="gear_line", of=of),))
+
+
+def test_the_cycles_of_a_gear_are_found_where_its_joint_is_given(geared):
+    model = pa10cal.calibrate(geared, of_gear("joint 3"))
+    values = model.parameters.set_index(["term", "of", "parameter"])
+    amount, cycles = (values.loc["gear_line", "joint 3", name] for name in ("A", "k"))
+    assert amount["value"] == pytest.approx(2e-4, rel=0.1)
+    assert abs(cycles["value"] - 70.5) < 4.0 * cycles["std"] < 0.2
+
+
+def test_a_joint_whose_gear_shows_no_line_is_refused(geared):
+    with pytest.raises(CalibrationError, match="no number of cycles") as refused:
+        pa10cal.calibrate(geared, of_gear("joint 2"))
+    assert "joint 3" in refused.value.allowed

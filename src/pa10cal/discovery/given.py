@@ -27,7 +27,8 @@ from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.problem import covariance_of, prepare, targets_off_m
 from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.gates import holds_zero
-from pa10cal.discovery.linear import ModelWithEffects, residual_and_jacobian
+from pa10cal.discovery.gear_lines import gear_lines
+from pa10cal.discovery.linear import ModelWithEffects, residual, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
 from pa10cal.discovery.rules import MAPS
@@ -60,6 +61,7 @@ from pa10cal.terms.effects.effect import (
     everywhere_but,
     is_effect,
 )
+from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.term import Role
 
 
@@ -112,6 +114,8 @@ def calibrate_with(
         judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
         chosen = _effects(effects, judged.context)
         rows = weighted_rows(judged, computable_shapes(judged)[0], MAPS.spacings[-1][0])
+        rate, whiten = setup.options.error_rate, rows.weights.whiteners()
+        chosen = _with_cycles(chosen, effects, campaign.baseline, judged.poses, whiten, rate)
         starts = tuple(effect.starts[0] for effect in chosen)
         found = refit(judged, chosen, starts, rows.weights)
         if tilted := with_tilts_shown(judged, found):
@@ -121,7 +125,10 @@ def calibrate_with(
         whitener, off_m = found.weights.whiteners(), np.zeros(0)
     else:
         problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
-        problem, fit = fit_given(problem, _effects(effects, problem.context))
+        chosen, whiten = _effects(effects, problem.context), whitener_of(problem.cell_cov)
+        at, rate = campaign.baseline, setup.options.error_rate
+        chosen = _with_cycles(chosen, effects, at, problem.cells, whiten, rate)
+        problem, fit = fit_given(problem, chosen)
         fitted, used = fit, problem.cells
         covariance, off_m = covariance_of(problem, fit), targets_off_m(problem, fit)
         whitener = whitener_of(problem.cell_cov)
@@ -282,6 +289,37 @@ def _effects(
             )
         found.append(known[each.id, each.of])
     return tuple(found)
+
+
+def _with_cycles(
+    chosen: tuple[Effect, ...],
+    asked: Sequence[EffectOfPlace | Effect],
+    at: FittedModel,
+    poses: Observations,
+    whiten: Array,
+    error_rate: float,
+) -> tuple[Effect, ...]:
+    """Return effects with the cycles of lines of gears that were asked for by their place alone.
+
+    Raises:
+        CalibrationError: where what the model leaves has no line at that joint.
+    """
+    places = {each.of for each in asked if each.id == GearLine.id and not isinstance(each, Effect)}
+    if not places:
+        return chosen
+    lines = gear_lines(at, poses, residual(at, poses), whiten, error_rate)
+    found = {line.of: line for line in lines}
+    for place in sorted(places - set(found)):
+        raise CalibrationError(
+            "no number of cycles a turn stands out in what the model leaves",
+            where="calibration.effects",
+            value={"id": GearLine.id, "of": place},
+            allowed=f"joints with a line: {', '.join(found) or 'none'}",
+            remedy="omit the effect, or measure poses at other angles of this joint",
+        )
+    return tuple(
+        found[each.of] if each.of in places and each.id == GearLine.id else each for each in chosen
+    )
 
 
 # The record of a calibration with effects: that without them, its fit replaced.

@@ -425,8 +425,10 @@ class RangeConstant(FalseReading):
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
         """Return that it may be there where beams come from outside of the arm's reach."""
+        if context.three_axes is None:  # it is asked for
+            return ()
         outside = np.linalg.norm(context.p_instr_middle_m) > context.arm.reach_m
-        return () if context.three_axes is False and outside else None
+        return () if outside and not context.three_axes else None
 
     def field(self, p_instr_m: Array) -> Array:
         length_m = np.linalg.norm(p_instr_m, axis=-1, keepdims=True)
