@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -89,3 +91,28 @@ def test_members_are_missed_and_have_rivals() -> None:
     rivals = found.rivals(likeliest)
     assert set(rivals) == names
     assert all(rival.nats.sum() < 0.0 for each in rivals.values() for rival in each)
+
+
+MASKING = 8
+
+
+def masking(random_seed: int) -> Together:
+    """Return members whose columns have most in common, and data of the first four."""
+    rng = np.random.default_rng(random_seed)
+    members = tuple(member(GearRatioError(f"joint {k + 1}")) for k in range(MASKING))
+    common = rng.standard_normal((40, 3)) @ rng.standard_normal((3, MASKING))
+    columns = common + 0.35 * rng.standard_normal((40, MASKING))
+    noise = rng.standard_normal(40)
+    data = noise + columns[:, :4] @ (3.0 * rng.choice([-1.0, 1.0], 4))
+    places = tuple(np.array([[k]]) for k in range(MASKING))
+    return Together(members, np.column_stack([columns, data]), places, np.zeros((0, 7)), 4.0)
+
+
+@pytest.mark.parametrize("random_seed", [0, 45, 52, 58])
+def test_the_likeliest_of_all_sets_is_found_where_members_mask_each_other(random_seed: int) -> None:
+    # From nothing alone single steps end 20 to 40 nats below in the last three; of 60 draws the
+    # likeliest set is found in 59, and in 56 from nothing alone.
+    found = masking(random_seed)
+    every = [at for size in range(MASKING + 1) for at in combinations(range(MASKING), size)]
+    best = max(map(found.scored, every), key=lambda each: each.nats)
+    assert found.likeliest().at == best.at
