@@ -337,9 +337,11 @@ class Fitted:
     def with_bends(self, rows: Iterable[int] = ()) -> Self:
         """Return the same model on a chain whose long links may bend, as some effects do.
 
-        So may those of further rows, from 1, and those that already may.
+        So may the carriages of joints that slide, those of further rows, from 1, and those that
+        already may.
         """
-        every = {*long_links(self.arm), *self.model.chain.bends, *rows}
+        carriages = (np.flatnonzero(self.arm.prismatic[:-1]) + 1).tolist()
+        every = {*long_links(self.arm), *carriages, *self.model.chain.bends, *rows}
         chain = Chain.of(self.arm, bends=tuple(sorted(every)))
         return replace(self, model=Model(chain, self.model.terms))
 

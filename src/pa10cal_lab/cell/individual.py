@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import Arm, with_hayati_rows
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import SimulationError
 from pa10cal.options import Tolerances
-from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions, UnstatedOptions
+from pa10cal_lab.cell.options import (
+    SimulateOptions,
+    SlideOptions,
+    TrackerOptions,
+    UnstatedOptions,
+)
 from pa10cal_lab.cell.poses import centre_rad
 from pa10cal_lab.cell.robot import (
     BALLS_DESIGN_M,
@@ -282,6 +287,8 @@ _ALONG = (0.15, 0.75)
 _BEHIND = (-0.35, 0.0)
 _COUNTERBALANCED = 0.2
 _ASIDE = (0.08, 0.01)
+#: Mass of the carriage of a rail or a column, of that of the arm.
+_CARRIAGE = (0.1, 0.5)
 
 
 def described(arm: Arm, own: UnstatedOptions) -> Arm:
@@ -290,6 +297,8 @@ def described(arm: Arm, own: UnstatedOptions) -> Arm:
     Raises:
         SimulationError: where lengths or weights are not as many as the rows.
     """
+    if own.slide is not None:
+        arm = _on_slide(arm, own.slide)
     for name in ("lengths", "mass_kg", "com_m"):
         if len(getattr(own, name)) != arm.n:
             raise SimulationError(
@@ -321,6 +330,33 @@ def described(arm: Arm, own: UnstatedOptions) -> Arm:
     )
 
 
+def _on_slide(arm: Arm, slide: SlideOptions) -> Arm:
+    """Return an arm on a carriage that slides before its first joint."""
+    if (arm.T_base_row1 != np.eye(4)).any() or arm.convention != "standard":
+        raise SimulationError(
+            "the arm has a frame of its own before its first row, or modified rows",
+            where="without_touches.unstated.slide",
+            value=arm.name,
+            allowed="an arm in standard rows that start at its base",
+            remedy="describe it so, with the slide as its first row",
+        )
+    zero, turned = np.zeros(1), slide.kind != "column"
+    along = Rotation.from_euler("x", 0.5 * np.pi if slide.kind == "rail" else 0.0)
+    carriage = {
+        **dict.fromkeys(("theta_rad", "d_m", "a_m", "beta_rad"), zero),
+        "alpha_rad": np.array([-0.5 * np.pi if turned else 0.0]),
+        "hayati": np.array([False]),
+        "prismatic": np.array([True]),
+        "limits_rad": np.array([[0.0, slide.stroke_m]]),
+        **dict.fromkeys(("gear_ratio", "torque_limit_Nm"), np.array([np.nan])),
+    }
+    rows: dict[str, Any] = {
+        name: np.concatenate([first, getattr(arm, name)]) for name, first in carriage.items()
+    }
+    base = homogeneous(along.as_matrix(), np.zeros(3))
+    return with_hayati_rows(replace(arm, T_base_row1=base, mass_kg=None, com_m=None, **rows))
+
+
 def weighed(mechanism: Mechanism, own: UnstatedOptions) -> Mechanism:
     """Return a mechanism with the true weights of its links."""
     return replace(mechanism, mass_kg=np.array(own.mass_kg), com_m=np.array(own.com_m))
@@ -328,7 +364,8 @@ def weighed(mechanism: Mechanism, own: UnstatedOptions) -> Mechanism:
 
 def nominal(arm: Arm, own: UnstatedOptions, tool_kg: float) -> Mechanism:
     """Return the arm with its true weights and the geometry that is described."""
-    bare = Mechanism.of(described(arm, own), Departures.none(arm.n), tool_payload(tool_kg))
+    arm = described(arm, own)
+    bare = Mechanism.of(arm, Departures.none(arm.n), tool_payload(tool_kg))
     return weighed(bare, own)
 
 
@@ -354,6 +391,22 @@ def draw_unstated(arm: Arm, rng: np.random.Generator) -> tuple[UnstatedOptions, 
     tool_kg = float(total_kg * np.exp(rng.uniform(*np.log(TOOL_SHARE))))
     own = _own(lengths=lengths, mass_kg=mass_kg.round(4), com_m=com_m.round(4))
     return own, round(tool_kg, 3)
+
+
+def put_on_slide(
+    own: UnstatedOptions, slide: SlideOptions, rng: np.random.Generator
+) -> UnstatedOptions:
+    """Return lengths and weights of an arm on a carriage, whose weight is drawn."""
+    total_kg = sum(own.mass_kg)
+    centre_m = rng.normal(0.0, 0.05 * slide.stroke_m, 3).round(4).tolist()
+    return own.model_copy(
+        update={
+            "lengths": (1.0, *own.lengths),
+            "mass_kg": (round(total_kg * float(rng.uniform(*_CARRIAGE)), 4), *own.mass_kg),
+            "com_m": (tuple(centre_m), *own.com_m),
+            "slide": slide,
+        }
+    )
 
 
 def _own(**arrays: Array) -> UnstatedOptions:

@@ -7,7 +7,7 @@ All are of arms described without masses, rated torques, gear ratios and logged 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -18,8 +18,8 @@ from pa10cal.arrays import Array
 from pa10cal.files.arms import arm_names
 from pa10cal_lab.cell.effects.effect import LONG_LINKS, Site
 from pa10cal_lab.cell.effects.vocabulary import all_effects, places_of
-from pa10cal_lab.cell.individual import described, draw_unstated, nominal
-from pa10cal_lab.cell.options import UnstatedOptions
+from pa10cal_lab.cell.individual import described, draw_unstated, nominal, put_on_slide
+from pa10cal_lab.cell.options import SlideOptions, UnstatedOptions
 from pa10cal_lab.cell.poses import joint_bounds
 from pa10cal_lab.cell.robot import Departures, Mechanism, SimulatedStatics, tool_payload
 from pa10cal_lab.cell.scenario import (
@@ -97,8 +97,8 @@ _DECIMALS = 3
 # arms showed, from below the noise of a tracker upwards.
 
 _MIXED_COUNT = (2, 6)
-#: How much more often than other effects a spring is drawn: arms have several.
-_SPRING_WEIGHT = 4.0
+#: How much more often than other effects some are drawn: arms have several springs, and rails err.
+_WEIGHTS = {SPRING: 4.0, "slide_error": 8.0}
 #: Turns under usual weights [rad]. Springs: a KUKA titan sags by milliradians, low-cost arms by 30.
 #: Links and base: a UR10 and an iiwa 7 lose 0.1 to 0.2 mm by tilts that are no springs.
 _MIXED_TURN_RAD = {
@@ -124,6 +124,14 @@ _MIXED_TIMES = {
     "base_drift": (0.25, 6.0),
     "thermal_growth": (0.2, 2.2),
 }
+#: Arms that stand on a rail or a column, how often each, and strokes, evenly in the logarithm.
+_ON_SLIDE, _STROKE_M = 0.13, (0.5, 4.0)
+_SLIDES = {"rail": 0.6, "column": 0.2, "side_of_column": 0.2}
+_SLIDE_STREAM = 1
+#: What those may hide besides: rails out of straight by 0.03 to 0.2 mm a metre, and twisted by 0.03
+#: to 0.2 mrad; columns that turn by so much under the usual moment with the carriage all out.
+_SLIDE_TIMES = {"slide_error": (0.3, 2.0)}
+_SLIDE_TURN_RAD = {"slide_bending": (1e-4, 1e-3)}
 #: The background: bearings that tilt under the usual moment, as of the titan and the iiwa 7, softer
 #: about one axis; waves of every joint, as of the titan; and in some trials a log that is late, as
 #: of the IRB 120.
@@ -159,9 +167,16 @@ class _OwnArm:
     mechanism: Mechanism  # as described, with the true weights
 
     @classmethod
-    def draw(cls, shipped: Arm, rng: np.random.Generator) -> _OwnArm:
-        """Draw lengths and weights of an arm of a kind."""
+    def draw(
+        cls, shipped: Arm, rng: np.random.Generator, apart: np.random.Generator | None = None
+    ) -> _OwnArm:
+        """Draw lengths and weights of an arm of a kind; and maybe what it slides on, apart."""
         weights, tool_kg = draw_unstated(shipped, rng)
+        if apart is not None and apart.random() < _ON_SLIDE:
+            kind = str(apart.choice(list(_SLIDES), p=list(_SLIDES.values())))
+            stroke_m = round(log_uniform(_STROKE_M, apart), 3)
+            slide = SlideOptions.model_validate({"kind": kind, "stroke_m": stroke_m})
+            weights = put_on_slide(weights, slide, apart)
         mechanism = nominal(shipped, weights, tool_kg)
         return cls(weights, tool_kg, described(shipped, weights), mechanism)
 
@@ -200,10 +215,16 @@ class _OwnArm:
         typical_Nm = 0.0
         if of.startswith("joint "):
             typical_Nm = float(self.usual_torques_Nm.std(axis=0)[int(of.split()[1]) - 1])
-        return Site(of, typical_Nm=typical_Nm, half_m=0.5 * self.arm.reach_m)
+        site = Site(of, typical_Nm=typical_Nm, half_m=0.5 * self.arm.reach_m)
+        if of.startswith("joint "):
+            low, high = self.arm.joint_ranges_rad[int(of.split()[1]) - 1].tolist()
+            site = replace(site, stroke_m=(low, high))
+        return site
 
     def moment_at(self, place: str) -> float:
-        """Return the usual moment at a long link, or else at the base."""
+        """Return the usual moment at a long link or beyond a joint, or else at the base."""
+        if place.startswith("joint "):
+            return self.moment_Nm(int(place.split()[1]) - 1)
         long = place in LONG_LINKS
         return self.moment_Nm(self.mechanism.long_links[LONG_LINKS.index(place)] if long else -1)
 
@@ -349,7 +370,8 @@ def _sorted(
 def _draw_mixed(subject: str, bench: Bench, rng: np.random.Generator) -> Trial:
     """Draw a trial that hides several effects, maybe among a background without names."""
     scenario = Scenario(MIXED, rng, bench, int(rng.integers(2**31)))
-    own = _OwnArm.draw(bench.arm, rng)
+    # Whether there is a rail is drawn apart, so that all else of the other trials stays.
+    own = _OwnArm.draw(bench.arm, rng, np.random.default_rng([scenario.seed, _SLIDE_STREAM]))
     poses = round(log_uniform(POSES, rng))
     plan: dict[str, Any] = {}
     if rng.random() < _ALONG_PATH:
@@ -382,8 +404,11 @@ def _draw_mixed(subject: str, bench: Bench, rng: np.random.Generator) -> Trial:
 def _hide_several(scenario: Scenario, own: _OwnArm) -> None:
     """Hide effects of the vocabulary, each at a place of its own while there is one."""
     rng, every = scenario.rng, all_effects()
-    names = [*_MIXED_TURN_RAD, *_MIXED_TIMES]
-    weights = np.array([_SPRING_WEIGHT if name == SPRING else 1.0 for name in names])
+    turns_rad, times = _MIXED_TURN_RAD, _MIXED_TIMES
+    if own.weights.slide is not None:
+        turns_rad, times = turns_rad | _SLIDE_TURN_RAD, times | _SLIDE_TIMES
+    names = [*turns_rad, *times]
+    weights = np.array([_WEIGHTS.get(name, 1.0) for name in names])
     count, taken = int(rng.integers(*_MIXED_COUNT, endpoint=True)), set[str]()
     while len(scenario.hidden) < count:
         name = str(rng.choice(names, p=weights / weights.sum()))
@@ -395,15 +420,17 @@ def _hide_several(scenario: Scenario, own: _OwnArm) -> None:
         of = str(rng.choice(places))
         taken.add(of)
         if name == SPRING:
-            sag_rad = log_uniform(_MIXED_TURN_RAD[name], rng)
+            sag_rad = log_uniform(turns_rad[name], rng)
             K = own.stiffness(int(of.removeprefix("joint ")), sag_rad)
             scenario.put(name, of, {"K": K}, sag_rad / SAG_RAD[0])
-        elif name in _MIXED_TURN_RAD:
-            turn_rad = log_uniform(_MIXED_TURN_RAD[name], rng)
-            parameters = dict.fromkeys(every[name].model_fields, turn_rad / own.moment_at(of))
+        elif name in turns_rad:
+            turn_rad = log_uniform(turns_rad[name], rng)
+            drawn = every[name].at_size(own.site(of), 1.0, rng) if name in _SLIDE_TURN_RAD else {}
+            of_moment = [each for each in every[name].model_fields if each != "stroke_m"]
+            parameters = drawn | dict.fromkeys(of_moment, turn_rad / own.moment_at(of))
             scenario.put(name, of, parameters, turn_rad / _TURN_RAD[0])
         else:
-            scenario.hide(every[name], log_uniform(_MIXED_TIMES[name], rng), own.site(of))
+            scenario.hide(every[name], log_uniform(times[name], rng), own.site(of))
 
 
 def _hide_background(scenario: Scenario, own: _OwnArm, *, late: bool) -> None:

@@ -95,6 +95,16 @@ class CellNoiseOptions(Section):
     )
 
 
+class SlideOptions(Section):
+    """What an arm stands on that slides: its first joint, before those of `robot`."""
+
+    kind: Literal["rail", "column", "side_of_column"] = Field(
+        description="rail: level, the arm upright on it; column: upright, and the arm too; "
+        "side_of_column: upright, the first axis of the arm level"
+    )
+    stroke_m: Positive = Field(description="how far it slides, from 0")
+
+
 class UnstatedOptions(Section):
     """What an arm weighs of which a campaign describes the geometry alone, and its own lengths."""
 
@@ -104,6 +114,10 @@ class UnstatedOptions(Section):
     mass_kg: tuple[NonNegative, ...] = Field(description="masses of the links")
     com_m: tuple[tuple[FiniteFloat, FiniteFloat, FiniteFloat], ...] = Field(
         description="their centres of mass in the frame that the joint carries along, z its axis"
+    )
+    slide: SlideOptions | None = Field(
+        None,
+        description="a rail or a column under the arm, which is then the first row of the others",
     )
 
 

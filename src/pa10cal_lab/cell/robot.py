@@ -291,9 +291,14 @@ class Mechanism:
         return len(self.placements)
 
     @cached_property
+    def link_ends(self) -> Array:
+        """(n, 4, 4) end of each link in the frame that its joint carries along [m]."""
+        return np.concatenate([self.placements[1:], self.T_last_ee[None]])
+
+    @cached_property
     def spans_m(self) -> Array:
         """(n, 3) from each joint to the end of its link, along the axes of that end."""
-        ends = np.concatenate([self.placements[1:], self.T_last_ee[None]])
+        ends = self.link_ends
         spans: Array = np.einsum("kij,ki->kj", ends[:, :3, :3], ends[:, :3, 3])
         return spans
 

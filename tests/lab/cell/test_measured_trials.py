@@ -1,5 +1,7 @@
 """Trials as measured robots come: described without masses, weighed otherwise, rows sorted."""
 
+import json
+import zlib
 from collections import Counter
 from dataclasses import replace
 
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from pa10cal.arm.chain import Chain, frames
 from pa10cal.errors import SettingsError, SimulationError
 from pa10cal.files.arms import load_arm, read_arm
 from pa10cal_lab.blind_trials import after_geometry
@@ -214,6 +217,38 @@ def test_mixed_trials_hide_two_to_six_effects_half_of_them_among_a_background(mi
     assert len(kinds) > 14
     assert 0 < kinds["along_move"] < 15
     assert kinds[SPRING] > 15
+
+
+def test_some_mixed_arms_stand_on_a_rail_or_a_column(mixed):
+    slides = [trial.settings.without_touches.unstated.slide for trial in mixed]
+    assert 2 <= sum(each is not None for each in slides) <= 10
+    for trial, slide in zip(mixed, slides, strict=True):
+        if slide is None:
+            continue
+        shipped, arm = load_arm(trial.settings.robot), robot(trial).arm
+        assert 0.5 <= slide.stroke_m <= 4.0
+        assert arm.prismatic.tolist() == [True, *shipped.prismatic]
+        assert arm.limits_rad[0].tolist() == [0.0, slide.stroke_m]
+        start, out = Chain.of(arm).forward(np.eye(arm.n)[:1] * [[0.0], [0.5]])
+        way = out[:3, 3] - start[:3, 3]
+        upright = np.array([0.0, 0.0, 1.0])
+        assert way @ upright == pytest.approx(0.0 if slide.kind == "rail" else 0.5)
+        assert np.linalg.norm(way) == pytest.approx(0.5)
+        # The first axis that turns is upright, but on the side of a column.
+        turns = frames(Chain.of(arm), Chain.of(arm).nominal[None]).T_base_joints[1, 0, :3, 2]
+        level = slide.kind == "side_of_column"
+        assert turns @ upright == pytest.approx(0.0 if level else 1.0)
+
+
+def test_rails_are_drawn_apart_and_change_no_other_trial(mixed):
+    """By what was drawn before there were any."""
+    told = [
+        (trial.bench, hidden_in(trial), trial.settings.without_touches.poses)
+        for trial in mixed
+        if trial.settings.without_touches.unstated.slide is None
+    ]
+    assert len(told) == 35
+    assert zlib.crc32(json.dumps(told).encode()) == 1843801878
 
 
 def test_some_mixed_trials_are_paths_of_small_steps(mixed):

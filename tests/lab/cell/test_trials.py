@@ -25,7 +25,7 @@ from pa10cal_lab.cell.effects.vocabulary import (
 from pa10cal_lab.cell.options import CellPosesOptions, DisturbanceOptions, SimulateOptions
 from pa10cal_lab.cell.poses import place_poses
 from pa10cal_lab.cell.raw_log import RawLog
-from pa10cal_lab.cell.scenario import TILT_SEEDS, TRACKED_POSES
+from pa10cal_lab.cell.scenario import TILT_SEEDS, TRACKED_POSES, Bench
 from pa10cal_lab.cell.trials import (
     DRIVE_BENCHES,
     DRIVE_KINDS,
@@ -169,14 +169,16 @@ def test_robots_layouts_and_paths_vary():
 
 def test_every_place_of_a_trial_takes_its_effect(robot):
     rng = np.random.default_rng(0)
+    scara = Bench("gx4_351s", "pose").built
     for name, effect in all_effects().items():
-        places = places_of(effect.trial_places or effect.places, robot, loaded=(2, 3, 4, 5))
+        one = scara if "sliding joint" in effect.places else robot
+        places = places_of(effect.trial_places or effect.places, one, loaded=(2, 3, 4, 5))
         assert places
         for of in places:
             site = Site(of, rated_Nm=100.0, typical_Nm=30.0, coulomb_Nm=10.0, half_m=0.3)
             raw = {"id": name, "of": of, "parameters": effect.at_size(site, 1.0, rng)}
             settings = SimulateOptions(hidden_effects=(raw,))
-            assert make_effects(settings.hidden_effects, robot)[0].of == of
+            assert make_effects(settings.hidden_effects, one)[0].of == of
 
 
 def test_a_drawn_error_map_is_no_single_harmonic():

@@ -1,18 +1,23 @@
-"""Every effect at every place of the PA10, and poses in which all of them show."""
+"""Every effect at every place of the PA10, some of it on a rail, and poses in which all show."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from made_up_poses import context_of, states_of
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 
 ARM = load_arm("pa10_6ce")
+SLIDES = np.array([True, False, False, False, False, True])
+SLIDING = replace(ARM, name="sliding", prismatic=SLIDES)
+#: Effects of joints that slide.
+OF_SLIDES = ("slide_bending", "slide_error")
 
 
 def some_states() -> PoseStates:
@@ -21,10 +26,10 @@ def some_states() -> PoseStates:
     return states_of(ARM, 20080427, 6, tau_Nm=tau_Nm)
 
 
-def some_surroundings() -> CandidateContext:
+def some_surroundings(arm: Arm = ARM) -> CandidateContext:
     states = some_states()
     return context_of(
-        ARM,
+        arm,
         flexible_joints=(2, 3, 5),
         tau_span_Nm=np.abs(states.tau_Nm).max(0),
         q_span_rad=np.stack([states.q_rad.min(0), states.q_rad.max(0)], axis=-1),
@@ -45,17 +50,22 @@ class Places:
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "effect" in metafunc.fixturenames:
         found = candidates(some_surroundings())
+        slides = candidates(some_surroundings(SLIDING))
+        found += tuple(each for each in slides if each.id in OF_SLIDES)
         metafunc.parametrize("effect", found, ids=[f"{each.id} of {each.of}" for each in found])
 
 
 @pytest.fixture
-def arm():
-    return ARM
+def arm(request) -> Arm:
+    """Return the arm that the effect is of."""
+    parameters = request.node.callspec.params if hasattr(request.node, "callspec") else {}
+    effect = parameters.get("effect")
+    return SLIDING if effect is not None and effect.id in OF_SLIDES else ARM
 
 
 @pytest.fixture
-def context() -> CandidateContext:
-    return some_surroundings()
+def context(arm) -> CandidateContext:
+    return some_surroundings(arm)
 
 
 @pytest.fixture
@@ -64,5 +74,10 @@ def states() -> PoseStates:
 
 
 @pytest.fixture
-def at() -> Places:
-    return Places(candidates(some_surroundings()))
+def at(arm) -> Places:
+    return Places(candidates(some_surroundings(arm)))
+
+
+@pytest.fixture
+def at_slides() -> Places:
+    return Places(candidates(some_surroundings(SLIDING)))

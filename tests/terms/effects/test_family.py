@@ -58,6 +58,7 @@ ONE_SIGN = {
     "lateral_compliance",
     "link_bending",
     "link_torsion",
+    "slide_bending",
     "soft_windup",
     "thermal_growth",
     "tool_sag",
@@ -81,6 +82,7 @@ EITHER_SIGN = {
     "range_constant",
     "scale",
     "sensor_error",
+    "slide_error",
     "torque_gain",
     "transmission_error",
     "wrist_coupling",
@@ -141,7 +143,8 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
     for kind in named.values():
         near = replace(context, commanded=True)
         far = replace(near, three_axes=False, p_instr_middle_m=np.array([0.0, 9.0, 0.0]))
-        effect = next(each for known in (near, far) for each in kind.everywhere(known))
+        sliding = replace(near, arm=replace(context.arm, prismatic=np.arange(6) == 2))
+        effect = next(e for known in (near, far, sliding) for e in kind.everywhere(known))
         assert effect.positive == (effect.id in ONE_SIGN)
         plausible = np.array([each.plausible for each in effect.parameters[: effect.linear]])
         for k in range(effect.linear):

@@ -28,16 +28,14 @@ GRAVITY_M_S2 = 9.81
 _TURN_RAD = 3e-4
 
 
-def _moment_of_arm_Nm(arm: Arm) -> float | None:
+def moment_of_arm_Nm(arm: Arm) -> float | None:
     """Return the moment that an arm stretched out puts on its base, where weights are assumed."""
     if arm.mass_kg is None or not weights_known(arm).assumed:
         return None
     return 0.5 * GRAVITY_M_S2 * float(arm.mass_kg.sum()) * arm.reach_m
 
 
-def _compliance(
-    name: str, scale: float, plausible: float, of_arm_Nm: float | None
-) -> TermParameter:
+def compliance(name: str, scale: float, plausible: float, of_arm_Nm: float | None) -> TermParameter:
     """Return a compliance [rad/(N m)], as large as is plausible of its arm."""
     if of_arm_Nm is not None:
         plausible, scale = _TURN_RAD / of_arm_Nm, _TURN_RAD / of_arm_Nm * scale / plausible
@@ -70,7 +68,7 @@ class LinkEffect(Effect):
         spans_m = link_spans_m(context.arm)
         rows = long_links(context.arm)
         return tuple(
-            cls(place, row, (float(x), float(y), float(z)), _moment_of_arm_Nm(context.arm))
+            cls(place, row, (float(x), float(y), float(z)), moment_of_arm_Nm(context.arm))
             for place, row in zip(_LONG_LINKS, rows, strict=False)  # a short arm has fewer
             for x, y, z in (spans_m[row - 1],)
             if place in cls.places
@@ -82,7 +80,7 @@ class LinkEffect(Effect):
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        return (_compliance("c", *self.scale_and_size, self.moment_of_arm_Nm),)
+        return (compliance("c", *self.scale_and_size, self.moment_of_arm_Nm),)
 
     @property
     def axis(self) -> Array:
@@ -166,7 +164,7 @@ class LateralCompliance(AtJoint):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return None if joint == 1 else (_moment_of_arm_Nm(context.arm),)
+        return None if joint == 1 else (moment_of_arm_Nm(context.arm),)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -175,7 +173,7 @@ class LateralCompliance(AtJoint):
     @property
     def reported(self) -> tuple[TermParameter, ...]:
         of_arm_Nm = self.moment_of_arm_Nm
-        return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("C_x", "C_y"))
+        return tuple(compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("C_x", "C_y"))
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the moments across the joint's axis, each for its own tilt, (P, 2, 2)."""
@@ -206,12 +204,12 @@ class BaseCompliance(Effect):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
-        return (_moment_of_arm_Nm(context.arm),)
+        return (moment_of_arm_Nm(context.arm),)
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
         of_arm_Nm = self.moment_of_arm_Nm
-        return tuple(_compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
+        return tuple(compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the overturning moments, each for its own tilt, (P, 2, 2)."""

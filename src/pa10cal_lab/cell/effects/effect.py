@@ -61,6 +61,7 @@ class Loading:
 
     mechanism: Mechanism  # the links
     statics: SimulatedStatics  # what weights bend them with
+    q: Array  # (P, n) positions of the links [rad, or m of a prismatic joint]
     time_s: Array  # (P,) times since the start of the campaign
     warming_K: Array  # (P,) temperatures above the reference
 
@@ -85,6 +86,7 @@ class Site:
     half_m: float = 0.0  # how far the targets mostly lie from the middle of the measured volume
     # coordinates of that middle in the instrument's frame
     middle_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    stroke_m: tuple[float, float] = (0.0, 1.0)  # ends of the range of a joint that slides
 
 
 def either_sign(amount: float, rng: np.random.Generator) -> float:
@@ -135,8 +137,8 @@ class SimulatedEffect(Section):
 
     id: ClassVar[str]
     #: Where it may sit; `turning joint` stands for any that turns by its number, `any joint` for
-    #: those that slide as well, `rigid joint` for one without a spring, `loaded joint` for one that
-    #: weights load.
+    #: those that slide as well, `sliding joint` for these alone, `rigid joint` for one without a
+    #: spring, `loaded joint` for one that weights load.
     places: ClassVar[tuple[str, ...]]
     #: Whether it is in the vocabulary of effects; what is not can be hidden, but not be named.
     named: ClassVar[bool] = True

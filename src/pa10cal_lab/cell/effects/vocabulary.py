@@ -104,18 +104,20 @@ def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Simula
 def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[int]:
     """Return the joints, from 1, that turn and are all that some words say of them.
 
-    Of `any joint` those that slide, too.
+    Of `any joint` those that slide, too, and of `sliding joint` these alone.
     """
     arm = robot.arm
     qualities = {
         "any": np.full(arm.n, True),
+        "sliding": arm.prismatic,
         "turning": ~arm.prismatic,
         "rigid": ~robot.springs.flexible,
         "geared": np.isfinite(arm.gear_ratio),
         "rated": np.isfinite(arm.torque_limit_Nm),
         "loaded": np.isin(np.arange(1, arm.n + 1), loaded),
     }
-    fits = qualities["any" if "any" in words else "turning"]
+    turning = not {"any", "sliding"} & {*words}
+    fits = qualities["turning" if turning else "any"]
     for word in words[:-1]:
         fits = fits & qualities[word]
     return (np.flatnonzero(fits) + 1).tolist()

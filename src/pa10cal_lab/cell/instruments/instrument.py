@@ -72,7 +72,7 @@ def rest_poses(
         tau = held.torque_Nm
         moved = 0.0
         if strain is not None:
-            loading = Loading(mechanism, held, time_s, warming_K)
+            loading = Loading(mechanism, held, q, time_s, warming_K)
             before, strain = strain, Strain.none(*drive.shape)
             for structure in structures:
                 strain = strain + structure.strain(loading)

@@ -1,0 +1,210 @@
+"""Effects at joints that slide: rails, columns and quills that are not straight, and give way."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+
+from pa10cal.arm.chain import TOOL, Chain, bend_coordinates, frames, link_spans_m
+from pa10cal.arm.description import Arm
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array
+from pa10cal.terms.effects.effect import AtJoint, CandidateContext, static_loads_in
+from pa10cal.terms.effects.structure import compliance, moment_of_arm_Nm
+from pa10cal.terms.term import OPTIONAL, Report, TermParameter
+
+#: Straightness and turns of rails as they are mounted: 0.05 to 0.5 mm, 0.05 to 0.5 mrad [m, rad].
+_SIZE = 2e-4
+#: Degrees of the polynomials of the stroke: of the turn that goes with a third half wave of a rail
+#: two leave 0.79, four 0.20, six 0.02.
+_DEGREES = 6
+#: Parameters of a slide error: motion, its unit and the degree of the polynomial.
+_SERIES = (
+    ("s", "m", 1),
+    *((axis, "m", degree) for degree in range(2, _DEGREES + 1) for axis in ("x", "y", "z")),
+    *((axis, "rad", degree) for degree in range(1, _DEGREES + 1) for axis in ("rx", "ry", "rz")),
+)
+_OF_DEGREE = np.array([degree for _, _, degree in _SERIES])
+
+
+@dataclass(frozen=True)
+class AtSlide(AtJoint):
+    """An effect of a joint that slides, on the six small motions of its carriage.
+
+    They are those of the frame in which the next joint moves; of the last joint those of the tool.
+    """
+
+    span_m: tuple[float, float]  # lowest and highest measured position
+    along: tuple[float, float, float]  # direction of the stroke, along the axes of that frame
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        """Return it at every joint that slides and was moved, where it may sit."""
+        arm = context.arm
+        slides = (np.flatnonzero(arm.prismatic) + 1).tolist()
+        spans_m = {joint: context.span_at(joint) for joint in slides}
+        return tuple(
+            cls(f"joint {joint}", span_m, _stroke_axis(arm, joint), *fields)
+            for joint, span_m in spans_m.items()
+            if span_m is not None and (fields := cls.fields_of(arm, joint)) is not None
+        )
+
+    @classmethod
+    @abstractmethod
+    def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...] | None:
+        """Return its further fields at a joint, from 1; None for not there."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return TOOL if self.last else bend_coordinates(self.joint)
+
+    @property
+    def last(self) -> bool:
+        """Return whether no joint follows."""
+        return False
+
+    def stroke(self, states: PoseStates) -> Array:
+        """Return where the carriage is, (P,): from -1 to 1 over the span, and held beyond."""
+        low_m, high_m = self.span_m
+        middle_m, half_m = 0.5 * (low_m + high_m), 0.5 * (high_m - low_m)
+        at: Array = np.clip((states.q_rad[:, self.joint - 1] - middle_m) / half_m, -1.0, 1.0)
+        return at
+
+
+@dataclass(frozen=True)
+class SlideError(AtSlide):
+    """A carriage turns and shifts with its stroke, by polynomials of the sixth degree.
+
+    Legendre's of u, from -1 to 1 over the span: of all three turns from degree 1 on, of the shifts
+    from 2 on, and of degree 1 the shift along the stroke. What is the same everywhere is where the
+    next joint sits, and a shift across the stroke that grows evenly is another direction of it:
+    link, base and tool have these. Higher degrees are expected to be smaller. Both scorers seek it,
+    alone and in sets.
+    """
+
+    at_end: bool = field(default=False, metadata={OPTIONAL: True})  # whether no joint follows
+    id = "slide_error"
+    nouns = ("slide error", "slide errors")
+    clauses = ("{at} does not slide straight and level", "{at} do not slide straight and level")
+    # Makers allow a rail a few tenths of a mrad.
+    most_rad = (0.01, "no carriage that slides turns by more than 10 mrad")
+
+    @classmethod
+    def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...]:
+        return (joint == arm.n,)
+
+    @property
+    def last(self) -> bool:
+        return self.at_end
+
+    @property
+    def formula(self) -> str:
+        low_m, high_m = self.span_m
+        what = "tool" if self.last else f"frame of joint {self.joint + 1}"
+        return (
+            f"the {what} shifts along and turns about its axes by sums of Legendre polynomials of "
+            f"u, from degree 1 to {_DEGREES}, u from -1 at {low_m:g} m to 1 at {high_m:g} m of "
+            f"joint {self.joint}; shifts and turns are root mean squares over u"
+        )
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return the series it is solved in, and not what `report` makes of them."""
+        return tuple(
+            TermParameter(f"{motion}_{degree}", unit, 3e-6, plausible=_SIZE / degree)
+            for motion, unit, degree in _SERIES
+        )
+
+    def report(self, x: Array) -> Report:
+        """Return the root mean square over the stroke of each shift and each turn."""
+        rms = self._motions / np.sqrt(2.0 * _OF_DEGREE + 1.0)
+        parts = np.einsum("mk,k->mk", rms, x)
+        # What the stroke's own axis makes of one parameter adds to the others of its motion.
+        size = np.sqrt(np.sum(parts**2, axis=1))
+        slope = rms * parts / np.maximum(size, np.finfo(float).tiny)[:, None]
+        units = [("shift", "m")] * 3 + [("turn", "rad")] * 3
+        names = tuple(
+            TermParameter(f"{kind}_{axis}", unit, 3e-6)
+            for (kind, unit), axis in zip(units, "xyzxyz", strict=True)
+        )
+        return Report(names, size, slope)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        series = np.polynomial.legendre.legvander(self.stroke(states), _DEGREES)[:, _OF_DEGREE]
+        return np.asarray(series[:, None, :] * self._motions)
+
+    @property
+    def _motions(self) -> Array:
+        """Return what a unit of each parameter moves, (6, k), where its polynomial is 1."""
+        motions = np.zeros((6, len(_SERIES)))
+        for column, (motion, _, _) in enumerate(_SERIES):
+            if motion == "s":
+                motions[:3, column] = self.along
+            else:
+                motions[("x", "y", "z", "rx", "ry", "rz").index(motion), column] = 1.0
+        return motions
+
+
+@dataclass(frozen=True)
+class SlideBending(AtSlide):
+    """What a carriage slides on bends the more the farther it is out, c in rad/(N m).
+
+    An even beam, held where the carriage is lowest: at its highest it turns by c (M + s x F / 2)
+    across the stroke s, M and F moment and force on the carriage there, as a column or a ram does.
+    What gives way alike everywhere is `lateral_compliance` of the next joint. Both scorers seek it,
+    alone and in sets. Not of a last joint, beyond which no moment is worked out.
+    """
+
+    # from the carriage to the frame in which the next joint moves, along that frame's axes
+    to_end_m: tuple[float, float, float]
+    # moment at which a plausible turn is reached, where weights are assumed; None where they are
+    # stated
+    moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
+    id = "slide_bending"
+    clauses = (
+        "what {at} slides on bends the more the farther it is out",
+        "what {at} slide on bends the more the farther they are out",
+    )
+    words = (
+        "the carriage of joint {0.joint} turns by c (M + s x F / 2) v and shifts by "
+        "c (M / 2 + s x F / 3) x s v, M and F what it carries there across s, v from 0 at "
+        "{0.span_m[0]:g} m to 1 at {0.span_m[1]:g} m, s the way from the first"
+    )
+    bends = True
+    positive = True
+    weights_power = -1.0
+    most_rad = SlideError.most_rad
+
+    @classmethod
+    def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...] | None:
+        if joint == arm.n:
+            return None
+        return tuple(link_spans_m(arm)[joint - 1].tolist()), moment_of_arm_Nm(arm)
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        return (compliance("c", 1e-7, 3e-6, self.moment_of_arm_Nm),)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        loads, axis = static_loads_in(states, self), np.array(self.along)
+        force_N, to_end_m = loads.link_N[:, self.joint - 1], np.array(self.to_end_m)
+        moment_Nm = loads.link_Nm[:, self.joint - 1] + np.cross(to_end_m, force_N)
+        moment_Nm = moment_Nm - np.outer(moment_Nm @ axis, axis)
+        out = 0.5 + 0.5 * self.stroke(states)[:, None]
+        way_m = (self.span_m[1] - self.span_m[0]) * out * axis
+        of_force_Nm = np.cross(way_m, force_N)
+        turn = out * (moment_Nm + of_force_Nm / 2.0)
+        shift = out * np.cross(moment_Nm / 2.0 + of_force_Nm / 3.0, way_m)
+        return np.hstack([shift + np.cross(turn, to_end_m), turn])
+
+
+def _stroke_axis(arm: Arm, joint: int) -> tuple[float, float, float]:
+    """Return along what a joint, from 1, slides, by the axes in which the next one moves."""
+    chain = Chain.of(arm)
+    found = frames(chain, chain.nominal[None])
+    end = (found.T_base_ee if joint == arm.n else found.T_base_joints[joint])[0]
+    x, y, z = (end[:3, :3].T @ found.T_base_joints[joint - 1, 0, :3, 2]).tolist()
+    return x, y, z

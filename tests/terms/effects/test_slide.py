@@ -1,0 +1,126 @@
+"""Effects of joints that slide, against their form written out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+from scipy.spatial.transform import Rotation
+
+from made_up_poses import context_of
+from pa10cal.arm.chain import Chain, frames
+from pa10cal.files.arms import load_arm
+from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.model import Model
+
+FIRST = replace(load_arm("pa10_6ce"), prismatic=np.arange(6) == 0)
+
+
+def slides(arm):
+    return [e for e in candidates(context_of(arm)) if e.id in ("slide_error", "slide_bending")]
+
+
+def moved(effect, arm, states, x):
+    """Velocity of the end over its angular velocity, (P, 6), in the model."""
+    model = Model(Chain.of(arm, bends=tuple(range(1, arm.n))), (effect,))
+    return model.predict_with_jacobian(states, np.zeros(len(x))).jacobian @ x
+
+
+def test_sit_at_joints_that_slide_alone():
+    assert not slides(load_arm("pa10_6ce"))
+    assert [(e.id, e.of) for e in slides(load_arm("gx4_351s"))] == [
+        ("slide_bending", "joint 3"),
+        ("slide_error", "joint 3"),
+    ]
+    last = replace(load_arm("pa10_6ce"), prismatic=np.arange(6) == 5)
+    (error,) = slides(last)
+    assert (error.id, error.of, error.coordinates[0]) == ("slide_error", "joint 6", "tool.x")
+
+
+def test_a_slide_error_is_a_polynomial_of_the_stroke(states):
+    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
+    x = np.random.default_rng(4).normal(0.0, 1e-4, 34)
+    names = [each.name.removeprefix("slide_error_1_") for each in effect.parameters]
+    of = dict(zip(names, x, strict=True))
+    u = np.clip(states.q_rad[:, 0] / 1.5, -1.0, 1.0)
+    # Legendre's polynomials, written out.
+    P = {1: u, 2: (3 * u**2 - 1) / 2, 3: (5 * u**3 - 3 * u) / 2}
+    P[4] = (35 * u**4 - 30 * u**2 + 3) / 8
+    P[5] = (63 * u**5 - 70 * u**3 + 15 * u) / 8
+    P[6] = (231 * u**6 - 315 * u**4 + 105 * u**2 - 5) / 16
+
+    def series(axes):
+        return np.stack([sum(of.get(f"{a}_{k}", 0.0) * P[k] for k in P) for a in axes], axis=1)
+
+    chain = Chain.of(FIRST)
+    found = frames(chain, chain.coordinates(states.q_rad))
+    R, p = found.T_base_joints[1, :, :3, :3], found.T_base_joints[1, :, :3, 3]
+    turn = np.einsum("pij,pj->pi", R, series(("rx", "ry", "rz")))
+    along = found.T_base_joints[0, :, :3, 2] * (of["s_1"] * u)[:, None]
+    shift = np.einsum("pij,pj->pi", R, series("xyz")) + along
+    shift = shift + np.cross(turn, found.T_base_ee[:, :3, 3] - p)
+    np.testing.assert_allclose(
+        moved(effect, FIRST, states, x), np.hstack([shift, turn]), rtol=0.0, atol=1e-15
+    )
+
+
+def test_readers_see_its_root_mean_square_over_the_stroke(states):
+    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
+    x = np.random.default_rng(4).normal(0.0, 1e-4, 34)
+    u = np.linspace(-1.5, 1.5, 20001)
+    even = replace(states.take(np.zeros(20001, int)), q_rad=np.outer(u, np.eye(6)[0]))
+    rms = np.sqrt(simpson(effect.shift(even, x) ** 2, x=u, axis=0) / 3.0)
+    report = effect.report(x)
+    names = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
+    assert [each.name for each in report.parameters] == names
+    np.testing.assert_allclose(report.values, rms, rtol=1e-6)
+
+
+def test_beyond_the_measured_stroke_it_stays_as_at_its_end(states):
+    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
+    far = states.q_rad.copy()
+    far[:, 0] = 1.5
+    at_end = effect.per_unit(replace(states, q_rad=far))
+    far[:, 0] = 9.0
+    np.testing.assert_array_equal(effect.per_unit(replace(states, q_rad=far)), at_end)
+
+
+def test_what_a_carriage_slides_on_is_an_even_beam(states):
+    """Held at the low end: slope and deflection of its free end by quadrature of its curvature."""
+    (effect,) = (e for e in slides(FIRST) if e.id == "slide_bending")
+    chain, whole_m = Chain.of(FIRST), 3.0
+    found = frames(chain, chain.coordinates(states.q_rad))
+    got = moved(effect, FIRST, states, np.array([1e-6]))
+    carriage = found.T_base_joints[0, :, :3, 3] + (
+        states.q_rad[:, :1] * found.T_base_joints[0, :, :3, 2]
+    )
+    for p in range(len(states)):
+        R, end = found.T_base_joints[1, p, :3, :3], found.T_base_joints[1, p, :3, 3]
+        axis, loads = found.T_base_joints[0, p, :3, 2], states.static_loads
+        force = R @ loads.link_N[p, 0]
+        moment = R @ loads.link_Nm[p, 0] + np.cross(end - carriage[p], force)
+        out_m = np.clip(states.q_rad[p, 0], -1.5, 1.5) + 1.5
+        along = np.linspace(0.0, out_m, 2001)
+        beyond = np.outer(out_m - along, axis)
+        bend = moment + np.cross(beyond, force)
+        curvature = 1e-6 / whole_m * (bend - np.outer(bend @ axis, axis))
+        turn = simpson(curvature, x=along, axis=0)
+        lever = beyond + found.T_base_ee[p, :3, 3] - carriage[p]
+        shift = simpson(np.cross(curvature, lever), x=along, axis=0)
+        np.testing.assert_allclose(got[p], np.hstack([shift, turn]), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_what_geometry_takes_up_is_left_out(axis, states):
+    """Another direction of the stroke shifts across it by the stroke; no parameter does that."""
+    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
+    turned = Rotation.from_rotvec(1e-6 * np.eye(3)[axis]).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 1.0]
+    chain = Chain.of(FIRST)
+    found = frames(chain, chain.nominal[None])
+    R = found.T_base_joints[1, 0, :3, :3].T @ found.T_base_joints[0, 0, :3, :3]
+    u = np.linspace(-1.5, 1.5, 2001)
+    even = replace(states.take(np.zeros(2001, int)), q_rad=np.outer(u, np.eye(6)[0]))
+    columns = effect.per_unit(even).reshape(6 * len(u), -1)
+    wanted = np.hstack([np.outer(u, R @ turned), np.zeros((len(u), 3))]).ravel()
+    left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    assert np.linalg.norm(left) == pytest.approx(np.linalg.norm(wanted), rel=1e-3, abs=1e-11)
