@@ -127,7 +127,11 @@ _MIXED_TIMES = {
 #: Arms that stand on a rail or a column, how often each, and strokes, evenly in the logarithm.
 _ON_SLIDE, _STROKE_M = 0.13, (0.5, 4.0)
 _SLIDES = {"rail": 0.6, "column": 0.2, "side_of_column": 0.2}
-_SLIDE_STREAM = 1
+_SLIDE_STREAM, _BEAM_STREAM = 1, 2
+#: Trackers whose distance meter has a constant, how often, its times of 0.1 mm, and how far they
+#: stand off, in reaches of the arm.
+BEAMS = "range_constant"
+_BEAMS, _BEAM_TIMES, _BEAM_REACHES = 0.1, (0.3, 6.0), (1.8, 3.0)
 #: What those may hide besides: rails out of straight by 0.03 to 0.2 mm a metre, and twisted by 0.03
 #: to 0.2 mrad; columns that turn by so much under the usual moment with the carriage all out.
 _SLIDE_TIMES = {"slide_error": (0.3, 2.0)}
@@ -396,6 +400,7 @@ def _draw_mixed(subject: str, bench: Bench, rng: np.random.Generator) -> Trial:
     _hide_several(scenario, own)
     if subject == AND_BACKGROUND:
         _hide_background(scenario, own, late=bool(late))
+    _hide_beams(scenario, own)
     warms = any(each.by_temperature for each in scenario.effects)
     scenario.settings["temperature_drift_C"] = _MIXED_DRIFT_C if warms else 0.0
     return scenario.trial("wild")
@@ -431,6 +436,17 @@ def _hide_several(scenario: Scenario, own: _OwnArm) -> None:
             scenario.put(name, of, parameters, turn_rad / _TURN_RAD[0])
         else:
             scenario.hide(every[name], log_uniform(times[name], rng), own.site(of))
+
+
+def _hide_beams(scenario: Scenario, own: _OwnArm) -> None:
+    """Hide, in some trials, that a tracker reads all distances too long; drawn apart."""
+    apart = np.random.default_rng([scenario.seed, _BEAM_STREAM])
+    if apart.random() < _BEAMS:
+        times = log_uniform(_BEAM_TIMES, apart)
+        stands_off = tuple(round(each * own.arm.reach_m, 3) for each in _BEAM_REACHES)
+        scenario.settings["without_touches"]["stand_off_m"] = stands_off
+        parameters = all_effects()[BEAMS].at_size(own.site("instrument"), times, apart)
+        scenario.put(BEAMS, "instrument", parameters, times)
 
 
 def _hide_background(scenario: Scenario, own: _OwnArm, *, late: bool) -> None:

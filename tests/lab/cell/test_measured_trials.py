@@ -18,6 +18,7 @@ from pa10cal_lab.cell.effects.vocabulary import all_effects
 from pa10cal_lab.cell.individual import NAME, REACH_M, TOOL_SHARE
 from pa10cal_lab.cell.measured_trials import (
     BACKGROUND,
+    BEAMS,
     MIXED,
     NO_SPRINGS,
     NOTHING,
@@ -203,6 +204,7 @@ def test_mixed_trials_hide_two_to_six_effects_half_of_them_among_a_background(mi
     kinds = Counter()
     for number, trial in enumerate(mixed):
         hidden = hidden_in(trial)
+        hidden = [each for each in hidden if each[0] != BEAMS]
         named = [each for each in hidden if each[0] not in BACKGROUND]
         assert 2 <= len(named) <= 6
         assert len({of for _, of in named}) == len(named)  # each at a place of its own
@@ -243,12 +245,28 @@ def test_some_mixed_arms_stand_on_a_rail_or_a_column(mixed):
 def test_rails_are_drawn_apart_and_change_no_other_trial(mixed):
     """By what was drawn before there were any."""
     told = [
-        (trial.bench, hidden_in(trial), trial.settings.without_touches.poses)
+        (
+            trial.bench,
+            [each for each in hidden_in(trial) if each[0] != BEAMS],
+            trial.settings.without_touches.poses,
+        )
         for trial in mixed
         if trial.settings.without_touches.unstated.slide is None
     ]
     assert len(told) == 35
     assert zlib.crc32(json.dumps(told).encode()) == 1843801878
+
+
+def test_some_mixed_trackers_stand_off_and_read_too_long(mixed):
+    read = [trial for trial in mixed if (BEAMS, "instrument") in hidden_in(trial)]
+    assert 1 <= len(read) <= 10
+    for trial in mixed:
+        near_m, far_m = trial.settings.without_touches.stand_off_m
+        if trial in read:
+            reach_m = robot(trial).arm.reach_m
+            assert (near_m, far_m) == pytest.approx((1.8 * reach_m, 3.0 * reach_m), abs=1e-3)
+        else:
+            assert (near_m, far_m) == (1.5, 2.5)
 
 
 def test_some_mixed_trials_are_paths_of_small_steps(mixed):
