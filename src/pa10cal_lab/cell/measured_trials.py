@@ -419,6 +419,8 @@ def _hide_several(scenario: Scenario, own: _OwnArm) -> None:
         name = str(rng.choice(names, p=weights / weights.sum()))
         once = any(each["id"] == name for each in scenario.hidden) and name != SPRING
         places = places_of(trial_places(every[name]), scenario.robot, own.loaded)
+        if name in _SLIDE_TIMES | _SLIDE_TURN_RAD:
+            places = ["joint 1"]  # what the arm stands on, and no quill
         places = [place for place in places if place not in taken]
         if once or not places:
             continue
