@@ -290,7 +290,12 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
         time_span_s=(0.0, 3600.0),
     )
     terms = {term.id: term for term in candidates(context) if term.of not in ("joint 2", "joint 3")}
-    elsewhere = ("along_move", "joint_coupling", "range_constant", "scale")  # drawn by other studies
+    elsewhere = (
+        "along_move",
+        "joint_coupling",
+        "range_constant",
+        "scale",
+    )  # drawn by other studies
     apart = {name: all_effects()[name] for name in elsewhere}
     simulated = vocabulary() | apart
     assert {name for name, term in terms.items() if not term.generic} == set(simulated)
