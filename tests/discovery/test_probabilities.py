@@ -149,3 +149,21 @@ def test_noise_alone_leaves_nothing_for_another_cause():
         UnknownBeside(5.0 * rms_mm, rms_mm, *PROBABILITIES.known_effect).probability(floor_mm)
         < 0.05
     )
+
+
+@given(
+    st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=4),
+    st.floats(-5.0, 5.0),
+    st.sampled_from([0.3, 1.0]),
+    st.booleans(),
+)
+def test_another_name_in_its_place_makes_nothing_more_probable(nats, other, weight, unscored):
+    rivals = Rival(GEAR, blocks(*nats), weight), Rival(NAMELESS, np.array([other]), 0.1)
+    told = finding(*rivals, alternatives=(ELSEWHERE, GEAR) if unscored else (GEAR,))
+    swapped = told.about(GEAR)
+    assert swapped.effect == GEAR
+    assert GEAR not in swapped.alternatives
+    before, after = told.explanations, swapped.explanations
+    for effect in (BACKLASH, GEAR, ELSEWHERE):
+        assert after.of(effect) == pytest.approx(before.of(effect), abs=1e-9)
+    assert after.none_of_these == pytest.approx(before.none_of_these, abs=1e-9)

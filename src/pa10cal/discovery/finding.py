@@ -212,6 +212,30 @@ class Finding:
         said = self.explanations
         return said.none_of_these > max(PROBABILITIES.nameless, said.of(self.effect))
 
+    def about(self, other: Effect) -> Self:
+        """Return the same with one of its rivals as its name: nothing is more or less probable."""
+        known = {name_of(each.effect).name: each for each in self.rivals}
+        # What is as good and has no score has that of the effect itself.
+        for effect in (*self.alternatives, self.effect):
+            known.setdefault(name_of(effect).name, Rival(effect, np.zeros(1)))
+        chosen = known.pop(name_of(other).name)
+        blocks = max(len(each.nats) for each in self.rivals)
+
+        def of_blocks(nats: Array) -> Array:
+            return np.broadcast_to(nats * len(nats) / blocks, blocks)
+
+        rivals = tuple(
+            Rival(
+                each.effect,
+                of_blocks(each.nats) - of_blocks(chosen.nats),
+                each.weight / chosen.weight,
+            )
+            for each in known.values()
+        )
+        others = (self.effect, *self.alternatives)
+        alternatives = tuple(e for e in others if name_of(e).name != name_of(other).name)
+        return replace(self, effect=other, rivals=rivals, alternatives=alternatives)
+
     def with_likely(self) -> Self:
         """Return it with what is likely enough as its alternatives, the likeliest first."""
         likely = (e for e, p in self.explanations.named if p >= PROBABILITIES.least)

@@ -19,7 +19,7 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.uncertainty import summarise
-from pa10cal.discovery.finding import Finding, Rival
+from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.other_numbers import COMPUTING
@@ -52,7 +52,7 @@ NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
 
 def gated(found: V) -> V:
     """Return a verdict whose names and whose `none` have passed the gates."""
-    found = _without_unlikely_names(_with_names_that_pass(found))
+    found = _without_unlikely_names(_with_likeliest_names(_with_names_that_pass(found)))
     found = _without_names_that_move_nothing(with_pulls(found))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
@@ -60,6 +60,35 @@ def gated(found: V) -> V:
             of=None, form=None, shared_error_mm=found.train.after.mean_mm, why=why
         )
         found = replace(found, unexplained=(unknown,))
+    return found
+
+
+def _with_likeliest_names(found: V) -> V:
+    """Return a verdict in which what is likelier than a name has its place, if it does as well."""
+    for finding in found.effects:
+        told = in_doubt(found, finding).explanations
+        likely = [(effect, p) for effect, p in told.named if is_named(effect)]
+        taken = {name_of(each.effect) for each in found.findings}
+        known = {name_of(each.effect) for each in finding.rivals}
+        if not is_named(finding.effect) or not likely:
+            continue
+        best, probability = likely[0]
+        likelier = probability > NAMES.likelier * told.of(finding.effect)
+        if not likelier or name_of(best) in taken or name_of(best) not in known:
+            continue
+        # A fit takes an effect in the place of one of which it is an alternative.
+        beside = replace(finding, alternatives=(best, *finding.alternatives))
+        tried = replace(found, findings=found.instead(beside))
+        tried = tried.with_findings(found.instead(finding.about(best), finding.effect))
+        now = next(each for each in tried.findings if each.effect == best)
+        gaps = [(found.train, tried.train)]
+        if found.holdout is not None and tried.holdout is not None:
+            gaps.append((found.holdout, tried.holdout))
+        as_well = all(
+            after.after.rms_mm <= NAMES.worse_ratio * before.after.rms_mm for before, after in gaps
+        )
+        if as_well and not any(unfit(now, tried.model, tried.states)):
+            found = tried
     return found
 
 

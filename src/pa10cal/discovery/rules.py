@@ -230,6 +230,8 @@ class Names:
     most_left_share: float = 0.9
     # held-out errors larger by this factor are worse, whatever chance may do (trials)
     worse_ratio: float = 1.02
+    # times as likely as a name something else must be, to be told in its place (level)
+    likelier: float = 2.0
     much_worse_ratio: float = 1.05  # by this factor they speak against a name (trials)
     # held-out errors larger by less are the same, however sure it is (trials)
     trifling_ratio: float = 1.005
