@@ -21,6 +21,7 @@ from pa10cal.running.workflow import Workflow, refuse_without_snakemake, workflo
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("c1", "c2", "c3")
+BREAKS = "five minutes of waiting for Slurm: make test-slurm, with the Slurm of .ci/slurm"
 
 
 def said(*words):
@@ -44,7 +45,11 @@ def our_own():
     return "= pa10cal\n" in said("scontrol", "show", "config")
 
 
-needs_slurm = pytest.mark.skipif(bool(why_not()), reason=why_not() or "there is one")
+@pytest.fixture(scope="module")
+def controller():
+    """A Slurm that answers; asked by tests alone, for one that is away takes half a minute."""
+    if reason := why_not():
+        pytest.skip(reason)
 
 
 @pytest.fixture(scope="module")
@@ -88,18 +93,20 @@ def until(found, seconds=180.0):
     raise AssertionError("it did not come about in time")
 
 
-@needs_slurm
+@pytest.mark.slow
+@pytest.mark.usefixtures("controller")
 def test_results_are_those_without_slurm(place):
     assert started(place, "slurm", "--profile", "slurm").wait(timeout=600) == 0
     assert contents(place / "slurm") == contents(place / "local")
 
 
-@needs_slurm
-@pytest.mark.skipif(
-    not (our_own() and os.environ.get("PA10CAL_BREAK_SLURM")),
-    reason="five minutes of waiting for Slurm: make test-slurm, with the Slurm of .ci/slurm",
-)
+@pytest.mark.slow
+@pytest.mark.skipif(not os.environ.get("PA10CAL_BREAK_SLURM"), reason=BREAKS)
+@pytest.mark.usefixtures("controller")
 def test_a_dead_worker_a_job_out_of_time_and_a_new_controller_lose_nothing(place):
+    if not our_own():
+        pytest.skip(BREAKS)
+
     def slurm(*words):
         subprocess.run([ROOT / ".ci/slurm", *words], check=True)
 
