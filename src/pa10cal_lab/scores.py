@@ -9,6 +9,7 @@ does: a calibrated model may hold springs, and follow.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
@@ -197,8 +198,8 @@ class Quantity(NamedTuple):
         rows = tables[self.table]
         if rows.empty:
             return pd.DataFrame(columns=["campaign", "value", self.by])
-        rows = rows.query(self.where) if self.where else rows
-        value: Any = rows.eval(self.value)
+        rows = rows[_of(rows, self.where)] if self.where else rows
+        value = _of(rows, self.value)
         return rows.assign(value=value).dropna(subset=["value"])
 
     def score(self, values: Array, by: str = "") -> results.ScoreRow:
@@ -223,13 +224,18 @@ class Quantity(NamedTuple):
             **found,
         )
 
-    def scores(self, tables: Mapping[TableName, pd.DataFrame]) -> list[results.ScoreRow]:
-        """Return the figure of some tables, or that of each group."""
-        rows = self.rows(tables)
+    def scores(self, rows: pd.DataFrame) -> list[results.ScoreRow]:
+        """Return the figure of the rows that count, or that of each group."""
         if not self.by:
             return [self.score(rows["value"].to_numpy())]
         groups = rows.groupby(self.by)["value"]
         return [self.score(values.to_numpy(), str(by)) for by, values in groups]
+
+
+def _of(rows: pd.DataFrame, expression: str) -> Any:
+    """Evaluate an expression of columns; the others are left away, each costs time."""
+    words = set(re.findall(r"\w+", expression))
+    return rows[[name for name in rows if name in words]].eval(expression)
 
 
 @cache
@@ -259,10 +265,12 @@ def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScor
     tables = tables_of(trials)
     studies = {_study(trial) for trial in trials} or {"touched"}
     chosen = [each for each in quantities() if studies & set(each.studies.split())]
-    scores = [score for each in chosen for score in each.scores(tables)]
+    counted = {each: each.rows(tables) for each in chosen}
+    scores = [score for each, rows in counted.items() for score in each.scores(rows)]
     failings: dict[str, dict[str, None]] = {}
-    for quantity in (each for each in chosen if each.failing):
-        rows = quantity.rows(tables)
+    for quantity, rows in counted.items():
+        if not quantity.failing:
+            continue
         against = rows["value"].astype(bool) == bool(quantity.at_most)
         for campaign in rows.loc[against, "campaign"]:
             failings.setdefault(campaign, {})[quantity.failing] = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from hashlib import sha256
 
@@ -292,6 +293,14 @@ def test_a_covariance_of_parameters_that_are_held_is_one(tmp_path):
     np.testing.assert_array_equal(load_model(tmp_path / "model.yaml").covariance, covariance)
 
 
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A folder with a model; to be read only."""
+    folder = tmp_path_factory.mktemp("saved")
+    save_model(fitted("pa10_6ce", 16), folder / "model.yaml")
+    return folder
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -309,12 +318,11 @@ def test_a_covariance_of_parameters_that_are_held_is_one(tmp_path):
         lambda plain: plain["payload"].update(mass_kg=float("inf")),
     ],
 )
-def test_frames_that_are_none_are_refused(change, tmp_path):
-    path = tmp_path / "model.yaml"
-    save_model(fitted("pa10_6ce", 16), path)
-    plain = yaml.safe_load(path.read_text(encoding="utf-8"))
+def test_frames_that_are_none_are_refused(change, saved, tmp_path):
+    path = shutil.copytree(saved, tmp_path / "saved") / "model.yaml"
+    plain = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
     change(plain)
-    path.write_text(yaml.safe_dump(plain), encoding="utf-8")
+    path.write_text(yaml.dump(plain, Dumper=yaml.CSafeDumper), encoding="utf-8")
     with pytest.raises(ModelError, match=r"model\.yaml: .*cannot be built"):
         load_model(path)
 
