@@ -304,7 +304,7 @@ def _with_cycles(
     Raises:
         CalibrationError: where what the model leaves has no line at that joint.
     """
-    places = {each.of for each in asked if each.id == GearLine.id and not isinstance(each, Effect)}
+    places = {each.of for each in chosen if each.id == GearLine.id and each not in asked}
     if not places:
         return chosen
     lines = gear_lines(at, poses, residual(at, poses), whiten, error_rate)
@@ -318,7 +318,7 @@ def _with_cycles(
             remedy="omit the effect, or measure poses at other angles of this joint",
         )
     return tuple(
-        found[each.of] if each.of in places and each.id == GearLine.id else each for each in chosen
+        found[each.of] if each.id == GearLine.id and each.of in places else each for each in chosen
     )
 
 
