@@ -1,4 +1,4 @@
-"""Effects at joints that slide: rails, columns and quills that are not straight, and give way."""
+"""Effects at joints that slide: rails and columns that are not straight, and give way."""
 
 from __future__ import annotations
 
@@ -42,9 +42,13 @@ class AtSlide(AtJoint):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that slides and was moved, where it may sit."""
+        """Return it at every joint that slides before any turns, and was moved.
+
+        Those are rails and columns. A quill slides by a few centimetres, and of what it does there
+        an arm that bends or tilts does nearly as much.
+        """
         arm = context.arm
-        slides = (np.flatnonzero(arm.prismatic) + 1).tolist()
+        slides = (np.flatnonzero(np.logical_and.accumulate(arm.prismatic)) + 1).tolist()
         spans_m = {joint: context.span_at(joint) for joint in slides}
         return tuple(
             cls(f"joint {joint}", span_m, _stroke_axis(arm, joint), *fields)
