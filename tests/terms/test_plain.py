@@ -28,10 +28,14 @@ from pa10cal.terms.term import base_frame, link_departures
 
 numbers = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
 positive = st.floats(min_value=1e-6, max_value=1e6)
+#: Before the name of an arm of which the first joint slides.
+ON_RAIL = "on a rail: "
 
 
 def contexts(robot, seed):
-    rng, arm = np.random.default_rng(seed), load_arm(robot)
+    rng, arm = np.random.default_rng(seed), load_arm(robot.removeprefix(ON_RAIL))
+    if robot.startswith(ON_RAIL):
+        arm = replace(arm, prismatic=np.arange(arm.n) == 0)
     low = rng.uniform(-3.0, 0.0, arm.n)
     return context_of(
         arm,
@@ -49,7 +53,7 @@ def there_and_back(term):
 
 
 @settings(deadline=None)
-@given(st.sampled_from(arm_names()), st.integers(0, 2**32 - 1))
+@given(st.sampled_from([*arm_names(), f"{ON_RAIL}ur10"]), st.integers(0, 2**32 - 1))
 def test_every_effect_at_every_place_comes_back_equal(robot, seed):
     for effect in candidates(contexts(robot, seed)):
         if robot != "pa10_6ce" and effect.id == "transmission_error":
@@ -61,8 +65,8 @@ def test_every_effect_at_every_place_comes_back_equal(robot, seed):
 
 
 def test_the_whole_vocabulary_was_there():
-    # The second is described without masses, and a joint of the third slides.
-    arms = "pa10_6ce", "irb120", "gx4_351s"
+    # The second is described without masses; a joint of the third slides, of the last the first.
+    arms = "pa10_6ce", "irb120", "gx4_351s", f"{ON_RAIL}pa10_6ce"
     found = {effect.id for arm in arms for effect in candidates(contexts(arm, 1))}
     assert found == {kind.id for kind in every_effect() if kind.sought}
     assert found <= set(term_kinds())

@@ -143,7 +143,7 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
     for kind in named.values():
         near = replace(context, commanded=True)
         far = replace(near, three_axes=False, p_instr_middle_m=np.array([0.0, 9.0, 0.0]))
-        sliding = replace(near, arm=replace(context.arm, prismatic=np.arange(6) == 2))
+        sliding = replace(near, arm=replace(context.arm, prismatic=np.arange(6) == 0))
         effect = next(e for known in (near, far, sliding) for e in kind.everywhere(known))
         assert effect.positive == (effect.id in ONE_SIGN)
         plausible = np.array([each.plausible for each in effect.parameters[: effect.linear]])
