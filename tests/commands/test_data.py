@@ -277,7 +277,7 @@ def test_every_effect_that_an_arm_can_have_is_listed_once(robot, capsys):
     assert set(listed) <= set(named)
     of_slides = {"slide_bending", "slide_error"}
     assert robot != "pa10_6ce" or listed == [each for each in named if each not in of_slides]
-    assert (of_slides <= set(listed)) == load_arm(robot).prismatic.any()
+    assert (of_slides <= set(listed)) == load_arm(robot).prismatic[0]
 
 
 def test_places_formula_and_size_stand_beside_the_name(capsys):
