@@ -209,6 +209,29 @@ def told(*effects):
     return wording.headline(explained_by(effects, 0.5, NOISE_MM))
 
 
+def test_what_is_likelier_than_the_name_that_was_found_is_told_before_it():
+    found = taking(
+        ("backlash", "gear_ratio_error"), "joint 6", 0.5, 0.2, probability=0.03,
+        elsewhere=(EffectName(id="joint_compliance", of="joint 2"),),
+        others_probability=(0.1, 0.58),
+    )  # fmt: skip
+    told = wording.headline(explained_by([found], 0.5, NOISE_MM))
+    springs, gear, lost = (
+        wording.noun_of(each) for each in ("joint_compliance", "gear_ratio_error", "backlash")
+    )
+    assert told.endswith(
+        f": {springs} of joint 2 or {gear} of joint 6 or {lost} of joint 6 ({springs} 0.58)"
+    )
+    (said,) = wording.sentences(explained_by([found], 0.5, NOISE_MM))
+    first = wording.clause_of("joint_compliance", "joint 2")
+    assert said.lower().startswith(first.lower())
+
+    # As likely as the others, the name that was found stays the first.
+    equal = found.model_copy(update={"probability": 0.58})
+    told = wording.headline(explained_by([equal], 0.5, NOISE_MM))
+    assert f": {lost} or {gear} of joint 6" in told
+
+
 def test_a_name_that_is_not_all_but_certain_is_told_with_its_probability():
     sure = taking(("backlash",), "joint 2", 0.5, 0.2, probability=0.96)
     assert "(" not in told(sure)

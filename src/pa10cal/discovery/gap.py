@@ -301,14 +301,19 @@ def taken_away(
     weights: Literal["assumed"] | None = None,
 ) -> ExplainedEffect:
     """Return what an effect takes away of errors (P,), its share of the whole not yet known."""
-    others = [one for one in finding.explanations.smallest_set if one != finding.effect]
-    here = dict.fromkeys((finding.id, *(one.id for one in others if one.of == finding.of)))
+    said = finding.explanations
+    itself = finding.id, finding.of
+    others = (one for one in said.smallest_set if (one.id, one.of) != itself)
+    names = {name_of(one): said.of(one) for one in others}
+    here = {name.id: p for name, p in names.items() if name.of == finding.of}
+    elsewhere = {name: p for name, p in names.items() if name.of != finding.of}
     return ExplainedEffect(
-        ids=tuple(here),
+        ids=(finding.id, *here),
         of=finding.of,
-        elsewhere=tuple(name_of(one) for one in others if one.of != finding.of),
+        elsewhere=tuple(elsewhere),
         weights=weights,
-        probability=finding.explanations.of(finding.effect),
+        probability=said.of(finding.effect),
+        others_probability=(*here.values(), *elsewhere.values()),
         share=0.0,
         before_mm=rms(before_mm),
         after_mm=rms(after_mm),

@@ -60,6 +60,8 @@ class ExplainedEffect(Part):
     joints: Mapping[Annotated[str, Key("joint")], float] | None = optional()
     # that it is there, among all that was tried in its place; not given of what has no name
     probability: float | None = optional()
+    # of its alternatives: the other `ids`, then those elsewhere
+    others_probability: tuple[float, ...] = Field(default=(), exclude_if=lambda value: not value)
     share: float  # part of the variance of the error beyond noise that it takes away, 0 to 1
     before_mm: float  # root mean square error without it alone, all else fitted again [mm]
     after_mm: float  # root mean square error with all effects [mm]

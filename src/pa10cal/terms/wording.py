@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from pa10cal.results.discovery import EvidenceOfSag
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.record import HALF_WIDTH_95, SURE, EffectName
@@ -86,26 +88,52 @@ def _groups(explained: Explained) -> list[list[ExplainedEffect]]:
 
 def _short(group: list[ExplainedEffect]) -> str:
     """Return a group in a few words: `sensor or gear of joints 1 and 2`."""
-    ids, elsewhere = _shared(group)
-    many = len(group) > 1 and len(ids) == 1
-    nouns = " or ".join(noun_of(each, many=many) for each in ids)
     if group[0].joints is not None:
-        return f"{nouns} (mostly by {_at(group)})"
-    others = [_placed(noun_of(each.id), _place(each.of)) for each in elsewhere]
+        return f"{noun_of(group[0].ids[0])} (mostly by {_at(group)})"
+    candidates = _candidates(group)
+    many = len(group) > 1 and len(candidates) == 1
+    here = [each for each in candidates if each.at == candidates[0].at]
+    elsewhere = [each for each in candidates if each not in here]
+    nouns = " or ".join(noun_of(each.id, many=many) for each in here)
+    others = [_placed(noun_of(each.id), each.at) for each in elsewhere]
     if len(others) > _MOST_OTHERS:
         others = [f"one of {len(others)} others"]
-    return " or ".join([_placed(nouns, _at(group)), *others]) + _how_probable(group)
+    told = " or ".join([_placed(nouns, here[0].at), *others])
+    first = candidates[0]
+    if first.least is None or first.least >= SURE:
+        return told
+    noun = f"{noun_of(first.id)} " if len(candidates) > 1 else ""
+    least, most = f"{first.least:.2f}", f"{first.most:.2f}"
+    return f"{told} ({noun}{least})" if least == most else f"{told} ({noun}{least} to {most})"
 
 
-def _how_probable(group: list[ExplainedEffect]) -> str:
-    """Return the probability of what is named first, where it is not all but certain."""
-    known = [each.probability for each in group if each.probability is not None]
-    if not known or min(known) >= SURE:
-        return ""
+@dataclass(frozen=True)
+class _Candidate:
+    """What may be there: an effect at a place in words, and how probable it is."""
+
+    id: str
+    at: str
+    least: float | None  # the lowest probability of a group, where it is known
+    most: float | None
+
+
+def _candidates(group: list[ExplainedEffect]) -> list[_Candidate]:
+    """Return what a group may be: the name that was found first, unless another is likelier."""
     ids, elsewhere = _shared(group)
-    first = f"{noun_of(ids[0])} " if len(ids) > 1 or elsewhere else ""
-    least, most = f"{min(known):.2f}", f"{max(known):.2f}"
-    return f" ({first}{least})" if least == most else f" ({first}{least} to {most})"
+    first, at = group[0], _at(group)
+    found = [each.probability for each in group if each.probability is not None]
+    others = (*((each, at) for each in ids[1:]), *((e.id, _place(e.of)) for e in elsewhere))
+    known = first.others_probability if len(first.others_probability) == len(others) else ()
+    candidates = [_Candidate(ids[0], at, min(found, default=None), max(found, default=None))]
+    for k, (effect, place) in enumerate(others):
+        of_each = [each.others_probability[k] for each in group] if known else []
+        candidates.append(
+            _Candidate(effect, place, min(of_each, default=None), max(of_each, default=None))
+        )
+    likeliest = max(each.least or 0.0 for each in candidates)
+    if found and likeliest > min(found):
+        candidates.sort(key=lambda each: -(each.least or 0.0))
+    return candidates
 
 
 def _shared(group: list[ExplainedEffect]) -> tuple[tuple[str, ...], tuple[EffectName, ...]]:
@@ -143,15 +171,17 @@ def _joints(numbers: list[str]) -> str:
 
 
 def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
-    ids, elsewhere = _shared(group)
-    clauses = [clause_of(effect, _at(group), many=len(group) > 1) for effect in ids]
+    candidates = _candidates(group)
+    here = [each for each in candidates if each.at == candidates[0].at]
+    elsewhere = [each for each in candidates if each not in here]
+    clauses = [clause_of(each.id, each.at, many=len(group) > 1) for each in here]
     if len(elsewhere) > _MOST_OTHERS:
         clauses.append(f"one of {len(elsewhere)} other effects is there")
     else:
-        clauses += [clause_of(other.id, _place(other.of)) for other in elsewhere]
+        clauses += [clause_of(each.id, each.at) for each in elsewhere]
     told = ", or ".join(clauses)
     if group[0].weights is not None:
-        more = "" if ids == group[0].ids else "; alternatives are listed"
+        more = "" if _shared(group)[0] == group[0].ids else "; alternatives are listed"
         told += f" (stiffness relative to assumed weights{more})"
     after_mm = min(each.after_mm for each in group)
     taken = sum(max(each.before_mm**2 - each.after_mm**2, 0.0) for each in group)
