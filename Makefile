@@ -46,8 +46,10 @@ tools: .venv/.tools
 	@$(PIP) --require-hashes --requirement users.lock
 	@touch $@
 
+# Compiled once: where Python is told to write no bytecode, each of some thirty jobs would do it again.
 .venv/.complete: .venv/.locked pyproject.toml
 	@$(PIP) --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -m compileall -q src
 	@touch $@
 
 # The same versions, and what tests, checks, documentation and benchmarks need besides.

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from pa10cal.arrays import Array, Index, Mask, spread, taken
 from pa10cal.campaign.dwells import (
@@ -311,7 +311,7 @@ def _regression(estimates: Array, clock: Clock) -> Clock | None:
         level, broad = float(w @ late), float(w @ from_centre**2)
         slope = float(w @ (from_centre * late)) / broad if broad > 0.0 else 0.0
         off = late - level - slope * from_centre
-    few = float(student.ppf(0.975, count - 2) / student.ppf(0.975, 1000))
+    few = float(stdtrit(count - 2, 0.975) / stdtrit(1000, 0.975))
     scale = few * np.sqrt(count / (count - 2))
     u_level = scale * float(np.sqrt(w**2 @ off**2))
     u_slope = scale * float(np.sqrt(w**2 @ (from_centre * off) ** 2)) / broad if broad else np.inf

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
@@ -241,7 +241,7 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
     white = x / scale
     square = float(white @ np.linalg.pinv(covariance / np.outer(scale, scale)) @ white)
     each_counts = type(effect).report is Effect.report and not effect.by_differences
-    if square < chi2.ppf(NAMES.confidence, effect.linear):
+    if square < chdtri(effect.linear, 1.0 - NAMES.confidence):
         yield f"it is {np.sqrt(max(square, 0.0)):.1f} standard uncertainties from zero"
     elif each_counts and np.abs(white).max() < HALF_WIDTH_95:
         names = ", ".join(each.name for each in effect.reported[linear])

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from pydantic import Field
-from scipy.stats import median_abs_deviation
+from scipy.special import ndtri
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
@@ -179,7 +179,8 @@ def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
         return False
     root = np.sqrt(len(means_mm))
     middle_mm = float(np.median(means_mm))
-    usual_mm = BLOCKS.median_errors * float(median_abs_deviation(means_mm, scale="normal")) / root
+    scatter_mm = float(np.median(np.abs(means_mm - middle_mm)) / ndtri(0.75))
+    usual_mm = BLOCKS.median_errors * scatter_mm / root
     surely = mean_mm - floor_mm > BLOCKS.over_floor_errors * means_mm.std(ddof=1) / root
     middle = (
         middle_mm > BLOCKS.over_floor * floor_mm
