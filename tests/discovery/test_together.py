@@ -10,10 +10,14 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
+from made_up_arm import measure
+from pa10cal.discovery.linear import residual_and_jacobian
 from pa10cal.discovery.together import Member, Together
+from pa10cal.observe.observations import average_repeats
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint import GearRatioError
 from pa10cal.terms.effects.structure import BaseCompliance, LateralCompliance
+from pa10cal.terms.joint_spring import is_spring
 
 ROWS, WEIGHTS = 60, 2
 
@@ -116,3 +120,14 @@ def test_the_likeliest_of_all_sets_is_found_where_members_mask_each_other(random
     every = [at for size in range(MASKING + 1) for at in combinations(range(MASKING), size)]
     best = max(map(found.scored, every), key=lambda each: each.nats)
     assert found.likeliest().at == best.at
+
+
+def test_a_spring_with_a_cubic_part_may_be_there_like_any_other() -> None:
+    few = measure()
+    poses = average_repeats(few.readings)
+    left, _ = residual_and_jacobian(few.baseline, poses)
+    whiten = np.tile(np.eye(left.shape[1]) / 1e-5, (len(poses), 1, 1))
+    found = Together.of(few.baseline, poses, whiten, few.problem.context, few.setup)
+    springs = [each for each in found.members if is_spring(each.term)]
+    assert {2, 3} <= {each.term.joint for each in springs}
+    assert any(each.term.cubic for each in springs)

@@ -339,7 +339,7 @@ def _members(context: CandidateContext, at: FittedModel, poses: Observations) ->
         spring = springs.get(joint, usual)
         size = TOGETHER.sizes * (spring.plausible_rad or SPRINGS.large_sag_rad)
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
-        yield Member(spring, effect, np.zeros(1), np.array([[size]]))
+        yield Member(spring, effect, np.zeros(len(spring.parameters)), np.array([[size]]))
     every = (kind for kind in every_effect() if kind.yields and not kind.generic)
     soft = [kind for kind in every if kind is not JointCompliance]
     known, _ = computable(
