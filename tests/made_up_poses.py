@@ -55,6 +55,7 @@ def states_of(arm, seed=3, poses=5, **known) -> PoseStates:
         "temperature_C": rng.uniform(19.0, 27.0, poses),
         "time_s": np.sort(rng.uniform(100.0, 4e4, poses)),
         "move_share": np.linspace(-1.0, 1.0, poses * n).reshape(poses, n),
+        "move_end_m": np.linspace(0.1, 1.2, poses),
         "static_loads": StaticLoads(
             link_N=np.linspace(-200.0, 200.0, poses * n * 3).reshape(poses, n, 3),
             link_Nm=rng.uniform(-60.0, 60.0, (poses, n, 3)),

@@ -131,7 +131,7 @@ class _Came:
 def observe(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT) -> Surveyed:
     """Let the cell measure a UR10, and calibrate it."""
     made = measured(hidden, seed, poses, held_out)
-    every, _ = with_arrivals(observations_of(made))
+    every, _ = with_arrivals(observations_of(made), ARM)
     payload = payload_of_individual(made.truth.robot)
     fit = every.take(slice(poses))
     options = CalibrationOptions().with_springs(())

@@ -173,7 +173,7 @@ def test_the_jacobian_is_that_of_small_moves(terms):
 def test_what_is_read_falsely_moves_no_robot():
     model = fitted("pa10_6ce", 12)
     false = {"along_move", "cmm_scale", "cmm_squareness", "friction_torque", "scale", "torque_gain"}
-    false |= {"place_map"}
+    false |= {"place_map", "move_settling"}
     physical = model.only(*(term for term in model.model.terms if term.id not in false))
     q = postures(model.arm, 13)
     np.testing.assert_array_equal(model.predict(q).T, physical.predict(q).T)

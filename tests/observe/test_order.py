@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from made_up_poses import at_rest
+from pa10cal.arm.chain import Chain
+from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
+    end_travel,
     goes_with,
     like_a_scan,
     measured_again,
+    move_shares,
     partings,
     reversed_joints,
     slow_joints,
@@ -181,6 +185,18 @@ def test_moves_are_shares_of_that_of_the_joint_that_went_furthest():
     found, _ = with_arrivals(observed([0.0, 0.5, 0.3, 0.3001], [0.0, -0.25, 0.15, 0.15]))
     expected = [[0.0, 0.0], [1.0, -0.5], [-0.5, 1.0], [0.0, 0.0]]
     np.testing.assert_allclose(found.states.move_share, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["irb120", "gx4_351s"])
+def test_the_end_goes_along_a_move_as_far_as_two_poses_show(name):
+    arm, rng = load_arm(name), np.random.default_rng(5)
+    low, high = (np.nan_to_num(each, nan=0.1, neginf=-1.0, posinf=1.0) for each in arm.limits_rad.T)
+    q = rng.uniform(low, high, (20, arm.n))
+    share = move_shares(rng.uniform(low, high, q.shape) - q)
+    chain, step = Chain.of(arm), 1e-6
+    ahead, behind = (chain.forward(q + side * step * share)[:, :3, 3] for side in (1.0, -1.0))
+    by_differences_m = np.linalg.norm(ahead - behind, axis=1) / (2.0 * step)
+    np.testing.assert_allclose(end_travel(arm, q, share), by_differences_m, atol=1e-8)
 
 
 def test_one_that_stays_keeps_its_last_direction():

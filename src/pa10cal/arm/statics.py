@@ -72,6 +72,9 @@ class PoseStates:
     # (P, n) move from the pose before over that of the joint that went furthest, a metre of one
     # that slides counting as a radian; None where no order of poses is known
     move_share: Array | None = None
+    # (P,) how far the end goes along that move, for a radian of the joint that goes furthest [m];
+    # None where no order of poses is known, or it was not asked for
+    move_end_m: Array | None = None
     # (P,) whether `time_s` tells time; where it does not, as where times were not recorded or the
     # order goes with a joint or a load, it gives an order alone. None where all do.
     timed: NDArray[np.bool_] | None = None

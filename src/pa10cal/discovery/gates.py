@@ -35,8 +35,9 @@ from pa10cal.observe.order import HeldOutPlaces, drivers, measured_again, slow_j
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect, JointEffect
-from pa10cal.terms.effects.joint import ArrivalError, Backlash, GearRatioError
+from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.weights import holds_weights

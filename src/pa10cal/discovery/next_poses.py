@@ -45,7 +45,7 @@ from pa10cal.fit.loads import with_torques
 from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, greedy_order
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import move_shares
+from pa10cal.observe.order import end_travel, move_shares
 from pa10cal.results.discovery import Separation as ExpectedSeparation
 from pa10cal.results.discovery import SuggestedPose
 from pa10cal.terms.effects.effect import Effect
@@ -280,6 +280,7 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
     rng, measured = np.random.default_rng(random_seed), problem.readings.states
     count, last = len(q_rad), int(np.argmax(measured.time_s))
     loads_N = np.array([measured.load_N.min(), measured.load_N.max()])
+    share = move_shares(np.diff(q_rad, axis=0, prepend=q_rad[-1:]))
     return PoseStates(
         q_rad=q_rad,
         tau_Nm=np.full(q_rad.shape, np.nan),
@@ -287,7 +288,8 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
         load_N=rng.choice(loads_N, count),
         temperature_C=np.full(count, measured.temperature_C[last]),
         time_s=np.full(count, measured.time_s[last]),
-        move_share=move_shares(np.diff(q_rad, axis=0, prepend=q_rad[-1:])),
+        move_share=share,
+        move_end_m=end_travel(problem.context.arm, q_rad, share),
     )
 
 

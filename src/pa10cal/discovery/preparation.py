@@ -222,7 +222,7 @@ def prepared(
         )
         for joint in (np.flatnonzero(reversed_joints(every)) + 1).tolist()
     ]
-    every, from_order = with_arrivals(every)
+    every, from_order = with_arrivals(every, model.arm)
     as_calibrated = model.with_bends()
     if model.fitted_to is not None:
         of_input += faults_of_input(model.fitted_to.suspicions)

@@ -119,7 +119,7 @@ class Evaluation:
             found[name], left_mm = judged(model, every, seen)
         if extended is not None:
             *_, last = found.values()
-            arrived = with_arrivals(every)[0]
+            arrived = with_arrivals(every, last_model.arm)[0]
             if elsewhere:
                 # Effects that do not even help in the poses to which base and tool were fitted stay
                 # away.
@@ -152,7 +152,7 @@ class Evaluation:
         """Return what leaves least of the calibration poses, and the readings as it takes them."""
         *_, last = self.models.values()
         best = placed(last, self.every, self.setup, cuts_s)
-        arrived = with_arrivals(self.every)[0]
+        arrived = with_arrivals(self.every, last.arm)[0]
         tried = [placed(each, arrived, self.setup, cuts_s) for each in self._carried]
         with_effects = min(tried, key=lambda each: each.rms_mm, default=best)
         return (with_effects, arrived) if with_effects.rms_mm < best.rms_mm else (best, self.every)

@@ -134,6 +134,7 @@ def average_groups(single: Observations[M], code: Index) -> Observations[M]:
         campaign=None if states.campaign is None else states.campaign[first],
         moved=None if states.moved is None else group_means(states.moved, code),
         move_share=None if states.move_share is None else group_means(states.move_share, code),
+        move_end_m=None if states.move_end_m is None else group_means(states.move_end_m, code),
         timed=None if states.timed is None else states.timed[first],
     )
     return Observations(

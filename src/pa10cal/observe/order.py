@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pa10cal.arm.chain import Chain, frames
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.instrument import Instrument
@@ -35,6 +37,8 @@ _PARTS = 0.95
 _NEAR = 15
 #: Rows below which no order is one.
 _LEAST_ROWS = 8
+#: Poses whose frames are worked out at once: they take kilobytes each.
+_MOST_AT_ONCE = 10_000
 
 
 @dataclass(frozen=True)
@@ -224,21 +228,24 @@ _LEAST_ARRIVALS = 30
 _NEARLY_ALWAYS = 0.85
 
 
-def with_arrivals(every: Observations[M]) -> tuple[Observations[M], bool]:
+def with_arrivals(every: Observations[M], arm: Arm | None = None) -> tuple[Observations[M], bool]:
     """Return a campaign with directions of arrival, and whether they are those of the order.
 
     Where no joint of any configuration has one, each joint is taken to come straight from where it
     stood in the configuration measured before, of whatever kind; one that stays keeps the direction
     of its last movement, and the first configuration has none. `moved` has the direction of the
     last move alone, 0 where the joint stayed, also where the directions logged are those of the
-    order, as in a table of a group. `move_share` is known wherever the order is.
+    order, as in a table of a group. `move_share` is known wherever the order is, and of a nominal
+    arm how far its end went.
     Times that many configurations share give no order: then no direction is known. Logged
     directions of joints that are reversed (`reversed_joints`) are put right.
     """
     states = every.states
     by_order = _by_order(every) if len(every) else None
     if by_order is not None:
-        states = replace(states, move_share=by_order[2])
+        share = by_order[2]
+        end_m = None if arm is None else end_travel(arm, states.q_rad, share)
+        states = replace(states, move_share=share, move_end_m=end_m)
     if not states.arrival.any():
         if by_order is None:
             return every, False
@@ -300,6 +307,18 @@ def move_shares(moved: Array) -> Array:
     known = np.nan_to_num(moved)
     furthest = np.abs(known).max(axis=1, initial=0.0)
     return np.asarray(known / np.where(furthest > _STAYED, furthest, np.inf)[:, None])
+
+
+def end_travel(arm: Arm, q_rad: Array, share: Array) -> Array:
+    """Return how far moves (P, n) take the end of a nominal arm from poses (P, n), (P,) [m]."""
+    chain, parts = Chain.of(arm), []
+    for rows in np.array_split(np.arange(len(q_rad)), len(q_rad) // _MOST_AT_ONCE + 1):
+        at = frames(chain, chain.coordinates(q_rad[rows]))
+        axes, origins = at.T_base_joints[:, :, :3, 2], at.T_base_joints[:, :, :3, 3]
+        turning = np.cross(axes, at.T_base_ee[:, :3, 3] - origins)
+        by_joint = np.where(arm.prismatic[:, None, None], axes, turning)
+        parts.append(np.linalg.norm(np.einsum("jpx,pj->px", by_joint, share[rows]), axis=1))
+    return np.concatenate(parts)
 
 
 def like_a_scan(poses: Observations) -> bool:

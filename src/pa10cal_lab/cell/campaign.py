@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
 from pa10cal_lab.cell import instruments
 from pa10cal_lab.cell.effects.effect import JointState, SimulatedEffect, with_added
@@ -85,7 +86,13 @@ def measure_campaign(
     temperature_C = REFERENCE_TEMPERATURE_C + settings.temperature_drift_C * swing
     q_motor, drive = instrument.motors(schedule, streams)
     came = schedule.q - schedule.q_from
-    motion = JointState(q_motor, schedule.arrival, robot.arm.gear_ratio, move=came)
+    motion = JointState(
+        q_motor,
+        schedule.arrival,
+        robot.arm.gear_ratio,
+        move=came,
+        end_goes_m=_end_goes_m(robot, schedule.q, came),
+    )
     rest = rest_poses(
         robot,
         effects,
@@ -97,6 +104,13 @@ def measure_campaign(
     )
     truth = Truth(robot, tuple(effects), poses, schedule, q_motor, rest, temperature_C)
     return SimulatedCampaign(name, settings, instrument, instrument.measure(truth, streams), truth)
+
+
+def _end_goes_m(robot: Robot, q: Array, came: Array) -> Array:
+    """Return how far the end would go (P,) with the moves by which joints came, at the last."""
+    step = 1e-4
+    at, before = (robot.mechanism.T_base_ee(each)[:, :3, 3] for each in (q, q - step * came))
+    return np.asarray(np.linalg.norm(at - before, axis=1) / step)
 
 
 @cache

@@ -25,7 +25,7 @@ from pa10cal.files.arms import load_arm
 from pa10cal.fit import moved
 from pa10cal.fit.moved import Misfit
 from pa10cal.fit.problem import GaussianPrior, disagreement, gain_along, widened
-from pa10cal.terms.effects.joint import ArrivalError
+from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.model import Model

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, observe
-from pa10cal_lab.cell.effects.joint import SimulatedAlongMove, SimulatedBacklash
+from pa10cal_lab.cell.effects.joint import (
+    SimulatedAlongMove,
+    SimulatedBacklash,
+    SimulatedMoveSettling,
+)
 
 #: How far the joint that goes furthest is ahead of its log [rad].
 AHEAD_RAD = -2e-4
@@ -45,3 +49,12 @@ def test_it_moves_no_robot_in_predictions(late):
 def test_lost_motion_of_a_joint_is_not_called_so():
     found = observe(hidden(SimulatedBacklash(b=3e-4), "joint 2")).discovery
     assert [(each.id, each.of) for each in found.effects] == [("backlash", "joint 2")]
+
+
+@pytest.mark.slow
+def test_what_goes_with_the_speed_of_the_end_is_told_from_what_does_not():
+    found = observe(hidden(SimulatedMoveSettling(c=6e-4), "arm")).discovery
+    (finding,) = found.effects
+    assert (found.verdict, finding.id, finding.alternatives) == ("named", "move_settling", ())
+    assert abs(finding.x.item() - 6e-4) < max(4.0 * np.sqrt(finding.covariance).item(), 2e-5)
+    assert found.holdout.after.mean_mm < 0.5 * found.holdout.before.mean_mm

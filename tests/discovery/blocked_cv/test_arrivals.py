@@ -8,7 +8,7 @@ import pytest
 from made_up_survey import ATTITUDE_RAD, POSITION_M, Hidden, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.terms.effects.joint import ArrivalError
+from pa10cal.terms.effects.arrivals import ArrivalError
 
 #: By what each joint stops beyond its command [rad]; those of the wrist move the target little.
 SHORT_RAD = -np.array([1.2, 1.1, 1.8, 0.0, 0.0, 0.0]) * POSITION_M

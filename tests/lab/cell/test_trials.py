@@ -295,6 +295,7 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
         "joint_coupling",
         "range_constant",
         "scale",
+        "move_settling",
     )  # drawn by other studies
     apart = {name: all_effects()[name] for name in elsewhere}
     simulated = vocabulary() | apart

@@ -81,6 +81,7 @@ EITHER_SIGN = {
     "periodic_error",
     "range_constant",
     "scale",
+    "move_settling",
     "sensor_error",
     "slide_error",
     "torque_gain",

@@ -15,6 +15,8 @@ from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import moved_along
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal_lab.cell.effects.effect import JointState
+from pa10cal_lab.cell.effects.joint import SimulatedMoveSettling
 
 
 def solved(effect, **reported):
@@ -117,6 +119,24 @@ def test_a_link_that_its_gear_pushes_through_play_lags_by_backlash(at, states):
     arrived = replace(states, arrival=np.sign(np.diff(motor_rad))[:, None] * np.ones(states.n))
     off_rad = at("backlash", "joint 3").shift(arrived, np.array([b_rad]))[:, 0]
     np.testing.assert_allclose(link_rad[1:], motor_rad[1:] + off_rad, atol=1e-12)
+
+
+def test_an_arm_that_is_braked_at_its_end_settles_as_the_cell_has_it(at, states):
+    furthest_rad = np.linspace(0.2, 1.0, len(states))
+    moves = states.move_share / np.abs(states.move_share).max(axis=1, keepdims=True)
+    states = replace(states, move_share=moves)
+    came = furthest_rad[:, None] * moves
+    motion = JointState(
+        states.q_rad,
+        states.arrival,
+        np.ones(6),
+        move=came,
+        end_goes_m=states.move_end_m * furthest_rad,
+    )
+    left = SimulatedMoveSettling(c=2e-3).at("arm").added(motion)
+    effect = at("move_settling", "arm")
+    found = effect.shift(states, np.array([2e-3]))
+    np.testing.assert_allclose(found, left[:, [joint - 1 for joint in effect.joints]])
 
 
 def test_a_controller_errs_by_another_amount_in_each_campaign(at, states, context):

@@ -88,7 +88,7 @@ def general_case(
     """
     arm, every, options, prior = case.arm, case.every, case.options, case.prior
     if prior is not None:  # effects of it may need to know from where a joint arrived
-        every, _ = with_arrivals(every)
+        every, _ = with_arrivals(every, arm)
     single, payload = every.of_kind("grid"), case.payload
     grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
     rows = case.rows(grid.states.load_N)

@@ -55,8 +55,9 @@ from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.observe.order import like_a_scan
 from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
 from pa10cal.results.record import EffectName
+from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.effects.joint import ArrivalError, Backlash
+from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.effects.unnamed import DirectionMap

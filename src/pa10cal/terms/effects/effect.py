@@ -328,6 +328,20 @@ def move_share_in(states: PoseStates, effect: Effect) -> Array:
     return states.move_share
 
 
+def move_end_in(states: PoseStates, effect: Effect) -> Array:
+    """Return how far the end goes along these moves, (P,), for a radian of that joint [m].
+
+    Raises:
+        CalibrationError: when no order of poses is known.
+    """
+    move_share_in(states, effect)
+    if states.move_end_m is None:
+        raise _lacking(
+            effect, "the moves of the end are not known", "poses of a campaign", "omit the effect"
+        )
+    return states.move_end_m
+
+
 def seen_in(states: PoseStates, effect: Effect) -> ObservedTargets:
     """Return how the poses were read from the instrument's targets.
 

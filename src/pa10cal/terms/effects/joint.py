@@ -12,7 +12,6 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects import effect
-from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter
 
 #: Most that a joint winds up by under what it carries, and why. An assumption: twice the 23 mrad of
@@ -70,77 +69,6 @@ class Backlash(effect.JointEffect):
 
     def per_unit(self, states: PoseStates) -> Array:
         return -states.arrival[:, self.joint - 1]
-
-
-@dataclass(frozen=True)
-class ArrivalError(effect.JointEffect):
-    """A controller that stops short of its command: c in the direction moved, 0 where it stayed.
-
-    Lost motion acts behind the motor, whatever its controller does, and is a joint's own. A
-    controller stops where friction lets it, by another amount in each campaign, and only angles
-    that were commanded and not read back hide where it stopped.
-    """
-
-    # names of the campaigns of a group, each with an amount of its own; none of one
-    campaigns: tuple[str, ...] = ()
-    id = "arrival_error"
-    clauses = (
-        "{at} stops in another place for each direction that it comes from",
-        "{at} stop in other places for each direction that they come from",
-    )
-    words = "theta_{0.joint} += c, the sign that of the move to here, 0 of a joint that stayed"
-    stays_with_arm = False
-    known_elsewhere = False
-
-    @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the campaigns of a group, where positions are those commanded."""
-        return (context.campaigns,) if context.commanded else None
-
-    @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        """Return how far beyond its command the joint stops, in every campaign."""
-        names = [of_campaign("c", name) for name in self.campaigns] or ["c"]
-        return tuple(TermParameter(name, "rad", 1e-5, plausible=1e-4) for name in names)
-
-    def per_unit(self, states: PoseStates) -> Array:
-        """Return the direction moved, in the column of the pose's campaign."""
-        campaign = np.zeros(len(states), int) if states.campaign is None else states.campaign
-        moved = states.move_from_previous[:, self.joint - 1]
-        return np.asarray(moved[:, None] * (campaign[:, None] == np.arange(len(self.reported))))
-
-    def elsewhere(self) -> ArrivalError:
-        """Return the same of one campaign: there it has another amount."""
-        return ArrivalError(self.of)
-
-
-@dataclass(frozen=True)
-class AlongMove(effect.Effect):
-    """Log and reading are not of one instant: all joints are off along the move to the pose.
-
-    A controller ends a move with all joints at once, so what is left of it, or was already gone of
-    it, is a part of the move of the pose before to this one. Moves differ in length and not in how
-    they end: c [rad] is what the joint that went furthest is off.
-    """
-
-    joints: tuple[int, ...]  # those that turn, from 1
-    id = "along_move"
-    clauses = ("the log of joints and the readings are not of one instant",)
-    sits = "arm"
-    words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"
-    reported = (TermParameter("c", "rad", 1e-5, plausible=3e-4),)
-    falsifies_log = True
-
-    @classmethod
-    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return (effect.turning_joints(context),)
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return tuple(f"theta_{joint}" for joint in self.joints)
-
-    def per_unit(self, states: PoseStates) -> Array:
-        return effect.move_share_in(states, self)[:, [joint - 1 for joint in self.joints]]
 
 
 # Joints whose drives run through others: a wrist's shafts and gears, belts along an arm, quills.

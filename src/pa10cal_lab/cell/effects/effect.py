@@ -39,6 +39,8 @@ class JointState:
     rated_Nm: Array = field(default_factory=lambda: np.full((), np.nan))
     # (P, n) how far each joint went to get there; () where nothing is said of it
     move: Array = field(default_factory=lambda: np.zeros(()))
+    # (P,) how far the end of the arm would go with that move, at its last speed [m]; () likewise
+    end_goes_m: Array = field(default_factory=lambda: np.zeros(()))
 
     def of(self, joint: int) -> JointState:
         """Return how one joint, from 0, stands."""

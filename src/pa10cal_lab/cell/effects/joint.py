@@ -307,6 +307,31 @@ class SimulatedAlongMove(effect.JointsEffect):
         return np.asarray(part * motion.move)
 
 
+class SimulatedMoveSettling(effect.JointsEffect):
+    """The end of the arm is braked as hard in every move, and read before it stands.
+
+    It then has the square of its speed left to go, of a speed that goes with how far it is carried
+    as the joint that goes furthest turns.
+    """
+
+    id = "move_settling"
+    places = ("arm",)
+    drawn = False
+    usual = effect.draws(c=effect.signed(1e-3))
+
+    c: effect.Finite = Field(
+        description="way left of the end over the square of how far a radian of the joint that "
+        "goes furthest carries it [1/m]"
+    )
+
+    def added(self, motion: effect.JointState) -> Array:
+        furthest = np.maximum(np.abs(motion.move).max(axis=1), 1e-9)
+        speed_m = motion.end_goes_m / furthest
+        left_m = self.c * speed_m**2
+        part = np.clip(left_m / np.maximum(motion.end_goes_m, 1e-9), -1.0, 1.0)
+        return np.asarray(part[:, None] * motion.move)
+
+
 # Who errs in a drive: the sensor behind the gear, or the gear; and where its motor then stops.
 #
 # A controller turns the motor until the sensor at the output reads what was commanded, so a
