@@ -13,22 +13,23 @@ PEERS = ("figaroh", "pybotics", "robotkinecal")
 _PATIENCE = ("--retries", "1", "--timeout", "20")
 
 
-def build(peer: str, folder: Path) -> tuple[Path | None, str]:
+def build(peer: str, folder: Path, pinned: Path = PINS) -> tuple[Path | None, str]:
     """Build the environment of a peer unless it is there.
 
     Args:
-        peer: name of the peer; its pins are in `<peer>.txt` beside this module.
+        peer: name of the peer; its pins are in `<peer>.txt`.
         folder: where environments are kept, one subfolder each.
+        pinned: folder of the pins.
 
     Returns:
         the interpreter and an empty text, or None and the reason in one line.
     """
-    pins = PINS / f"{peer}.txt"
+    pins = pinned / f"{peer}.txt"
     place, stamp = folder / peer, folder / f"{peer}.installed"
     python = place / "bin" / "python"
     if stamp.is_file() and stamp.read_text() == pins.read_text() and python.exists():
         return python, ""
-    print(f"peers: setting up {peer} (once) ...", flush=True)
+    print(f"{folder.name}: setting up {peer} (once) ...", flush=True)
     folder.mkdir(parents=True, exist_ok=True)
     install = ["-m", "pip", "--quiet", "--disable-pip-version-check", "--no-input", "install"]
     commands = (

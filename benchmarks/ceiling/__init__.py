@@ -1,0 +1,1 @@
+"""What a learner makes of the residuals of geometry, and what the extended model makes of them."""
