@@ -360,7 +360,7 @@ def test_no_module_is_longer_than_600_lines():
 
 
 #: Modules of fewer than 60 lines, those that only mark a package among them: may only fall.
-LEAFLETS = 36
+LEAFLETS = 35
 
 
 def test_leaflets_only_become_fewer():

@@ -35,6 +35,9 @@ def spread(count: int, most: int) -> Index:
 Rows = Index | Mask | slice
 R = TypeVar("R")
 
+#: Median of the size of a normal error to its standard deviation, 1 / Φ⁻¹(3/4).
+MEDIAN_TO_SIGMA = 1.4826
+
 
 def taken(record: R, rows: Rows, *of_all: str) -> R:
     """Return a record of what has one entry a pose, with some of the poses.

@@ -7,6 +7,9 @@ import pytest
 
 from pa10cal.discovery.discover import with_predicted
 from pa10cal.discovery.verdict_records import verdict_keys
+from pa10cal.fit.angles_seen import nothing_seen
+from pa10cal.fit.fitted import FallBack
+from pa10cal.fit.fitted_model import load_model
 from pa10cal.terms.wording import headline, sentences
 
 
@@ -52,3 +55,21 @@ def test_the_written_model_is_the_one_that_is_judged(entangled):
         beside.model.as_read(poses), beside.model.T_instr_base, beside.model.targets_m
     )
     np.testing.assert_allclose(by_model.distance_mm, beside.train.found_after.distance_mm)
+
+
+def test_where_effects_hold_nowhere_it_stands_beside_the_calibrated_model(entangled, tmp_path):
+    found = entangled.discovery
+    nowhere = FallBack(nothing_seen(found.baseline.arm.n), found.baseline, "held-out poses say so")
+    left = found.with_gaps(lambda gap: replace(gap, found_after=gap.found_before))
+    beside = with_predicted(replace(left, falls_back=nowhere))
+    assert beside.predicted is not None
+    assert beside.train.after.rms_mm < 0.8 * beside.train.before.rms_mm
+    assert beside.model.model.terms == found.model.model.terms
+    *_, field = beside.model.falls_back.model.model.terms
+    assert field.id == "field"
+    path = tmp_path / "model.yaml"
+    beside.model.save(path)
+    poses = beside.train.poses
+    for model in (beside.model, load_model(path)):
+        left_mm = model.deviations(poses).distance_mm
+        np.testing.assert_allclose(left_mm, beside.train.found_after.distance_mm, atol=1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from pa10cal.arrays import Array, Index, spread
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, spread
 
 #: Speeds are taken over at least this time, so that noise of a fast log is no movement. Dwells are
 #: found shorter than they are by as much at both ends; brief ones are sought over a shorter time.
@@ -84,7 +84,7 @@ def find_dwells(
     travel = np.abs(np.diff(q_deg, axis=0))
     slow = _slow_intervals(time_s, q_deg, still_speed_deg_s, window_s)
     # The deviation of one reading, from differences of neighbours at rest.
-    noise = 1.4826 * np.median(travel[slow], axis=0) / np.sqrt(2.0) if slow.any() else 0.0
+    noise = MEDIAN_TO_SIGMA * np.median(travel[slow], axis=0) / np.sqrt(2.0) if slow.any() else 0.0
     least = np.full(q_deg.shape[1], REAL_S * still_speed_deg_s)
     real_deg = np.maximum(REAL_SIGMAS * noise, least)
     if len(steps_s):

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
 from pa10cal.errors import CalibrationError, RawDataError
 from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.rigid_fit import Located
@@ -307,7 +307,7 @@ def stated_shape(p_mm: Array, stated_mm: Array) -> ShapeOff | None:
     first, second = pairs.T
     of_pairs = measured[:, first, second]
     middle = np.nanmedian(of_pairs, axis=0)
-    scatter = 1.4826 * np.nanmedian(np.abs(of_pairs - middle), axis=0)
+    scatter = MEDIAN_TO_SIGMA * np.nanmedian(np.abs(of_pairs - middle), axis=0)
     off = middle - stated[first, second]
     worst = int(np.abs(off).argmax())
     # A target that is off shows in all its distances, and in no other.
@@ -362,7 +362,7 @@ def not_rigid(p_m: Array) -> Mask:
         return np.nanmedian(np.where(seen, values, 0.0), axis=0)
 
     away = np.abs(distances_mm - middle(distances_mm))
-    wrong = away > np.maximum(RIGID_MM, RIGID_SIGMAS * 1.4826 * middle(away))
+    wrong = away > np.maximum(RIGID_MM, RIGID_SIGMAS * MEDIAN_TO_SIGMA * middle(away))
     for row in np.flatnonzero(wrong.any(axis=(1, 2))):
         off[row, int(wrong[row].sum(axis=1).argmax())] = True
     return off

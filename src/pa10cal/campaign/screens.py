@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
 from pa10cal.campaign.own_columns import CONTRACT_WORDS, LENGTHS, UNIT_WORDS, OwnWords
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit
@@ -82,7 +82,7 @@ def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
     judged = groups[0].transform("size").to_numpy() >= LEAST_REPEATS
     if not judged.any():
         return judged
-    sigma_m = 1.4826 * float(np.median(distance[judged]))
+    sigma_m = MEDIAN_TO_SIGMA * float(np.median(distance[judged]))
     return np.asarray(judged & (distance > max(REPEATS_M, ROBUST_SIGMAS * sigma_m)))
 
 

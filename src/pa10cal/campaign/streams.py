@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 from scipy.special import stdtrit
 
-from pa10cal.arrays import Array, Index, Mask, spread, taken
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask, spread, taken
 from pa10cal.campaign.dwells import (
     SPEED_WINDOW_S,
     Samples,
@@ -183,7 +183,7 @@ def clock_by_edges(dwells: Stations, stations: Stations, station: Index) -> tupl
     ]
     middle = [float(np.median(each)) for each in late]
     off = np.concatenate([each - at for each, at in zip(late, middle, strict=True)])
-    u_s = 1.4826 * float(np.median(np.abs(off))) / np.sqrt(max(len(off), 1))
+    u_s = MEDIAN_TO_SIGMA * float(np.median(np.abs(off))) / np.sqrt(max(len(off), 1))
     return 0.5 * sum(middle), max(u_s, 0.25 * abs(middle[0] - middle[1]), LEAST_U_S)
 
 
@@ -300,7 +300,7 @@ def _regression(estimates: Array, clock: Clock) -> Clock | None:
     at_s = at_s - clock.first_s - clock.offset_s  # since the first reading
     off = late - np.median(late)
     for _ in range(REGRESSIONS):
-        scatter_s = 1.4826 * float(np.median(np.abs(off)))
+        scatter_s = MEDIAN_TO_SIGMA * float(np.median(np.abs(off)))
         keep = np.abs(off) <= STRAY * max(scatter_s, LEAST_U_S)
         count = int(keep.sum())
         if count < LEAST_MOTIONS - 1:

@@ -190,20 +190,23 @@ def with_predicted(found: Verdict) -> Verdict:
     """Return a verdict that predicts what has no name too, where poses held out gain by it.
 
     Not where the log is to be checked, nor where the base moved: neither goes with the joints.
+    Where effects hold nowhere it stands beside the calibrated model, to which all poses are left.
     """
     if not isinstance(found, SearchVerdict) or found.verdict == "check_the_log":
         return found
     if found.train.without_motion is not None:
         return found
-    by_names = found.extended.fitted()
+    away, by_names = found.falls_back, found.extended.fitted()
+    if away is not None and away.within.nowhere:
+        by_names = found.baseline
     fit = field_of(by_names, found.train.poses, _without_name(found, by_names))
     if fit is None:
         return found
-    model, away = with_field(by_names, fit), found.falls_back
+    model = with_field(by_names, fit)
 
     def after(named: PairedErrors) -> PairedErrors:
         gap = replace(named, found_after=errors_of(model, named.poses))
-        if away is None:
+        if away is None or away.within.nowhere:
             return gap
         return fallen_back(gap, ~away.within.inside(named.poses.states.q_rad))
 

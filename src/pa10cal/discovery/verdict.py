@@ -264,15 +264,19 @@ class Verdict(ABC):
     @cached_property
     def model(self) -> FittedModel:
         """Return the calibrated model with the effects found."""
-        fitted = self.extended.fitted(self.covariance)
-        if self.predicted is not None:
+        fitted, away = self.extended.fitted(self.covariance), self.falls_back
+        if self.predicted is not None and away is not None and away.within.nowhere:
+            beside = with_field(self.baseline, self.predicted.fit)
+            discrepancy = discrepancy_of(beside, self.train.poses)
+            away = replace(away, model=replace(beside, discrepancy=discrepancy))
+        elif self.predicted is not None:
             fitted = with_field(fitted, self.predicted.fit)
         return replace(
             fitted,
             targets_off_m=self.targets_off_m,
             seen=self.baseline.seen if self.seen is None else self.seen,
             discrepancy=discrepancy_of(fitted, self.train.poses),
-            falls_back=self.falls_back,
+            falls_back=away,
         )
 
     @property

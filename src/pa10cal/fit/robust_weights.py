@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri, stdtrit
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.observe.observations import Observations, reading_groups
@@ -351,7 +351,7 @@ def keep_their_distances(places_m: Array) -> Mask:
         return np.zeros(count, dtype=bool)
     apart_m = np.stack([np.linalg.norm(places_m[:, a] - places_m[:, b], axis=1) for a, b in pairs])
     off_m = np.abs(apart_m - np.nanmedian(apart_m, axis=1, keepdims=True))
-    usual_m = 1.4826 * np.nanmedian(off_m, axis=1, keepdims=True)
+    usual_m = MEDIAN_TO_SIGMA * np.nanmedian(off_m, axis=1, keepdims=True)
     seen = np.isfinite(off_m)
     same = np.where(seen, off_m, 0.0) <= _SAME_DISTANCE * usual_m
     return np.asarray(same.all(axis=0) & seen.any(axis=0))

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
 from pa10cal.frame.rigid_fit import by_small_motion
 
 #: Half the gain in squares that a step needs, in nats, and readings on either side of it.
@@ -35,7 +35,6 @@ _FAR_OFF = 8.0
 _FAR = 5.0
 #: Directions that rigid motions move less than this part are left to noise.
 _RANK = 1e-6
-_MEDIAN_TO_SIGMA = 1.4826
 #: Probability that any configuration of good readings is left out.
 _ERROR_RATE = 0.01
 
@@ -60,7 +59,7 @@ def wrong_by_themselves(p_m: Array, u_m: Array) -> Mask:
         seen = np.isfinite(p_m[:, k, 0])
         around = median_filter(p_m[seen, k], size=(_AROUND, 1), mode="nearest")
         off_m[seen, k] = p_m[seen, k] - around
-    usual = _MEDIAN_TO_SIGMA * np.nanmedian(np.abs(off_m), axis=0)
+    usual = MEDIAN_TO_SIGMA * np.nanmedian(np.abs(off_m), axis=0)
     size = np.linalg.norm(off_m / np.maximum(usual, np.nan_to_num(u_m)), axis=2)
     far: Mask = np.asarray(size > _FAR_OFF * np.sqrt(3.0))
     together = np.flatnonzero(far.sum(axis=1) > 1)
@@ -157,7 +156,7 @@ def knocks(p_m: Array, u_m: Array) -> Knock | None:
         return None
     sigma = _scale(shape)
     middle = np.median(shape, axis=0)
-    spread = np.maximum(_MEDIAN_TO_SIGMA * np.median(np.abs(shape - middle), axis=0), sigma)
+    spread = np.maximum(MEDIAN_TO_SIGMA * np.median(np.abs(shape - middle), axis=0), sigma)
     clipped = np.clip(shape - middle, -_FAR * spread, _FAR * spread)
     summed = np.cumsum(clipped, axis=0)
     first = np.arange(_EITHER_SIDE, count - _EITHER_SIDE + 1)
@@ -201,7 +200,7 @@ def _shape(p_m: Array, u_m: Array) -> tuple[Array, list[Array], Index]:
 def _scale(shape: Array) -> float:
     """Return the standard deviation of a component, by successive differences."""
     differences = np.abs(np.diff(shape, axis=0)) / np.sqrt(2.0)
-    return max(_MEDIAN_TO_SIGMA * float(np.median(differences)), np.finfo(float).tiny)
+    return max(MEDIAN_TO_SIGMA * float(np.median(differences)), np.finfo(float).tiny)
 
 
 def _directions(across: Array) -> Array:

@@ -14,9 +14,8 @@ from functools import cached_property
 
 import numpy as np
 from pydantic import Field
-from scipy.special import ndtri
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.family import (
     Candidate,
@@ -180,7 +179,7 @@ def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
         return False
     root = np.sqrt(len(means_mm))
     middle_mm = float(np.median(means_mm))
-    scatter_mm = float(np.median(np.abs(means_mm - middle_mm)) / ndtri(0.75))
+    scatter_mm = MEDIAN_TO_SIGMA * float(np.median(np.abs(means_mm - middle_mm)))
     usual_mm = BLOCKS.median_errors * scatter_mm / root
     surely = mean_mm - floor_mm > BLOCKS.over_floor_errors * means_mm.std(ddof=1) / root
     middle = (
