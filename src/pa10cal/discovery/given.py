@@ -259,8 +259,8 @@ def calibrated_with(
 
 def _bent(effects: Sequence[EffectOfPlace | Effect], arm: Arm) -> list[int]:
     """Return the rows, from 1, whose links bend by effects at the joints that follow them."""
-    bending = {kind.id for kind in every_effect() if kind.bends}
-    places = {each.of for each in effects if each.id in bending}
+    on_links = {kind.id for kind in every_effect() if kind.on_link}
+    places = {each.of for each in effects if each.id in on_links}
     return [row for row in range(1, arm.n) if f"joint {row + 1}" in places]
 
 

@@ -435,6 +435,16 @@ class Lines:
 
 
 @dataclass(frozen=True)
+class Wobbles:
+    """Axes that wobble, which have to stand out of all that may give way under the weights."""
+
+    # plausible sizes by which bearings, links and base may give way, about any axes (trials)
+    sizes: float = 10.0
+    # nats by which the wobble of one joint must stand out of that of any other (level)
+    better_nats: float = 4.6
+
+
+@dataclass(frozen=True)
 class Ripple:
     """The motor's ripple in logged torques, which tells sensors from gears."""
 
@@ -549,6 +559,7 @@ TORQUES = Torques()
 ROWS = Rows()
 RIPPLE = Ripple()
 LINES = Lines()
+WOBBLES = Wobbles()
 FIELD = Field()
 FORMS = Forms()
 
@@ -569,6 +580,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "torques": TORQUES,
     "rows": ROWS,
     "lines": LINES,
+    "wobbles": WOBBLES,
     "ripple": RIPPLE,
     "field": FIELD,
     "forms": FORMS,

@@ -12,6 +12,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
+from pa10cal.terms.effects.structure import AxisWobble
 
 ARM = load_arm("pa10_6ce")
 SLIDES = np.array([True, False, False, False, False, True])
@@ -52,6 +53,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         found = candidates(some_surroundings())
         slides = candidates(some_surroundings(SLIDING))
         found += tuple(each for each in slides if each.id in OF_SLIDES)
+        turning = replace(some_surroundings(), q_span_rad=np.tile([-2.0, 2.0], (ARM.n, 1)))
+        found += tuple(AxisWobble.everywhere(turning))
         metafunc.parametrize("effect", found, ids=[f"{each.id} of {each.of}" for each in found])
 
 

@@ -68,6 +68,7 @@ ONE_SIGN = {
 EITHER_SIGN = {
     "along_move",
     "arrival_error",
+    "axis_wobble",
     "base_drift",
     "cmm_scale",
     "cmm_squareness",
@@ -145,7 +146,8 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
         near = replace(context, commanded=True)
         far = replace(near, three_axes=False, p_instr_middle_m=np.array([0.0, 9.0, 0.0]))
         sliding = replace(near, arm=replace(context.arm, prismatic=np.arange(6) == 0))
-        effect = next(e for known in (near, far, sliding) for e in kind.everywhere(known))
+        wide = replace(near, q_span_rad=np.tile([-2.0, 2.0], (6, 1)))
+        effect = next(e for known in (near, far, sliding, wide) for e in kind.everywhere(known))
         assert effect.positive == (effect.id in ONE_SIGN)
         plausible = np.array([each.plausible for each in effect.parameters[: effect.linear]])
         for k in range(effect.linear):

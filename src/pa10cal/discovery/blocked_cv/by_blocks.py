@@ -47,6 +47,7 @@ from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
 from pa10cal.discovery.verdict import Plan, SearchVerdict
 from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
+from pa10cal.discovery.wobbles import wobbles
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
@@ -64,6 +65,7 @@ from pa10cal.terms.effects.joint_error_map import (
     SensorError,
     is_error_map,
 )
+from pa10cal.terms.effects.structure import AxisWobble
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
@@ -326,10 +328,14 @@ def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
     shaped, unknown = computable_shapes(judged)
     found = judge.found_in(judged, shaped)
     for _ in range(LINES.most_rounds):
-        more = _lines(campaign, found)
+        more = (*_lines(campaign, found), *_wobbles(campaign, found))
         if not more:
             break
-        judged = replace(judged, begins_with=(*judged.begins_with, *more))
+        judged = replace(
+            judged,
+            baseline=judged.baseline.bending_as(more),
+            begins_with=(*judged.begins_with, *more),
+        )
         shaped, unknown = computable_shapes(judged)
         found = judge.found_in(judged, shaped)
     fitted, about = found.extended, found.rows.survey
@@ -407,6 +413,15 @@ def _lines(campaign: Prepared, found: judge.SearchOutcome) -> tuple[Effect, ...]
     rate = campaign.setup.options.error_rate
     left, whiten = about.net_residual(fitted.at), fitted.weights.whiteners()
     return gear_lines(fitted.at, about.poses, left, whiten, rate, known)
+
+
+def _wobbles(campaign: Prepared, found: judge.SearchOutcome) -> tuple[Effect, ...]:
+    """Return the axis that wobbles most by what a search leaves, but for those it has tried."""
+    about, fitted = found.rows.survey, found.extended
+    known = [each.of for each in about.begins_with if each.id == AxisWobble.id]
+    rate, payload = campaign.setup.options.error_rate, campaign.setup.payload
+    left, whiten = about.net_residual(fitted.at), fitted.weights.whiteners()
+    return wobbles(fitted.at, about.poses, left, whiten, about.context, payload, rate, known)
 
 
 # Weights that nobody stated: which joints give way is sought anew, together with all else.

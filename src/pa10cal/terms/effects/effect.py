@@ -116,6 +116,8 @@ class Effect(Traits):
     weights_power: ClassVar[float] = 0.0
     #: Whether the structure bends by it under the weights.
     bends: ClassVar[bool] = False
+    #: Whether it moves what its joint sits on, so that the link before it is to bend in a chain.
+    on_link: ClassVar[bool] = False
     #: Whether the instrument reads falsely by it, and the robot has nothing of it.
     falsifies_readings: ClassVar[bool] = False
     #: Whether its amounts are known by their differences: the arm's lengths take up what is common.

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, link_spans_m, long_links
+from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, frames, link_spans_m, long_links
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -156,6 +156,7 @@ class LateralCompliance(AtJoint):
         "moment there across the joint's axis"
     )
     bends = True
+    on_link = True
     sought = False  # masked by other effects, one at a time: in sets alone
     positive = True
     weights_power = -1.0
@@ -179,6 +180,75 @@ class LateralCompliance(AtJoint):
         """Return the moments across the joint's axis, each for its own tilt, (P, 2, 2)."""
         moment_Nm = static_loads_in(states, self).link_Nm[:, self.joint - 2, :2]
         return np.asarray(moment_Nm[:, :, None] * np.eye(2))
+
+
+#: Least turn of a joint that shows a wobble of its axis [rad]. Of half a turn 0.57 of the wave that
+#: runs against the joint are left beside a constant and one that runs along; of a third 0.29.
+_WOBBLES_RAD = np.pi
+
+
+@dataclass(frozen=True)
+class AxisWobble(AtJoint):
+    """A joint's axis tilts to and fro as the joint turns: its bearings run out.
+
+    This is the tilt error motion of ISO 230-7. About x and y of the frame in which the joint moves
+    the tilt is x + i y, a sum of waves exp(i k q). k = 0 is another direction of the axis on the
+    link before it, k = 1 one on the link after it, with which it turns: both are geometry, and no
+    error of a joint's angle tilts an axis. Of the first harmonic k = -1 is left, half of a tilt to
+    and fro about one line; of the second k = 2 and -2, all of it. A soft bearing can do the same,
+    so it is sought only where it stands out of all that gives way (`discovery/wobbles`).
+    """
+
+    # what a unit tilt about x, and about y, of the first joint is of the base's own six motions;
+    # None of other joints
+    of_base: tuple[tuple[float, ...], ...] | None = field(default=None, metadata={OPTIONAL: True})
+    id = "axis_wobble"
+    nouns = ("wobble of the axis", "wobbles of the axes")
+    clauses = ("the axis of {at} wobbles as it turns", "the axes of {at} wobble as they turn")
+    words = (
+        "the frame of joint {0.joint} turns about x by b_c cos q_{0.joint} + b_s sin q_{0.joint} + "
+        "x_c cos 2 q_{0.joint} + x_s sin 2 q_{0.joint}, about y by b_s cos q_{0.joint} - b_c sin "
+        "q_{0.joint} + y_c cos 2 q_{0.joint} + y_s sin 2 q_{0.joint}"
+    )
+    on_link = True
+    sought = False
+    # ISO 492 allows inner rings of 50 to 180 mm a radial run-out of 20 to 30 um in class Normal and
+    # of 5 to 8 in P5: an eighth of that between two bearings 100 mm apart are 30 to 60 urad.
+    reported = tuple(
+        TermParameter(name, "rad", 3e-6, plausible=5e-5)
+        for name in ("b_c", "b_s", "x_c", "x_s", "y_c", "y_s")
+    )
+    # Two rings of class Normal, run out to opposite sides by 30 um, stand 30 mm apart at least.
+    most_rad = (2e-3, "no axis between bearings wobbles by more than 2 mrad")
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return what the first joint tilts of the base; None of a joint that turned too little."""
+        low, high = context.q_span_rad[joint - 1]
+        if high - low < _WOBBLES_RAD:
+            return None
+        return (_tilts_of_base(context.arm),) if joint == 1 else (None,)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return bend_coordinates(self.joint - 1)[3:5] if self.of_base is None else BASE
+
+    def per_unit(self, states: PoseStates) -> Array:
+        q_rad = states.q_rad[:, self.joint - 1]
+        cos, sin, none = np.cos(q_rad), np.sin(q_rad), np.zeros(len(q_rad))
+        twice = [np.cos(2.0 * q_rad), np.sin(2.0 * q_rad)]
+        about_x, about_y = [cos, sin, *twice, none, none], [-sin, cos, none, none, *twice]
+        tilts = np.stack([np.stack(about_x, axis=1), np.stack(about_y, axis=1)], axis=1)
+        return tilts if self.of_base is None else np.einsum("cm,pck->pmk", self.of_base, tilts)
+
+
+def _tilts_of_base(arm: Arm) -> tuple[tuple[float, ...], ...]:
+    """Return which motions of the base tilt the first joint about its x and its y, (2, 6)."""
+    chain = Chain.of(arm)
+    T_base_joint = frames(chain, chain.nominal[None]).T_base_joints[0, 0]
+    axes, place = T_base_joint[:3, :2].T, T_base_joint[:3, 3]
+    motions = np.hstack([np.cross(place, axes), axes])
+    return tuple(tuple(motion) for motion in motions.tolist())
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -113,6 +115,86 @@ class SimulatedLateralCompliance(effect.SimulatedEffect):
         turn = none.turn_rad.copy()
         turn[:, link] = compliance * loading.statics.link_Nm[:, link]
         return replace(none, turn_rad=turn)
+
+
+Waves = Annotated[tuple[effect.Finite, ...], Field(min_length=2)]
+
+#: How far the centre of a bearing's ring runs out, root of the sum of the squares of its waves [m],
+#: and how many waves a turn it has. Class Normal allows rings of 50 to 120 mm 20 to 25 um in all.
+_RUN_OUT_M, _RING_WAVES = 5e-6, 3
+#: Between the two bearings of a joint, and their middle from where its frame sits [m].
+_APART_M, _MIDDLE_M = (0.05, 0.15), (-0.05, 0.05)
+
+
+class SimulatedAxisWobble(effect.SimulatedEffect):
+    """A joint turns in two bearings, each of which carries it to and fro by its own run-out.
+
+    The axis is the straight line through the centres of the two inner rings.
+    """
+
+    id = "axis_wobble"
+    places = ("turning joint",)
+    drawn = False  # a study of its own hides it
+    strains = True
+    plausible_size = 2.0
+
+    lower_x: Waves = Field(
+        description="run-out of the bearing nearer to the base along x of the joint: cosine and "
+        "sine of its angle, of twice its angle, … [m]"
+    )
+    lower_y: Waves = Field(description="the same along y [m]")
+    upper_x: Waves = Field(description="that of the other bearing along x [m]")
+    upper_y: Waves = Field(description="the same along y [m]")
+    apart_m: effect.FinitePositive = Field(description="between the bearings [m]")
+    middle_m: effect.Finite = Field(description="their middle, along z of the joint's frame [m]")
+
+    @classmethod
+    def at_size(cls, _site: effect.Site, size: float, rng: np.random.Generator) -> dict[str, Any]:
+        """Return bearings of class Normal, with less in higher waves."""
+        falls = np.repeat(np.arange(1, _RING_WAVES + 1), 2) ** 2
+        drawn = rng.standard_normal((2, 2, 2 * _RING_WAVES)) / falls
+        drawn *= size * _RUN_OUT_M / np.linalg.norm(drawn, axis=(1, 2), keepdims=True)
+        (lower_x, lower_y), (upper_x, upper_y) = drawn.tolist()
+        return {
+            "lower_x": lower_x,
+            "lower_y": lower_y,
+            "upper_x": upper_x,
+            "upper_y": upper_y,
+            "apart_m": float(rng.uniform(*_APART_M)),
+            "middle_m": float(rng.uniform(*_MIDDLE_M)),
+        }
+
+    def strain(self, loading: effect.Loading) -> Strain:
+        """Lay the axis through the centres of both rings, and move what the joint sits on so."""
+        q, half_m = loading.q[:, self.joint], 0.5 * self.apart_m
+        lower, upper = (
+            np.column_stack([_run_out(x, q), _run_out(y, q), np.full(len(q), self.middle_m + at)])
+            for x, y, at in (
+                (self.lower_x, self.lower_y, -half_m),
+                (self.upper_x, self.upper_y, half_m),
+            )
+        )
+        along = (upper - lower) / np.linalg.norm(upper - lower, axis=1, keepdims=True)
+        turn = np.cross([0.0, 0.0, 1.0], along)
+        # Where that line is at the height of the frame.
+        shift = lower - along * (lower[:, 2] / along[:, 2])[:, None]
+        none, link = loading.none, self.joint - 1
+        if link < 0:  # the first joint stands on the base
+            first = loading.mechanism.placements[0]
+            turn, shift = turn @ first[:3, :3].T, shift @ first[:3, :3].T
+            shift = shift - np.cross(turn, first[:3, 3])
+            return replace(none, base_turn_rad=turn, base_shift_m=shift)
+        turns, shifts = none.turn_rad.copy(), none.shift_m.copy()
+        turns[:, link], shifts[:, link] = turn, shift
+        return replace(none, turn_rad=turns, shift_m=shifts)
+
+
+def _run_out(waves: Sequence[float], q_rad: Array) -> Array:
+    """Return where waves, a cosine and a sine of each, carry the centre of a ring, (P,)."""
+    parts = np.array(waves).reshape(-1, 2)
+    turned = np.exp(1j * np.multiply.outer(q_rad, np.arange(1, len(parts) + 1)))
+    run_out: Array = np.real(turned @ (parts[:, 0] - 1j * parts[:, 1]))
+    return run_out
 
 
 class SimulatedBaseCompliance(effect.SimulatedEffect):
