@@ -57,7 +57,7 @@ def test_a_soft_bearing_is_no_wobble(tmp_path):
     soft = {"soft": 3e-5, "stiff": 5e-6, "phi": 0.7}
     campaign = simulated(tmp_path, "soft_bearing", soft, joint=3)
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
-    assert found.effects
+    assert found.verdict != "none"
     assert "axis_wobble" not in {each.id for each in found.effects}
 
 
