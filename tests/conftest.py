@@ -65,9 +65,12 @@ DIGITS = re.compile(r"array_equal|read_bytes\(\)|tobytes\(|1e-1[0-9]\b|finfo")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the files first that are named so; workers take files in the order of the items.
 
-    Tests that compare digits get their marker here, so that none is forgotten.
+    Tests that compare digits get their marker here, so that none is forgotten; so do cases of a
+    test that is `slow_but_one_in` some number.
     """
     for item in items:
+        if (one := item.get_closest_marker("slow_but_one_in")) and not _is_one_in(item, *one.args):
+            item.add_marker(pytest.mark.slow)
         function = getattr(item, "function", None)
         if function is not None:
             drawn = getattr(function, "hypothesis", None)
@@ -75,6 +78,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if _compares_digits(written.__code__):
                 item.add_marker(pytest.mark.digits)
     items.sort(key=lambda item: not item.nodeid.startswith(FIRST))
+
+
+def _is_one_in(item: pytest.Item, number: int) -> bool:
+    """Take the first of each so many cases of a test, whatever is selected."""
+    return max(item.callspec.indices.values()) % number == 0
 
 
 @cache

@@ -46,6 +46,7 @@ def test_a_file_read_through_a_link_is_noticed(attack):
     assert attack("effects", robot=attack.inside / "arm.yaml").read_outside
 
 
+@pytest.mark.slow_but_one_in(7)
 @pytest.mark.parametrize(
     ("code", "noticed"),
     [
@@ -219,6 +220,7 @@ def _slow_but(few, every):
     return [each if each in few else pytest.param(each, marks=pytest.mark.slow) for each in every]
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize("spoilt", _slow_but(("pipe", "link"), NO_FILES | LEAD_OUT))
 @pytest.mark.parametrize("what", READ)
 def test_what_is_no_file_of_the_folder_is_not_read(sent, what, spoilt):
@@ -229,6 +231,7 @@ def test_what_is_no_file_of_the_folder_is_not_read(sent, what, spoilt):
     command(sent).refused(words, path.name)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("what", [what for what, (file, _) in READ.items() if file.count("/") > 1])
 def test_a_link_in_the_middle_is_not_followed(sent, what):
     file, command = READ[what]
@@ -236,6 +239,7 @@ def test_a_link_in_the_middle_is_not_followed(sent, what):
     command(sent).refused("leads out")
 
 
+@pytest.mark.slow
 def test_a_log_outside_is_not_told(sent):
     """What a stage printed stands in the report; a log that cannot be read is none."""
     log = sent.inside / NAME / "logs/iso9283.log"
@@ -273,6 +277,7 @@ NAMED = {
 }
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("name", NAMED)
 def test_no_raw_file_elsewhere_is_read(sent, name):
     path = sent.inside / "made-up/campaign.yaml"
@@ -282,6 +287,7 @@ def test_no_raw_file_elsewhere_is_read(sent, name):
     _ingest(sent).refused("files.cmm")
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("name", NAMED)
 def test_no_urdf_elsewhere_is_read(sent, name):
     path = sent.inside / "made-up/mine.yaml"
@@ -291,6 +297,7 @@ def test_no_urdf_elsewhere_is_read(sent, name):
     _copied_urdf(sent).refused("urdf.file|mine.yaml")
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     "name", _slow_but(("above results", "line break"), [*NAMED, "above results"])
 )
@@ -357,6 +364,7 @@ GIVEN = {
 ENDINGS = {"a fleet": ".csv", "an arm": ".yaml"}
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("kind", _slow_but(("pipe",), [*NO_FILES, "device", "standard input"]))
 @pytest.mark.parametrize("what", GIVEN)
 def test_what_is_given_and_is_no_file_is_refused_at_once(sent, what, kind):

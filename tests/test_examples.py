@@ -199,6 +199,7 @@ def test_where_a_stage_refuses_the_report_says_so(tmp_path, capsys):
     assert "Synthetic data" in told
 
 
+@pytest.mark.slow
 def test_a_run_in_the_folder_of_raw_files_writes_beside_it(tmp_path, capsys, monkeypatch):
     folder = tmp_path / "irb120-points"
     shutil.copytree(EXAMPLES / "irb120-points", folder)

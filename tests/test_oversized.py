@@ -132,6 +132,7 @@ def ingest(attack):
     return attack("ingest", campaign_dir=attack.inside / "made-up", **out)
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize(("kind", "size"), _cases(TEXTS, 24 * MB))
 def test_text_without_end_is_refused(touched, kind, size):
     content, message = TEXTS[kind]
@@ -221,6 +222,7 @@ YAMLS = {
 QUICK = ("digits", "sexagesimals", "brackets", "laughs", "keys", "values", "documents", "no number")
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("kind", _some(YAMLS, *QUICK))
 def test_yaml_without_end_is_refused(attack, kind):
     path = attack.inside / "arm.yaml"
@@ -253,6 +255,7 @@ VALUES = {
 }
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("kind", _some(VALUES, "a long key", "a name", "unknown keys"))
 def test_a_description_of_many_values_is_refused(touched, kind):
     path = touched.inside / "made-up/campaign.yaml"
@@ -370,6 +373,7 @@ URDFS = {
 }
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize(
     "kind", _some(URDFS, "joints", "a circle", "depth", "laughs", "a long number")
 )
@@ -438,6 +442,7 @@ JSONS = {
 }
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("kind", _some(RECORDS | JSONS, "numbers for names", "a long label"))
 def test_a_record_without_end_is_refused(attack, small, kind):
     path = attack.inside / "combined.json"

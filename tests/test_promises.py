@@ -52,6 +52,7 @@ TABLES = {
 }
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("kind", TABLES)
 def test_a_table_of_poses_that_promises_all_memory_is_refused(attack, sent, kind):
     make, message = TABLES[kind]
@@ -90,6 +91,7 @@ COVARIANCES = {
 }
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize("kind", COVARIANCES)
 def test_a_covariance_that_promises_all_memory_is_refused(attack, sent, kind):
     (sent / "model/model.covariance.npz").write_bytes(COVARIANCES[kind]())

@@ -237,6 +237,12 @@ def short(module):
 
 
 @cache
+def tree_of(path):
+    """Return the syntax tree of a module, parsed once for all rules."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def own_imports(path):
     """Return the modules of this project that are imported, as `name_of` has them."""
     found = imports_of(path)
@@ -247,7 +253,7 @@ def own_imports(path):
 def imports_of(path):
     """Return every module imported, `from a import b` as `a.b`."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -289,9 +295,7 @@ TABLES = {"commands.command_line", "figures.registry", "settings"}
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=name_of)
 def test_the_package_imports_none_of_those_beside_it(path):
     assert not [module for module in own_imports(path) if within(module, BESIDE)]
-    words = [
-        n.value for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.Constant)
-    ]
+    words = [n.value for n in ast.walk(tree_of(path)) if isinstance(n, ast.Constant)]
     named = [word for word in words if isinstance(word, str) and word.split(".")[0] in BESIDE]
     assert bool(named) == (name_of(path) in TABLES), "one way to find what stands beside"
 
@@ -308,7 +312,7 @@ def test_pure_packages_know_no_files_no_settings_and_do_not_print():
         if not within(name_of(path), PURE):
             continue
         wrong += [f"{path.name}: {m}" for m in imports_of(path) if within(m, NOT_IN_PURE)]
-        calls = (n for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.Call))
+        calls = (n for n in ast.walk(tree_of(path)) if isinstance(n, ast.Call))
         names = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
         wrong += [f"{path.name}: {name}()" for name in names & {"print", "open"}]
     assert not wrong
@@ -322,7 +326,7 @@ TRIALS = {"pa10cal_lab.cell.measured_trials", "pa10cal_lab.cell.trials"}
 def test_no_effects_are_listed_by_hand(path):
     """What is to be known of an effect by its id, its class states."""
     known, listed = {*term_kinds(), *all_effects()}, []
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Dict | ast.Tuple | ast.List | ast.Set):
             each = node.keys if isinstance(node, ast.Dict) else node.elts
             ids = {one.value for one in each if isinstance(one, ast.Constant)} & known

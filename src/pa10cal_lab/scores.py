@@ -194,13 +194,15 @@ class Quantity(NamedTuple):
     by: str  # column of the groups of which each is a figure of its own
 
     def rows(self, tables: Mapping[TableName, pd.DataFrame]) -> pd.DataFrame:
-        """Return the rows that count, with what counts of them as `value`."""
+        """Return the rows that count."""
         rows = tables[self.table]
+        return rows if rows.empty or not self.where else rows[_of(rows, self.where)]
+
+    def valued(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Return those of the rows that count of which something counts, that as `value`."""
         if rows.empty:
             return pd.DataFrame(columns=["campaign", "value", self.by])
-        rows = rows[_of(rows, self.where)] if self.where else rows
-        value = _of(rows, self.value)
-        return rows.assign(value=value).dropna(subset=["value"])
+        return rows.assign(value=_of(rows, self.value)).dropna(subset=["value"])
 
     def score(self, values: Array, by: str = "") -> results.ScoreRow:
         """Return the figure of some values, against the one to reach."""
@@ -265,7 +267,9 @@ def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScor
     tables = tables_of(trials)
     studies = {_study(trial) for trial in trials} or {"touched"}
     chosen = [each for each in quantities() if studies & set(each.studies.split())]
-    counted = {each: each.rows(tables) for each in chosen}
+    alike = {(each.table, each.where): each for each in chosen}
+    rows_of = {of: each.rows(tables) for of, each in alike.items()}
+    counted = {each: each.valued(rows_of[each.table, each.where]) for each in chosen}
     scores = [score for each, rows in counted.items() for score in each.scores(rows)]
     failings: dict[str, dict[str, None]] = {}
     for quantity, rows in counted.items():

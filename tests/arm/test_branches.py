@@ -19,6 +19,7 @@ def apart(q, other):
     return np.abs(np.remainder(q - other + np.pi, 2 * np.pi) - np.pi).max(axis=-1)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", WITH_BRANCHES)
 @settings(deadline=None, max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1))

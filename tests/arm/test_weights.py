@@ -74,6 +74,7 @@ def poses_of(arm, count=40, load_N=0.0):
     return with_torques(Model(Chain.of(arm), ()), np.zeros(0), states, PAYLOAD)[0]
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.integers(0, 1000))
 def test_weights_that_nobody_stated_add_torques_at_right_angles_to_those_assumed(seed):

@@ -110,6 +110,7 @@ def test_commanded_through_the_model_the_true_arm_comes_to_its_targets(name):
     assert after < 0.04  # 0.011 to 0.019 mm
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("name", [name for name in CASES if not CASES[name][3]])
 def test_links_of_the_urdf_are_those_of_the_true_arm(name):
     made, model, q = case(name)

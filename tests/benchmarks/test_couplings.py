@@ -5,6 +5,7 @@ import pytest
 from benchmarks.couplings import large, quills, small
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "number", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3, 4, 9))]
 )

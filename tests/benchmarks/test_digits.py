@@ -22,6 +22,7 @@ def test_another_kernel_is_taken_and_numpy_does_without_its_features():
     assert digits.ask(NPY_DISABLE_CPU_FEATURES=features)[1] == ""
 
 
+@pytest.mark.slow
 def test_kernels_that_this_processor_lacks_are_left_out_and_told(monkeypatch, tmp_path, capsys):
     def ask(OPENBLAS_CORETYPE):
         return OPENBLAS_CORETYPE if OPENBLAS_CORETYPE == "Sandybridge" else "Nehalem", "X86_V3"

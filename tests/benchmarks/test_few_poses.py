@@ -27,6 +27,7 @@ def carried(tmp_path_factory):
     return errors_mm, moved, grade, few_poses.error_mm(prior, before, q[2])
 
 
+@pytest.mark.slow
 def test_no_zero_is_told_that_did_not_move(carried):
     _, moved, grade, _ = carried
     assert moved == []

@@ -6,6 +6,7 @@ from benchmarks.first_minutes import EDITS, FAMILIES, Minutes, minutes, table_of
 from pa10cal.__main__ import main
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", ["kuka", "matlab"])
 def test_what_is_proposed_needs_the_edits_that_only_the_owner_knows(tmp_path, capsys, name):
     files, robot = FAMILIES[name][1](tmp_path)

@@ -18,6 +18,7 @@ def test_a_campaign_as_it_was_is_good(points):
     assert judged_campaign(points.files, points).word == "good"
 
 
+@pytest.mark.slow
 def test_a_right_model_of_another_robot_is_told(points):
     other = Original.simulated("pose")
     assert judged_campaign(other.files, points).word == "wrong"
@@ -37,6 +38,7 @@ def test_settings_are_read_or_refused():
     assert judged_settings(b"campaigns: 3\n").word == "refused"
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("kind", readers.READERS)
 def test_files_as_they_were_are_read_and_changed_ones_never_fail(kind, tmp_path):
     for name, content in readers.originals()[kind].items():

@@ -165,6 +165,7 @@ def test_a_stated_uncertainty_in_another_unit(campaign, factor, repeat_every):
     assert "check its unit" in line
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     ("plan", "zero_rad", "case", "grade", "says"),
     [
@@ -182,6 +183,7 @@ def test_each_grade_and_what_it_says(campaign, plan, zero_rad, case, grade, says
     assert all(text in line for text in says), line
 
 
+@pytest.mark.slow
 def test_noise_under_several_targets_is_that_of_one(campaign):
     """With effects too: components that were not seen had counted with a metre each."""
     found = campaign(instrument="points", hidden=[ECCENTRIC], departs="rows", targets=3)
@@ -197,6 +199,7 @@ def test_noise_under_several_targets_is_that_of_one(campaign):
     assert health.grade in UNRESERVED
 
 
+@pytest.mark.slow
 def test_a_model_takes_its_grade_along(campaign, tmp_path):
     model = pa10cal.calibrate(campaign(departs="rows"))
     model.save(tmp_path / "model.yaml")

@@ -46,6 +46,7 @@ def exchanged_joints(first, second):
     return lambda table: table.put(names, table.numbers(names)[:, ::-1])
 
 
+@pytest.mark.slow_but_one_in(8)
 @pytest.mark.parametrize("kind", ["pose", "points"])
 @pytest.mark.parametrize("times", [1.8, 1.1, 0.5, 1.0])
 def test_one_factor_of_all_readings_is_told_with_its_number(tmp_path, kind, times):
@@ -106,6 +107,7 @@ def test_joint_signs_and_order_are_named(tmp_path, robot, instrument, change, ki
     assert found.would_leave_mm < 10.0
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("pair", [(1, 3), (2, 6)])
 def test_any_two_joints_may_be_exchanged(tmp_path, pair):
     folder = simulated(tmp_path / "c", "ur10", "points", poses=40)
@@ -114,6 +116,7 @@ def test_any_two_joints_may_be_exchanged(tmp_path, pair):
     assert (found.kind, found.where) == ("joint_order", "q{}, q{}".format(*pair))
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("by", [1, -2])
 def test_columns_of_joints_that_are_all_shifted_are_named(tmp_path, by):
     def shift(table):
@@ -137,6 +140,7 @@ def shifted_joints(table):
     table.put(names, values)
 
 
+@pytest.mark.slow
 def test_joints_that_were_not_logged_are_named(tmp_path):
     folder = simulated(tmp_path / "c", "ur10", "points", poses=40)
     mend(folder, "poses.csv", shifted_joints)
@@ -168,6 +172,7 @@ def test_several_reversed_joints_are_named(tmp_path):
     assert sorted(found.where.split("; ")) == ["q2", "q5"]
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("robot", ["ur10", "irb120"])
 def test_the_last_joint_is_named_though_its_target_is_near_its_axis(tmp_path, robot, reverse):
@@ -206,6 +211,7 @@ def test_the_direction_of_gravity_shows_in_springs(tmp_path, robot, instrument, 
     assert "along -z" in found.what
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("gravity", [[0, 0, 9.81], [9.81, 0, 0]])
 def test_the_direction_of_gravity_shows_in_logged_torques(tmp_path, gravity):
     folder = simulated(tmp_path / "c", "pa10_6ce", "touches")
@@ -234,6 +240,7 @@ def test_balls_are_where_they_are_stated(tmp_path, shift_mm, kinds):
     assert not kinds or found[0].where.endswith("B")
 
 
+@pytest.mark.slow
 def test_balls_exchanged_throughout_are_named(tmp_path):
     folder = simulated(tmp_path / "c", "pa10_6ce", "touches")
     describe(folder, "tool.balls_mm", lambda balls: {**balls, "B": balls["C"], "C": balls["B"]})

@@ -121,6 +121,7 @@ def assert_exact(level, x):
         assert error < 1e-6 * np.abs(at.jacobian[:, :, k]).max() + rounding, k
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("inner", [8, 27])
 def test_derivative_through_the_inner_level_is_exact(level, truth, inner):
     rows = rows_of(level.observations, spread_poses(level.observations, inner))

@@ -22,6 +22,7 @@ def places(raw):
     return rows_of(1e3 * raw.T_instr_target[:, :3, 3], names="X,Y,Z", sep=",")
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=[pytest.mark.slow] * (k % 3 > 0)) for k, name in enumerate(ARRAYS)],
@@ -43,6 +44,7 @@ def test_arrays_are_read_as_columns(tmp_path, proposed, name):
     np.testing.assert_allclose(places, raw.T_instr_target[:, :3, 3], atol=1e-9)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     ("beside", "names"),
     [("meta/info.json", list), ("info.json", lambda motors: {"motors": list(motors)})],
@@ -96,6 +98,7 @@ def test_what_is_not_read_is_named(tmp_path, proposed):
     assert "; other not read" in proposed("a.mat").splitlines()[0]
 
 
+@pytest.mark.slow_but_one_in(7)
 @pytest.mark.parametrize("name", [*ARRAYS, "a.parquet"])
 @pytest.mark.parametrize("share", [0.3, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_a_file_of_arrays_that_was_cut_is_refused(tmp_path, name, share):
@@ -126,6 +129,7 @@ UNFIT = {
 }
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("name", UNFIT)
 def test_what_holds_no_arrays_is_refused_with_what_to_do(tmp_path, name):
     content, told = UNFIT[name]
@@ -150,6 +154,7 @@ def test_ticks_of_motors_are_counts(tmp_path, proposed):
     )
 
 
+@pytest.mark.slow
 def test_a_few_bytes_that_unpack_to_gigabytes_are_refused(tmp_path):
     with pq.ParquetWriter(tmp_path / "a.parquet", pa.schema([("x", pa.float64())])) as file:
         part = pa.table({"x": np.zeros(5_000_000)})

@@ -94,6 +94,7 @@ def test_the_noise_of_the_motion_is_shared_by_the_targets_of_a_pose(usual):
     )
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("instrument", ["points", "pose"])
 def test_the_table_keeps_targets_motion_and_noise(tmp_path, usual, instrument):
     campaign = usual
@@ -122,6 +123,7 @@ def test_a_campaign_without_them_has_none(tmp_path):
     assert found.measured.motion_cov is None
 
 
+@pytest.mark.slow
 def test_a_knocked_target_is_warned_of(tmp_path):
     raw = written(tmp_path / "c")
 
@@ -151,6 +153,7 @@ def measured_of(raw):
     return measured.places_m, measured.stated_covariance
 
 
+@pytest.mark.slow
 def test_another_target_read_by_mistake_is_warned_of_and_changes_nothing_else(tmp_path, usual):
     raw = written(tmp_path / "c")
     clean = usual.observations.measured
@@ -206,6 +209,7 @@ def test_targets_of_noise_alone_leave_the_readings_as_they_are(tmp_path, base, n
     np.testing.assert_array_equal(cov, without_cov)
 
 
+@pytest.mark.slow
 def test_targets_that_move_by_themselves_are_not_used(tmp_path):
     raw = written(tmp_path / "c", disturbances=())
     rng = np.random.default_rng(5)
@@ -261,6 +265,7 @@ BAD = [
 ]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(("change", "instrument", "message"), BAD)
 def test_what_cannot_be_used_is_refused(tmp_path, change, instrument, message):
     raw = written(tmp_path / "c", instrument)
@@ -310,6 +315,7 @@ def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path, usual):
         read_campaign(raw)
 
 
+@pytest.mark.slow
 def test_a_group_keeps_what_the_motion_is_uncertain_by(tmp_path, usual):
     first, second = usual, read_campaign(written(tmp_path / "b", seed=4))
     members = [

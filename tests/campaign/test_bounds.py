@@ -90,6 +90,7 @@ def test_numbers_of_more_than_a_turn_are_no_angles_within_one(copy, times):
         read_campaign(folder)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     ("instrument", "column", "text", "reason"),
     [
@@ -254,6 +255,7 @@ def test_a_target_off_the_others_is_named(copy):
     assert row.value.startswith("T2_x_mm")
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("first", "second"), [("A", "B"), ("B", "C")])
 def test_exchanged_balls_are_named_whatever_the_exchange(copy, first, second):
     folder = copy("touches")

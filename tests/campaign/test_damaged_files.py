@@ -44,11 +44,13 @@ def test_there_is_a_file_of_every_known_format():
 READABLE = [name for name in KNOWN if name != "yaskawa"]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("name", some(READABLE, 9))
 def test_a_whole_file_is_read(tmp_path, raw, name):
     assert judged(tmp_path, raw, name, of_format(name).write(raw)) == "40 read"
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize("name", KNOWN)
 @pytest.mark.parametrize("share", some([0.63, 0.03, 0.94], 3))
 def test_a_file_that_was_cut_is_refused_or_told(tmp_path, raw, name, share):
@@ -97,6 +99,7 @@ def test_there_is_another_version_of_every_known_format():
     assert {name.split()[0] for name in VERSIONS} == {each.name for each in FORMATS}
 
 
+@pytest.mark.slow_but_one_in(7)
 @pytest.mark.parametrize("name", VERSIONS)
 def test_a_file_of_another_version_is_refused_or_read(tmp_path, raw, name):
     old, new, told = VERSIONS[name]
@@ -142,6 +145,7 @@ def test_columns_of_one_quantity_in_two_units_are_refused(tmp_path, raw, name):
     assert re.search(told, said), said
 
 
+@pytest.mark.slow_but_one_in(16)
 @pytest.mark.parametrize("name", some(READABLE, 7))
 @pytest.mark.parametrize("first", [20, 36])
 def test_rows_in_another_unit_are_refused_or_counted(tmp_path, raw, name, first):

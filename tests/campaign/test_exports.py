@@ -23,6 +23,7 @@ TRIED = [
 ]
 
 
+@pytest.mark.slow_but_one_in(8)
 @pytest.mark.parametrize("export", TRIED)
 def test_an_export_is_read_as_columns_proposes(tmp_path, capsys, export):
     """Joints, positions, orientations, times and loads come back, and no column goes unsaid."""

@@ -62,6 +62,7 @@ def timed_joints(time_s, raw):
     return rows_of(time_s, np.degrees(raw.q), names=names, sep=";", decimals=9)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_points_of_a_program_are_joined_with_readings_by_their_names(tmp_path, proposed, name):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
@@ -75,6 +76,7 @@ def test_points_of_a_program_are_joined_with_readings_by_their_names(tmp_path, p
     assert is_read(found, raw.q, raw.T_instr_target, WRITTEN_RAD, WRITTEN_M)
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("title", TAKES)
 def test_a_take_of_motion_capture_is_read(tmp_path, proposed, title):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
@@ -99,6 +101,7 @@ def test_a_take_of_motion_capture_is_read(tmp_path, proposed, title):
         np.testing.assert_allclose(measured.places_m[order, 0], expected, atol=WRITTEN_M)
 
 
+@pytest.mark.slow
 def test_what_was_not_seen_in_a_take_is_left_out(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     time_s = 10.0 * np.arange(len(raw.q))
@@ -152,6 +155,7 @@ def said_of(folder):
         return str(error)
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("share", [0.02, 0.5, pytest.param(0.93, marks=pytest.mark.slow)])
 def test_a_file_that_was_cut_short_is_told(tmp_path, given, name, share):
@@ -229,6 +233,7 @@ def with_joints(raw, **columns):
 TURN = {"deg": 360.0, "gon": 400.0, "rad": 2.0 * np.pi}
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize("horizontal", ["clockwise", "counterclockwise"])
 @pytest.mark.parametrize("vertical", ["zenith", "horizon"])
 @pytest.mark.parametrize("unit", [*TURN, "gon, not stated"])
@@ -252,6 +257,7 @@ def test_polar_readings_are_read_as_the_arm_shows(tmp_path, proposed, horizontal
     np.testing.assert_allclose(found.observations.measured.places_m[order, 0], p_m, atol=3e-6)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("order", ["rows", "columns", "twelve"])
 @pytest.mark.parametrize("header", ["O_T_EE_{}", "m{}"])
 def test_matrices_are_read_by_rows_or_by_columns(tmp_path, proposed, order, header):

@@ -16,6 +16,7 @@ def is_whole(folder, raw):
     return is_read(found, raw.q, raw.T_instr_target)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 @pytest.mark.parametrize("exchanged", [False, True])
 def test_two_logs_without_names_are_told_by_the_arm(tmp_path, proposed, unit, exchanged):
@@ -55,6 +56,7 @@ def test_points_as_text_are_joined_by_their_labels(tmp_path, proposed, before):
     assert is_whole(tmp_path, raw)
 
 
+@pytest.mark.slow
 def test_a_column_that_numbers_the_targets_is_named(tmp_path, columns):
     raw = sighted(tmp_path, "points", poses=60)
     which = np.random.default_rng(2).integers(0, 3, len(raw.q))
@@ -84,6 +86,7 @@ def test_a_column_that_numbers_the_targets_is_named(tmp_path, columns):
     assert "T1_x, T1_y, T1_z" in said
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("files", [("all.txt",), ("a.txt", "b.txt")])
 def test_targets_that_a_column_numbers_are_read_where_it_stands_with_their_places(
     tmp_path, proposed, files
@@ -114,6 +117,7 @@ def test_columns_that_no_arm_explains_are_refused(tmp_path, columns):
     assert "header" in said
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("heading", ["Pos {}", "Position {}:", "{}"])
 def test_blocks_of_named_values_are_joined_by_the_numbers_of_the_joints(
     tmp_path, proposed, heading

@@ -127,6 +127,7 @@ def test_a_proposal_that_the_arm_does_not_bear_out_says_so(tmp_path, written):
     assert re.search(r"^# check: the nominal model, base and target fitted, is \d+ mm", text, re.M)
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("times", [0.5, 1.1, 4.0])
 @pytest.mark.parametrize("kind", ["pose", "points"])
 def test_lengths_of_another_scale_are_told_by_their_factor(tmp_path, written, times, kind):
@@ -233,6 +234,7 @@ def test_numbered_columns_behind_the_last_joint_are_not_read_which_is_said(tmp_p
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("largest", "said"), [(99.9, True), (160.0, False), (1.5, False)])
 def test_percents_of_a_range_are_no_angles(tmp_path, written, largest, said):
     """LeRobot writes positions so, unless it is told to use degrees."""
@@ -243,6 +245,7 @@ def test_percents_of_a_range_are_no_angles(tmp_path, written, largest, said):
     assert ("percents of each joint's range" in written(own, "--robot", "ur10")[1]) == said
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("names", [UR, [f"j{k}" for k in range(1, 7)]])
 @pytest.mark.parametrize("sides", [("left", "right"), ("right", "left"), ("actual", "target")])
 def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, written, names, sides):
@@ -259,6 +262,7 @@ def test_of_two_arms_beside_words_the_nominal_arm_tells_its_own(tmp_path, writte
     np.testing.assert_allclose(read_campaign(folder).observations.states.q_rad, raw.q, atol=1e-8)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("other_first", [False, True])
 def test_of_two_arms_under_the_same_names_the_nominal_arm_tells_its_own(
     tmp_path, written, other_first
@@ -350,6 +354,7 @@ def test_joints_have_the_names_of_the_urdf_that_the_arm_came_from(tmp_path, writ
     assert joint_names("ours", tmp_path / "mine") == ()
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     ("names", "unit", "coverage"),
     [

@@ -122,6 +122,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", REFUSED)
 def test_refuses_with_one_message(raw_campaign, name):
     spoil, message = REFUSED[name]

@@ -35,6 +35,7 @@ def written(tmp_path, columns):
     return run
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("name", REPORTS)
 def test_points_of_a_report_are_joined_with_joints_by_their_names(tmp_path, written, name):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
@@ -55,6 +56,7 @@ def test_objects_without_a_place_are_counted(tmp_path, written):
     assert told in written(raw, REPORTS["faro"](points(raw)))[1].splitlines()[0]
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("name", ["spatialanalyzer", "polyworks", "faro"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_report_that_was_cut_short_is_told(tmp_path, written, name, axis):

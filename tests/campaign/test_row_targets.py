@@ -60,6 +60,7 @@ def same_places(found, raw, table):
     np.testing.assert_allclose(every.states.q_rad[order], raw.q, atol=1e-9)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     "written",
     [
@@ -85,6 +86,7 @@ def test_a_column_of_targets_beside_labels(sightings, read):
     same_places(found, raw, table)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("labels", ["Name", "Measurement"])
 def test_joints_in_another_log_have_the_labels_without_targets(sightings, read, labels):
     raw, table = sightings
@@ -97,6 +99,7 @@ def test_joints_in_another_log_have_the_labels_without_targets(sightings, read, 
     same_places(found, raw, table)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("column", ["Target", "SMR no", "Reflector", "Remark"])
 def test_a_row_a_pose_with_the_number_of_its_target(sightings, read, column):
     """A column that is not called after targets is found by the nominal arm."""

@@ -72,6 +72,7 @@ def changed(raw, columns, new) -> None:
 PLACE = ["x_mm", "y_mm", "z_mm"]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     ("new", "told"),
     [

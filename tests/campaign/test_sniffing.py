@@ -32,6 +32,7 @@ def read(tmp_path, proposed):
     return run
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize(
     ("above", "between", "end"),
     [

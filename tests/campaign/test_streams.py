@@ -42,6 +42,7 @@ def clock_in(text):
     return float(found[1]), float(found[2])
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("pairs", [QUICK, pytest.param(PAIRS, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ppm", [0.0, 50.0])
 def test_the_clock_is_found_within_its_uncertainty(written, ppm, pairs):
@@ -67,6 +68,7 @@ def test_the_clock_is_found_within_its_uncertainty(written, ppm, pairs):
     assert inside >= 0.95 * pairs
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("stands_s", [0.5, 0.8])
 @pytest.mark.parametrize("hertz", [(20.0, 20.0), (125.0, 60.0), (500.0, 240.0)])
 def test_dwells_below_a_second_are_found(written, stands_s, hertz):
@@ -80,6 +82,7 @@ def test_dwells_below_a_second_are_found(written, stands_s, hertz):
     assert len(found.observations) == len(logs.q_rad) + 1
 
 
+@pytest.mark.slow
 def test_readings_in_motion_are_set_aside_and_counted(written):
     logs = streams(2, 100.0, 100.0)
     text, folder = written(logs)
@@ -92,6 +95,7 @@ def test_readings_in_motion_are_set_aside_and_counted(written):
     assert len(read_campaign(folder).observations) == here
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("hertz", [(20.0, 20.0), (10.0, 240.0), (500.0, 20.0)])
 def test_logs_of_any_length_are_logs_of_motion(written, hertz):
     """Twelve thousand rows in both are no twelve thousand steady phases."""
@@ -101,6 +105,7 @@ def test_logs_of_any_length_are_logs_of_motion(written, hertz):
     assert is_read(read_campaign(folder), logs.q_rad, logs.T_instr_target, atol_m=2e-4)
 
 
+@pytest.mark.slow
 def test_stamps_that_are_rounded_make_the_clock_uncertain(written, monkeypatch):
     monkeypatch.setattr(made_up_streams, "DECIMALS", 1)
     logs = streams(6, 120.0, 60.0)
@@ -133,6 +138,7 @@ def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, written):
         np.testing.assert_allclose(T[k, :3, 3], expected[:3, 3], atol=1e-4)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("stands_s", [0.0, 0.1])
 def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     told = "hardly stands still|never stands|never at rest"
@@ -144,6 +150,7 @@ def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     assert "it is refused" in text
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("which", ["joints", "readings"])
 def test_a_log_that_never_rests_is_named(tmp_path, written, which):
     """One of the logs goes on as from another run, without a rest."""
@@ -163,6 +170,7 @@ def test_a_log_that_never_rests_is_named(tmp_path, written, which):
     assert refused.value.remedy
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_stated_is_taken(written):
     logs = streams(11, 60.0, 60.0)
     text, folder = written(logs)

@@ -78,6 +78,7 @@ def test_positions_in_micrometres_are_noticed(tracked):
         ingest(tracked)
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize(
     ("x_mm", "reason"),
     [
@@ -137,6 +138,7 @@ def test_holds_out_whole_poses_where_the_rows_do_not_say_it(tracked, rule, held_
     assert "no line_x rows" in ingested.notes
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     ("rule", "count", "held"),
     [

@@ -111,6 +111,7 @@ def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):
     assert len(ingested.observations) == 38
 
 
+@pytest.mark.slow_but_one_in(8)
 @pytest.mark.parametrize(
     ("kind", "column", "text", "reason"),
     [
@@ -324,6 +325,7 @@ def test_a_label_of_another_command_is_listed(tmp_path):
     )
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     ("kind", "right", "wrong", "off"),
     [

@@ -157,6 +157,7 @@ def test_an_interrupted_command_says_so(capsys):
     assert capsys.readouterr().err == "pa10cal seed: interrupted\n"
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     "command",
     [

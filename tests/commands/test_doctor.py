@@ -33,6 +33,7 @@ def test_what_is_missing_is_refused_with_what_to_do(monkeypatch, capsys):
     assert "not tried: pandas missing" in shown.out
 
 
+@pytest.mark.slow
 def test_what_only_some_commands_need_is_a_note_that_names_its_extra(monkeypatch, capsys):
     monkeypatch.setattr(machine, "find_spec", lambda name: None if name == "snakemake" else True)
     assert main(["doctor"]) == 0
@@ -78,6 +79,7 @@ out = pathlib.Path(sys.argv[1])
 KILLED = "import os, signal; os.kill(os.getpid(), signal.{})"
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     ("code", "why", "remedy"),
     [

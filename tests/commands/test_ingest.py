@@ -87,6 +87,7 @@ def test_the_same_input_gives_the_same_bytes(raw_campaign, tmp_path):
     assert first[2].read_bytes() == second[2].read_bytes() == b"file,line,reason,value\n"
 
 
+@pytest.mark.slow
 def test_corrupted_rows_of_a_shipped_campaign_are_all_listed(tmp_path):
     folder = tmp_path / "spoilt"
     shutil.copytree(RAW / "cell-null", folder)
@@ -123,6 +124,7 @@ def test_a_refusal_leaves_one_message_and_no_output(raw_campaign, tmp_path, caps
     assert "Traceback" not in said.err
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", ["poses.parquet", "quarantine.csv"])
 def test_a_folder_in_the_place_of_an_output_is_refused_without_the_other(
     raw_campaign, tmp_path, capsys, name

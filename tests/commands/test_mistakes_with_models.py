@@ -313,6 +313,7 @@ MISTAKES = [
 ]
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize("mistake", MISTAKES, ids=str)
 def test_a_mistake_is_told_by_cause_place_and_remedy(own, mistake):
     mistake.judge(own)

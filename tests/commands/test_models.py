@@ -108,6 +108,7 @@ def test_many_poses_are_predicted_in_blocks_with_the_same_bytes(tmp_path, capsys
     assert capsys.readouterr().out == said.replace("out.csv", "blocks.csv")
 
 
+@pytest.mark.slow
 def test_many_targets_are_compensated_in_blocks_with_the_same_bytes(tmp_path, capsys, monkeypatch):
     model = saved(tmp_path, grade="unreliable")
     poses = model.predict(postures(model.arm, 5, 30), extrapolate=True)
@@ -210,6 +211,7 @@ SLIPS = [
 ]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("command", "lines", "message"), SLIPS)
 def test_slips_are_one_message_and_no_file(tmp_path, capsys, command, lines, message):
     saved(tmp_path)
@@ -308,6 +310,7 @@ def test_statuses_are_those_of_the_target(tmp_path):
     ]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("angles", ["ABC", "quaternion", "rpy", "rotation_vector"])
 def test_poses_to_send_are_written_as_the_controller_has_them(tmp_path, capsys, angles):
     model = saved(tmp_path)
@@ -345,6 +348,7 @@ def test_the_tcp_of_the_controller_can_be_given(tmp_path, capsys):
     assert "add --write cartesian" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_poses_are_sent_relative_to_the_controllers_own_model(tmp_path, capsys):
     model = saved(tmp_path)
     arm = replace(model.arm, name="factory", a_m=model.arm.a_m + 5e-4)
@@ -392,6 +396,7 @@ def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
     assert ":2: arrival1 is no direction of arrival" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_lists_that_agree_with_the_model_are_not_warned_of(tmp_path, capsys):
     """Those that contradict it are in test_mistakes_with_models."""
     model = saved(tmp_path)

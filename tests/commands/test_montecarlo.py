@@ -81,6 +81,7 @@ def test_threads_change_no_byte(tmp_path):
     assert files[0] == files[1]
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

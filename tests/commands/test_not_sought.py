@@ -66,6 +66,7 @@ def test_the_command_says_so_in_one_line(work, tmp_path, capsys):
     assert "; measure at least 100 calibration poses" in line
 
 
+@pytest.mark.slow_but_one_in(2)
 def test_the_extended_model_is_the_calibrated_one(work, tmp_path):
     out = tmp_path / "holdout.json"
     assert evaluate(work, out) == 0
@@ -92,6 +93,7 @@ def test_the_extended_model_is_the_calibrated_one(work, tmp_path):
             assert parameter.std == pytest.approx(stated["std"], rel=1e-4, abs=1e-15)
 
 
+@pytest.mark.slow_but_one_in(3)
 def test_it_names_nothing_to_calibrate_with(work, tmp_path, capsys):
     out = tmp_path / "combined.json"
     capsys.readouterr()
@@ -105,6 +107,7 @@ def test_it_names_nothing_to_calibrate_with(work, tmp_path, capsys):
     )
 
 
+@pytest.mark.slow_but_one_in(3)
 def test_a_model_judged_in_another_place_goes_on(work, tmp_path):
     out = tmp_path / "transfer.json"
     given = {"calibration": work / "combined.json", "extended": work / "extended.json"}
@@ -113,6 +116,7 @@ def test_a_model_judged_in_another_place_goes_on(work, tmp_path):
     assert models["extended"] == models["linear"]
 
 
+@pytest.mark.slow_but_one_in(3)
 def test_effects_that_are_listed_all_the_same_are_refused(work, tmp_path, capsys):
     out = tmp_path / "combined.json"
     assert calibrate(work, out, settings={"effects": [EFFECT]}) == REFUSED
@@ -129,6 +133,7 @@ def touched(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_touched_balls_without_repeats_keep_the_papers_model(touched, tmp_path):
     found = read(VerdictRecord, touched / "verdict.json", NAME)
     assert found.verdict == "not_sought"

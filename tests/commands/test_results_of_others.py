@@ -180,6 +180,7 @@ def test_every_parameter_that_may_name_results_of_another_campaign_is_tried():
     assert not untried
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize(
     "row", [pytest.param(row, marks=[pytest.mark.slow] * (row in SLOW)) for row in TAKE]
 )
@@ -216,6 +217,7 @@ PLANS = [
 ]
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize(
     "file", [pytest.param("Snakefile", marks=pytest.mark.slow), "workflow/run.smk"]
 )
@@ -237,6 +239,7 @@ def test_no_plan_makes_results_of_another_campaign(made, call_snakemake, file, t
     assert not [line for line in outputs if f"{results}/a/" in line]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("config", "expected"),
     [
@@ -267,6 +270,7 @@ def test_results_are_not_removed_for_a_campaign_that_is_its_own_prior(made, tmp_
     assert state(a) == before
 
 
+@pytest.mark.slow
 def test_readings_do_not_count_twice_from_another_place_either(made, tmp_path, capsys):
     for prior, folders, name in (("a", ["a"], "a"), ("a", ["a", "b"], "g")):
         settings = json.dumps({"calibration": {"prior": str(made / "results" / prior)}})

@@ -80,6 +80,7 @@ def test_a_tracked_campaign_without_balls_or_torques_has_a_seed_too(raw_campaign
     assert distance < 1e-6
 
 
+@pytest.mark.slow
 def test_the_shipped_campaign_agrees_with_a_fit_of_the_nominal_model(tmp_path):
     status, path = run(RAW / "cell-null", tmp_path)
     assert status == 0
@@ -93,6 +94,7 @@ def test_the_shipped_campaign_agrees_with_a_fit_of_the_nominal_model(tmp_path):
     assert np.linalg.det(np.array(record["R_instr_base"])) == pytest.approx(1.0)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -111,6 +113,7 @@ def test_refuses_with_one_message_and_no_output(raw_campaign, tmp_path, capsys, 
     assert message in said
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("there", "absent"), [("line_x", "line_y"), ("line_y", "line_x")])
 def test_one_move_alone_is_refused(raw_campaign, tmp_path, capsys, there, absent):
     raw_campaign.cmm[1:] = [line for line in raw_campaign.cmm[1:] if f",{absent}," not in line]

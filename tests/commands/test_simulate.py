@@ -93,6 +93,7 @@ BAD = [
 ]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("settings", "words"), BAD)
 def test_refuses_bad_settings_with_one_message_and_leaves_nothing(
     tmp_path, capsys, settings, words

@@ -100,6 +100,7 @@ GAITS = {
 }
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", GAITS)
 def test_gaits(run, name):
     asked = GAITS[name]
@@ -169,6 +170,7 @@ def test_a_shape_is_drawn(run, tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_a_gait_is_drawn_and_filmed(run, capsys, monkeypatch):
     gait = {"moves": "roll", "period_s": 1.0, "seconds": 1.0, "shapes": 4}
     out, _ = run(curve=HELIX, link_m=0.12, links=8, gait=gait)

@@ -139,6 +139,7 @@ def test_justins_rows_that_are_cut_are_counted_and_a_broken_zip_is_refused(tmp_p
         dataset_named("dlr-elastic-calibration").read(folder, 0.2)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("dataset", MEASURED)
 def test_the_contracts_reader_takes_every_campaign_and_no_time_is_made_up(dataset, tmp_path):
     folder = MADE_UP[dataset](tmp_path / "source")

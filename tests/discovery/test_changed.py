@@ -63,6 +63,7 @@ def seen(tmp_path, targets, change, place_m=NEAR_M):
     return pa10cal.discover(found, pa10cal.calibrate(found))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("targets", "change", "says", "size_mm"),
     [
@@ -100,6 +101,7 @@ def test_no_step_is_told_where_none_was(tmp_path, change):
     assert found.faults == ()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_stands_beside_each_other(tmp_path):
     # A beam that has one direction only: a base that moves along it looks like a reflector.
     found = seen(tmp_path, 1, "beam", FAR_M)

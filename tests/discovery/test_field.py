@@ -69,6 +69,7 @@ def test_a_smooth_error_without_a_name_is_predicted_at_other_poses(measured, pre
     assert after < 0.1 * before
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("seed", range(6))
 def test_of_noise_alone_there_is_no_field(measured, seed):
     model, fitted, _ = measured
@@ -79,6 +80,7 @@ def test_of_few_poses_there_is_none(predicted, measured):
     assert field_of(measured[0], predicted[1].take(np.arange(39))) is None
 
 
+@pytest.mark.slow
 def test_beside_a_fine_map_there_is_none(predicted, measured):
     model = measured[0]
 
@@ -155,6 +157,7 @@ def together(measured):
     return found, with_field(model, found), fitted, away
 
 
+@pytest.mark.slow
 def test_effects_are_predicted_together_as_far_as_the_noise_lets_them(measured, together):
     found, model, _, away = together
     assert [term.id for term in found.terms] == ["nameless"]
@@ -173,12 +176,14 @@ def test_the_model_beside_which_they_stand_stays_as_it_is(measured, together):
     np.testing.assert_array_equal(model.targets_m, by_names.targets_m)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_of_noise_alone_no_effects_are_beside_the_model(measured, seed):
     model, fitted, _ = measured
     assert field_of(model, moved(model, fitted, 0.0, seed), (*HIDDEN, *OTHERS)) is None
 
 
+@pytest.mark.slow
 def test_a_smooth_error_that_no_effect_makes_is_left_to_the_displacement(measured, predicted):
     *_, last = field_of(measured[0], predicted[1], (*HIDDEN, *OTHERS)).terms
     assert last.id == "field"

@@ -141,6 +141,7 @@ def test_a_jump_of_three_times_the_noise_is_a_fault_and_no_drift(small):
     assert first.before_s <= readings.states.time_s[70] <= first.after_s
 
 
+@pytest.mark.slow
 def test_a_steady_drift_is_neither_a_jump_nor_a_wander(small):
     assert shown(small, small.survey.poses).wander is None
     drift_m = np.outer(np.linspace(0.0, 5.0, POSES), [POSITION_M, 0.0, 0.0])
@@ -181,6 +182,7 @@ def test_nothing_is_said_of_time_where_there_is_none(small, why):
     assert found.rivals == ()
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("order", ["random", "one side, then the other"])
 def test_a_jump_is_told_of_time_only_where_no_joint_goes_with_it(small, order):
     poses = small.survey.poses

@@ -40,6 +40,7 @@ def series(
     return JointSeries(q, left, weight, error, torque if beta_rad_Nm else 0.0 * q, moved)
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("cause", ["sensor", "gear"])
 @pytest.mark.parametrize("ratio", [50.0, 100.0, 121.333, 160.0])
 def test_the_ripple_says_who_errs(cause, ratio):
@@ -68,6 +69,7 @@ def test_where_both_err_none_is_named():
     assert found.excludes_sensor
 
 
+@pytest.mark.slow
 def test_without_ripple_there_is_no_witness():
     quiet = [[series("sensor", seed, ripple_rad=0.0)] for seed in range(20)]
     found = [each for joint in quiet for each in witnesses([joint], np.array([101.0]))]
@@ -81,6 +83,7 @@ def test_what_the_torque_turns_the_motor_by_is_found_beside_it():
     assert found.interval95[0] < 1.0 < found.interval95[1]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("cause", "stated"), [("sensor", np.nan), ("gear", 80.0)])
 def test_the_ratio_is_found_by_the_lines_alone_whatever_is_stated(cause, stated):
     joints = [[series(cause, 3, orders=(4, 10))], [series(cause, 4, orders=(10, 21))]]
@@ -90,6 +93,7 @@ def test_the_ratio_is_found_by_the_lines_alone_whatever_is_stated(cause, stated)
     assert [each.cause for each in found] == [cause, cause]
 
 
+@pytest.mark.slow
 def test_campaigns_of_one_joint_are_one_witness():
     few = [series("sensor", seed, poses=500, ripple_rad=15e-6) for seed in range(4)]
     (together,) = witnesses([few], np.array([101.0]))

@@ -122,6 +122,7 @@ def gain(measured, effect):
     return max(alone) - evidence.score(()).log_evidence
 
 
+@pytest.mark.slow
 def test_an_effect_and_its_double_come_apart_where_suggested(measure, ratio, found_first):
     effect, rival = ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2])
     assert names(found_first) == [RATIO[:2]]
@@ -180,6 +181,7 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
         assert separation.possible_nats < NEXT_POSES.apart_nats
 
 
+@pytest.mark.slow
 def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     hopeless = (ratio.effect("thermal_growth", "arm"), None)
@@ -281,6 +283,7 @@ def test_expected_information_is_that_of_many_draws():
     assert odds.expected_probability(0.0) == pytest.approx(p)
 
 
+@pytest.mark.slow
 def test_poses_go_to_the_pair_that_is_open(ratio, found_first):
     effect = ratio.effect(*RATIO[:2])
     pairs = (
@@ -327,6 +330,7 @@ def test_there_are_none_where_all_was_seen(nothing_hidden, count):
     assert poses_at_unseen_angles(nothing_hidden.survey, whole, count) == ()
 
 
+@pytest.mark.slow
 def test_what_is_ambiguous_among_poses_without_repeats_comes_apart_too(eccentric):
     verdict = eccentric.discovery
     (finding,) = verdict.findings

@@ -155,6 +155,7 @@ class TestLogsThatDoNotScatter:
         readings = made.readings.with_states(replace(made.readings.states, tau_Nm=tau_Nm))
         return discover(readings, made.baseline, made.setup)
 
+    @pytest.mark.slow
     def test_a_joint_that_always_reads_zero_tells_nothing(self, made):
         tau_Nm = made.readings.states.tau_Nm.copy()
         tau_Nm[:, 0] = 0.0
@@ -165,6 +166,7 @@ class TestLogsThatDoNotScatter:
         assert found.problem.torques_logged
         assert found.verdict == "none"
 
+    @pytest.mark.slow
     def test_a_log_without_any_scatter_is_none(self, made):
         _, group = np.unique(reading_groups(made.readings), return_inverse=True)
         tau_Nm = made.readings.states.tau_Nm.copy()

@@ -19,6 +19,7 @@ def test_where_nothing_is_left_nothing_is_predicted(nothing_hidden, wave):
         assert with_predicted(found) is found
 
 
+@pytest.mark.slow
 def test_what_two_joints_do_together_is_predicted_and_is_no_name(entangled):
     found = entangled.discovery
     beside = with_predicted(found)
@@ -48,6 +49,7 @@ def test_nothing_is_predicted_where_the_log_is_to_be_checked_or_the_base_moved(e
     assert with_predicted(still) is still
 
 
+@pytest.mark.slow
 def test_the_written_model_is_the_one_that_is_judged(entangled):
     beside = with_predicted(entangled.discovery)
     poses = beside.train.poses

@@ -192,6 +192,7 @@ def revisited(carried, moved):
     return every.with_states(states).with_measured(T_instr_target=T)
 
 
+@pytest.mark.slow
 def test_a_step_at_which_a_scan_comes_back_to_its_places_parts_the_base(carried):
     found = elsewhere(carried, revisited(carried, moved=True))
     still = elsewhere(carried, revisited(carried, moved=False))
@@ -275,6 +276,7 @@ def test_effects_that_harm_in_the_poses_of_the_frames_stay_away(carried):
     assert found["extended"] == found["linear"]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("harm_rad", [2e-3, 0.0])
 def test_what_has_no_name_and_harms_elsewhere_leaves_the_effects_there(carried, harm_rad):
     model, every, setup = carried

@@ -44,6 +44,7 @@ def pair():
     return make
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("kind", ["pose", "points", "distance"])
 def test_nothing_moved_or_base_and_tool_alone(pair, kind):
     found = what_moved(*pair(Change(), kind))
@@ -57,6 +58,7 @@ def test_nothing_moved_or_base_and_tool_alone(pair, kind):
         assert found.chance > 0.01
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("place", [False, True])
 @pytest.mark.parametrize("joint", [2, 3, 4, 5])
 def test_the_zero_of_one_joint_moved(pair, joint, place):

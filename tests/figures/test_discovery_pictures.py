@@ -53,6 +53,7 @@ class TestBreakdown:
         assert np.argmax(before / floor) == 1
         assert (after / floor).max() < 1.5
 
+    @pytest.mark.slow
     def test_says_how_it_compares_with_repeats(self, named, results):
         for source, said in (
             (named, f"{named.analysis.before.pure_error.F:.0f} before (p < 0.001)"),
@@ -146,6 +147,7 @@ class TestJoints:
         assert max(orders[1].lines[0].get_xdata()) <= shaded.x0 * (1.0 + 1e-9)
         assert shaded.x0 < 100.0  # 27 poses
 
+    @pytest.mark.slow
     def test_without_a_gear_ratio_there_is_no_axis_of_it(self, changed):
         def ungeared(fit):
             for joint in fit["by_joint"]:
@@ -159,6 +161,7 @@ class TestJoints:
         assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2"]
         assert axes.get_xlim()[1] <= 30.0
 
+    @pytest.mark.slow_but_one_in(2)
     @pytest.mark.parametrize("still", [1, 6])
     def test_joints_that_hardly_turned_have_no_periodogram(self, changed, still):
         def stand(fit):

@@ -123,6 +123,7 @@ def held_rigid(record):
         del record["parameters"][name]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("file", "change", "said", "not_said"),
     [

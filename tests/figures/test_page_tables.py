@@ -187,6 +187,7 @@ class TestVerdict:
         assert {row[0] for row in reductions_grid(source.verdict).rows} == {"fitted"}
 
 
+@pytest.mark.slow
 def test_the_page_shows_pictures_that_lie_among_the_results(results, tmp_path):
     draw_all(of_campaign(results), tmp_path, results.settings.figures)
     bundle = ResultsBundle(tmp_path)

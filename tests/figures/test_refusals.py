@@ -40,6 +40,7 @@ def make(name, results):
     return entry.make(results)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", DRAWN_OF_FITS)
 def test_nothing_is_drawn_of_a_fit_that_did_not_converge(unfinished, results, name):
     source = unfinished(results, "")

@@ -210,6 +210,7 @@ def test_an_arm_is_kept_once_for_all_campaigns(tmp_path):
     assert load_arm("small", two).n == 4
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     "file", ["a.urdf", "./a.urdf", "b/a.urdf", "../one/a.urdf", "../one/b/a.urdf"]
 )

@@ -153,6 +153,7 @@ def of_smooth_terms(arm):
     return tuple(term for term in vocabulary(arm) if term.id != "transmission_error")
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("terms", [links_and_tool, of_smooth_terms])
 def test_the_jacobian_is_that_of_small_moves(terms):
     model = fitted("pa10_6ce", 10, terms)
@@ -189,6 +190,7 @@ def test_the_state_of_the_pose_counts():
     assert isinstance(model.states(q), PoseStates)
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -301,6 +303,7 @@ def saved(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize(
     "change",
     [

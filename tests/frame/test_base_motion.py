@@ -29,6 +29,7 @@ def normalised(found, motion):
     return error / np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2)[:, :d])
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("targets", [1, 3, 5])
 def test_a_walk_is_recovered_with_its_uncertainty(targets):
     turn_rad = 10e-6 if targets > 2 else 0.0
@@ -62,6 +63,7 @@ def test_rows_without_enough_targets_follow_their_neighbours():
     assert np.abs(normalised(found, motion)).max() < 6.0
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("targets", [3, 4])
 def test_a_knocked_target_is_told_and_left_out_of_its_shorter_stretch(targets):
     rng = np.random.default_rng(7)
@@ -90,6 +92,7 @@ def test_of_two_targets_it_is_not_known_which_was_knocked():
     assert knock.row == 120
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("off_m", [[0.0, 0.0, 5e-3], [3e-4, 0.0, 0.0], [-0.395, -0.016, 0.077]])
 def test_one_wrong_reading_is_left_out_alone(off_m):
     t, p, u, motion = readings(np.random.default_rng(4))
@@ -101,6 +104,7 @@ def test_one_wrong_reading_is_left_out_alone(off_m):
     assert np.abs(found.motion - motion)[295:305, :3].max() < 3.0 * U_M
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("white_m", [0.0, 30e-6])
 def test_another_target_read_a_few_times_changes_nothing_else(white_m):
     """Of three targets one is exchanged for another, 396 mm off, as measured campaigns have it."""
@@ -127,6 +131,7 @@ def test_an_instrument_that_jumps_for_one_reading_is_followed():
     np.testing.assert_allclose(shift, [8e-4, 0.0, -5e-4], atol=1e-4)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("targets", [2, 3, 4])
 def test_what_is_within_the_stated_uncertainty_is_no_fault(targets):
     """Readings that agree ten times better than stated, and a target that moves by half of it."""
@@ -142,6 +147,7 @@ def test_what_is_within_the_stated_uncertainty_is_no_fault(targets):
     assert common_motion(t, p, u).knocked
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("targets", [1, 2])
 def test_where_no_turn_shows_it_is_as_uncertain_as_it_is_large(targets):
     ratios = []
@@ -161,6 +167,7 @@ def test_where_no_turn_shows_it_is_as_uncertain_as_it_is_large(targets):
     assert 0.5 < np.median(ratios) < 2.0
 
 
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize("targets", [1, 2, 3, 5])
 @pytest.mark.parametrize("size", [1.0, 20.0])
 @pytest.mark.parametrize("tails", [None, 3.0])
@@ -186,6 +193,7 @@ def test_a_turn_that_half_of_the_configurations_do_not_show_is_left_out():
     assert not common_motion(t, p, u).used[:, 1].any()
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("case", ["whole", "one_left", "gap", "one_by_one", "two"])
 def test_covariance_never_exceeds_what_leaving_the_motion_out_costs(case):
     white_m = 30e-6 if case == "one_by_one" else 0.0

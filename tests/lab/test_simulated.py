@@ -60,6 +60,7 @@ def drawn(arm, plan):
     return individual, seen
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     ("robot", "plan"),
     [

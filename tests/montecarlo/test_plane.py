@@ -95,6 +95,7 @@ LENGTH = st.sampled_from([0.0, 0.08, 0.45, -0.3])
 TWIST = st.sampled_from([0.0, 0.0, 90.0, -90.0, 180.0, 33.0, -71.5])
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     rows=st.lists(st.tuples(LENGTH, LENGTH, TWIST), min_size=1, max_size=7),
@@ -175,6 +176,7 @@ def sums_of(chain, q_rad, positions, counts, *progress):
     return sample_errors(plan, streams, np.array(counts), *progress)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("cycles", [2, 100, BLOCK_CYCLES, BLOCK_CYCLES + 1, 2 * BLOCK_CYCLES + 77])
 def test_sums_are_those_of_the_drawn_cycles(pa10, pa10_chain, q_rad, cycles):
     counts = np.unique([1, cycles // 2, min(cycles, BLOCK_CYCLES), cycles])
@@ -336,6 +338,7 @@ def test_map_covers_the_places_and_rises_outwards(planes):
     assert value.min() <= planes[500].closed_form_mean_mm <= value.max()
 
 
+@pytest.mark.slow
 def test_same_numbers_again_others_for_another_seed_more_for_a_larger_uncertainty(pa10):
     few = {"positions": 5, "cycles": 300}
     first, second = (study(pa10, **few) for _ in range(2))

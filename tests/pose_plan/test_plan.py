@@ -20,6 +20,7 @@ def option(**keys):
     return PlanOptions(**{**FEW, **keys})
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("instrument", sorted(instruments()))
 def test_every_instrument_gets_a_plan_that_beats_chance(instrument):
     poses = 40 if instrument == "distance" else 15
@@ -60,6 +61,7 @@ def test_all_poses_keep_to_every_limit():
     assert plan.expected.removed["line of sight"] > 0
 
 
+@pytest.mark.slow
 def test_effects_count_where_they_are_wanted():
     arm = load_arm("irb120")
     assert not plan_poses(arm, "pose", 20, option()).expected.effects
@@ -92,6 +94,7 @@ def test_a_short_path_is_no_longer_than_the_order_given():
         assert path_length(q[order]) < 0.7 * path_length(q)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(
     ("instrument", "poses", "options", "words"),
     [

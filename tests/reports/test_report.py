@@ -122,6 +122,7 @@ LEADS = {
 }
 
 
+@pytest.mark.slow_but_one_in(4)
 def test_says_every_verdict_in_a_plain_sentence(judged, page):
     results, word = judged
     found = page(results)
@@ -207,6 +208,7 @@ def test_says_by_how_much_suggested_poses_would_tell_rivals_apart(copied, page):
     assert page(copied).text.count(said) == 1
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     "file",
     [

@@ -168,6 +168,7 @@ def test_a_job_whose_run_has_ended_does_nothing(tmp_path, started):
     assert "the run that this is a job of has ended" in job().stderr
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("without", [False, True], ids=["pidfd", "looking"])
 def test_a_job_ends_with_each_of_its_parents(started, without):
     parent, other = (started("print('x', flush=True); import time; time.sleep(100)") for _ in "ab")

@@ -84,6 +84,7 @@ def test_a_fault_of_a_stage_is_one_here(run):
         run(code)
 
 
+@pytest.mark.slow
 def test_a_workflow_that_refuses_its_settings_is_a_refusal(run):
     text = "import sys\nprint('pa10cal: key campaigns does not fit', file=sys.stderr)\nsys.exit(2)"
     with pytest.raises(StageError, match=r"^key campaigns does not fit$"):

@@ -15,6 +15,7 @@ from pa10cal.results.record import Record
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("kind", docs.RECORDS, ids=docs.schema_name)
 def test_the_json_schema_is_up_to_date(kind: type[Record]) -> None:
     path = ROOT / docs.SCHEMAS / f"{docs.schema_name(kind)}.schema.json"

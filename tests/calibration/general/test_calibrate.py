@@ -29,6 +29,7 @@ def calibrated(see):
 # Four parameters a turning joint, two a sliding one, and six for the frames are complete and
 # minimal (Everett, Driels and Mooring, 1987); a target of its own needs no orientation, a distance
 # none of the base's either.
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(
     ("robot", "kind", "unknowns"),
     [
@@ -60,6 +61,7 @@ def test_other_poses_are_predicted_as_well(calibrated, see, kind):
     assert model.deviations(see("ur10", kind, count=40)).distance_mm.max() < 1e-5
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_agree_with_differences(calibrated, kind):
     found = calibrated("ur10", kind)

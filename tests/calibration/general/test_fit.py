@@ -75,6 +75,7 @@ def noisy(exact, times, seed):
     return exact.with_measured(p_instr_m=p_instr_m, cov_m2=cov_m2)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("kind", ["pose", "point", "points", "distance"])
 @pytest.mark.parametrize("off_m", [2e-3, 0.1])
 def test_one_pose_in_ten_far_off_harms_neither_parameters_nor_intervals(see, kind, off_m):
@@ -123,6 +124,7 @@ def test_exact_readings_whose_uncertainty_is_said_to_be_zero(see, kind):
     assert suspected_outliers(found.problem, found.fit) == ()
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("kind", ["pose", "point", "distance"])
 def test_rough_readings_do_not_spoil_sharp_ones(see, kind):
     """Every other pose is a hundred times worse, and says so."""

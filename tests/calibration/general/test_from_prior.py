@@ -63,6 +63,7 @@ def error_mm(calibration, exact):
     return float(np.sqrt(np.mean(model.deviations(model.as_modelled(exact)).distance_mm ** 2)))
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("kind", ["pose", "points", "distance"])
 def test_base_and_tool_are_found_anew_and_nothing_else_moved(arms, kind):
     model, seen, payload, exact = arms(kind, Change(place=True))
@@ -73,6 +74,7 @@ def test_base_and_tool_are_found_anew_and_nothing_else_moved(arms, kind):
     assert error_mm(found, exact) < 0.08
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("joint", [2, 3, 4, 5])
 def test_the_joint_whose_zero_moved_is_found(arms, joint):
     moved = Change(place=True, zero_rad=((joint, 1.5e-3),))
@@ -101,6 +103,7 @@ def of_one_target(seen, poses):
     )
 
 
+@pytest.mark.slow_but_one_in(6)
 @pytest.mark.parametrize("poses", [6, 10])
 @pytest.mark.parametrize("joint", [2, 3, 5])
 def test_six_poses_of_one_target_find_the_one_zero_that_was_lost(arms, joint, poses):
@@ -344,6 +347,7 @@ def test_a_prior_is_no_worse_than_none_and_its_intervals_hold():
     assert len(inside) > 70
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(seed, marks=[pytest.mark.slow]) for seed in range(1, 20))]
 )

@@ -94,6 +94,7 @@ def shared(calibration):
     }
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("kinds", MIXED)
 def test_intervals_of_a_group_are_narrower_than_of_each_alone_and_right(members, kinds):
     noisy, exact = together(members(kinds, NOISE_M)), together(members(kinds, 0.0))
@@ -132,6 +133,7 @@ def test_two_halves_of_a_campaign_give_what_the_whole_gives(see):
         assert max(off) < most
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("kinds", [("pose", "points"), ("points", "distance")])
 @pytest.mark.parametrize("moved_rad", [0.0, 1e-3])
 def test_a_robot_that_was_changed_contradicts_itself(members, kinds, moved_rad):
@@ -204,6 +206,7 @@ def test_a_frame_of_a_campaign_is_predicted_under_its_own_tool(members):
     assert torques == [1.0, 9.0]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("kinds", [("pose", "pose"), ("points", "pose")])
 def test_a_tool_keeps_the_attitude_that_it_had_in_its_own_campaign(members, kinds, tmp_path):
     first, second = members(kinds, 0.0)

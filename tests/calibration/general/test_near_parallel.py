@@ -29,6 +29,7 @@ def lengths_mm(found):
     }
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("kind", ["pose", "point", "distance"])
 @pytest.mark.parametrize("tilt_deg", TILTS_DEG)
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -51,6 +52,7 @@ def test_tilts_that_the_description_does_not_know_are_found(see, robot, tilt_deg
     assert max(map(abs, lengths_mm(found).values())) < 0.5
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("kind", ["pose", "point", "points", "distance"])
 @pytest.mark.parametrize("tilt_deg", TILTS_DEG)
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -65,6 +67,7 @@ def test_tilts_that_the_description_knows_lengthen_no_link(see, robot, tilt_deg,
     assert others.distance_mm.max() < 0.15
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("kind", ["pose", "point", "points", "distance"])
 @pytest.mark.parametrize("tilt_deg", TILTS_DEG)
 def test_a_tilt_does_not_change_what_is_left_out(see, tilt_deg, kind):

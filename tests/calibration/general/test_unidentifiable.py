@@ -40,6 +40,7 @@ def held(joint, angle_rad, jitter_rad=0.0):
 
 
 # A joint that a servo holds jitters; what its reading tells by that is nothing.
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("jitter_rad", [0.0, 1e-7, 1e-6, 1e-5, 1e-4])
 def test_a_joint_that_never_moved(see, kind, jitter_rad):
@@ -179,6 +180,7 @@ def one_orientation(q_rad):
     return q_rad
 
 
+@pytest.mark.slow_but_one_in(7)
 @pytest.mark.parametrize("kind", ["pose", "points"])
 @pytest.mark.parametrize("noise_m", [2e-6, 5e-5])
 @pytest.mark.parametrize("seed", [2, 3])

@@ -12,6 +12,7 @@ def names(discovery):
     return [(finding.effect.id, finding.effect.of) for finding in discovery.effects]
 
 
+@pytest.mark.slow
 def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
     found = nothing_hidden.discovery
     assert found.verdict == "none"
@@ -39,6 +40,7 @@ def test_an_error_of_one_joint_that_has_no_name_is_the_map_of_that_joint(mapped)
     assert inside.after.mean_mm < 0.7 * inside.before.mean_mm
 
 
+@pytest.mark.slow
 def test_the_map_is_the_error_hidden_within_its_uncertainty(mapped):
     (finding,) = mapped.discovery.effects
     knots_rad = 2.0 * np.pi * np.arange(finding.effect.knots) / finding.effect.knots
@@ -86,6 +88,7 @@ def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
     assert found.holdout is None
 
 
+@pytest.mark.slow
 def test_not_testable_are_effects_of_what_was_not_logged(nothing_hidden):
     why = {
         (entry.effect.id, entry.effect.of): entry.why
@@ -96,6 +99,7 @@ def test_not_testable_are_effects_of_what_was_not_logged(nothing_hidden):
     assert not {"encoder_eccentricity", "joint_error_map"} & {name for name, _ in why}
 
 
+@pytest.mark.slow
 def test_held_out_poses_beyond_the_angles_seen_are_told_apart(mapped):
     holdout = mapped.discovery.holdout
     record = holdout.record()

@@ -140,6 +140,7 @@ def test_columns_stand_where_rows_say(rows):
     )
 
 
+@pytest.mark.slow
 def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     shaped, unknown = computable_shapes(few)
     assert all(isinstance(each, ShapedEffect) for each in shaped)

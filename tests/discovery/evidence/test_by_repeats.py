@@ -67,6 +67,7 @@ def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
     assert set(found.holdout.record().per_load) == {"0N", "22N", "66N"}
 
 
+@pytest.mark.slow
 def test_friction_is_seen_in_torque_and_pose(rubbing):
     found = rubbing.discovery
     assert found.verdict == "named"
@@ -80,6 +81,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
     assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm
 
 
+@pytest.mark.slow
 def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     found = bowed.discovery
     judged = found.judgement
@@ -93,6 +95,7 @@ def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     assert found.holdout.after.mean_mm > 3.0 * found.noise_floor_mm
 
 
+@pytest.mark.slow
 def test_what_these_poses_cannot_tell_apart_is_ambiguous(soft_wrist):
     found = soft_wrist.discovery
     assert found.verdict == "ambiguous"
@@ -131,6 +134,7 @@ def test_held_out_poses_decide_nothing(wave):
     assert without.holdout is None
 
 
+@pytest.mark.slow
 def test_the_other_poses_do_decide(wave):
     fewer = wave.readings.take(wave.readings.pose != "P03")
     assert said(wave.discovered(readings=fewer, held_out=None)) != said(wave.discovery)
@@ -151,6 +155,7 @@ def campaign():
 
 
 class TestANewEffect:
+    @pytest.mark.slow
     def test_without_it_only_the_place_is_named_and_its_map_is_the_error(self, campaign):
         (finding,) = campaign.discovery.judgement.findings
         assert name(finding.effect) == ("joint_error_map", "joint 1")
@@ -161,6 +166,7 @@ class TestANewEffect:
         off = finding.effect.shift(states, finding.x)[:, 0] - 3e-4 * np.sin(3.0 * q_rad[:, 0] + 1.0)
         assert np.std(off) < 0.1 * 3e-4  # less a constant that calibration takes
 
+    @pytest.mark.slow
     def test_dropped_into_the_library_it_is_found_and_named(self, campaign, monkeypatch):
         known = (*effect.every_effect(), ThirdHarmonic)
         monkeypatch.setattr(effect, "every_effect", lambda: known)

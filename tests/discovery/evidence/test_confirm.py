@@ -89,6 +89,7 @@ def lawless():
     return measure(pose_m=3e-5, seed=5)
 
 
+@pytest.mark.slow
 def test_flips_hold_where_poses_are_off_for_no_reason(lawless):
     evidence = evidence_about(lawless.problem, lawless.start, lawless.family)
     gains = evidence.additions((), list(range(len(lawless.family))))

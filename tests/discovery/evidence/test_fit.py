@@ -49,6 +49,7 @@ def fit_at(measured, effects, amounts):
     )
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("names", [[name] for name in EFFECTS] + [EFFECTS], ids=str)
 def test_rows_have_the_derivative_that_differences_show(null, names):
     effects = tuple(null.effect(*name) for name in names)
@@ -117,6 +118,7 @@ def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
         assert both == pytest.approx(2.0 * rise, rel=0.02)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("tau0_Nm", [1.0, 2.5, 5.0])
 def test_an_effect_that_shapes_itself_is_fitted_from_its_best_start(tau0_Nm):
     def turn(states):

@@ -100,6 +100,7 @@ def penalty(members):
     return np.log(len(EVIDENCE.sizes)) * len(members)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize(("members", "sizes"), SETS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_is_the_density_at_the_best_of_the_variances_tried(made, members, sizes, seed):
@@ -206,6 +207,7 @@ def by_chance(made):
     return np.array(steady), np.array(best)[..., 0]
 
 
+@pytest.mark.slow
 def test_under_pure_noise_the_likelihood_ratio_is_one_on_average(by_chance):
     ratio = np.exp(by_chance[0] + penalty((0,)))
     assert (ratio.std(axis=0) > 0.02).all()

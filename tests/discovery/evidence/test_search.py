@@ -55,6 +55,7 @@ def test_where_nothing_is_missing_nothing_is_found(null):
     assert max(gain for gain, _ in gains) < threshold(len(found.family), ERROR_RATE)
 
 
+@pytest.mark.slow
 def test_two_effects_found_together_make_the_data_likelier_and_leave_less(two_waves):
     found = two_waves.found
     assert names(found.fit.effects) == [("transmission_error", f"joint {j}") for j in (2, 3)]

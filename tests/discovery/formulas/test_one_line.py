@@ -46,6 +46,7 @@ def test_over_part_of_a_turn_it_stays_a_map_with_a_formula():
     assert formula.record.orders[0] <= 5 <= formula.record.orders[1]
 
 
+@pytest.mark.slow
 def test_repeats_fit_the_line_in_the_place_of_their_map_too(monkeypatch):
     hidden = Missing(turn=harmonic(2, 3.0, 2e-4, 0.7))
     proposed = with_proposals(measure(hidden).discovery)

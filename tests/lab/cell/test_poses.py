@@ -111,6 +111,7 @@ BAD = [
 ]
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("change", "value"), BAD)
 def test_refuses_poses_out_of_reach_or_beyond_a_limit(arm, robot, change, value):
     with pytest.raises(SimulationError, match=value) as refusal:

@@ -58,6 +58,7 @@ def all_kinds(count, seed=5):
 SEEDED = {"touched": KINDS, "tracked": KINDS, "wild": WILD_KINDS, "drives": DRIVE_KINDS}
 
 
+@pytest.mark.slow_but_one_in(7)
 @pytest.mark.parametrize(
     ("study", "kind"), [(study, kind) for study, kinds in SEEDED.items() for kind in kinds]
 )
@@ -89,6 +90,7 @@ def test_outside_goes_through_what_has_no_name():
     assert [hidden(t)[0][0] for t in draw_trials("outside", len(outside()), 3)] == list(outside())
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("kind", "members"), [("pair", 2), ("triple", 3)])
 def test_several_effects_are_never_the_same_at_the_same_place(kind, members):
     for trial in draw_trials(kind, 100, 4):
@@ -96,6 +98,7 @@ def test_several_effects_are_never_the_same_at_the_same_place(kind, members):
         assert {id_ for id_, _ in hidden(trial)} <= set(vocabulary())
 
 
+@pytest.mark.slow
 def test_sizes_are_even_in_their_logarithm_within_their_bounds():
     sizes = np.array([min(trial.sizes) for trial in draw_trials("single", 400, 6)])
     assert sizes.min() >= 0.1
@@ -146,6 +149,7 @@ def test_statements_are_wrong_both_ways():
     assert factors.min() < 1.0 < factors.max()
 
 
+@pytest.mark.slow
 def test_temperature_drifts_where_it_must_and_in_a_third_of_the_rest():
     drifts = {True: [], False: []}
     for trial in draw_trials("single", 20 * len(vocabulary()), 10):
@@ -252,6 +256,7 @@ def test_benches_take_turns_and_singles_go_through_the_vocabulary():
     }
 
 
+@pytest.mark.slow
 def test_torque_effects_are_put_where_torques_are_logged_and_joints_yield():
     for name in ("friction_torque", "torque_gain"):
         trials = [
@@ -396,6 +401,7 @@ def test_an_effect_hides_among_a_stressor():
         assert not put_in(trial)
 
 
+@pytest.mark.slow_but_one_in(7)
 @pytest.mark.parametrize("name", DISTURBANCES)
 def test_a_disturbance_changes_the_raw_files_and_says_where(name):
     kind = "stressed" if DISTURBANCES[name].stressor else "fault"
@@ -410,6 +416,7 @@ def test_a_disturbance_changes_the_raw_files_and_says_where(name):
     assert changed
 
 
+@pytest.mark.slow
 def test_repeats_run_in_the_order_of_the_settings():
     for trial in draw_trials("right", 30, 7, "wild", [bench.name for bench in WILD_BENCHES]):
         made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)

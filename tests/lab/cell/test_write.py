@@ -272,6 +272,7 @@ def test_truth_of_a_tracker_names_springs_and_no_departures_of_rows(arm, tmp_pat
     assert set(parameters) == {f"K_{kind}_{joint}" for kind in ("lin", "cub") for joint in (2, 5)}
 
 
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", ["ur10", "gx4_351s", "iiwa14"])
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
 def test_the_reader_of_campaigns_takes_it_as_it_was_seen(tmp_path, name, instrument):

@@ -112,6 +112,7 @@ def test_expects_the_plausible_sizes(effect):
     assert np.linalg.eigvalsh(correlation).min() > 1e-7
 
 
+@pytest.mark.slow_but_one_in(9)
 def test_a_whole_model_knows_its_derivative(effect, arm, states, at):
     """With the springs of the paper, and friction and gain at every joint."""
     plain = baseline(arm, (2, 3, 5), Tolerances())
