@@ -67,8 +67,9 @@ figures: setup
 report: setup
 	@$(BIN)/pa10cal report results --out results/report.html
 
-# Files are shared out in the order of tests/conftest.py, not by how many tests they have.
-PYTEST := $(BIN)/pytest -n $(CORES) --dist loadfile --no-loadscope-reorder --ignore tests/browser
+# Files are shared out in the order of tests/conftest.py, not by how many tests they have. Byte code is kept whatever the
+# environment says: else all tests and each process that they start are compiled anew.
+PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n $(CORES) --dist loadfile --no-loadscope-reorder --ignore tests/browser
 
 test: tools
 	$(PYTEST) -m "not slow"

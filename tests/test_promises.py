@@ -46,8 +46,8 @@ def one_label_often():
 
 
 TABLES = {
-    "rows": (many_rows, r"larger than is read \(got '10000000 rows, 20 columns"),
     "columns": (many_columns, r"larger than is read \(got '1 rows, 3000 columns"),
+    "rows": (many_rows, r"larger than is read \(got '10000000 rows, 20 columns"),
     "one label": (one_label_often, "a label under pose has 1000000 letters"),
 }
 

@@ -5,6 +5,7 @@ import re
 import tomllib
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import yaml
@@ -236,30 +237,41 @@ def short(module):
     return "" if module == PACKAGE.name else module.removeprefix(f"{PACKAGE.name}.")
 
 
+class Facts(NamedTuple):
+    """What rules look at in a module. Trees are not kept: collecting garbage would walk them."""
+
+    imports: tuple[str, ...]  # `from a import b` as `a.b`
+    words: frozenset[str]  # constants that are text
+    calls: frozenset[str]  # functions called by a plain name
+    lists: tuple[frozenset[str], ...]  # constants in each list, tuple, set, or among keys
+
+
 @cache
-def tree_of(path):
-    """Return the syntax tree of a module, parsed once for all rules."""
-    return ast.parse(path.read_text(encoding="utf-8"))
+def facts_of(path):
+    """Look at a module once for all rules."""
+    imports, words, calls, lists = [], set(), set(), []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            imports += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            imports += [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            words.add(node.value)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            calls.add(node.func.id)
+        elif isinstance(node, ast.Dict | ast.Tuple | ast.List | ast.Set):
+            each = node.keys if isinstance(node, ast.Dict) else node.elts
+            texts = [one.value for one in each if isinstance(one, ast.Constant)]
+            lists.append(frozenset(text for text in texts if isinstance(text, str)))
+    return Facts(tuple(imports), frozenset(words), frozenset(calls), tuple(lists))
 
 
 @cache
 def own_imports(path):
     """Return the modules of this project that are imported, as `name_of` has them."""
-    found = imports_of(path)
+    found = facts_of(path).imports
     return tuple(short(m) for m in found if re.match(rf"{PACKAGE.name}(_\w+)?\b", m))
-
-
-@cache
-def imports_of(path):
-    """Return every module imported, `from a import b` as `a.b`."""
-    found = []
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            found += [f"{node.module}.{alias.name}" for alias in node.names]
-    return tuple(found)
 
 
 def within(module, places):
@@ -295,14 +307,15 @@ TABLES = {"commands.command_line", "figures.registry", "settings"}
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=name_of)
 def test_the_package_imports_none_of_those_beside_it(path):
     assert not [module for module in own_imports(path) if within(module, BESIDE)]
-    words = [n.value for n in ast.walk(tree_of(path)) if isinstance(n, ast.Constant)]
-    named = [word for word in words if isinstance(word, str) and word.split(".")[0] in BESIDE]
+    named = [word for word in facts_of(path).words if word.split(".")[0] in BESIDE]
     assert bool(named) == (name_of(path) in TABLES), "one way to find what stands beside"
 
 
 @pytest.mark.parametrize("library", KEPT_TO)
 def test_a_library_stays_where_it_belongs(library):
-    users = {name_of(path) for path in MODULES for m in imports_of(path) if within(m, {library})}
+    users = {
+        name_of(path) for path in MODULES for m in facts_of(path).imports if within(m, {library})
+    }
     assert not {user for user in users if not within(user, KEPT_TO[library])}
 
 
@@ -311,10 +324,9 @@ def test_pure_packages_know_no_files_no_settings_and_do_not_print():
     for path in MODULES:
         if not within(name_of(path), PURE):
             continue
-        wrong += [f"{path.name}: {m}" for m in imports_of(path) if within(m, NOT_IN_PURE)]
-        calls = (n for n in ast.walk(tree_of(path)) if isinstance(n, ast.Call))
-        names = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
-        wrong += [f"{path.name}: {name}()" for name in names & {"print", "open"}]
+        facts = facts_of(path)
+        wrong += [f"{path.name}: {m}" for m in facts.imports if within(m, NOT_IN_PURE)]
+        wrong += [f"{path.name}: {name}()" for name in facts.calls & {"print", "open"}]
     assert not wrong
 
 
@@ -325,13 +337,8 @@ TRIALS = {"pa10cal_lab.cell.measured_trials", "pa10cal_lab.cell.trials"}
 @pytest.mark.parametrize("path", [p for p in MODULES if name_of(p) not in TRIALS], ids=name_of)
 def test_no_effects_are_listed_by_hand(path):
     """What is to be known of an effect by its id, its class states."""
-    known, listed = {*term_kinds(), *all_effects()}, []
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Dict | ast.Tuple | ast.List | ast.Set):
-            each = node.keys if isinstance(node, ast.Dict) else node.elts
-            ids = {one.value for one in each if isinstance(one, ast.Constant)} & known
-            listed += [sorted(ids)] if len(ids) > 1 else []
-    assert not listed
+    known = {*term_kinds(), *all_effects()}
+    assert not [sorted(ids & known) for ids in facts_of(path).lists if len(ids & known) > 1]
 
 
 #: How a table could be written beside `files.output.csv_text`.

@@ -134,14 +134,8 @@ PLANS = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("targets", "config", "jobs"),
-    # The plan of a single load case in every run, the others with the slow tests.
-    [
-        each if "44N.json cell-null" in each[0] else pytest.param(*each, marks=pytest.mark.slow)
-        for each in PLANS
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("targets", "config", "jobs"), PLANS)
 def test_plans(plan, tmp_path, targets, config, jobs):
     given = [tmp_path / "out" / each if "/" in each else each for each in targets.split()]
     code, text = plan(*given, **config)

@@ -43,6 +43,7 @@ def test_masses_that_are_stated_stay():
     assert not weights_known(arm).assumed
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.floats(0.2, 3.0))
 def test_weights_scale_with_the_cube_of_the_arm_and_uncertainty_with_them(factor):

@@ -100,6 +100,7 @@ def test_right_data_of_any_arm_are_not_suspected(campaign, robot, instrument, re
     assert grade in ("good", "few_poses"), line
 
 
+@pytest.mark.slow
 def test_a_spring_that_poses_do_not_identify_decides_no_grade(campaign, monkeypatch):
     """Under weights that nobody stated a spring is there where poses show it, or not at all."""
     found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)

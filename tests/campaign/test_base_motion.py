@@ -230,6 +230,7 @@ def test_targets_that_move_by_themselves_are_not_used(tmp_path):
     np.testing.assert_array_equal(campaign.observations.measured.stated_covariance, without_cov)
 
 
+@pytest.mark.slow
 def test_blank_fields_are_targets_not_seen(tmp_path):
     raw = written(tmp_path / "c")
 
@@ -283,6 +284,7 @@ def test_a_name_on_the_tool_and_on_the_base_is_refused(tmp_path):
         read_campaign(raw)
 
 
+@pytest.mark.slow
 def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path, usual):
     raw = written(tmp_path / "c")
     known = usual.observations

@@ -16,7 +16,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 
 #: Pairs of rates drawn, and those of the quick suite.
-PAIRS, QUICK = 60, 2
+PAIRS, QUICK = 60, 1
 
 
 def drawn_rates(seed):
@@ -138,7 +138,7 @@ def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, written):
         np.testing.assert_allclose(T[k, :3, 3], expected[:3, 3], atol=1e-4)
 
 
-@pytest.mark.slow_but_one_in(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("stands_s", [0.0, 0.1])
 def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     told = "hardly stands still|never stands|never at rest"
@@ -150,7 +150,7 @@ def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     assert "it is refused" in text
 
 
-@pytest.mark.slow_but_one_in(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["joints", "readings"])
 def test_a_log_that_never_rests_is_named(tmp_path, written, which):
     """One of the logs goes on as from another run, without a rest."""

@@ -54,7 +54,7 @@ def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, written,
         np.testing.assert_allclose(q_rad, logs.q_rad, atol=2e-4)
 
 
-@pytest.mark.slow_but_one_in(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some(SHIFTED))
 def test_a_row_that_is_missing_is_named(tmp_path, written, seed):
     """Readings a row away from their joints, from the start or from a place on."""

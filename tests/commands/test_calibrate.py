@@ -206,6 +206,7 @@ def test_what_is_exported_says_its_grade(work, combined, tmp_path):
     assert f"<!-- {health['grade']}: {health['line']} -->" in urdf
 
 
+@pytest.mark.slow
 def test_what_is_exported_says_what_a_urdf_lacks_and_has_all_links(work, tmp_path):
     given = table_of(work) | {"dh": tmp_path / "dh.csv", "extended": None}
     assert export(work, tmp_path, **given) == 0

@@ -180,7 +180,7 @@ def test_every_parameter_that_may_name_results_of_another_campaign_is_tried():
     assert not untried
 
 
-@pytest.mark.slow_but_one_in(9)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "row", [pytest.param(row, marks=[pytest.mark.slow] * (row in SLOW)) for row in TAKE]
 )
@@ -217,7 +217,7 @@ PLANS = [
 ]
 
 
-@pytest.mark.slow_but_one_in(5)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "file", [pytest.param("Snakefile", marks=pytest.mark.slow), "workflow/run.smk"]
 )

@@ -169,6 +169,7 @@ def test_effects_are_predicted_together_as_far_as_the_noise_lets_them(measured, 
     assert rms_mm(without, away) > 1.5 * noise_mm
 
 
+@pytest.mark.slow
 def test_the_model_beside_which_they_stand_stays_as_it_is(measured, together):
     model, by_names = together[1], measured[0]
     np.testing.assert_array_equal(model.x[: len(by_names.x)], by_names.x)

@@ -55,7 +55,7 @@ def test_tilts_of_a_joint_are_found_where_they_are_given(tilting, tmp_path):
     np.testing.assert_allclose(again.predict(q_rad).T, model.predict(q_rad).T, atol=1e-12)
 
 
-@pytest.mark.slow_but_one_in(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["joint 1", "joint 7", "base"])
 def test_a_joint_that_cannot_tilt_is_refused(tilting, of):
     with pytest.raises(CalibrationError, match=f"no lateral_compliance of {of}") as refused:

@@ -215,6 +215,7 @@ def test_a_carried_model_that_is_worse_than_the_nominal_arm_is_told(carried, sti
     assert f"linear {found.models['linear'].rms_mm:.3f} mm rms" in found.worse
 
 
+@pytest.mark.slow
 def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(carried):
     model, _, setup = carried
     every, models = knocked(carried[1]), {"linear": model}

@@ -45,6 +45,7 @@ def test_a_walk_is_recovered_with_its_uncertainty(targets):
     assert not found.knocked
 
 
+@pytest.mark.slow
 def test_motions_of_each_configuration_are_taken_one_by_one():
     t, p, u, motion = readings(np.random.default_rng(1), 400, 4, 0.0, 0.0, white_m=30e-6)
     found = common_motion(t, p, u)

@@ -127,6 +127,7 @@ CASES = {
 TRIALS = [case for case, _ in CASES.values()]
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("name", CASES)
 def test_a_trial_counts_against_the_bars_that_it_misses(name):
     case, expected = CASES[name]
@@ -210,6 +211,7 @@ SEVERAL = {
 }
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("name", SEVERAL)
 def test_a_trial_of_several_effects_counts_against_the_bars_that_it_misses(name):
     case, expected = SEVERAL[name]

@@ -81,6 +81,7 @@ def test_the_floor_is_the_mean_length_of_a_vector_with_alike_components():
     assert found.moved_over_floor(found.hidden[0]) == pytest.approx(1.0, abs=0.005)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("said", "named_share", "unexplained_share"),
     [
@@ -100,6 +101,7 @@ def test_nothing_hidden(said, named_share, unexplained_share):
     assert unexplained.reached == unexplained_share
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("said", "right", "alone", "listed", "wrong"),
     [
@@ -121,6 +123,7 @@ def test_one_large_effect(said, right, alone, listed, wrong):
     assert reached == [right, alone, listed, wrong]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("said", "moved_mm", "large", "above"),
     [
@@ -172,6 +175,7 @@ def test_found_are_those_with_a_finding_and_alternatives_are_counted():
     assert found[ALTERNATIVES].reached == pytest.approx(1.0)
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("what", "said", "wrong", "right_place", "silent"),
     [
@@ -194,6 +198,7 @@ def test_what_has_no_name(what, said, wrong, right_place, silent):
     assert reached == [wrong, right_place, silent]
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("said", "listed", "nothing_extra"),
     [
@@ -284,6 +289,7 @@ def test_intervals_take_vectors_apart_and_leave_maps_and_wrong_places_out():
     assert none["parameters of named effects: score, root mean square"].reached is None
 
 
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("said", "expected"),
     [
@@ -375,6 +381,7 @@ def test_a_compliance_where_the_model_has_a_spring_is_in_the_model_already():
     assert single(WAVE, verdict()).is_testable(hidden(WAVE))
 
 
+@pytest.mark.slow
 def test_trials_of_trackers_have_bars_of_their_own_and_the_others_alike():
     right = single(WAVE, verdict(named(WAVE)), measured="tracked")
     wrong = single(WAVE, verdict(named(LOST)), measured="tracked")

@@ -122,6 +122,7 @@ CASES = {
 TRIALS = [case for case, _ in CASES.values()]
 
 
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("name", CASES)
 def test_a_trial_counts_against_the_bars_that_it_misses(name):
     case, expected = CASES[name]

@@ -76,6 +76,7 @@ def test_effects_count_where_they_are_wanted():
     assert much.expected.tool.plan_mm > little.expected.tool.plan_mm
 
 
+@pytest.mark.slow
 def test_loads_show_springs_and_there_are_candidates_for_every_pose():
     plan = plan_poses(load_arm("gx4_351s"), "pose", 80, option(floor_mm=None))
     assert plan.expected.candidates == 3 * 80

@@ -83,6 +83,7 @@ def proposed(found):
     return with_proposals(found).proposed
 
 
+@pytest.mark.slow
 def test_a_bow_of_the_instrument_comes_back_as_its_formula(bowed):
     found = bowed.discovery
     (formula,) = proposed(found)
