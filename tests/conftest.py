@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from attacks import Attack, Forking
 from built_once import built_once
+from drawn_examples import use_few
 from made_up_mistakes import Own, own_campaign
 from made_up_sightings import RawFolder, described
 from pa10cal.arm.chain import Chain
@@ -60,6 +61,12 @@ NOISE_MM = 0.004
 
 #: Equal numbers or bytes, and tolerances of rounding: what another processor's kernels may change.
 DIGITS = re.compile(r"array_equal|read_bytes\(\)|tobytes\(|1e-1[0-9]\b|finfo")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Try properties with fewer examples where slow tests are left out."""
+    if config.getoption("markexpr") == "not slow":
+        use_few()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -48,6 +48,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("kind", BROKEN)
 def test_broken_yaml_is_refused(kind: str) -> None:
     text, said = BROKEN[kind]
@@ -55,6 +56,7 @@ def test_broken_yaml_is_refused(kind: str) -> None:
         parse_yaml(text)
 
 
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("kind", BROKEN)
 def test_a_broken_description_is_one_message(kind: str, tmp_path: Path) -> None:
     (tmp_path / "campaign.yaml").write_text(BROKEN[kind][0], encoding="utf-8")

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.arm.branches import branches_of
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
@@ -21,7 +22,7 @@ def apart(q, other):
 
 @pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("name", WITH_BRANCHES)
-@settings(deadline=None, max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_posture_itself_is_among_the_branches_and_all_that_are_in_reach_are_right(name, seed):
     arm = load_arm(name)

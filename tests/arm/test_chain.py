@@ -3,10 +3,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_robot import pinocchio_of
 from pa10cal.arm.chain import (
     BASE,
@@ -66,7 +67,7 @@ def test_forward_kinematics_equals_pinocchio(random_arm, n, convention):
         np.testing.assert_allclose(Chain.of(arm).forward(q), pinocchio_forward(arm, q), atol=1e-12)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), convention=conventions)
 def test_screws_equal_finite_differences(random_arm, seed, convention):
     rng = np.random.default_rng(seed)
@@ -86,7 +87,7 @@ def test_screws_equal_finite_differences(random_arm, seed, convention):
         np.testing.assert_allclose(screws[:, 3:, k], rate, atol=2e-9)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), convention=conventions)
 def test_motions_of_base_and_tool_lie_outside_the_constant_frames(random_arm, seed, convention):
     rng = np.random.default_rng(seed)
@@ -108,7 +109,7 @@ def test_a_chain_walks_over_no_constant_frame_that_is_none(name):
     assert Chain.of(load_arm(name)).constants == {}
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), convention=conventions)
 def test_frames_of_rows_end_shorter_arms(random_arm, seed, convention):
     arm = random_arm(seed, 5, convention)
@@ -121,7 +122,7 @@ def test_frames_of_rows_end_shorter_arms(random_arm, seed, convention):
     np.testing.assert_allclose(found.T_base_ee, chain.forward(q), atol=1e-15)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), convention=conventions)
 def test_frames_of_joints_hold_their_screws(random_arm, seed, convention):
     rng = np.random.default_rng(seed)
@@ -139,7 +140,7 @@ def test_frames_of_joints_hold_their_screws(random_arm, seed, convention):
         np.testing.assert_allclose(screws[:, :, column], wanted, atol=1e-13)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), row=st.integers(1, 4), convention=conventions)
 def test_a_bend_moves_the_frame_in_which_the_next_joint_moves(random_arm, seed, row, convention):
     rng = np.random.default_rng(seed)
@@ -167,7 +168,7 @@ def test_a_link_that_no_joint_follows_does_not_bend(row):
         Chain.of(load_arm("pa10_6ce"), bends=(row,))
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), convention=conventions)
 def test_no_place_is_beyond_the_reach(random_arm, seed, convention):
     arm = random_arm(seed, 5, convention)

@@ -6,11 +6,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from ikpy.chain import Chain as IkpyChain
 
 from changed_arm import departed, expected
+from drawn_examples import examples
 from pa10cal.arm.chain import BASE, Chain, end_pose
 from pa10cal.arm.exports import UrdfSource, patched_urdf, urdf_text
 from pa10cal.arm.imported import arm_from_urdf_text
@@ -36,7 +37,7 @@ def check_against_pinocchio(chain, rng):
         np.testing.assert_allclose(found, end_pose(chain, moved[None])[0], atol=1e-12)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), convention=st.sampled_from(["standard", "modified"]))
 def test_forward_kinematics_of_the_urdf_is_the_chains(random_arm, seed, convention):
     chain = Chain.of(random_arm(seed, 5, convention), bends=(2,))
@@ -250,7 +251,7 @@ def test_the_urdf_of_another_arm_is_refused():
         patched_urdf(longer, chain_of(source), chain_of(source).nominal, {})
 
 
-@settings(deadline=None, max_examples=10)
+@examples(10)
 @given(seed=st.integers(0, 10_000))
 def test_arms_of_any_shape_are_patched(random_arm, seed):
     chain = Chain.of(random_arm(seed, 5, "standard"))

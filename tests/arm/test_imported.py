@@ -3,10 +3,11 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import neighbouring_axes
 from pa10cal.arm.dh_rows import rows_through
@@ -77,7 +78,7 @@ def frames_of_links(joints, q):
     return np.array(found)
 
 
-@settings(deadline=None, max_examples=80)
+@examples(80)
 @given(joints=st.lists(JOINTS, min_size=1, max_size=9), seed=st.integers(0, 1000))
 def test_forward_kinematics_is_that_of_the_file(joints, seed):
     if all(kind == "fixed" for kind, *_ in joints):
@@ -94,7 +95,7 @@ def test_forward_kinematics_is_that_of_the_file(joints, seed):
     assert set(np.flatnonzero(arm.hayati) + 1) == near
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), convention=st.sampled_from(["standard", "modified"]))
 def test_an_exported_arm_comes_back_the_same(random_arm, seed, convention):
     arm = random_arm(seed, 5, convention)
@@ -323,7 +324,7 @@ def screw(turns, shifts):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=300)
+@examples(300)
 @given(steps=st.lists(twists, min_size=1, max_size=7), seed=st.integers(0, 1000))
 def test_rows_end_on_the_axes_and_at_the_end_effector(steps, seed):
     rng = np.random.default_rng(seed)

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose_with_screws, frames
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD, neighbouring_axes, with_hayati_rows
 from pa10cal.files.arms import arm_names, load_arm
@@ -32,7 +33,7 @@ def test_rows_between_parallel_axes_take_beta(name, rows):
     assert [axes.row for axes in neighbouring_axes(arm) if axes.parallel] == rows
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(
     seed=st.integers(0, 10_000),
     convention=st.sampled_from(["standard", "modified"]),
@@ -94,7 +95,7 @@ def test_without_beta_a_tilt_of_parallel_axes_is_lost(of):
     assert rank_of(replace(arm, hayati=np.zeros(6, bool))) == 28
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(angle=st.floats(0.0, np.pi / 2), sign=st.sampled_from([1.0, -1.0]), turn=st.booleans())
 def test_the_threshold_is_the_one_stated(random_arm, angle, sign, turn):
     alpha = np.array([sign * angle + np.pi * turn, 0.7])

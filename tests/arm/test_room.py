@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.room import Box, PosturePoints, admissible, facing, in_sight, keep_out, within
 from pa10cal.files.arms import load_arm
@@ -15,7 +16,7 @@ BOX = Box(np.array([-1.0, -0.5, 0.0]), np.array([1.0, 0.5, 2.0]))
 PLACE = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(start=PLACE, end=PLACE)
 def test_a_line_meets_a_box_where_one_of_its_points_lies_in_it(start, end):
     along = np.linspace(0.0, 1.0, 2001)[:, None]

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_robot import nominal_of, pinocchio_of, rebuilt
 from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames
 from pa10cal.arm.statics import Payload, deflection_rad, statics, unit_deflection
@@ -21,7 +22,7 @@ from pa10cal_lab.cell.robot import GRAVITY_M_S2
 
 conventions = st.sampled_from(["standard", "modified"])
 seeds = st.integers(0, 10_000)
-quick = settings(deadline=None, max_examples=25)
+quick = examples(25)
 
 
 def drawn(seed, n, arm, bends=()):

@@ -211,7 +211,7 @@ def test_the_direction_of_gravity_shows_in_springs(tmp_path, robot, instrument, 
     assert "along -z" in found.what
 
 
-@pytest.mark.slow_but_one_in(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [[0, 0, 9.81], [9.81, 0, 0]])
 def test_the_direction_of_gravity_shows_in_logged_torques(tmp_path, gravity):
     folder = simulated(tmp_path / "c", "pa10_6ce", "touches")

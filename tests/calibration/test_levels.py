@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from pa10cal.calibration.levels import TwoLevel, fit_base_frame, rows_of, spread_poses
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import pose_error
@@ -28,7 +29,7 @@ def moved(T, twist):
     return out
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 12))
 def test_recovers_the_frame_of_exact_poses(seed, count):
     rng = np.random.default_rng(seed)
@@ -37,7 +38,7 @@ def test_recovers_the_frame_of_exact_poses(seed, count):
     np.testing.assert_allclose(found.T_instr_base, T_instr_base, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 10_000), weight=st.sampled_from([0.0, 0.3, 1.0]))
 def test_is_a_minimum_and_moves_with_the_instrument(seed, weight):
     rng = np.random.default_rng(seed)
@@ -86,7 +87,7 @@ def test_positions_on_one_line_do_not_fix_a_frame():
     fit_base_frame(T, T, attitude_weight_m2=1.0)  # orientations do
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(angle=st.floats(0, 3.0), seed=st.integers(0, 1000))
 def test_chord_is_twice_the_sine_of_half_the_angle(angle, seed):
     rng = np.random.default_rng(seed)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from pa10cal.campaign.balls import find_outliers, fit_spheres, touch_sigma_mm
 
 RADIUS_MM = 12.7
@@ -18,7 +19,7 @@ def all_there(p_mm):
     return np.ones(p_mm.shape[:2], dtype=bool)
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 2**32 - 1), touches=st.integers(4, 9))
 def test_finds_centres_from_any_exact_touches_off_a_plane(seed, touches):
     rng = np.random.default_rng(seed)
@@ -34,7 +35,7 @@ def test_finds_centres_from_any_exact_touches_off_a_plane(seed, touches):
     np.testing.assert_allclose(fit.residual_mm[good], 0.0, atol=1e-7)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_padding_does_not_change_a_ball(seed):
     rng = np.random.default_rng(seed)
@@ -96,7 +97,7 @@ def found_in(p_mm, valid=None):
     return find_outliers(p_mm, valid, BALLS_MM, RADIUS_MM, LIMIT_MM, SIGMA_MM)
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_clean_touches_are_left_alone(seed):
     outliers, undecided = found_in(touches(np.random.default_rng(seed), 20))
@@ -105,7 +106,7 @@ def test_clean_touches_are_left_alone(seed):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     ball=st.integers(0, 2),

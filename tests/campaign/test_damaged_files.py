@@ -44,7 +44,7 @@ def test_there_is_a_file_of_every_known_format():
 READABLE = [name for name in KNOWN if name != "yaskawa"]
 
 
-@pytest.mark.slow_but_one_in(3)
+@pytest.mark.slow_but_one_in(18)
 @pytest.mark.parametrize("name", some(READABLE, 9))
 def test_a_whole_file_is_read(tmp_path, raw, name):
     assert judged(tmp_path, raw, name, of_format(name).write(raw)) == "40 read"
@@ -145,7 +145,7 @@ def test_columns_of_one_quantity_in_two_units_are_refused(tmp_path, raw, name):
     assert re.search(told, said), said
 
 
-@pytest.mark.slow_but_one_in(100)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(READABLE, 7))
 @pytest.mark.parametrize("first", [20, 36])
 def test_rows_in_another_unit_are_refused_or_counted(tmp_path, raw, name, first):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.campaign.dwells import Samples, best_clock_offset, find_dwells
 
 STILL = 0.02
@@ -34,7 +35,7 @@ def stops(rate_s, seed=0, noise_deg=2e-4, stays=4):
     return log(time_s, q_deg)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(
     rate_s=st.sampled_from([0.01, 0.05, 0.3, 1.0]),
     noise_deg=st.sampled_from([0.0, 1e-5, 2e-4, 5e-4]),
@@ -97,7 +98,7 @@ def test_without_an_approach_the_arrival_is_zero():
     np.testing.assert_array_equal(readings.arrival, [[0, 0]])
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(offset=st.one_of(st.floats(-3000, 3000), st.floats(1e9, 2e9)))
 def test_finds_a_clock_offset_to_within_the_slack_of_the_dwells(offset):
     rng = np.random.default_rng(2)

@@ -43,7 +43,7 @@ def counted(tmp_path):
     return write
 
 
-@pytest.mark.slow_but_one_in(6)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("per_turn", "zero", "signs"),
     [

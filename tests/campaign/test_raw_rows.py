@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_rows import (
     Quarantined,
@@ -52,7 +53,7 @@ def test_labels_sort_as_text_in_order_of_their_numbers():
     assert found[::100_000] == ["P000001", "P100001"]
 
 
-@settings(deadline=None, max_examples=50)
+@examples(50)
 @given(st.lists(st.integers(0, 5), min_size=1, max_size=30))
 def test_commands_are_numbered_as_they_first_appear(which):
     commands = np.random.default_rng(7).uniform(-3, 3, (6, 6))

@@ -26,7 +26,10 @@ PLAN = {"poses": 48, "departs": "rows"}
 EFFECT = {"id": "encoder_eccentricity", "of": "joint 3"}
 
 
-@pytest.fixture(scope="module", params=["pose", "points", "distance"])
+@pytest.fixture(
+    scope="module",
+    params=["pose", *(pytest.param(k, marks=pytest.mark.slow) for k in ("points", "distance"))],
+)
 def work(request, tmp_path_factory):
     """A campaign of 36 calibration poses, none repeated, through discovery."""
     plan = {"robot": "ur10", "without_touches": {"instrument": request.param, **PLAN}}
@@ -66,7 +69,6 @@ def test_the_command_says_so_in_one_line(work, tmp_path, capsys):
     assert "; measure at least 100 calibration poses" in line
 
 
-@pytest.mark.slow_but_one_in(2)
 def test_the_extended_model_is_the_calibrated_one(work, tmp_path):
     out = tmp_path / "holdout.json"
     assert evaluate(work, out) == 0
@@ -93,7 +95,6 @@ def test_the_extended_model_is_the_calibrated_one(work, tmp_path):
             assert parameter.std == pytest.approx(stated["std"], rel=1e-4, abs=1e-15)
 
 
-@pytest.mark.slow_but_one_in(3)
 def test_it_names_nothing_to_calibrate_with(work, tmp_path, capsys):
     out = tmp_path / "combined.json"
     capsys.readouterr()
@@ -107,7 +108,6 @@ def test_it_names_nothing_to_calibrate_with(work, tmp_path, capsys):
     )
 
 
-@pytest.mark.slow_but_one_in(3)
 def test_a_model_judged_in_another_place_goes_on(work, tmp_path):
     out = tmp_path / "transfer.json"
     given = {"calibration": work / "combined.json", "extended": work / "extended.json"}
@@ -116,7 +116,6 @@ def test_a_model_judged_in_another_place_goes_on(work, tmp_path):
     assert models["extended"] == models["linear"]
 
 
-@pytest.mark.slow_but_one_in(3)
 def test_effects_that_are_listed_all_the_same_are_refused(work, tmp_path, capsys):
     out = tmp_path / "combined.json"
     assert calibrate(work, out, settings={"effects": [EFFECT]}) == REFUSED

@@ -239,7 +239,7 @@ def test_no_plan_makes_results_of_another_campaign(made, call_snakemake, file, t
     assert not [line for line in outputs if f"{results}/a/" in line]
 
 
-@pytest.mark.slow_but_one_in(3)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("config", "expected"),
     [

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_curves import gentle_spline
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import neighbouring_axes
@@ -19,7 +20,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 ROLLS = st.floats(-np.pi, np.pi)
 ORDERS = st.sampled_from(["zy", "yz"])
 BENDS = st.sampled_from([1e-9, 0.3, 1.5, 3.1])
-EXAMPLES = settings(max_examples=60, deadline=None)
+EXAMPLES = examples(60)
 
 
 def angles_at(directions, roll_rad=0.0, order="zy"):
@@ -190,7 +191,7 @@ LINKS, LINK_M = 6, 0.15
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_the_arms_forward_kinematics_returns_the_points(seed):
     random = np.random.default_rng(seed)
     points = lay_points(gentle_spline(random), LINK_M, LINKS)

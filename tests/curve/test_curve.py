@@ -4,10 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from drawn_examples import examples
 from made_up_curves import tight_spline
 from pa10cal.errors import CurveError
 from pa10cal_curve.curve import (
@@ -49,7 +50,7 @@ def test_the_velocity_is_the_derivative_and_within_bounds(name):
 @given(
     waves=st.floats(0.1, 5), amplitude=st.floats(0.05, 6), phase=st.floats(-7, 7), t=st.floats(0, 2)
 )
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_the_serpenoid_is_the_integral_of_its_heading(waves, amplitude, phase, t):
     curve = serpenoid(2.0, waves, amplitude, phase)
 
@@ -100,7 +101,7 @@ SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_no_place_of_a_spline_breaks_its_bounds(seed):
     curve = tight_spline(np.random.default_rng(seed))
     bounds = curve.bounds
@@ -118,7 +119,7 @@ def test_no_place_of_a_spline_breaks_its_bounds(seed):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_length_and_turning_between_places_are_no_more_than_stated(seed):
     random = np.random.default_rng(seed)
     curve = tight_spline(random)

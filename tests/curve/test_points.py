@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_curves import Counting, chord_error, gentle_spline, scan, tight_spline
 from pa10cal.errors import CurveError
 from pa10cal_curve import points as module
@@ -44,7 +45,7 @@ def test_links_are_of_their_length_and_end_on_the_curve(curve, link_m):
 
 
 @given(seed=st.integers(0, 2**32 - 1), link_m=st.floats(0.05, 1.5))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_every_point_is_the_first_of_a_dense_scan(seed, link_m):
     curve = tight_spline(np.random.default_rng(seed))
     points = lay_points(curve, link_m, most=15)
@@ -56,7 +57,7 @@ def test_every_point_is_the_first_of_a_dense_scan(seed, link_m):
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), part=st.floats(0.02, 0.5))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_points_found_together_are_those_found_one_by_one(seed, part):
     curve = tight_spline(np.random.default_rng(seed))
     link_m = part * curve.bounds.length_m[-1] / 20.0
@@ -92,14 +93,14 @@ def test_the_cost_is_linear_in_the_number_of_links():
 
 
 @given(kappa_l=st.floats(0.01, 1.95), radius_m=st.floats(0.01, 100.0))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_on_a_circle_every_link_turns_by_the_angle_of_its_chord(kappa_l, radius_m):
     points = lay_points(circle(radius_m, 6.0), kappa_l * radius_m, most=40)
     np.testing.assert_allclose(np.diff(points.t), 2.0 * np.arcsin(kappa_l / 2.0), rtol=1e-10)
 
 
 @given(seed=st.integers(0, 2**32 - 1), link_m=st.floats(0.05, 0.8))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_a_rigid_motion_of_the_curve_moves_the_points_with_it(seed, link_m):
     random = np.random.default_rng(seed)
     points_m = random.normal(size=(6, 3))
@@ -239,7 +240,7 @@ def test_never_behind_the_first_of_a_dense_scan():
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), gap=st.sampled_from([1e-3, 1e-6, 1e-8, 1e-10, 1e-11]))
-@settings(max_examples=80, deadline=None)
+@examples(80)
 def test_a_bend_that_just_reaches_is_found_and_one_that_just_does_not_is_passed(seed, gap):
     curve = tight_spline(np.random.default_rng(seed))
     t, p_m = start_of(curve)
@@ -307,7 +308,7 @@ def test_a_cusp_is_passed():
 
 
 @given(link_m=st.floats(0.05, 1.9), part=st.floats(0.0, 0.5))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_a_bound_of_the_speed_alone_finds_the_same(link_m, part):
     known = circle(1.0)
     bare = Curve(known.place, known.velocity, uniform_bounds(0.0, 2.0 * np.pi, 0.0, fastest=1.7))

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.errors import CurveError
 from pa10cal_curve.angles import first_axes, joint_angles
 from pa10cal_curve.roll import (
@@ -18,7 +19,7 @@ from pa10cal_curve.roll import (
 )
 
 ROLLS = np.linspace(0.0, 2.0 * np.pi, 2881)
-EXAMPLES = settings(max_examples=40, deadline=None)
+EXAMPLES = examples(40)
 SEEDS = st.integers(0, 2**32 - 1)
 ORDERS = st.sampled_from(["zy", "yz"])
 BENDS = st.sampled_from([0.4, 1.5, 3.0])
@@ -146,7 +147,7 @@ def test_a_direction_along_the_last_link_is_none(wanted):
 
 
 @given(seed=SEEDS, order=ORDERS, bend=st.sampled_from([1e-7, 0.5, 1.5, 3.1]), n=st.integers(1, 40))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_all_rolls_at_once_are_each_carried_along(random_directions, seed, order, bend, n):
     u = random_directions(seed, n, bend)
     chain = RollMap.of(u, order)
@@ -191,7 +192,7 @@ def within(intervals, rolls):
     n=st.integers(1, 8),
     width=st.floats(0.2, 3.2),
 )
-@settings(max_examples=250, deadline=None)
+@examples(250)
 def test_exactly_the_rolls_that_keep_the_limits(random_directions, seed, order, bend, n, width):
     random = np.random.default_rng(seed)
     chain = RollMap.of(random_directions(seed, n, bend), order)

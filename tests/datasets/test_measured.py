@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_datasets import MADE_UP, MOTOMAN, edit
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.own_columns import refuse_too_many
@@ -254,7 +255,7 @@ def test_decimal_commas_where_points_are_expected(tmp_path):
         read_bare_table(tmp_path, "t.txt", ("x", "y"))
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=9))
 def test_what_is_written_comes_back(tmp_path_factory, values):
     folder = tmp_path_factory.mktemp("round")

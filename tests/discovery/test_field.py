@@ -190,6 +190,7 @@ def test_a_smooth_error_that_no_effect_makes_is_left_to_the_displacement(measure
     assert last.id == "field"
 
 
+@pytest.mark.slow
 def test_they_are_saved_with_the_model_and_compensated(together, tmp_path):
     _, model, fitted, away = together
     model = replace(model, discrepancy=discrepancy_of(model, fitted))

@@ -82,6 +82,7 @@ def of_gear(of: str) -> CalibrationOptions:
     return CalibrationOptions(effects=(EffectOfPlace(id="gear_line", of=of),))
 
 
+@pytest.mark.slow
 def test_the_cycles_of_a_gear_are_found_where_its_joint_is_given(geared):
     model = pa10cal.calibrate(geared, of_gear("joint 3"))
     values = model.parameters.set_index(["term", "of", "parameter"])

@@ -71,7 +71,9 @@ def test_a_map_that_harms_beyond_what_was_visited_is_left_out_there(mapped, tmp_
     assert not here.inside[rows].any()
 
 
-@pytest.mark.parametrize("campaign", ["mapped", "nothing_hidden"])
+@pytest.mark.parametrize(
+    "campaign", [pytest.param("mapped", marks=pytest.mark.slow), "nothing_hidden"]
+)
 def test_a_model_that_harms_everywhere_is_the_calibrated_one(request, campaign):
     found = request.getfixturevalue(campaign).discovery
     worse = replace(

@@ -106,6 +106,7 @@ def test_parts_add_up_to_the_whole(left):
     assert sum(part.rms_mm**2 for part in left.by_axis) == pytest.approx(by_load)
 
 
+@pytest.mark.slow
 def test_friction_shows_as_torque_by_direction(friction):
     for part in friction.by_joint:
         by_side = {s: part.torque_residual_Nm[part.arrival == s].mean() for s in (-1, 1)}

@@ -193,6 +193,7 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first)
         assert other.for_ == (both.separations[0].pair,)
 
 
+@pytest.mark.slow
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     first, again = (
@@ -208,6 +209,7 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
     assert separating_poses(ratio.problem, found_first.fit, {}, 5).poses == ()
 
 
+@pytest.mark.slow
 def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypatch):
     q_rad = draw_near(ratio.problem, 300, 0)
     low, high = ARM.limits_rad.T
@@ -228,6 +230,7 @@ def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypa
         draw_near(ratio.problem, 10, 0)
 
 
+@pytest.mark.slow
 def test_what_is_predicted_is_what_was_measured(ratio):
     """In configurations of the campaign itself."""
     readings, noise = ratio.problem.readings, ratio.problem.noise

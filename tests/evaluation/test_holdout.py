@@ -7,11 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from changed_arm import Change, draw_changed
+from drawn_examples import examples
 from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
@@ -38,7 +39,7 @@ from pa10cal_lab.cell.options import TrackerOptions
 from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(angle=st.floats(1e-4, 0.1), seed=st.integers(0, 100))
 def test_a_constant_twist_of_the_tool_explains_all(angle, seed):
     rng = np.random.default_rng(seed)
@@ -133,6 +134,7 @@ def test_base_and_tool_are_enough_for_the_same_arm(still):
     assert said_of_parts(still.parts or ()) == ""
 
 
+@pytest.mark.slow
 def test_a_base_for_every_part_brings_back_what_the_model_is_worth(still, in_parts):
     rms_mm = still.models["linear"].rms_mm
     assert in_parts.models["linear"].rms_mm < 1.1 * rms_mm

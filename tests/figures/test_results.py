@@ -8,9 +8,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from made_up_results import elsewhere
 from pa10cal.errors import Pa10calError, RawDataError, RecordError
 from pa10cal.figures.campaign.paper_figures import PLACE_MM, places, scatter_by_load
@@ -162,7 +163,7 @@ def poses(p_mm, loads, kind="grid"):
     )
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(st.integers(0, 2**31), st.integers(1, 4), st.integers(2, 5))
 def test_is_the_standard_deviation_of_the_distance(seed, configurations, repeats):
     p_mm = np.random.default_rng(seed).normal(500.0, 0.02, (2, configurations, repeats, 3))

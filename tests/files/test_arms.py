@@ -5,10 +5,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import yaml
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import with_hayati_rows
 from pa10cal.errors import ArmError, SettingsError
@@ -130,7 +131,7 @@ def anywhere(rng):
     return T
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 8))
 def test_a_written_arm_is_read_back_to_the_last_digit(tmp_path_factory, seed, n):
     rng = np.random.default_rng(seed)

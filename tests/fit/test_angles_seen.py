@@ -1,9 +1,10 @@
 """Angles that the poses of a fit have seen, by laws, and poses that would show others."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.fit.angles_seen import FINE_ORDER, LEAST_POSES, WITHIN_RAD, angles_seen
 
 TURN = 2.0 * np.pi
@@ -15,7 +16,7 @@ def counted(angle, around):
     return int(np.sum(apart <= WITHIN_RAD))
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(
     st.lists(st.floats(-7.0, 7.0), min_size=6, max_size=60),
     st.lists(st.floats(-7.0, 7.0), min_size=1, max_size=20),
@@ -33,7 +34,7 @@ def test_an_angle_is_seen_where_enough_poses_lie_close_by(poses, asked):
             assert seen.inside(np.array([[angle]]))[0] == wanted
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(st.integers(-3, 3), st.floats(-3.0, 3.0))
 def test_whole_turns_make_no_difference(turns, angle):
     around = np.linspace(-0.1, 0.4, 200)

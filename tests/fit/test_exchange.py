@@ -6,9 +6,10 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.numerics.exchange import (
     Combined,
     Information,
@@ -42,7 +43,7 @@ def weighted(white, shares):
     return Combined(parts, lambda values: np.array(weights) @ values)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(**CASES)
 def test_updates_give_what_a_direct_computation_gives(seed, rows, unknowns, spread):
     white = rows_of(seed, rows, unknowns, spread)
@@ -60,7 +61,7 @@ def test_updates_give_what_a_direct_computation_gives(seed, rows, unknowns, spre
     assert told.covariance == pytest.approx(covariance, rel=1e-4, abs=1e-8)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(share=st.floats(0.0, 1.0), poses=st.integers(1, 12), **CASES)
 @example(share=0.5, poses=2, seed=0, rows=1, unknowns=5, spread=10000.0)
 def test_an_exchange_never_lowers_the_criterion(share, poses, seed, rows, unknowns, spread):
@@ -111,7 +112,7 @@ def sum_of_squares(rows, effect):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=30)
+@examples(30)
 def test_separation_pose_by_pose_is_that_of_all_poses_at_once(seed):
     known, white, criterion = separation_of(seed)
     chosen = np.random.default_rng(seed).permutation(7)[:3]

@@ -181,6 +181,7 @@ def test_what_is_read_falsely_moves_no_robot():
     np.testing.assert_array_equal(model.predict(q).T, physical.predict(q).T)
 
 
+@pytest.mark.slow
 def test_the_state_of_the_pose_counts():
     q = postures(load_arm("pa10_6ce"), 14)
     model = fitted("pa10_6ce", 15)

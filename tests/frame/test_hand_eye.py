@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_poses import frames
 from pa10cal.arm.chain import Chain, end_pose
 from pa10cal.errors import CalibrationError
@@ -50,7 +51,7 @@ def apart(T, other):
     return angle, np.linalg.norm(T[:3, 3] - other[:3, 3])
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(seeds, counts, st.sampled_from(["ur10", "pa10_6ce", "iiwa14"]))
 def test_any_base_and_any_tool_are_recovered_from_poses(seed, count, robot):
     rng = np.random.default_rng(seed)
@@ -67,7 +68,7 @@ def test_any_base_and_any_tool_are_recovered_from_poses(seed, count, robot):
     assert found.held == ()
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(seeds, counts, st.integers(1, 3))
 def test_any_base_and_any_places_are_recovered_from_points(seed, count, targets):
     rng = np.random.default_rng(seed)
@@ -85,7 +86,7 @@ def test_any_base_and_any_places_are_recovered_from_points(seed, count, targets)
     )
 
 
-@settings(deadline=None, max_examples=15)
+@examples(15)
 @given(seeds)
 def test_residuals_are_those_of_the_frames_returned(seed):
     rng = np.random.default_rng(seed)
@@ -240,7 +241,7 @@ def modelled(found, T_base_ee):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(
     st.integers(0, 2**32 - 1), st.integers(10, 40), st.sampled_from(["ur10", "pa10_6ce", "iiwa14"])
 )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_poses import frames
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
@@ -28,7 +29,7 @@ def carried(T: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ np.swapaxes(T[:, :3, :3], -1, -2) + T[:, None, :3, 3]
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(seed=seeds, k=st.integers(3, 8), flatness=st.floats(0, 1))
 def test_recovers_the_motion_for_any_points_that_span_a_plane(seed, k, flatness):
     rng = np.random.default_rng(seed)
@@ -67,7 +68,7 @@ def test_refuses_a_single_degenerate_set_in_a_batch():
         fit_rigid(BALLS_EE_MM, target)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(seed=seeds)
 def test_weighted_fit_is_stationary_and_agrees_with_the_closed_form_for_equal_covariances(seed):
     rng = np.random.default_rng(seed)
@@ -172,7 +173,7 @@ def measured(rng, robot, count=60):
     return T_base_ee, p_m, d_m
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(seeds, units, st.sampled_from(["ur10", "pa10_6ce", "gx4_351s"]))
 def test_the_scale_is_that_of_the_unit(seed, unit, robot):
     T_base_ee, p_m, d_m = measured(np.random.default_rng(seed), robot)

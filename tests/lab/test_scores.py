@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
 import made_up_trials
+from drawn_examples import examples
 from made_up_trials import figures, hidden, named, scored
 from pa10cal.results.record import Name
 from pa10cal_lab.blind_trial import (
@@ -221,6 +222,7 @@ def test_two_effects(said, listed, nothing_extra):
     assert found["several effects: nothing extra | pair"].reached == nothing_extra
 
 
+@pytest.mark.slow
 def test_two_effects_of_which_one_is_below_its_limit():
     small, large = hidden(LOST, moved_mm=0.1 * FLOOR_MM), hidden(WAVE)
     for said, above in ((verdict(named(WAVE)), 1.0), (verdict(named(LOST)), 0.0), (None, 0.0)):
@@ -338,6 +340,7 @@ def _without_formulas(trials):
     return [bar for bar in scored(trials).bars if "formula" not in bar.what]
 
 
+@pytest.mark.slow
 def test_bars_are_met_and_missed():
     good = [
         *[trial("null", [], verdict())] * 200,
@@ -492,7 +495,7 @@ def test_every_effect_that_no_name_covers_has_its_formula():
 
 
 @given(st.integers(1, 200), st.data())
-@settings(deadline=None, max_examples=40)
+@examples(40)
 def test_the_interval_is_where_so_many_are_no_longer_plausible(of, data):
     count = data.draw(st.integers(0, of))
     found = share_of([True] * count + [False] * (of - count))

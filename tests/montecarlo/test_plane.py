@@ -4,9 +4,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import ArmError
 from pa10cal.montecarlo.plane import (
@@ -96,7 +97,7 @@ TWIST = st.sampled_from([0.0, 0.0, 90.0, -90.0, 180.0, 33.0, -71.5])
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     rows=st.lists(st.tuples(LENGTH, LENGTH, TWIST), min_size=1, max_size=7),
     convention=st.sampled_from(["standard", "modified"]),
@@ -281,7 +282,7 @@ def test_textbook_distributions(lengths, mean):
     assert std_m**2 == pytest.approx([square - mean_m[0] ** 2], rel=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     st.lists(st.floats(-1, 1), min_size=18, max_size=18),
     st.sampled_from([1.0, 1e-2, 1e-5, 1e-9, 0.0]),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from drawn_examples import examples
 from pa10cal.numerics.gaussian import Gaussian, taken_by_each
 
 pytestmark = pytest.mark.digits
@@ -28,7 +29,7 @@ def close(found, wanted, rtol=1e-6):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_joining_is_addition_and_holding_out_is_subtraction(seed):
     columns, data = rows(seed)
     whole = Gaussian.of(columns, data)
@@ -39,7 +40,7 @@ def test_joining_is_addition_and_holding_out_is_subtraction(seed):
 
 
 @given(seed=seeds, order=st.permutations(range(5)))
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_integrating_out_in_any_order_is_the_same(seed, order):
     whole = Gaussian.of(*rows(seed))
     at_once = whole.without(np.array(order[:3]))
@@ -55,7 +56,7 @@ def test_integrating_out_in_any_order_is_the_same(seed, order):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_evidence_is_the_density_of_the_data(seed):
     columns, data = rows(seed)
     columns = np.clip(columns, -30.0, 30.0)
@@ -66,7 +67,7 @@ def test_evidence_is_the_density_of_the_data(seed):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_mean_and_covariance_are_those_of_rows_beside_the_prior(seed):
     columns, data = rows(seed)
     found = Gaussian.of(columns, data)
@@ -82,7 +83,7 @@ def test_mean_and_covariance_are_those_of_rows_beside_the_prior(seed):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_about_a_mean_unknowns_are_expected_there(seed):
     columns, data = rows(seed)
     mean = np.random.default_rng(seed).normal(size=5)
@@ -96,7 +97,7 @@ def test_about_a_mean_unknowns_are_expected_there(seed):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_some_unknowns_alone_and_in_other_sizes(seed):
     columns, data = rows(seed)
     at, sizes = np.array([3, 1]), np.array([0.5, 20.0])
@@ -163,7 +164,7 @@ def test_unknowns_found_in_turn_are_those_of_two_fits(seed):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_many_at_once_are_each_alone(seed):
     alone = [Gaussian.of(*rows(seed + k)) for k in range(4)]
     taken, log_det = taken_by_each(

@@ -7,10 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_poses import frames
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.instrument import BaseTargets, Instrument
@@ -88,7 +89,7 @@ def test_every_kind_is_registered_by_its_word_and_simulated():
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=seeds)
-@settings(deadline=None, max_examples=15)
+@examples(15)
 def test_derivatives_are_those_of_the_residual(kind, seed):
     rng = np.random.default_rng(seed)
     T = frames(rng, 6)
@@ -122,7 +123,7 @@ def test_ideal_measurements_leave_no_residual_and_no_deviation(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=seeds)
-@settings(deadline=None, max_examples=10)
+@examples(10)
 def test_columns_of_the_table_bring_everything_back(kind, seed):
     rng = np.random.default_rng(seed)
     found, _ = measured(kind, frames(rng, 5), rng)

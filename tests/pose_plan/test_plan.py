@@ -95,7 +95,7 @@ def test_a_short_path_is_no_longer_than_the_order_given():
         assert path_length(q[order]) < 0.7 * path_length(q)
 
 
-@pytest.mark.slow_but_one_in(4)
+@pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize(
     ("instrument", "poses", "options", "words"),
     [

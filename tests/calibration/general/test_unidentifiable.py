@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calibrated import general
+from drawn_examples import examples
 from made_up_model import case_of
 from pa10cal.arm.chain import Chain
 from pa10cal.calibration.general.case import fitted
@@ -141,7 +142,7 @@ def test_parallel_axes_of_a_scara_say_the_same(see):
 @given(
     st.sampled_from(["pa10_6ce", "ur10", "irb120", "iiwa14", "gx4_351s"]), st.sampled_from(KINDS)
 )
-@settings(max_examples=12, deadline=None)
+@examples(12)
 def test_what_is_left_out_moves_what_says_the_same(see, robot, kind):
     """Said in full, and by no more than a few times as much."""
     found = general(robot, see(robot, kind, count=80))

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from made_up_poses import at_rest, measured_poses
 from pa10cal.discovery.evidence.problem import gather, shared_error
 from pa10cal.discovery.rules import EVIDENCE
@@ -41,7 +42,7 @@ def some_readings(draw):
 
 
 @given(some_readings())
-@settings(deadline=None, max_examples=40)
+@examples(40)
 def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
     cov_ee = np.arange(1.0, len(readings) + 1)[:, None, None] * np.eye(6)
     cells, cell_cov = gather(readings, cov_ee)
@@ -60,7 +61,7 @@ def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
 
 
 @given(some_readings())
-@settings(deadline=None, max_examples=40)
+@examples(40)
 def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
     cells, _ = gather(readings, readings.measured.cov)
     held = cells.states.q_rad > 0.0
@@ -85,7 +86,7 @@ def shapes_of(load_N, time_s, side):
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 100.0))
-@settings(deadline=None, max_examples=25)
+@examples(25)
 def test_turned_rows_of_the_shared_error_are_independent(seed, variance):
     rng = np.random.default_rng(seed)
     pose = np.repeat(np.arange(4), rng.integers(1, 7, 4))

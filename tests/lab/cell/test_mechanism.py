@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_robot import rebuilt
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal_lab.cell.robot import (
@@ -22,7 +23,7 @@ from pa10cal_lab.cell.robot import (
 
 angles = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 loads = st.sampled_from([0.0, 22.0, 90.0])
-quick = settings(deadline=None, max_examples=40)
+quick = examples(40)
 Q = np.array([[0.1, 0.4, 1.2, 0.2, 0.5, 0.3]])
 NO_LOAD = np.zeros(1)
 

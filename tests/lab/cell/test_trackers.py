@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drawn_examples import examples
 from made_up_robot import logged_q, robot_from_departures, seen_m, seen_p, seen_T, track
 from pa10cal.errors import SimulationError
 from pa10cal.files.arms import arm_names, load_arm
@@ -28,7 +29,7 @@ INSTRUMENTS = ("pose", "points", "distance")
 EXACT = {"position_mm": 1e-5, "attitude_rad": 1e-8, "unseen_share": 0.0}
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(
     poses=st.integers(1, 30),
     share=st.floats(0.0, 0.99),

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.couplings import described, industrial, scara
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from made_up_poses import context_of, states_of
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
@@ -78,7 +79,7 @@ def test_a_joint_without_a_motor_of_its_own_has_no_coupling_beside_it():
     assert moved_along(described(rows, follows)) == {5: 4, 6: 4}
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 2**31), c=st.floats(-2e-3, 2e-3), quill=st.booleans())
 def test_a_coupling_is_the_arm_at_joints_that_moved_along(seed, c, quill):
     """Exact: the chain at the joints as they really stand; so is its derivative by c."""

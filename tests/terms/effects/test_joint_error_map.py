@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from drawn_examples import examples
 from made_up_poses import at_rest
 from pa10cal.terms.effects.joint_error_map import (
     TYPICAL,
@@ -34,7 +35,7 @@ def at(q_rad):
     return at_rest(states)
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(angles, errors)
 def test_the_error_is_what_its_derivative_says(q_rad, x):
     shift = FINE.shift(at(q_rad), x)
@@ -42,7 +43,7 @@ def test_the_error_is_what_its_derivative_says(q_rad, x):
     np.testing.assert_allclose(shift, FINE.derivative(at(q_rad), x) @ x, atol=1e-15)
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(angles, errors, st.integers(-3, 3))
 def test_it_comes_again_after_a_turn(q_rad, x, turns):
     there = FINE.shift(at(q_rad + turns * TURN), x)

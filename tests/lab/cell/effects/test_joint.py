@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn_examples import examples
 from pa10cal.errors import SimulationError
 from pa10cal_lab.cell.effects import joint
 from pa10cal_lab.cell.effects.effect import JointState
@@ -33,7 +34,7 @@ def test_turns_its_own_joint_by_its_form(effect, j, form):
     assert np.abs(np.delete(turn, j, axis=1)).max() == 0.0
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(q=st.floats(-3.0, 3.0), turns=st.integers(-3, 3))
 def test_transmission_error_repeats_twice_a_turn_of_the_wave_generator(q, turns):
     effect = joint.SimulatedTransmissionError(A=A, phi=PHI).at("joint 1")
@@ -56,7 +57,7 @@ def test_wrist_coupling_turns_the_last_joint_with_the_one_before():
     assert np.abs(turn[:, :5]).max() == 0.0
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(joint_=st.integers(1, 6), by=st.integers(0, 7), c=st.floats(-1e-2, 1e-2))
 def test_a_coupling_moves_its_joint_with_another_and_that_alone(joint_, by, c):
     coupling = joint.SimulatedJointCoupling(c=c, by=by).at(f"joint {joint_}")
