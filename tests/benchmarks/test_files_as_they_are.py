@@ -6,7 +6,7 @@ from benchmarks.files_as_they_are import joints, lengths, wrapped
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [3, 5, *(pytest.param(k, marks=pytest.mark.slow) for k in (0,))])
+@pytest.mark.parametrize("number", [3, 5, 0])
 def test_a_factor_or_a_unit_of_all_lengths_is_told(tmp_path, number):
     right, line = lengths(tmp_path / "file", number, np.random.default_rng([1, number]))
     assert right, line

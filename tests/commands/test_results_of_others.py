@@ -21,7 +21,7 @@ EXAMPLE = ROOT / "examples/irb120-points"
 #: Commands that take results of another campaign: the parameters that name them, and a call. Those
 #: of campaign A are in {a}; what is written goes to {out}.
 TAKE = {
-    # Whole runs; those that start the workflow are slow.
+    # Whole runs.
     "run": ("prior settings", "run {raw}/b --out {results} --prior {a}"),
     "run, a group": ("", "run {raw}/a {raw}/b --group g --out {results}"),
     "fleet": ("settings", "fleet b --raw-dir {raw} --out {results} --settings {settings}"),
@@ -118,7 +118,7 @@ OTHERS = {
     "blind_trials": "settings verdicts truths",
     "score_trials": "verdicts truths scores trials",
 }
-SLOW = ("run", "run, a group", "fleet")
+BY_WORKFLOW = ("run", "run, a group", "fleet")
 FEW = '{"planes_mm": [500], "cycles": 9, "positions": 3}'
 
 
@@ -181,9 +181,7 @@ def test_every_parameter_that_may_name_results_of_another_campaign_is_tried():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "row", [pytest.param(row, marks=[pytest.mark.slow] * (row in SLOW)) for row in TAKE]
-)
+@pytest.mark.parametrize("row", TAKE)
 def test_results_of_another_campaign_are_as_they_were(made, tmp_path, monkeypatch, row):
     shutil.copytree(made / "results", tmp_path / "results")
     write_text(
@@ -198,7 +196,7 @@ def test_results_of_another_campaign_are_as_they_were(made, tmp_path, monkeypatc
     places |= {"settings": tmp_path / "settings.yaml", "few": FEW}
     words = [word.format(**places) for word in TAKE[row][1].split()]
     monkeypatch.setattr(measured, "CARRIED", (("a", "b"), ("b", "a")))
-    if row in SLOW:  # with results that the workflow knows how it made
+    if row in BY_WORKFLOW:  # with results that the workflow knows how it made
         shutil.rmtree(results)
         assert main(["run", str(made / "raw/a"), "--out", str(results)]) == 0
     before = [state(place) for place in (a, b) if place.exists()]
@@ -218,9 +216,7 @@ PLANS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "file", [pytest.param("Snakefile", marks=pytest.mark.slow), "workflow/run.smk"]
-)
+@pytest.mark.parametrize("file", ["Snakefile", "workflow/run.smk"])
 @pytest.mark.parametrize(("target", "settings"), PLANS)
 def test_no_plan_makes_results_of_another_campaign(made, call_snakemake, file, target, settings):
     results = made / "results"
@@ -261,6 +257,7 @@ def test_a_prior_of_the_campaign_itself_or_that_is_not_there_is_refused(
     assert expected in line
 
 
+@pytest.mark.slow
 def test_results_are_not_removed_for_a_campaign_that_is_its_own_prior(made, tmp_path, capsys):
     a = shutil.copytree(made / "results/a", tmp_path / "a")
     before, prior = state(a), json.dumps({"calibration": {"prior": str(a)}})
@@ -280,6 +277,7 @@ def test_readings_do_not_count_twice_from_another_place_either(made, tmp_path, c
         assert "the same readings would count twice" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_changed_prior_is_calibrated_from_anew(made, tmp_path):
     from pa10cal.planning.campaign import prior_digest
 

@@ -68,13 +68,7 @@ def seen(tmp_path, targets, change, place_m=NEAR_M):
     ("targets", "change", "says", "size_mm"),
     [
         (1, "target", r"target T1 moved on the flange by (\S+) mm", 0.583),
-        pytest.param(
-            3,
-            "target",
-            r"target T1 moved on the flange by (\S+) mm",
-            0.583,
-            marks=pytest.mark.slow,
-        ),
+        (3, "target", r"target T1 moved on the flange by (\S+) mm", 0.583),
         (1, "beam", r"readings are longer by (\S+) mm along the beam", 6.35),
         (3, "model", r"the log follows another model of the arm, (\S+) mm", None),
         (3, "base", r"the instrument or the base moved by (\S+) mm", 0.583),
@@ -96,7 +90,7 @@ def test_what_changed_at_a_row_is_called_by_what_it_is(tmp_path, targets, change
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("change", ["nothing", pytest.param("growth", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("change", ["nothing", "growth"])
 def test_no_step_is_told_where_none_was(tmp_path, change):
     found = seen(tmp_path, 3, change)
     assert found.faults == ()

@@ -118,6 +118,7 @@ def test_friction_shows_as_torque_by_direction(friction):
             assert abs(by_side[1] - by_side[-1]) < 0.1 * FRICTION_NM
 
 
+@pytest.mark.slow
 def test_friction_winds_the_spring_by_direction(friction):
     (part,) = (part for part in friction.by_joint if part.joint == 3)
     backward, forward = part.arrivals

@@ -48,7 +48,7 @@ class TestLoads:
     def found(self, made, readings):
         return loads_exchanged(readings, made.baseline, made.setup.payload, "logged")
 
-    @pytest.mark.parametrize("name", ["null", "rubbing"])
+    @pytest.mark.parametrize("name", ["null", pytest.param("rubbing", marks=pytest.mark.slow)])
     def test_right_ones_are_left_alone_whatever_the_torques_do(self, name, request):
         made = request.getfixturevalue(name)
         told_N, _ = self.found(made, made.readings)

@@ -29,7 +29,7 @@ PLANES_MM = (300, 500, 700)
 LITTLE_DRAWING = (
     '{"cycles": 200, "positions": 20, "map_spacing_mm": 200, "planes_mm": [300, 500, 700]}'
 )
-LITTLE = {"calibration": {"starts": 1}}
+LITTLE = {"calibration": {"starts": 1}, "discovery": {"suggestions": 1}}
 
 
 #: Knots a turn of the maps in results made up.
