@@ -239,7 +239,6 @@ def test_a_link_in_the_middle_is_not_followed(sent, what):
     command(sent).refused("leads out")
 
 
-@pytest.mark.slow
 def test_a_log_outside_is_not_told(sent):
     """What a stage printed stands in the report; a log that cannot be read is none."""
     log = sent.inside / NAME / "logs/iso9283.log"

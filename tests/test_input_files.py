@@ -190,7 +190,6 @@ def test_no_swap_after_a_look_is_followed(places, monkeypatch, kind, after):
     assert content in (b"", INSIDE)
 
 
-@pytest.mark.slow
 @given(st.data())
 def test_only_what_lies_inside_is_ever_read(data):
     """Links at random, in any order, and paths through them."""

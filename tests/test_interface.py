@@ -49,7 +49,6 @@ def printed(tmp_path_factory):
     return lines, out
 
 
-@pytest.mark.slow
 def test_the_example_names_what_is_hidden(printed):
     lines, _ = printed
     assert "verdict: named" in lines
@@ -57,7 +56,6 @@ def test_the_example_names_what_is_hidden(printed):
     assert any(line.startswith("held out:") for line in lines)
 
 
-@pytest.mark.slow
 def test_its_model_is_enough_by_itself(printed):
     _, out = printed
     model = pa10cal.load_model(out)

@@ -114,7 +114,6 @@ def test_rules_fleets_trials_and_python_come_to_the_same_bytes(raw, tmp_path):
         assert bytes_of(way(raw, tmp_path)) == wanted, way.__name__
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("raw", ["points"], indirect=True)
 def test_fleets_trials_and_python_come_to_the_same_bytes(raw, tmp_path):
     wanted = bytes_of(by_fleet(raw, tmp_path))
@@ -122,7 +121,6 @@ def test_fleets_trials_and_python_come_to_the_same_bytes(raw, tmp_path):
         assert bytes_of(way(raw, tmp_path)) == wanted, way.__name__
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("raw", ["points"], indirect=True)
 def test_the_settings_matter(raw, tmp_path):
     """What the same bytes show is that settings arrive, not that they do nothing."""

@@ -457,7 +457,6 @@ def test_a_record_without_end_is_refused(attack, small, kind):
     assert len(found.said) < 20_000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", _some(["digits", "depth", "line ends", "zero bytes"], "line ends"))
 def test_records_on_lines_without_end_are_refused(attack, kind):
     path = attack.inside / "trials.jsonl"

@@ -134,7 +134,7 @@ PLANS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("targets", "config", "jobs"), PLANS)
 def test_plans(plan, tmp_path, targets, config, jobs):
     given = [tmp_path / "out" / each if "/" in each else each for each in targets.split()]

@@ -97,7 +97,6 @@ def test_torques_are_the_slope_of_potential_energy(random_arm, seed, convention)
         np.testing.assert_allclose(found.torque_Nm[:, joint], wanted, atol=1e-6)
 
 
-@pytest.mark.slow
 @quick
 @given(seed=seeds, convention=conventions)
 def test_loads_work_on_the_bends_and_the_base(random_arm, seed, convention):

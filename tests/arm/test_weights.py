@@ -43,7 +43,6 @@ def test_masses_that_are_stated_stay():
     assert not weights_known(arm).assumed
 
 
-@pytest.mark.slow
 @settings(deadline=None)
 @given(st.floats(0.2, 3.0))
 def test_weights_scale_with_the_cube_of_the_arm_and_uncertainty_with_them(factor):
@@ -75,7 +74,6 @@ def poses_of(arm, count=40, load_N=0.0):
     return with_torques(Model(Chain.of(arm), ()), np.zeros(0), states, PAYLOAD)[0]
 
 
-@pytest.mark.slow
 @settings(deadline=None)
 @given(st.integers(0, 1000))
 def test_weights_that_nobody_stated_add_torques_at_right_angles_to_those_assumed(seed):

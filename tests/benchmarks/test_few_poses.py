@@ -27,14 +27,12 @@ def carried(tmp_path_factory):
     return errors_mm, moved, grade, few_poses.error_mm(prior, before, q[2])
 
 
-@pytest.mark.slow
 def test_no_zero_is_told_that_did_not_move(carried):
     _, moved, grade, _ = carried
     assert moved == []
     assert grade == "good"
 
 
-@pytest.mark.slow
 def test_predictions_are_nearly_as_good_as_under_the_first_tool(carried):
     errors_mm, _, _, before_mm = carried
     assert max(errors_mm) < 2.0 * before_mm  # 2.5 times with the height held

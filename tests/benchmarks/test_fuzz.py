@@ -18,7 +18,6 @@ def test_a_campaign_as_it_was_is_good(points):
     assert judged_campaign(points.files, points).word == "good"
 
 
-@pytest.mark.slow
 def test_a_right_model_of_another_robot_is_told(points):
     other = Original.simulated("pose")
     assert judged_campaign(other.files, points).word == "wrong"

@@ -234,7 +234,6 @@ def test_reference_torque_does_not_change_the_answer(pa10, model, observe, calib
     np.testing.assert_allclose(there.values[free], here.values[free], rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_nested_finite_differences_give_the_same_answer(model, observe):
     """The paper's way: both levels by finite differences, no derivative of ours."""
     observations = observe(noise=1.0)

@@ -100,7 +100,6 @@ def test_right_data_of_any_arm_are_not_suspected(campaign, robot, instrument, re
     assert grade in ("good", "few_poses"), line
 
 
-@pytest.mark.slow
 def test_a_spring_that_poses_do_not_identify_decides_no_grade(campaign, monkeypatch):
     """Under weights that nobody stated a spring is there where poses show it, or not at all."""
     found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)
@@ -184,7 +183,6 @@ def test_each_grade_and_what_it_says(campaign, plan, zero_rad, case, grade, says
     assert all(text in line for text in says), line
 
 
-@pytest.mark.slow
 def test_noise_under_several_targets_is_that_of_one(campaign):
     """With effects too: components that were not seen had counted with a metre each."""
     found = campaign(instrument="points", hidden=[ECCENTRIC], departs="rows", targets=3)
@@ -200,7 +198,6 @@ def test_noise_under_several_targets_is_that_of_one(campaign):
     assert health.grade in UNRESERVED
 
 
-@pytest.mark.slow
 def test_a_model_takes_its_grade_along(campaign, tmp_path):
     model = pa10cal.calibrate(campaign(departs="rows"))
     model.save(tmp_path / "model.yaml")

@@ -140,7 +140,6 @@ def shifted_joints(table):
     table.put(names, values)
 
 
-@pytest.mark.slow
 def test_joints_that_were_not_logged_are_named(tmp_path):
     folder = simulated(tmp_path / "c", "ur10", "points", poses=40)
     mend(folder, "poses.csv", shifted_joints)
@@ -211,7 +210,7 @@ def test_the_direction_of_gravity_shows_in_springs(tmp_path, robot, instrument, 
     assert "along -z" in found.what
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("gravity", [[0, 0, 9.81], [9.81, 0, 0]])
 def test_the_direction_of_gravity_shows_in_logged_torques(tmp_path, gravity):
     folder = simulated(tmp_path / "c", "pa10_6ce", "touches")

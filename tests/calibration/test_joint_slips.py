@@ -93,7 +93,6 @@ def test_joints_logged_together_are_told_with_what_to_set(tmp_path, kind, seed):
     assert findings(folder) == ()
 
 
-@pytest.mark.slow
 def test_one_motor_that_drives_two_slides_is_calibrated_as_one(tmp_path):
     """Files have no column of the joint that follows, and what moves them apart is no unknown."""
     folder = tmp_path / "c"
@@ -111,7 +110,7 @@ def test_one_motor_that_drives_two_slides_is_calibrated_as_one(tmp_path):
     assert found.q == pytest.approx(axes, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("kind", ["fanuc", "quill"])
 def test_what_is_coupled_and_said_so_is_not_accused(tmp_path, kind):
     folder = tmp_path / "c"

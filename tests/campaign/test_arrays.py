@@ -70,7 +70,6 @@ def test_tables_of_lerobot_have_the_names_that_stand_beside_them(tmp_path, propo
     np.testing.assert_allclose(states.q_rad[np.argsort(states.time_s)], raw.q, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_states_of_lerobot_without_names_are_joints_in_order(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     (tmp_path / "a.parquet").write_bytes(lerobot_table(np.arange(40.0), np.degrees(raw.q)))
@@ -80,7 +79,6 @@ def test_states_of_lerobot_without_names_are_joints_in_order(tmp_path, proposed)
     assert yaml.safe_load(out)["columns"]["joints"]["joints"]["names"] == names
 
 
-@pytest.mark.slow
 def test_time_that_begins_anew_in_each_episode_is_none(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     time_s = np.tile(np.arange(20.0), 2)
@@ -140,7 +138,6 @@ def test_what_holds_no_arrays_is_refused_with_what_to_do(tmp_path, name):
         list(lines_of(tmp_path / name))
 
 
-@pytest.mark.slow
 def test_ticks_of_motors_are_counts(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     ticks = np.round(2048 + raw.q / (2.0 * np.pi) * 4096)

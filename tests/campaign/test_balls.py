@@ -105,7 +105,6 @@ def test_clean_touches_are_left_alone(seed):
     assert not undecided.any()
 
 
-@pytest.mark.slow
 @examples(40)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -123,7 +123,6 @@ def test_a_campaign_without_them_has_none(tmp_path):
     assert found.measured.motion_cov is None
 
 
-@pytest.mark.slow
 def test_a_knocked_target_is_warned_of(tmp_path):
     raw = written(tmp_path / "c")
 
@@ -153,7 +152,6 @@ def measured_of(raw):
     return measured.places_m, measured.stated_covariance
 
 
-@pytest.mark.slow
 def test_another_target_read_by_mistake_is_warned_of_and_changes_nothing_else(tmp_path, usual):
     raw = written(tmp_path / "c")
     clean = usual.observations.measured
@@ -209,7 +207,6 @@ def test_targets_of_noise_alone_leave_the_readings_as_they_are(tmp_path, base, n
     np.testing.assert_array_equal(cov, without_cov)
 
 
-@pytest.mark.slow
 def test_targets_that_move_by_themselves_are_not_used(tmp_path):
     raw = written(tmp_path / "c", disturbances=())
     rng = np.random.default_rng(5)
@@ -230,7 +227,6 @@ def test_targets_that_move_by_themselves_are_not_used(tmp_path):
     np.testing.assert_array_equal(campaign.observations.measured.stated_covariance, without_cov)
 
 
-@pytest.mark.slow
 def test_blank_fields_are_targets_not_seen(tmp_path):
     raw = written(tmp_path / "c")
 
@@ -284,7 +280,6 @@ def test_a_name_on_the_tool_and_on_the_base_is_refused(tmp_path):
         read_campaign(raw)
 
 
-@pytest.mark.slow
 def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path, usual):
     raw = written(tmp_path / "c")
     known = usual.observations
@@ -317,7 +312,6 @@ def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path, usual):
         read_campaign(raw)
 
 
-@pytest.mark.slow
 def test_a_group_keeps_what_the_motion_is_uncertain_by(tmp_path, usual):
     first, second = usual, read_campaign(written(tmp_path / "b", seed=4))
     members = [

@@ -53,7 +53,6 @@ def test_what_is_not_needed_is_not_waited_for(tmp_path):
     lines.close()
 
 
-@pytest.mark.slow
 def test_a_reader_that_dies_is_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr(reading, "MOST_BYTES", 40 * MB)
     rows = (f'<row r="{k}"><c r="A{k}"><v>{k}</v></c></row>' for k in range(1, 500_000))

@@ -145,7 +145,7 @@ def test_columns_of_one_quantity_in_two_units_are_refused(tmp_path, raw, name):
     assert re.search(told, said), said
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(8)
 @pytest.mark.parametrize("name", some(READABLE, 7))
 @pytest.mark.parametrize("first", [20, 36])
 def test_rows_in_another_unit_are_refused_or_counted(tmp_path, raw, name, first):

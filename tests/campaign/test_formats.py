@@ -101,7 +101,6 @@ def test_a_take_of_motion_capture_is_read(tmp_path, proposed, title):
         np.testing.assert_allclose(measured.places_m[order, 0], expected, atol=WRITTEN_M)
 
 
-@pytest.mark.slow
 def test_what_was_not_seen_in_a_take_is_left_out(tmp_path, proposed):
     raw = sighted(tmp_path, "pose", noise_mm=0.02)
     time_s = 10.0 * np.arange(len(raw.q))

@@ -111,7 +111,6 @@ def test_join_takes_all_of_every_campaign(folders, capsys):
     assert "one of each for every campaign" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_a_model_of_a_group_is_saved_and_carried_over(folders, tmp_path):
     group = pa10cal.read_group(folders[:2], "ur10")
     model = pa10cal.calibrate(group)
@@ -158,7 +157,6 @@ def test_what_is_no_group_is_refused(folders, chosen, name, words):
         pa10cal.read_group([folders[k] for k in chosen], name)
 
 
-@pytest.mark.slow
 def test_the_papers_model_is_for_one_campaign(folders):
     group = pa10cal.read_group(folders[:2], "ur10")
     options = CalibrationOptions(model="paper")

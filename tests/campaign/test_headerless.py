@@ -56,7 +56,6 @@ def test_points_as_text_are_joined_by_their_labels(tmp_path, proposed, before):
     assert is_whole(tmp_path, raw)
 
 
-@pytest.mark.slow
 def test_a_column_that_numbers_the_targets_is_named(tmp_path, columns):
     raw = sighted(tmp_path, "points", poses=60)
     which = np.random.default_rng(2).integers(0, 3, len(raw.q))

@@ -263,7 +263,6 @@ def test_a_mistake_is_told_by_cause_place_and_remedy(own, mistake):
     mistake.judge(own)
 
 
-@pytest.mark.slow
 def test_the_right_campaign_has_nothing_to_be_told_of(own):
     said = calibrate(own)
     assert said.code == 0

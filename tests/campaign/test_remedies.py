@@ -83,7 +83,7 @@ def test_axes_of_a_mirrored_frame_are_found_by_two_fits():
     assert other_axes(T, p_m, R @ T[:, :3, :3]) is None
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize(("times_noise", "right"), [(6.0, True), (60.0, False)])
 def test_a_sign_is_offered_where_it_leaves_what_the_noise_explains(tmp_path, times_noise, right):
     """A reversed joint in readings that err by less, and by more, than 20 times their noise."""

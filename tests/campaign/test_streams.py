@@ -105,7 +105,6 @@ def test_logs_of_any_length_are_logs_of_motion(written, hertz):
     assert is_read(read_campaign(folder), logs.q_rad, logs.T_instr_target, atol_m=2e-4)
 
 
-@pytest.mark.slow
 def test_stamps_that_are_rounded_make_the_clock_uncertain(written, monkeypatch):
     monkeypatch.setattr(made_up_streams, "DECIMALS", 1)
     logs = streams(6, 120.0, 60.0)
@@ -138,7 +137,7 @@ def test_a_take_with_frames_lost_is_read_as_a_stream(tmp_path, written):
         np.testing.assert_allclose(T[k, :3, 3], expected[:3, 3], atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("stands_s", [0.0, 0.1])
 def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     told = "hardly stands still|never stands|never at rest"
@@ -150,7 +149,7 @@ def test_streams_without_a_dwell_are_refused(tmp_path, written, stands_s):
     assert "it is refused" in text
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("which", ["joints", "readings"])
 def test_a_log_that_never_rests_is_named(tmp_path, written, which):
     """One of the logs goes on as from another run, without a rest."""
@@ -170,7 +169,6 @@ def test_a_log_that_never_rests_is_named(tmp_path, written, which):
     assert refused.value.remedy
 
 
-@pytest.mark.slow
 def test_a_clock_that_is_stated_is_taken(written):
     logs = streams(11, 60.0, 60.0)
     text, folder = written(logs)

@@ -26,7 +26,6 @@ def controller(raw, step_s=10.0):
     return rows_of(time_s, np.degrees(raw.q), names=names, sep=";", decimals=9)
 
 
-@pytest.mark.slow
 def test_markers_of_a_take_are_read(tmp_path, proposed):
     pytest.importorskip("ezc3d")
     raw = sighted(tmp_path, "pose", poses=20, noise_mm=0.02)
@@ -83,7 +82,6 @@ def test_joints_and_targets_of_a_bag_are_read(tmp_path, proposed, what):
     np.testing.assert_allclose(found.states.q_rad[order], raw.q, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_bags_of_both_versions_are_read(tmp_path):
     rosbags = pytest.importorskip("rosbags.rosbag1")
     from rosbags.typesys import Stores, get_typestore

@@ -54,7 +54,7 @@ def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, written,
         np.testing.assert_allclose(q_rad, logs.q_rad, atol=2e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("seed", some(SHIFTED))
 def test_a_row_that_is_missing_is_named(tmp_path, written, seed):
     """Readings a row away from their joints, from the start or from a place on."""
@@ -190,7 +190,6 @@ def test_labels_join_whatever_the_order(tmp_path, written):
         np.testing.assert_allclose(q_rad, expected[pose], atol=2e-4)
 
 
-@pytest.mark.slow
 def test_readings_while_the_arm_moved_are_left_out(tmp_path, written):
     logs = two_logs(tmp_path, 7, apart_s=0.0)
     at = logs.readings.columns[0]
@@ -202,14 +201,12 @@ def test_readings_while_the_arm_moved_are_left_out(tmp_path, written):
     assert len(found.observations) + len(found.quarantined) == len(logs.q_rad)
 
 
-@pytest.mark.slow
 def test_directions_of_arrival_come_from_a_dense_log(tmp_path, written):
     logs = two_logs(tmp_path, 8)
     arrival = read_campaign(written(logs)[2]).observations.states.arrival
     assert np.abs(arrival).mean() > 0.9
 
 
-@pytest.mark.slow
 def test_logs_of_two_runs_are_refused(tmp_path):
     logs, other = two_logs(tmp_path, 9), two_logs(tmp_path / "other", 10, apart_s=0.0)
     logs.readings = other.readings.iloc[::2].copy()

@@ -68,7 +68,6 @@ def test_joints_that_count_turns_are_brought_back_where_the_nominal_arm_agrees(r
     assert any("angles are moved by whole turns" in note for note in mended.notes)
 
 
-@pytest.mark.slow
 def test_rows_that_exchanged_joints_put_beyond_limits_are_read_and_the_joints_told(tmp_path):
     raw = sighted(tmp_path, "pose", robot="irb120", noise_mm=0.02)
     changed(raw, lambda q_deg, _: q_deg[[2, 1, 0, 3, 4, 5]])
@@ -84,7 +83,6 @@ def test_numbers_far_beyond_limits_that_do_not_fit_then_stay(raw):
         read(raw)
 
 
-@pytest.mark.slow
 def test_coupled_joints_are_those_of_the_arm_and_commands_those_of_the_controller(raw):
     right = read(raw)
     changed(raw, lambda q_deg, _: q_deg - 1.0 * q_deg[1] * np.eye(6)[2])
@@ -105,7 +103,6 @@ def test_coupled_joints_are_those_of_the_arm_and_commands_those_of_the_controlle
         read(raw, coupling=[{"joint": 7, "by": 2, "factor": 1}])
 
 
-@pytest.mark.slow
 def test_directions_of_arrival_are_those_of_coupled_joints(tmp_path):
     folder = simulated(tmp_path / "c", "pa10_6ce", "touches")
     right = read_campaign(folder).observations

@@ -98,7 +98,6 @@ def test_all_load_cases_in_one_go(work, combined):
             assert values[name]["value"] == pytest.approx(parameter["value"], rel=1e-4)
 
 
-@pytest.mark.slow
 def test_a_load_case_that_is_refused_is_named_and_nothing_is_written(work, capsys):
     out = work / "refused"
     assert run_calibrate(work, None, out, {"inner_poses": 40}) == 2
@@ -145,7 +144,6 @@ def test_refuses_a_damaged_seed(work, capsys, content):
     assert not out.exists()
 
 
-@pytest.mark.slow
 def test_a_parameter_at_its_bound_by_noise_is_no_alarm(work):
     out = work / "0N.json"
     assert run_calibrate(work, "0N", out, {"starts": 2}) == 0
@@ -195,7 +193,6 @@ def test_calibrated_model_is_exported(work, combined, tmp_path):
     assert "joint_6" in (tmp_path / "robot.urdf").read_text()
 
 
-@pytest.mark.slow
 def test_what_is_exported_says_its_grade(work, combined, tmp_path):
     assert export(work, tmp_path, extended=None) == 0
     health = combined["health"]
@@ -206,7 +203,6 @@ def test_what_is_exported_says_its_grade(work, combined, tmp_path):
     assert f"<!-- {health['grade']}: {health['line']} -->" in urdf
 
 
-@pytest.mark.slow
 def test_what_is_exported_says_what_a_urdf_lacks_and_has_all_links(work, tmp_path):
     given = table_of(work) | {"dh": tmp_path / "dh.csv", "extended": None}
     assert export(work, tmp_path, **given) == 0

@@ -211,7 +211,6 @@ def test_one_thread_a_process_whatever_the_environment_says():
     assert done.stdout == "1\n", done.stderr
 
 
-@pytest.mark.slow
 def test_memory_of_large_arrays_is_kept_for_the_next_ones():
     code = (
         "from pa10cal.commands.command_line import keep_memory; keep_memory()\n"

@@ -336,14 +336,12 @@ class TestCalibrationWithEffects:
         np.testing.assert_allclose(lacks, of_verdict, atol=0.1 * max(without))
         assert max(lacks) < 0.7 * max(without)
 
-    @pytest.mark.slow
     def test_named_are_those_of_a_search(self, work, found, calibrated, tmp_path):
         out = tmp_path / "named.json"
         assert calibrate_with(work, out, "named", named=found / "extended.json") == 0
         named, listed = read(out)["parameters"], read(calibrated)["parameters"]
         assert set(named) == set(listed)
 
-    @pytest.mark.slow
     def test_what_may_as_well_be_zero_is_not_in_the_model(self, work, calibrated, tmp_path):
         """Three scales of an instrument that reads rightly: lengths of the arm would follow."""
         effects = (*KNOWN, {"id": "cmm_scale", "of": "instrument"})

@@ -13,7 +13,6 @@ from pa10cal.__main__ import main
 from pa10cal.commands import doctor as machine
 
 
-@pytest.mark.slow
 def test_what_is_there_is_listed_and_nothing_needed_is_missing(monkeypatch, capsys):
     monkeypatch.setattr(machine, "LIMIT_S", 300)  # tests may take all cores
     assert main(["doctor"]) == 0

@@ -44,7 +44,6 @@ def test_writes_a_figure_in_three_formats(run, capsys):
     assert capsys.readouterr().out == "cell-null: montecarlo_planes\n"
 
 
-@pytest.mark.slow
 def test_writes_everything_that_there_is_and_says_what_was_omitted(run, tmp_path, capsys):
     code, written = run(None)
     assert code == 0

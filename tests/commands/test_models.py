@@ -108,7 +108,6 @@ def test_many_poses_are_predicted_in_blocks_with_the_same_bytes(tmp_path, capsys
     assert capsys.readouterr().out == said.replace("out.csv", "blocks.csv")
 
 
-@pytest.mark.slow
 def test_many_targets_are_compensated_in_blocks_with_the_same_bytes(tmp_path, capsys, monkeypatch):
     model = saved(tmp_path, grade="unreliable")
     poses = model.predict(postures(model.arm, 5, 30), extrapolate=True)
@@ -348,7 +347,6 @@ def test_the_tcp_of_the_controller_can_be_given(tmp_path, capsys):
     assert "add --write cartesian" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_poses_are_sent_relative_to_the_controllers_own_model(tmp_path, capsys):
     model = saved(tmp_path)
     arm = replace(model.arm, name="factory", a_m=model.arm.a_m + 5e-4)

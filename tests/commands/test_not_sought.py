@@ -143,7 +143,6 @@ def test_touched_balls_without_repeats_keep_the_papers_model(touched, tmp_path):
     assert models["extended"]["rms_mm"] == pytest.approx(models["cubic"]["rms_mm"], rel=1e-9)
 
 
-@pytest.mark.slow
 def test_the_general_model_beside_it_converges(touched):
     """The scatter found about a fit, and that about the next, once took turns for ever."""
     found = json.loads((touched / "general.json").read_text("utf-8"))

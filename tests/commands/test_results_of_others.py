@@ -180,7 +180,7 @@ def test_every_parameter_that_may_name_results_of_another_campaign_is_tried():
     assert not untried
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(19)
 @pytest.mark.parametrize("row", TAKE)
 def test_results_of_another_campaign_are_as_they_were(made, tmp_path, monkeypatch, row):
     shutil.copytree(made / "results", tmp_path / "results")
@@ -215,7 +215,7 @@ PLANS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("file", ["Snakefile", "workflow/run.smk"])
 @pytest.mark.parametrize(("target", "settings"), PLANS)
 def test_no_plan_makes_results_of_another_campaign(made, call_snakemake, file, target, settings):
@@ -235,7 +235,7 @@ def test_no_plan_makes_results_of_another_campaign(made, call_snakemake, file, t
     assert not [line for line in outputs if f"{results}/a/" in line]
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize(
     ("config", "expected"),
     [
@@ -257,7 +257,6 @@ def test_a_prior_of_the_campaign_itself_or_that_is_not_there_is_refused(
     assert expected in line
 
 
-@pytest.mark.slow
 def test_results_are_not_removed_for_a_campaign_that_is_its_own_prior(made, tmp_path, capsys):
     a = shutil.copytree(made / "results/a", tmp_path / "a")
     before, prior = state(a), json.dumps({"calibration": {"prior": str(a)}})
@@ -267,7 +266,6 @@ def test_results_are_not_removed_for_a_campaign_that_is_its_own_prior(made, tmp_
     assert state(a) == before
 
 
-@pytest.mark.slow
 def test_readings_do_not_count_twice_from_another_place_either(made, tmp_path, capsys):
     for prior, folders, name in (("a", ["a"], "a"), ("a", ["a", "b"], "g")):
         settings = json.dumps({"calibration": {"prior": str(made / "results" / prior)}})
@@ -277,7 +275,6 @@ def test_readings_do_not_count_twice_from_another_place_either(made, tmp_path, c
         assert "the same readings would count twice" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_a_changed_prior_is_calibrated_from_anew(made, tmp_path):
     from pa10cal.planning.campaign import prior_digest
 

@@ -202,7 +202,6 @@ def test_one_process_makes_what_the_single_stages_make(done, tmp_path):
     }
 
 
-@pytest.mark.slow
 def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done, tmp_path, capsys):
     raw, results = tmp_path / "bad", tmp_path / "results"
     shutil.copytree(EXAMPLE, raw)

@@ -80,7 +80,6 @@ def test_a_tracked_campaign_without_balls_or_torques_has_a_seed_too(raw_campaign
     assert distance < 1e-6
 
 
-@pytest.mark.slow
 def test_the_shipped_campaign_agrees_with_a_fit_of_the_nominal_model(tmp_path):
     status, path = run(RAW / "cell-null", tmp_path)
     assert status == 0

@@ -170,7 +170,6 @@ def test_a_shape_is_drawn(run, tmp_path):
     }
 
 
-@pytest.mark.slow
 def test_a_gait_is_drawn_and_filmed(run, capsys, monkeypatch):
     gait = {"moves": "roll", "period_s": 1.0, "seconds": 1.0, "shapes": 4}
     out, _ = run(curve=HELIX, link_m=0.12, links=8, gait=gait)

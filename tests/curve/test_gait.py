@@ -63,7 +63,6 @@ def test_the_roll_is_the_best_that_may_be_reached():
     assert still.move_rad.max() < free.move_rad.max()
 
 
-@pytest.mark.slow
 def test_limits_are_kept_all_along_or_refused_with_the_time():
     limit = 0.9 * np.abs(wriggle(20).turns_rad[:, 1]).max() + 0.1
     kept = wriggle(20, move_rad=0.05, limits=within(limit))

@@ -238,7 +238,6 @@ def test_never_behind_the_first_of_a_dense_scan():
     assert missed < SPLINES / 100  # the scan itself may miss a short excursion
 
 
-@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), gap=st.sampled_from([1e-3, 1e-6, 1e-8, 1e-10, 1e-11]))
 @examples(80)
 def test_a_bend_that_just_reaches_is_found_and_one_that_just_does_not_is_passed(seed, gap):

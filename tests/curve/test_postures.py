@@ -33,7 +33,6 @@ def test_the_arm_stands_where_the_links_join(postures):
     np.testing.assert_allclose(postures.p_m[:, 0], 0.0, atol=1e-15)
 
 
-@pytest.mark.slow
 def test_the_same_seed_gives_the_same_postures_and_narrow_limits_refuse_some(postures):
     again = draw_postures(LINKS, LINK_M, LIMIT_RAD, 60, np.random.default_rng(3))
     assert (again.q_rad == postures.q_rad).all()

@@ -35,7 +35,6 @@ def room(chain, rolls, limits):
     return np.minimum(turns - limits[:, 0], limits[:, 1] - turns).min(axis=(1, 2))
 
 
-@pytest.mark.slow
 @given(seed=SEEDS, order=ORDERS, bend=BENDS, n=st.integers(2, 12))
 @EXAMPLES
 def test_no_roll_has_a_smaller_largest_angle(random_directions, seed, order, bend, n):
@@ -54,7 +53,6 @@ def test_on_an_arc_the_smallest_largest_angle_shares_the_bend_between_both_axes(
     assert np.cos(a_rad[0, 0]) * np.cos(b_rad[0, 0]) == pytest.approx(np.cos(0.6))
 
 
-@pytest.mark.slow
 @given(seed=SEEDS, order=ORDERS, bend=BENDS, n=st.integers(2, 10), aside=st.floats(-0.5, 0.5))
 @EXAMPLES
 def test_no_roll_leaves_more_room(random_directions, seed, order, bend, n, aside):

@@ -89,7 +89,6 @@ def test_what_changed_at_a_row_is_called_by_what_it_is(tmp_path, targets, change
     assert not found.unexplained
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("change", ["nothing", "growth"])
 def test_no_step_is_told_where_none_was(tmp_path, change):
     found = seen(tmp_path, 3, change)

@@ -80,7 +80,6 @@ def test_of_few_poses_there_is_none(predicted, measured):
     assert field_of(measured[0], predicted[1].take(np.arange(39))) is None
 
 
-@pytest.mark.slow
 def test_beside_a_fine_map_there_is_none(predicted, measured):
     model = measured[0]
 
@@ -169,7 +168,6 @@ def test_effects_are_predicted_together_as_far_as_the_noise_lets_them(measured, 
     assert rms_mm(without, away) > 1.5 * noise_mm
 
 
-@pytest.mark.slow
 def test_the_model_beside_which_they_stand_stays_as_it_is(measured, together):
     model, by_names = together[1], measured[0]
     np.testing.assert_array_equal(model.x[: len(by_names.x)], by_names.x)
@@ -177,7 +175,7 @@ def test_the_model_beside_which_they_stand_stays_as_it_is(measured, together):
     np.testing.assert_array_equal(model.targets_m, by_names.targets_m)
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("seed", range(3))
 def test_of_noise_alone_no_effects_are_beside_the_model(measured, seed):
     model, fitted, _ = measured
@@ -190,7 +188,6 @@ def test_a_smooth_error_that_no_effect_makes_is_left_to_the_displacement(measure
     assert last.id == "field"
 
 
-@pytest.mark.slow
 def test_they_are_saved_with_the_model_and_compensated(together, tmp_path):
     _, model, fitted, away = together
     model = replace(model, discrepancy=discrepancy_of(model, fitted))

@@ -44,7 +44,6 @@ def test_cycles_are_found_at_their_joint(given, joint, cycles):
     assert abs(line.order - cycles) < 0.05
 
 
-@pytest.mark.slow
 def test_noise_has_none(given):
     at, poses = given.baseline, given.readings
     for seed in range(20):

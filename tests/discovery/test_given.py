@@ -55,7 +55,7 @@ def test_tilts_of_a_joint_are_found_where_they_are_given(tilting, tmp_path):
     np.testing.assert_allclose(again.predict(q_rad).T, model.predict(q_rad).T, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(3)
 @pytest.mark.parametrize("of", ["joint 1", "joint 7", "base"])
 def test_a_joint_that_cannot_tilt_is_refused(tilting, of):
     with pytest.raises(CalibrationError, match=f"no lateral_compliance of {of}") as refused:
@@ -82,7 +82,6 @@ def of_gear(of: str) -> CalibrationOptions:
     return CalibrationOptions(effects=(EffectOfPlace(id="gear_line", of=of),))
 
 
-@pytest.mark.slow
 def test_the_cycles_of_a_gear_are_found_where_its_joint_is_given(geared):
     model = pa10cal.calibrate(geared, of_gear("joint 3"))
     values = model.parameters.set_index(["term", "of", "parameter"])
@@ -91,7 +90,6 @@ def test_the_cycles_of_a_gear_are_found_where_its_joint_is_given(geared):
     assert abs(cycles["value"] - 70.5) < 4.0 * cycles["std"] < 0.2
 
 
-@pytest.mark.slow
 def test_a_joint_whose_gear_shows_no_line_is_refused(geared):
     with pytest.raises(CalibrationError, match="no number of cycles") as refused:
         pa10cal.calibrate(geared, of_gear("joint 2"))

@@ -41,7 +41,6 @@ def test_without_held_out_poses_or_harm_a_verdict_passes_as_it_is(mapped, nothin
     assert harmless(mapped.discovery) is mapped.discovery
 
 
-@pytest.mark.slow
 def test_a_map_that_harms_beyond_what_was_visited_is_left_out_there(mapped, tmp_path):
     found, rows = with_errors(mapped.discovery, 1.2, 30)
     after = harmless(found)
@@ -118,7 +117,6 @@ def as_group(monkeypatch, found, of_second, factor):
     return found.with_gaps(worse)
 
 
-@pytest.mark.slow
 def test_a_campaign_of_a_group_that_effects_harm_keeps_its_calibrated_model(monkeypatch, mapped):
     middle = np.median(mapped.discovery.train.poses.states.q_rad[:, 1])
     found = as_group(monkeypatch, mapped.discovery, lambda q: q[:, 1] > middle + 0.3, 1.1)
@@ -134,7 +132,6 @@ def test_a_campaign_of_a_group_that_effects_harm_keeps_its_calibrated_model(monk
     )
 
 
-@pytest.mark.slow
 def test_an_effect_that_harms_a_campaign_in_the_same_positions_goes(monkeypatch, mapped):
     found = as_group(monkeypatch, mapped.discovery, lambda q: np.round(1e4 * q[:, 1]) % 2 > 0, 1.1)
     after = harmless(found)
@@ -142,7 +139,6 @@ def test_an_effect_that_harms_a_campaign_in_the_same_positions_goes(monkeypatch,
     assert any("held-out poses of campaign second" in place.why for place in after.unexplained)
 
 
-@pytest.mark.slow
 def test_a_campaign_that_is_worse_by_chance_is_not_harmed(monkeypatch, mapped):
     found = as_group(monkeypatch, mapped.discovery, lambda q: np.round(1e4 * q[:, 1]) % 2 > 0, 1.01)
     assert harmless(found).effects == found.effects

@@ -141,7 +141,6 @@ def test_a_jump_of_three_times_the_noise_is_a_fault_and_no_drift(small):
     assert first.before_s <= readings.states.time_s[70] <= first.after_s
 
 
-@pytest.mark.slow
 def test_a_steady_drift_is_neither_a_jump_nor_a_wander(small):
     assert shown(small, small.survey.poses).wander is None
     drift_m = np.outer(np.linspace(0.0, 5.0, POSES), [POSITION_M, 0.0, 0.0])

@@ -106,7 +106,6 @@ def test_parts_add_up_to_the_whole(left):
     assert sum(part.rms_mm**2 for part in left.by_axis) == pytest.approx(by_load)
 
 
-@pytest.mark.slow
 def test_friction_shows_as_torque_by_direction(friction):
     for part in friction.by_joint:
         by_side = {s: part.torque_residual_Nm[part.arrival == s].mean() for s in (-1, 1)}
@@ -118,7 +117,6 @@ def test_friction_shows_as_torque_by_direction(friction):
             assert abs(by_side[1] - by_side[-1]) < 0.1 * FRICTION_NM
 
 
-@pytest.mark.slow
 def test_friction_winds_the_spring_by_direction(friction):
     (part,) = (part for part in friction.by_joint if part.joint == 3)
     backward, forward = part.arrivals

@@ -69,7 +69,6 @@ def test_where_both_err_none_is_named():
     assert found.excludes_sensor
 
 
-@pytest.mark.slow
 def test_without_ripple_there_is_no_witness():
     quiet = [[series("sensor", seed, ripple_rad=0.0)] for seed in range(20)]
     found = [each for joint in quiet for each in witnesses([joint], np.array([101.0]))]
@@ -93,7 +92,6 @@ def test_the_ratio_is_found_by_the_lines_alone_whatever_is_stated(cause, stated)
     assert [each.cause for each in found] == [cause, cause]
 
 
-@pytest.mark.slow
 def test_campaigns_of_one_joint_are_one_witness():
     few = [series("sensor", seed, poses=500, ripple_rad=15e-6) for seed in range(4)]
     (together,) = witnesses([few], np.array([101.0]))

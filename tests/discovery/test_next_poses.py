@@ -181,7 +181,6 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
         assert separation.possible_nats < NEXT_POSES.apart_nats
 
 
-@pytest.mark.slow
 def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     hopeless = (ratio.effect("thermal_growth", "arm"), None)
@@ -193,7 +192,6 @@ def test_a_hopeless_pair_takes_no_configuration_from_another(ratio, found_first)
         assert other.for_ == (both.separations[0].pair,)
 
 
-@pytest.mark.slow
 def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
     pair = (ratio.effect(*RATIO[:2]), ratio.effect(*ECCENTRIC[:2]))
     first, again = (
@@ -209,7 +207,6 @@ def test_suggestions_rise_repeat_and_keep_to_the_campaign(ratio, found_first):
     assert separating_poses(ratio.problem, found_first.fit, {}, 5).poses == ()
 
 
-@pytest.mark.slow
 def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypatch):
     q_rad = draw_near(ratio.problem, 300, 0)
     low, high = ARM.limits_rad.T
@@ -230,7 +227,6 @@ def test_drawn_configurations_keep_clear_near_the_measured_poses(ratio, monkeypa
         draw_near(ratio.problem, 10, 0)
 
 
-@pytest.mark.slow
 def test_what_is_predicted_is_what_was_measured(ratio):
     """In configurations of the campaign itself."""
     readings, noise = ratio.problem.readings, ratio.problem.noise
@@ -286,7 +282,6 @@ def test_expected_information_is_that_of_many_draws():
     assert odds.expected_probability(0.0) == pytest.approx(p)
 
 
-@pytest.mark.slow
 def test_poses_go_to_the_pair_that_is_open(ratio, found_first):
     effect = ratio.effect(*RATIO[:2])
     pairs = (
@@ -333,7 +328,6 @@ def test_there_are_none_where_all_was_seen(nothing_hidden, count):
     assert poses_at_unseen_angles(nothing_hidden.survey, whole, count) == ()
 
 
-@pytest.mark.slow
 def test_what_is_ambiguous_among_poses_without_repeats_comes_apart_too(eccentric):
     verdict = eccentric.discovery
     (finding,) = verdict.findings

@@ -166,7 +166,6 @@ class TestLogsThatDoNotScatter:
         assert found.problem.torques_logged
         assert found.verdict == "none"
 
-    @pytest.mark.slow
     def test_a_log_without_any_scatter_is_none(self, made):
         _, group = np.unique(reading_groups(made.readings), return_inverse=True)
         tau_Nm = made.readings.states.tau_Nm.copy()

@@ -42,7 +42,6 @@ def test_what_two_joints_do_together_is_predicted_and_is_no_name(entangled):
     assert verdict_keys(beside).gap.train.after == beside.train.after
 
 
-@pytest.mark.slow
 def test_nothing_is_predicted_where_the_log_is_to_be_checked_or_the_base_moved(entangled):
     found = entangled.discovery
     moved = replace(found.train, without_motion=(found.train.found_before, found.train.found_after))

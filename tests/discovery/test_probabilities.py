@@ -151,7 +151,6 @@ def test_noise_alone_leaves_nothing_for_another_cause():
     )
 
 
-@pytest.mark.slow
 @given(
     st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=4),
     st.floats(-5.0, 5.0),

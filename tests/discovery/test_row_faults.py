@@ -151,7 +151,6 @@ class TestNamesThatOnePoseCarries:
     def test_an_effect_of_all_poses_has_no_carrier(self, wave):
         assert [finding.carrier for finding in wave.discovery.findings] == [None]
 
-    @pytest.mark.slow
     def test_one_pose_is_no_evidence(self, null, wave):
         """Of the wave one pose has its part, ten times over, and the others have none."""
         pose = wave.readings.pose[40]

@@ -134,7 +134,6 @@ def test_base_and_tool_are_enough_for_the_same_arm(still):
     assert said_of_parts(still.parts or ()) == ""
 
 
-@pytest.mark.slow
 def test_a_base_for_every_part_brings_back_what_the_model_is_worth(still, in_parts):
     rms_mm = still.models["linear"].rms_mm
     assert in_parts.models["linear"].rms_mm < 1.1 * rms_mm
@@ -217,7 +216,6 @@ def test_a_carried_model_that_is_worse_than_the_nominal_arm_is_told(carried, sti
     assert f"linear {found.models['linear'].rms_mm:.3f} mm rms" in found.worse
 
 
-@pytest.mark.slow
 def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(carried):
     model, _, setup = carried
     every, models = knocked(carried[1]), {"linear": model}

@@ -40,7 +40,6 @@ def test_a_model_agrees_with_itself():
     assert found.line.startswith("the models agree within their uncertainty: their flanges differ")
 
 
-@pytest.mark.slow
 def test_two_campaigns_of_one_robot_differ_as_expected(monkeypatch):
     monkeypatch.setattr(two_models, "POSTURES", 60)
     found = [pa10cal.compare(campaign(k), campaign(k + 1)) for k in range(100, 160, 2)]
@@ -141,7 +140,6 @@ def test_turns_of_the_tool_count_from_the_attitude_that_a_fit_began_with():
     assert np.isfinite(over_u(pa10cal.compare(one, turned), "tool_x"))
 
 
-@pytest.mark.slow
 def test_two_halves_of_a_campaign_agree(tmp_path):
     plan = {"instrument": "points", "poses": 160, "departs": "rows"}
     raw = {"random_seed": 21, "robot": "irb120", "without_touches": plan}

@@ -53,7 +53,6 @@ class TestBreakdown:
         assert np.argmax(before / floor) == 1
         assert (after / floor).max() < 1.5
 
-    @pytest.mark.slow
     def test_says_how_it_compares_with_repeats(self, named, results):
         for source, said in (
             (named, f"{named.analysis.before.pure_error.F:.0f} before (p < 0.001)"),
@@ -147,7 +146,6 @@ class TestJoints:
         assert max(orders[1].lines[0].get_xdata()) <= shaded.x0 * (1.0 + 1e-9)
         assert shaded.x0 < 100.0  # 27 poses
 
-    @pytest.mark.slow
     def test_without_a_gear_ratio_there_is_no_axis_of_it(self, changed):
         def ungeared(fit):
             for joint in fit["by_joint"]:

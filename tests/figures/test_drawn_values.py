@@ -77,7 +77,6 @@ def test_an_attitude_that_was_not_seen_has_no_panel_and_no_values(changed):
         assert set(rows["ours"]) == {"not measured"}
 
 
-@pytest.mark.slow
 def test_the_papers_figures_stand_beside_its_own_arm_only(results):
     def legend_of(figure):
         return {text.get_text() for legend in figure.legends for text in legend.get_texts()}

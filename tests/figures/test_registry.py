@@ -82,7 +82,6 @@ class TestAll:
             assert set(drawn.drawn) | set(drawn.omitted) == set(entries("campaign")) >= listed
             assert not set(drawn.drawn) & set(drawn.omitted)
 
-    @pytest.mark.slow
     def test_older_files_of_what_is_omitted_are_removed_and_the_reason_is_kept(
         self, results, changed_from, tmp_path
     ):

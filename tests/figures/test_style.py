@@ -37,7 +37,6 @@ def test_writes_svg_pdf_and_png_without_a_date(tmp_path, project_looks):
     assert size_of(tmp_path / "line.png")[0] == round(100 * WIDTH_MM / 25.4 - 0.5)
 
 
-@pytest.mark.slow
 def test_long_titles_grow_upward_and_long_footers_downward(tmp_path, project_looks):
     words = [f"word{k:02d}" for k in range(40)]
     for name, title, footer, more in (

@@ -133,7 +133,6 @@ def test_a_row_of_nan_follows_the_row_before_and_a_seed_chooses_the_branch():
     np.testing.assert_allclose(found.q[2], found.q[1], atol=1e-9)
 
 
-@pytest.mark.slow
 def test_a_seed_keeps_its_branch_where_the_calibrated_arm_just_misses_the_pose():
     # Nearly stretched, the arm as designed reaches poses that the calibrated one does not: turned
     # round by half a turn it may, which nobody who gave a seed wants without being told.
@@ -251,7 +250,6 @@ def test_a_load_heavier_than_those_seen_can_be_insisted_on():
     assert np.isfinite(model.predict(q, load_N=45.0, extrapolate=True).T).all()
 
 
-@pytest.mark.slow
 def test_where_the_model_falls_back_the_commands_are_those_of_what_it_falls_back_to():
     model = fitted("pa10_6ce", 16, vocabulary)
     without = replace(model.nominal(), T_instr_base=np.eye(4))

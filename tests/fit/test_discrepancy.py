@@ -77,7 +77,6 @@ def test_what_a_model_lacks_is_promised(tmp_path):
     assert promised.inside.mean() > 0.85
 
 
-@pytest.mark.slow
 def test_of_a_complete_model_little_is_lacking(tmp_path):
     campaign = simulated(tmp_path, (), poses=180, holdout_share=0.33)
     ratio, _, promised = ratio_and_share(campaign, calibrate(campaign))
@@ -85,7 +84,6 @@ def test_of_a_complete_model_little_is_lacking(tmp_path):
     assert np.sqrt(np.mean(promised.u_mm**2)) < 0.05
 
 
-@pytest.mark.slow
 def test_it_is_saved_with_the_model(tmp_path):
     campaign = simulated(tmp_path, LARGE, poses=60, holdout_share=0.1)
     model = calibrate(campaign)

@@ -63,7 +63,6 @@ def test_the_file_alone_predicts_without_uncertainty(tmp_path):
     np.testing.assert_allclose(again.predict(q).T, model.predict(q).T, rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_the_file_can_be_read_by_people(tmp_path):
     save_model(fitted("pa10_6ce", 1), tmp_path / "model.yaml", warnings=["synthetic"])
     content = yaml.safe_load((tmp_path / "model.yaml").read_text(encoding="utf-8"))
@@ -181,7 +180,6 @@ def test_what_is_read_falsely_moves_no_robot():
     np.testing.assert_array_equal(model.predict(q).T, physical.predict(q).T)
 
 
-@pytest.mark.slow
 def test_the_state_of_the_pose_counts():
     q = postures(load_arm("pa10_6ce"), 14)
     model = fitted("pa10_6ce", 15)
@@ -344,7 +342,6 @@ def test_a_covariance_has_the_same_bytes_under_every_python(tmp_path):
         np.testing.assert_array_equal(stored["covariance"], known.covariance)
 
 
-@pytest.mark.slow
 def test_a_covariance_with_fine_maps_of_all_joints_is_read_again(tmp_path):
     size = 6 * 360 + 70  # a measured arm has so many
     wide = replace(fitted("ur10", 15, links_only), covariance=np.eye(size))

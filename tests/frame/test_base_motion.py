@@ -45,7 +45,6 @@ def test_a_walk_is_recovered_with_its_uncertainty(targets):
     assert not found.knocked
 
 
-@pytest.mark.slow
 def test_motions_of_each_configuration_are_taken_one_by_one():
     t, p, u, motion = readings(np.random.default_rng(1), 400, 4, 0.0, 0.0, white_m=30e-6)
     found = common_motion(t, p, u)
@@ -64,7 +63,7 @@ def test_rows_without_enough_targets_follow_their_neighbours():
     assert np.abs(normalised(found, motion)).max() < 6.0
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("targets", [3, 4])
 def test_a_knocked_target_is_told_and_left_out_of_its_shorter_stretch(targets):
     rng = np.random.default_rng(7)
@@ -105,7 +104,7 @@ def test_one_wrong_reading_is_left_out_alone(off_m):
     assert np.abs(found.motion - motion)[295:305, :3].max() < 3.0 * U_M
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("white_m", [0.0, 30e-6])
 def test_another_target_read_a_few_times_changes_nothing_else(white_m):
     """Of three targets one is exchanged for another, 396 mm off, as measured campaigns have it."""

@@ -122,7 +122,6 @@ def test_geometry_that_is_a_little_wrong_is_averaged_over(count):
         assert found.scatter_m < 0.03
 
 
-@pytest.mark.slow
 def test_directions_scatter_as_much_as_they_are_said_to():
     rng = np.random.default_rng(11)
     T_base_ee, T_instr_base, T_ee_target = poses(rng, 25), frame(rng, 1.0), frame(rng, 0.2)

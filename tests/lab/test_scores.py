@@ -222,7 +222,6 @@ def test_two_effects(said, listed, nothing_extra):
     assert found["several effects: nothing extra | pair"].reached == nothing_extra
 
 
-@pytest.mark.slow
 def test_two_effects_of_which_one_is_below_its_limit():
     small, large = hidden(LOST, moved_mm=0.1 * FLOOR_MM), hidden(WAVE)
     for said, above in ((verdict(named(WAVE)), 1.0), (verdict(named(LOST)), 0.0), (None, 0.0)):
@@ -340,7 +339,6 @@ def _without_formulas(trials):
     return [bar for bar in scored(trials).bars if "formula" not in bar.what]
 
 
-@pytest.mark.slow
 def test_bars_are_met_and_missed():
     good = [
         *[trial("null", [], verdict())] * 200,
@@ -384,7 +382,6 @@ def test_a_compliance_where_the_model_has_a_spring_is_in_the_model_already():
     assert single(WAVE, verdict()).is_testable(hidden(WAVE))
 
 
-@pytest.mark.slow
 def test_trials_of_trackers_have_bars_of_their_own_and_the_others_alike():
     right = single(WAVE, verdict(named(WAVE)), measured="tracked")
     wrong = single(WAVE, verdict(named(LOST)), measured="tracked")

@@ -53,7 +53,6 @@ def test_grid_holds_every_reachable_point(pa10_chain, reference):
     assert grid_places(pa10_chain, reference, REACH, 3.0).p_base_m.shape == (0, 2)
 
 
-@pytest.mark.slow
 def test_what_cannot_be_drawn_is_refused(pa10_chain, reference):
     with pytest.raises(SettingsError, match=r"map_spacing_mm.*too fine.*at least 12\.1 at"):
         grid_places(pa10_chain, reference, REACH, 1e-3)

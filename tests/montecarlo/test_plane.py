@@ -96,7 +96,6 @@ LENGTH = st.sampled_from([0.0, 0.08, 0.45, -0.3])
 TWIST = st.sampled_from([0.0, 0.0, 90.0, -90.0, 180.0, 33.0, -71.5])
 
 
-@pytest.mark.slow
 @examples(60)
 @given(
     rows=st.lists(st.tuples(LENGTH, LENGTH, TWIST), min_size=1, max_size=7),
@@ -339,7 +338,6 @@ def test_map_covers_the_places_and_rises_outwards(planes):
     assert value.min() <= planes[500].closed_form_mean_mm <= value.max()
 
 
-@pytest.mark.slow
 def test_same_numbers_again_others_for_another_seed_more_for_a_larger_uncertainty(pa10):
     few = {"positions": 5, "cycles": 300}
     first, second = (study(pa10, **few) for _ in range(2))

@@ -97,7 +97,6 @@ def test_the_last_part_of_a_path_stays_what_was_stated(folder, tmp_path):
     assert not any("in stretches" in note for note in found.notes)
 
 
-@pytest.mark.slow
 def test_what_is_printed_says_where_held_out_poses_lie(folder, tmp_path, capsys):
     results = tmp_path / "results"
     calibrated_in(folder, tmp_path, results, {"every": 5})
@@ -117,7 +116,6 @@ def test_what_is_printed_says_where_held_out_poses_lie(folder, tmp_path, capsys)
     assert after.of.rms_mm == pytest.approx(last["unseen"]["rms_mm"])
 
 
-@pytest.mark.slow
 def test_neighbours_that_the_rows_hold_out_are_used_and_called_so(folder, tmp_path, capsys):
     kinds = np.where(np.arange(COUNT) % 5 == 4, "holdout", "grid")
     results = tmp_path / "results"

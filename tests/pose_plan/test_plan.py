@@ -61,7 +61,6 @@ def test_all_poses_keep_to_every_limit():
     assert plan.expected.removed["line of sight"] > 0
 
 
-@pytest.mark.slow
 def test_effects_count_where_they_are_wanted():
     arm = load_arm("irb120")
     assert not plan_poses(arm, "pose", 20, option()).expected.effects
@@ -76,7 +75,6 @@ def test_effects_count_where_they_are_wanted():
     assert much.expected.tool.plan_mm > little.expected.tool.plan_mm
 
 
-@pytest.mark.slow
 def test_loads_show_springs_and_there_are_candidates_for_every_pose():
     plan = plan_poses(load_arm("gx4_351s"), "pose", 80, option(floor_mm=None))
     assert plan.expected.candidates == 3 * 80

@@ -121,7 +121,6 @@ def test_files_outside_of_the_results_are_held_by_nobody(tmp_path, started):
         assert held() == ["a", "coverage.json"]
 
 
-@pytest.mark.slow
 def test_thousands_of_campaigns_are_held_at_once(tmp_path):
     code = (
         "import resource\nfrom pathlib import Path\nfrom pa10cal.running.run_lock import run_lock\n"

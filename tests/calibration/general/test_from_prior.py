@@ -120,7 +120,6 @@ def test_six_poses_of_one_target_find_the_one_zero_that_was_lost(arms, joint, po
     assert np.sqrt(np.mean(off_mm**2)) < 0.25
 
 
-@pytest.mark.slow
 def test_more_than_few_poses_bear_is_told_and_the_arm_stays_as_it_was(arms):
     model, seen, payload, _ = arms("points", heavy_crash(0))
     found = from_prior(model, of_one_target(seen, 6), payload)
@@ -348,7 +347,6 @@ def test_a_prior_is_no_worse_than_none_and_its_intervals_hold():
     assert len(inside) > 70
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(seed, marks=[pytest.mark.slow]) for seed in range(1, 20))]
 )

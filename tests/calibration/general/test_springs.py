@@ -68,7 +68,7 @@ def test_springs_that_are_there_stay(tmp_path, path):
     assert 3 not in found.unproven
 
 
-@pytest.mark.slow
+@pytest.mark.slow_but_one_in(2)
 @pytest.mark.parametrize("path", [False, True])
 def test_springs_that_stand_for_something_else_go_and_are_told(tmp_path, monkeypatch, path):
     trial = along(trial_of(3)) if path else trial_of(3)

@@ -138,7 +138,6 @@ def test_parallel_axes_of_a_scara_say_the_same(see):
     assert len(names) == 8
 
 
-@pytest.mark.slow
 @given(
     st.sampled_from(["pa10_6ce", "ur10", "irb120", "iiwa14", "gx4_351s"]), st.sampled_from(KINDS)
 )

@@ -12,7 +12,6 @@ def names(discovery):
     return [(finding.effect.id, finding.effect.of) for finding in discovery.effects]
 
 
-@pytest.mark.slow
 def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
     found = nothing_hidden.discovery
     assert found.verdict == "none"
@@ -88,7 +87,6 @@ def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
     assert found.holdout is None
 
 
-@pytest.mark.slow
 def test_not_testable_are_effects_of_what_was_not_logged(nothing_hidden):
     why = {
         (entry.effect.id, entry.effect.of): entry.why
@@ -99,7 +97,6 @@ def test_not_testable_are_effects_of_what_was_not_logged(nothing_hidden):
     assert not {"encoder_eccentricity", "joint_error_map"} & {name for name, _ in why}
 
 
-@pytest.mark.slow
 def test_held_out_poses_beyond_the_angles_seen_are_told_apart(mapped):
     holdout = mapped.discovery.holdout
     record = holdout.record()

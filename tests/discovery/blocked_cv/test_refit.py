@@ -93,7 +93,6 @@ def test_a_moved_base_is_the_base_times_a_small_motion():
     np.testing.assert_allclose(T[:3, 0], [0.0, 1.0, 0.0], atol=1e-15)
 
 
-@pytest.mark.slow
 def test_tilts_that_a_missing_effect_hid_are_back_where_a_fit_with_it_shows_them():
     def turn(states):
         return at_joint(2, 0.02 * np.sin(states.q_rad[:, 1]))

@@ -140,7 +140,6 @@ def test_columns_stand_where_rows_say(rows):
     )
 
 
-@pytest.mark.slow
 def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     shaped, unknown = computable_shapes(few)
     assert all(isinstance(each, ShapedEffect) for each in shaped)
@@ -166,7 +165,6 @@ def test_a_gain_of_logged_torques_is_taken_up_by_the_springs_that_take_the_log(f
     assert np.median(np.abs(gain.per_unit(masses) - masses.tau_Nm[:, 1])) > 0.4
 
 
-@pytest.mark.slow
 def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(few):
     shaped, _ = computable_shapes(few)
     rows = BlockedRows(few, unweighted(few.poses.measured), shaped, 36)

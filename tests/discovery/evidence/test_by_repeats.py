@@ -166,7 +166,6 @@ class TestANewEffect:
         off = finding.effect.shift(states, finding.x)[:, 0] - 3e-4 * np.sin(3.0 * q_rad[:, 0] + 1.0)
         assert np.std(off) < 0.1 * 3e-4  # less a constant that calibration takes
 
-    @pytest.mark.slow
     def test_dropped_into_the_library_it_is_found_and_named(self, campaign, monkeypatch):
         known = (*effect.every_effect(), ThirdHarmonic)
         monkeypatch.setattr(effect, "every_effect", lambda: known)

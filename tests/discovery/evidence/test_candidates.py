@@ -235,7 +235,6 @@ class TestAlike:
         same = indistinguishable(null.problem, null.start, (MadeUp("joint 2"), Unnamed("joint 2")))
         np.testing.assert_array_equal(same, np.eye(2, dtype=bool))
 
-    @pytest.mark.slow
     def test_is_settled_by_the_poses_and_not_by_what_is_missing_there(self, null):
         same = indistinguishable(null.problem, null.start, null.family)
 

@@ -63,7 +63,6 @@ def test_an_effect_is_confirmed_beside_another_that_is_not(wave):
         assert found[right].lost_without_it_nats > 100.0 > 10.0 > found[chance].lost_without_it_nats
 
 
-@pytest.mark.slow
 def test_friction_is_confirmed_by_the_torques_it_shows_in(rubbing):
     friction = rubbing.effect("friction_torque", "joint 3")
     (found,) = confirm(rubbing.problem, forced(rubbing, (friction,), (1,)))
@@ -90,7 +89,6 @@ def lawless():
     return measure(pose_m=3e-5, seed=5)
 
 
-@pytest.mark.slow
 def test_flips_hold_where_poses_are_off_for_no_reason(lawless):
     evidence = evidence_about(lawless.problem, lawless.start, lawless.family)
     gains = evidence.additions((), list(range(len(lawless.family))))

@@ -68,7 +68,6 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
     assert place.shared_error_mm > 2.0 * floor_mm(lost.problem)
 
 
-@pytest.mark.slow
 def test_what_chance_does_as_well_is_no_finding(null):
     chance = null.effect("encoder_ellipticity", "joint 1")
     judged = judge(forced(null, (chance,), (1,)))

@@ -207,7 +207,6 @@ def by_chance(made):
     return np.array(steady), np.array(best)[..., 0]
 
 
-@pytest.mark.slow
 def test_under_pure_noise_the_likelihood_ratio_is_one_on_average(by_chance):
     ratio = np.exp(by_chance[0] + penalty((0,)))
     assert (ratio.std(axis=0) > 0.02).all()
@@ -215,7 +214,6 @@ def test_under_pure_noise_the_likelihood_ratio_is_one_on_average(by_chance):
     assert (np.abs(ratio.mean(axis=0) - 1.0) < 4.0 * spread + 0.02).all()
 
 
-@pytest.mark.slow
 def test_chance_reaches_the_threshold_no_more_often_than_stated(made, by_chance):
     highest = by_chance[1].max(axis=1)
     assert np.mean(highest > np.log(len(made.blocks) / ALPHA)) <= ALPHA

@@ -101,7 +101,6 @@ def test_a_family_of_none_or_one_is_searched_too(wave):
     assert search(wave.problem, (effect,), ERROR_RATE, wave.start).fit.effects == (effect,)
 
 
-@pytest.mark.slow
 def test_noise_is_worked_out_about_the_better_model(rubbing):
     friction = rubbing.effect("friction_torque", "joint 3")
     problem, found = refit(rubbing.problem, (friction,), (1,), (0.0, 0.0), rubbing.start)

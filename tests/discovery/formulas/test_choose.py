@@ -72,7 +72,6 @@ def test_many_orders_have_no_short_form():
     assert choose(made_up_comparison(rough), FORMS, (), 0.01) is None
 
 
-@pytest.mark.slow
 def test_nothing_is_made_of_noise():
     for seed in range(20):
         comparison = made_up_comparison(lambda q: 0.0 * q, seed=seed)
@@ -83,7 +82,6 @@ def proposed(found):
     return with_proposals(found).proposed
 
 
-@pytest.mark.slow
 def test_a_bow_of_the_instrument_comes_back_as_its_formula(bowed):
     found = bowed.discovery
     (formula,) = proposed(found)

@@ -295,7 +295,6 @@ def test_transmission_error_turns_the_link_and_the_motor_does_not_know(hidden):
     assert np.abs(centres(erring) - centres(plain)).max() > 0.1
 
 
-@pytest.mark.slow
 def test_several_joint_effects_add_up(hidden):
     first, second = SimulatedTransmissionError(A=3e-4, phi=0.5), SimulatedBacklash(b=1e-4)
     both = hidden(first.at("joint 1"), second.at("joint 1"))

@@ -200,7 +200,6 @@ def test_what_else_is_hidden_takes_a_part(unstated):
     assert left.noise_mm > np.sqrt(3.0 / plan.repeats) * plan.position_mm
 
 
-@pytest.mark.slow
 def test_mixed_trials_hide_two_to_six_effects_half_of_them_among_a_background(mixed):
     kinds = Counter()
     for number, trial in enumerate(mixed):
@@ -281,7 +280,6 @@ def test_some_mixed_trials_are_paths_of_small_steps(mixed):
     assert len({trial.settings.without_touches.holdout_every for trial in paths}) == 2
 
 
-@pytest.mark.slow
 def test_some_mixed_effects_drown_and_some_dominate(mixed):
     over_noise = []
     for trial in mixed[::4]:

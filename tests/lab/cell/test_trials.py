@@ -98,7 +98,6 @@ def test_several_effects_are_never_the_same_at_the_same_place(kind, members):
         assert {id_ for id_, _ in hidden(trial)} <= set(vocabulary())
 
 
-@pytest.mark.slow
 def test_sizes_are_even_in_their_logarithm_within_their_bounds():
     sizes = np.array([min(trial.sizes) for trial in draw_trials("single", 400, 6)])
     assert sizes.min() >= 0.1
@@ -149,7 +148,6 @@ def test_statements_are_wrong_both_ways():
     assert factors.min() < 1.0 < factors.max()
 
 
-@pytest.mark.slow
 def test_temperature_drifts_where_it_must_and_in_a_third_of_the_rest():
     drifts = {True: [], False: []}
     for trial in draw_trials("single", 20 * len(vocabulary()), 10):
@@ -256,7 +254,6 @@ def test_benches_take_turns_and_singles_go_through_the_vocabulary():
     }
 
 
-@pytest.mark.slow
 def test_torque_effects_are_put_where_torques_are_logged_and_joints_yield():
     for name in ("friction_torque", "torque_gain"):
         trials = [
@@ -416,7 +413,6 @@ def test_a_disturbance_changes_the_raw_files_and_says_where(name):
     assert changed
 
 
-@pytest.mark.slow
 def test_repeats_run_in_the_order_of_the_settings():
     for trial in draw_trials("right", 30, 7, "wild", [bench.name for bench in WILD_BENCHES]):
         made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)
