@@ -95,6 +95,7 @@ class MoveSettling(AlongMove):
     """
 
     id = "move_settling"
+    nouns = ("settling after moves",)
     clauses = ("the arm still settles when it is read, the more the faster its end came",)
     words = (
         "theta_j += c v m_j / max |m|, m the move from the pose before, v that of the end for it"
