@@ -32,6 +32,14 @@ def spread(count: int, most: int) -> Index:
     return np.linspace(0, count - 1, min(count, most)).astype(np.intp)
 
 
+def drawn(count: int, most: int) -> Index:
+    """Return so many of `count` rows at most, drawn at random, the same each time, rising.
+
+    Not every n-th: rows may alternate.
+    """
+    return np.sort(np.random.default_rng(0).permutation(count)[:most])
+
+
 Rows = Index | Mask | slice
 R = TypeVar("R")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask, drawn
 from pa10cal.errors import CalibrationError, RawDataError
 from pa10cal.frame.hand_eye import hand_eye_from_points
 from pa10cal.frame.rigid_fit import Located
@@ -37,7 +37,7 @@ def misfit_of(measured: Instrument, T_base_ee: Array, fitted: int | None = None)
     rows = len(T_base_ee) if fitted is None else fitted
     if rows < measured.least_rows:
         return None
-    used = _some(rows)
+    used = drawn(rows, FITTED_ROWS)
     weights, sum_m = np.ones(len(used)), np.inf
     try:
         for _ in range(FITS):
@@ -60,7 +60,7 @@ def nominal_places(T_base_ee: Array, p_m: Array) -> Array | None:
     """
     if len(p_m) < LEAST_POSES:
         return None
-    some = _some(len(p_m))
+    some = drawn(len(p_m), FITTED_ROWS)
     weights = np.ones(len(some))
     for _ in range(FITS_OF_POINTS):
         located = placed_by_points(T_base_ee[some], p_m[some], weights)
@@ -85,11 +85,6 @@ def misfit_mm(p_m: Array, modelled_m: Array) -> Array:
     """Return the rms distance of measured from modelled targets over those seen, (P,)."""
     squares = np.sum((1e3 * (p_m - modelled_m)) ** 2, axis=2)
     return np.asarray(np.sqrt(np.nanmean(squares, axis=1)))
-
-
-def _some(rows: int) -> Index:
-    """Return the rows that are fitted, drawn where there are many."""
-    return np.sort(np.random.default_rng(0).permutation(rows)[:FITTED_ROWS])
 
 
 # Readings that stand a row away from the joints they were taken at.

@@ -196,17 +196,15 @@ def with_predicted(found: Verdict) -> Verdict:
         return found
     if found.train.without_motion is not None:
         return found
-    away, by_names = found.falls_back, found.extended.fitted()
-    if away is not None and away.within.nowhere:
-        by_names = found.baseline
+    by_names = found.baseline if found.holds_nowhere else found.extended.fitted()
     fit = field_of(by_names, found.train.poses, _without_name(found, by_names))
     if fit is None:
         return found
-    model = with_field(by_names, fit)
+    model, away = with_field(by_names, fit), found.falls_back
 
     def after(named: PairedErrors) -> PairedErrors:
         gap = replace(named, found_after=errors_of(model, named.poses))
-        if away is None or away.within.nowhere:
+        if away is None or found.holds_nowhere:
             return gap
         return fallen_back(gap, ~away.within.inside(named.poses.states.q_rad))
 

@@ -149,8 +149,7 @@ def _without_names_that_move_nothing(found: V) -> V:
     come out no better by it than chance makes, what is named moves nothing.
     """
     safe, names = harmless(found), [one for one in found.findings if is_named(one.effect)]
-    nowhere = safe.falls_back is not None and safe.falls_back.within.nowhere
-    if not nowhere or not names or found.train.reduction.interval95_mm[0] > 0.0:
+    if not safe.holds_nowhere or not names or found.train.reduction.interval95_mm[0] > 0.0:
         return safe
     before_mm, after_mm = found.train.before.mean_mm, found.train.after.mean_mm
     why = (

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, drawn
 from pa10cal.discovery import linear
 from pa10cal.discovery.rules import LINES, PROBABILITIES
 from pa10cal.fit.fitted_model import FittedModel
@@ -48,8 +48,7 @@ def gear_lines(
         known: places of lines that the model has.
     """
     if len(poses) > LINES.most_poses:
-        drawn = np.random.default_rng(0).permutation(len(poses))[: LINES.most_poses]
-        rows = np.sort(drawn)
+        rows = drawn(len(poses), LINES.most_poses)
         poses, left, whiten = poses.take(rows), left[rows], whiten[rows]
     arm = at.model.chain.arm
     joints = [

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, drawn
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
 from pa10cal.discovery.evidence.search import threshold
@@ -116,8 +116,7 @@ class Together:
                 nothing.
         """
         if len(poses) > TOGETHER.most_poses:
-            drawn = np.random.default_rng(0).permutation(len(poses))[: TOGETHER.most_poses]
-            rows = np.sort(drawn)
+            rows = drawn(len(poses), TOGETHER.most_poses)
             poses, whiten = poses.take(rows), whiten[rows]
             beside = None if beside is None else beside[rows]
         if beside is None:

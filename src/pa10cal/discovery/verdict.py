@@ -227,6 +227,11 @@ class Verdict(ABC):
         return replace(self, train=changed(self.train), holdout=held_out)
 
     @property
+    def holds_nowhere(self) -> bool:
+        """Whether all poses are left to the calibrated model."""
+        return self.falls_back is not None and self.falls_back.within.nowhere
+
+    @property
     def trusted_holdout(self) -> PairedErrors | None:
         """Return the gap of held-out poses without a suspected reading; None without any."""
         return trusted(self.holdout, self.prepared.suspected)
@@ -265,7 +270,7 @@ class Verdict(ABC):
     def model(self) -> FittedModel:
         """Return the calibrated model with the effects found."""
         fitted, away = self.extended.fitted(self.covariance), self.falls_back
-        if self.predicted is not None and away is not None and away.within.nowhere:
+        if away is not None and self.predicted is not None and self.holds_nowhere:
             beside = with_field(self.baseline, self.predicted.fit)
             discrepancy = discrepancy_of(beside, self.train.poses)
             away = replace(away, model=replace(beside, discrepancy=discrepancy))

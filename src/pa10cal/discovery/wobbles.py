@@ -16,7 +16,7 @@ import numpy as np
 
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, drawn
 from pa10cal.discovery import linear
 from pa10cal.discovery.rules import LINES, PROBABILITIES, WOBBLES
 from pa10cal.discovery.together import UnderWeights
@@ -65,8 +65,7 @@ def wobbles(
         known: places of wobbles that were tried.
     """
     if len(poses) > LINES.most_poses:
-        drawn = np.random.default_rng(0).permutation(len(poses))[: LINES.most_poses]
-        rows = np.sort(drawn)
+        rows = drawn(len(poses), LINES.most_poses)
         poses, left, whiten = poses.take(rows), left[rows], whiten[rows]
     there = {*known, *(term.of for term in at.model.terms if term.id == AxisWobble.id)}
     tried = [each for each in AxisWobble.everywhere(context) if each.of not in there]

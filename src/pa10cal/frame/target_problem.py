@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pa10cal.arrays import Array, Index, nearest_rotation, taken
+from pa10cal.arrays import Array, Index, drawn, nearest_rotation, taken
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import LEVER_M
 from pa10cal.numerics import least_squares
@@ -85,9 +85,7 @@ class TargetProblem:
         most = _MOST_POSES if self.d_m is None else _MOST_DISTANCES
         if len(self.weights) <= most:
             return self
-        # Drawn, not every n-th: what was seen may alternate.
-        drawn = np.random.default_rng(0).permutation(len(self.weights))[:most]
-        return taken(self, np.sort(drawn), "p_ee_stated_m")
+        return taken(self, drawn(len(self.weights), most), "p_ee_stated_m")
 
     @cached_property
     def seen(self) -> tuple[Index, Index]:

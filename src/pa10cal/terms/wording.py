@@ -90,19 +90,18 @@ def _short(group: list[ExplainedEffect]) -> str:
     """Return a group in a few words: `sensor or gear of joints 1 and 2`."""
     if group[0].joints is not None:
         return f"{noun_of(group[0].ids[0])} (mostly by {_at(group)})"
-    candidates = _candidates(group)
-    many = len(group) > 1 and len(candidates) == 1
-    here = [each for each in candidates if each.at == candidates[0].at]
-    elsewhere = [each for each in candidates if each not in here]
+    here, elsewhere = _candidates(group)
+    alone = not elsewhere and len(here) == 1
+    many = len(group) > 1 and alone
     nouns = " or ".join(noun_of(each.id, many=many) for each in here)
     others = [_placed(noun_of(each.id), each.at) for each in elsewhere]
     if len(others) > _MOST_OTHERS:
         others = [f"one of {len(others)} others"]
     told = " or ".join([_placed(nouns, here[0].at), *others])
-    first = candidates[0]
+    first = here[0]
     if first.least is None or first.least >= SURE:
         return told
-    noun = f"{noun_of(first.id)} " if len(candidates) > 1 else ""
+    noun = "" if alone else f"{noun_of(first.id)} "
     least, most = f"{first.least:.2f}", f"{first.most:.2f}"
     return f"{told} ({noun}{least})" if least == most else f"{told} ({noun}{least} to {most})"
 
@@ -117,8 +116,11 @@ class _Candidate:
     most: float | None
 
 
-def _candidates(group: list[ExplainedEffect]) -> list[_Candidate]:
-    """Return what a group may be: the name that was found first, unless another is likelier."""
+def _candidates(group: list[ExplainedEffect]) -> tuple[list[_Candidate], list[_Candidate]]:
+    """Return what a group may be, at one place and elsewhere.
+
+    The name that was found comes first, unless another is likelier.
+    """
     ids, elsewhere = _shared(group)
     first, at = group[0], _at(group)
     found = [each.probability for each in group if each.probability is not None]
@@ -133,7 +135,8 @@ def _candidates(group: list[ExplainedEffect]) -> list[_Candidate]:
     likeliest = max(each.least or 0.0 for each in candidates)
     if found and likeliest > min(found):
         candidates.sort(key=lambda each: -(each.least or 0.0))
-    return candidates
+    here = [each for each in candidates if each.at == candidates[0].at]
+    return here, [each for each in candidates if each not in here]
 
 
 def _shared(group: list[ExplainedEffect]) -> tuple[tuple[str, ...], tuple[EffectName, ...]]:
@@ -171,9 +174,7 @@ def _joints(numbers: list[str]) -> str:
 
 
 def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
-    candidates = _candidates(group)
-    here = [each for each in candidates if each.at == candidates[0].at]
-    elsewhere = [each for each in candidates if each not in here]
+    here, elsewhere = _candidates(group)
     clauses = [clause_of(each.id, each.at, many=len(group) > 1) for each in here]
     if len(elsewhere) > _MOST_OTHERS:
         clauses.append(f"one of {len(elsewhere)} other effects is there")

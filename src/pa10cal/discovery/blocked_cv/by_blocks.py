@@ -11,7 +11,7 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arm.description import weights_known
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array, Index, drawn
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
@@ -188,7 +188,7 @@ class VerdictByBlocks(SearchVerdict):
         extended, survey = self.extended, self.survey
         at, rows = extended.at, np.arange(len(survey.poses))
         if most_poses is not None and len(rows) > most_poses:  # some of every block, in any order
-            rows = np.sort(np.random.default_rng(0).permutation(len(rows))[:most_poses])
+            rows = drawn(len(rows), most_poses)
         whiten = extended.weights.whiteners(rows)
         poses: Observations = survey.poses.take(rows)
         components = whiten.shape[1]
