@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from mended import write_simulated
+from pa10cal.discovery import rules
 from pa10cal.discovery.field import by_joint, field_of, with_field
 from pa10cal.discovery.nameless import with_terms
 from pa10cal.fit.discrepancy import discrepancy_of
@@ -37,14 +38,16 @@ def measured(tmp_path_factory):
     return model, *poses
 
 
-def moved(model, poses, size_m, seed=0):
+def moved(model, poses, size_m, seed=0, rough=False):
     """Return poses as the model has them, moved by what no name describes, with noise."""
     q, rng = poses.states.q_rad, np.random.default_rng(seed)
-    smooth = [np.sin(q[:, 0] + q[:, 1]), np.cos(q[:, 1] - 0.7 * q[:, 2]), np.sin(q[:, 0]) * q[:, 2]]
+    along = [np.sin(q[:, 0] + q[:, 1]), np.cos(q[:, 1] - 0.7 * q[:, 2]), np.sin(q[:, 0]) * q[:, 2]]
+    if rough:  # it jumps where a joint passes an angle
+        along = [np.sign(each) for each in (q[:, 0] + q[:, 1], q[:, 1] - 0.3, q[:, 0] * q[:, 2])]
     T_instr_ee = model.T_instr_base @ model.model.predict(poses.states, model.x)
     ideal = poses.measured.ideal(T_instr_ee, model.targets_m)
     noise = 1e-3 * NOISE_MM * rng.standard_normal(ideal.p_instr_m.shape)
-    by_m = size_m * np.stack(smooth, axis=1)[:, None, :] + noise
+    by_m = size_m * np.stack(along, axis=1)[:, None, :] + noise
     p_instr_m = np.where(np.isnan(poses.measured.p_instr_m), np.nan, ideal.p_instr_m + by_m)
     return replace(poses, measured=replace(poses.measured, p_instr_m=p_instr_m))
 
@@ -67,6 +70,19 @@ def test_a_smooth_error_without_a_name_is_predicted_at_other_poses(measured, pre
     before = rms_mm(model, away) ** 2 - noise_mm**2
     after = rms_mm(predicted[0], away) ** 2 - noise_mm**2
     assert after < 0.1 * before
+
+
+def test_an_error_that_jumps_is_left_to_a_rough_displacement(measured, monkeypatch):
+    model, fitted, away = measured
+    fitted, away = (moved(model, each, 2e-4, seed=2, rough=True) for each in (fitted, away))
+    found = field_of(model, fitted)
+    assert [term.kernel for term in found.terms] == ["exponential"]
+    never = replace(rules.FIELD, rough_length=1e-6)  # poses say nothing of each other
+    monkeypatch.setattr("pa10cal.discovery.field.FIELD", never)
+    smooth = field_of(model, fitted)
+    assert [term.kernel for term in smooth.terms] == ["squared exponential"]
+    rough_mm, smooth_mm = (rms_mm(with_field(model, each), away) for each in (found, smooth))
+    assert rough_mm < smooth_mm < rms_mm(model, away)
 
 
 @pytest.mark.slow_but_one_in(6)

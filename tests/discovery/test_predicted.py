@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.discover import with_predicted
+from pa10cal.discovery.gap import fallen_back
 from pa10cal.discovery.verdict_records import verdict_keys
-from pa10cal.fit.angles_seen import nothing_seen
+from pa10cal.fit.angles_seen import nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.terms.wording import headline, sentences
@@ -57,6 +58,35 @@ def test_the_written_model_is_the_one_that_is_judged(entangled):
         beside.model.as_read(poses), beside.model.T_instr_base, beside.model.targets_m
     )
     np.testing.assert_allclose(by_model.distance_mm, beside.train.found_after.distance_mm)
+
+
+@pytest.fixture(scope="module")
+def limited(entangled):
+    """What was found, left to the calibrated model beyond the joint positions of some poses."""
+    found = entangled.discovery
+    within = span_visited(found.train.poses.states.q_rad[:20])
+    left = found.with_gaps(lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad)))
+    return replace(left, falls_back=FallBack(within, found.baseline, "held-out poses say so"))
+
+
+def test_limits_of_effects_go_where_poses_beyond_them_are_predicted_no_worse(entangled, limited):
+    beside, without = with_predicted(limited), with_predicted(entangled.discovery)
+    assert beside.falls_back is None
+    assert beside.holdout.after == without.holdout.after
+    assert beside.predicted.holdout.after == without.predicted.holdout.after
+
+
+def test_limits_of_effects_stay_where_poses_beyond_them_are_predicted_worse(limited):
+    before = limited.holdout.found_before
+    right = replace(before, distance_mm=1e-3 * before.distance_mm)
+    harmed = replace(limited, holdout=replace(limited.holdout, found_before=right))
+    beside = with_predicted(harmed)
+    assert beside.predicted is not None
+    assert beside.falls_back is harmed.falls_back
+    outside = ~harmed.falls_back.within.inside(harmed.holdout.poses.states.q_rad)
+    assert outside.any()
+    left_mm = beside.holdout.found_after.distance_mm
+    np.testing.assert_array_equal(left_mm[outside], right.distance_mm[outside])
 
 
 def test_where_effects_hold_nowhere_it_stands_beside_the_calibrated_model(entangled, tmp_path):

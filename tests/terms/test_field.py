@@ -23,34 +23,40 @@ FIELD = Field(
     length_m=0.5,
     size_m=2e-4,
 )
+ROUGH = replace(FIELD, kernel="exponential")
+KERNELS = pytest.mark.parametrize("field", [FIELD, ROUGH])
 X = FIELD.size_m * RNG.standard_normal(len(FIELD.parameters))
 
 
-def covariance_of(one, other):
+def covariance_of(one, other, kernel):
     """The kernel by hand: what displacements along one axis are expected to have in common."""
     apart = [
         [np.linalg.norm(a - b) for b in embedded(other, np.array(FIELD.lever_m), TURNS)]
         for a in embedded(one, np.array(FIELD.lever_m), TURNS)
     ]
+    if kernel == "exponential":
+        return np.exp(-np.array(apart) / FIELD.length_m)
     return np.exp(-0.5 * np.square(apart) / FIELD.length_m**2)
 
 
 TURNS = np.array(FIELD.turns)
 
 
-def test_at_its_places_displacements_are_expected_as_large_and_as_alike_as_the_kernel_says():
-    features = FIELD.features(PLACES)
-    np.testing.assert_allclose(features @ features.T, covariance_of(PLACES, PLACES), atol=1e-5)
+@KERNELS
+def test_at_its_places_displacements_are_expected_as_large_and_as_alike_as_the_kernel_says(field):
+    features, expected = field.features(PLACES), covariance_of(PLACES, PLACES, field.kernel)
+    np.testing.assert_allclose(features @ features.T, expected, atol=1e-5)
 
 
+@KERNELS
 @settings(deadline=None)
-@given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3))
-def test_nowhere_more_is_expected_than_its_size_and_far_away_nothing(position):
+@given(position=st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3))
+def test_nowhere_more_is_expected_than_its_size_and_far_away_nothing(field, position):
     q = np.array([position])
-    expected = float(np.sum(FIELD.features(q) ** 2))
+    expected = float(np.sum(field.features(q) ** 2))
     assert expected <= 1.0 + 1e-9
     away = q + np.array([[0.0, 0.0, 50.0]])  # along the joint that slides
-    assert np.abs(FIELD.shift(at_rest(away), X)).max() < 1e-12
+    assert np.abs(field.shift(at_rest(away), X)).max() < 1e-12
 
 
 def test_its_derivative_is_exact_and_it_is_proportional():
@@ -71,9 +77,16 @@ def test_a_whole_turn_changes_nothing():
     np.testing.assert_allclose(there, here, atol=1e-12)
 
 
-def test_as_plain_data_it_is_the_same():
-    back = term_from_plain(term_to_plain(FIELD), where="model.yaml")
-    assert back == FIELD
+@KERNELS
+def test_as_plain_data_it_is_the_same(field):
+    plain = term_to_plain(field)
+    assert term_from_plain(plain, where="model.yaml") == field
+    assert ("kernel" in plain["form"]) == (field is ROUGH)  # smooth where nothing is said
+
+
+def test_a_rough_one_has_another_formula():
+    assert "exp(-d_k / length_m)" in ROUGH.formula
+    assert "exp(-d_k^2 / (2 length_m^2))" in FIELD.formula
 
 
 def test_another_campaign_of_the_arm_starts_without_it():

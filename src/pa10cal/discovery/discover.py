@@ -18,7 +18,7 @@ from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
-from pa10cal.discovery.gates import gated, harmless, unfit
+from pa10cal.discovery.gates import gated, harmless, limits, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -191,6 +191,7 @@ def with_predicted(found: Verdict) -> Verdict:
 
     Not where the log is to be checked, nor where the base moved: neither goes with the joints.
     Where effects hold nowhere it stands beside the calibrated model, to which all poses are left.
+    Limits of the effects go where held-out poses beyond them are predicted no worse with it.
     """
     if not isinstance(found, SearchVerdict) or found.verdict == "check_the_log":
         return found
@@ -202,14 +203,22 @@ def with_predicted(found: Verdict) -> Verdict:
         return found
     model, away = with_field(by_names, fit), found.falls_back
 
-    def after(named: PairedErrors) -> PairedErrors:
-        gap = replace(named, found_after=errors_of(model, named.poses))
-        if away is None or found.holds_nowhere:
-            return gap
-        return fallen_back(gap, ~away.within.inside(named.poses.states.q_rad))
+    def after(model: FittedModel, gap: PairedErrors) -> PairedErrors:
+        return replace(gap, found_after=errors_of(model, gap.poses))
 
-    predicted = Predicted(fit, found.train, found.holdout)
-    return replace(found, predicted=predicted).with_gaps(after)
+    def predicting(found: SearchVerdict) -> SearchVerdict:
+        predicted = Predicted(fit, found.train, found.holdout)
+        return replace(found, predicted=predicted).with_gaps(partial(after, model))
+
+    if away is None or found.holds_nowhere:
+        return predicting(found)
+    everywhere = replace(found, falls_back=None).with_gaps(partial(after, by_names))
+    everywhere = predicting(everywhere)
+    if limits(everywhere) is None:
+        return everywhere
+    return predicting(found).with_gaps(
+        lambda gap: fallen_back(gap, ~away.within.inside(gap.poses.states.q_rad))
+    )
 
 
 def _without_name(found: SearchVerdict, model: FittedModel) -> tuple[Effect, ...]:

@@ -4,8 +4,9 @@ What the model leaves is fitted by effects of which none is named (`discovery.na
 smooth displacement by the joints' positions (`terms.field`), or by both, the model itself staying
 as it is: a correction in the manner of Kennedy and O'Hagan (J. R. Stat. Soc. B 63, 2001). The
 displacement's size is the one that makes what is left most likely. Its length is the most likely
-of those with which poses that were held out are predicted better, and whole regions that were
-held out no worse. Of effects, displacement and both those are taken with which held-out poses are
+of those with which poses that were held out are predicted better, and whole regions that were held
+out no worse; a rough one, which has no scale of its own, takes its place where these are predicted
+better yet. Of effects, displacement and both those are taken with which held-out poses are
 predicted best; where nothing helps, there is nothing.
 """
 
@@ -29,7 +30,7 @@ from pa10cal.fit.forward import Forward
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import Effect
-from pa10cal.terms.field import Field, embedded, well_spread
+from pa10cal.terms.field import Field, Kernel, embedded, well_spread
 from pa10cal.terms.term import Term
 
 F = TypeVar("F", bound=Fitted)
@@ -82,6 +83,15 @@ def field_of(model: Fitted, poses: Observations, effects: Sequence[Effect] = ())
     return None if found is None else found.fit(model, poses.states)
 
 
+@dataclass(frozen=True)
+class _Likely:
+    """A displacement in its most likely size."""
+
+    field: Field
+    scatter: float  # of a row beside it
+    gained: float  # by how much more likely the rows are with it [nats]
+
+
 @dataclass(frozen=True, eq=False)
 class _Judged:
     """What stands beside a model, judged by poses that are held out."""
@@ -100,6 +110,11 @@ class _Judged:
         return self.held_out.squares(self.there, self.held_out.regions)
 
     @property
+    def left_mm2(self) -> float:
+        """Return what it leaves of poses held out, among others and in whole regions."""
+        return self.places.with_mm2 + self.regions.with_mm2
+
+    @property
     def helps(self) -> bool:
         """Return whether poses held out gain by it, and whole regions lose nothing."""
         gains = self.places.sure > FIELD.standard_errors and self.places.gain > FIELD.least_gain
@@ -107,8 +122,8 @@ class _Judged:
 
     def better_than(self, other: _Judged | None) -> bool:
         """Return whether it predicts poses held out clearly better than something else."""
-        least = np.inf if other is None else other.places.with_mm2
-        return self.places.with_mm2 < (1.0 - FIELD.least_gain) * least
+        least = np.inf if other is None else other.left_mm2
+        return self.left_mm2 < (1.0 - FIELD.least_gain) * least
 
     def fit(self, model: Fitted, states: PoseStates) -> FieldFit:
         """Return it as it is to be used beside the model."""
@@ -160,40 +175,50 @@ class _HeldOut:
         )
 
     def best(self, there: Beside) -> _Judged | None:
-        """Return what stands beside the model with the most likely displacement that helps.
+        """Return what stands beside the model with the displacement that helps most.
 
-        Without one where none helps any more; None where nothing helps.
+        Of smooth ones the most likely that helps, or a rough one where that leaves less of poses
+        held out. Without one where none helps any more; None where nothing helps.
         """
         without = _Judged(there, self) if there.terms else None
-        found, most = None, 0.0
-        for length in FIELD.lengths:
-            field, scatter, gained = self._field(there, length)
-            if gained <= most:
-                continue
-            terms, weight = (*there.terms, field), there.rows.weight
-            tried = _Judged(beside(self.model, terms, self.poses, scatter, weight), self)
-            if tried.better_than(without) and tried.helps:
-                found, most = tried, gained
+        smooth = [self._field(there, length, "squared exponential") for length in FIELD.lengths]
+        likely = sorted(smooth, key=lambda field: -field.gained)
+        rough = self._field(there, FIELD.rough_length, "exponential")
+        found = self._first_helping(there, likely, without)
+        tried = self._first_helping(there, [rough], without)
+        if tried is not None and (found is None or tried.left_mm2 < found.left_mm2):
+            found = tried
         if found is None and without is not None and without.helps:
             return without
         return found
 
-    def _field(self, there: Beside, length: float) -> tuple[Field, float, float]:
-        """Return a displacement of some length in its most likely size.
+    def _first_helping(
+        self, there: Beside, fields: Sequence[_Likely], without: _Judged | None
+    ) -> _Judged | None:
+        """Return what stands beside the model with the first of displacements that helps."""
+        for field in fields:
+            if field.gained <= 0.0:
+                continue
+            terms, weight = (*there.terms, field.field), there.rows.weight
+            tried = _Judged(beside(self.model, terms, self.poses, field.scatter, weight), self)
+            if tried.helps and tried.better_than(without):
+                return tried
+        return None
 
-        And the scatter of a row beside it, and by how much more likely the rows are with it.
-        """
+    def _field(self, there: Beside, length: float, kernel: Kernel) -> _Likely:
+        """Return a displacement of some length in its most likely size."""
         field = Field(
             q=tuple(tuple(row) for row in self.through.tolist()),
             lever_m=tuple(self.lever_m.tolist()),
             turns=tuple((~self.model.arm.prismatic).tolist()),
             length_m=length * self.spread_m,
             size_m=1.0,
+            kernel=kernel,
         )
         rows = there.rows
         columns = _columns(field, rows, self.poses.states)
         size_m, scatter, gained = _most_likely(Gaussian.of(columns, rows.left), rows)
-        return replace(field, size_m=size_m), scatter, gained
+        return _Likely(replace(field, size_m=size_m), scatter, gained)
 
     def squares(self, there: Beside, group: Index) -> HeldOutSquares:
         """Return errors of poses whose group (P,) is held out, of all groups in turn.

@@ -373,9 +373,19 @@ def harmless(found: V) -> V:
     """
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _harmless_to_every_campaign(_without_contradicted(found, visited))
+    away = limits(found)
+    return found if away is None else replace(_only_within(found, away.within), falls_back=away)
+
+
+def limits(found: SearchVerdict) -> FallBack | None:
+    """Return what keeps a verdict's model from predicting held-out poses worse; None for nothing.
+
+    Of a path those at unseen stretches neither, and of a group those of no campaign.
+    """
     held_out = found.trusted_holdout
     if held_out is None:
-        return found
+        return None
+    visited = span_visited(found.prepared.readings.states.q_rad)
     outside = ~visited.inside(held_out.poses.states.q_rad)
     fitted = average_repeats(found.prepared.readings)
     judged = [np.ones_like(outside)]
@@ -390,7 +400,7 @@ def harmless(found: V) -> V:
     there, all_over = _harm(held_out, outside), anywhere(held_out)
     harm, within = all_over or there, nothing_seen(len(visited.turns))
     if harm is None:
-        return found
+        return None
     where, then = "", "everywhere"
     beyond = found.falls_back is None and outside.any()
     if beyond and anywhere(fallen_back(held_out, outside)) is None:
@@ -401,8 +411,7 @@ def harmless(found: V) -> V:
         f"held-out poses{where} are predicted worse {what}: {harm.before.rms_mm:.4f} mm rms "
         f"before, {harm.after.rms_mm:.4f} mm after; the extended model is the calibrated one {then}"
     )
-
-    return replace(_only_within(found, within), falls_back=FallBack(within, found.baseline, why))
+    return FallBack(within, found.baseline, why)
 
 
 def _without_contradicted(found: V, visited: AngleCoverage) -> V:

@@ -501,6 +501,8 @@ class Field:
     groups: int = 10  # groups that are held out in turn (computing)
     group_poses: int = 4  # poses a group at least (statistics)
     lengths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6)  # in the spread of poses (computing)
+    # the same of a rough one; any longer one differs by its size alone (measured)
+    rough_length: float = 1.6
     # sizes of a displacement, over the scatter of a row: lowest, highest [m], count (computing)
     sizes_m: tuple[float, float, int] = (1e-7, 0.1, 61)
     most_places: int = 100  # places that it goes through (computing)

@@ -7,9 +7,9 @@ Processes for Machine Learning, 2006, chapter 2; the places as in the subset of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, TypeGuard
+from typing import ClassVar, Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,16 @@ from scipy.spatial.distance import cdist
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.terms.term import Report, Role, Term, TermParameter, Traits
+from pa10cal.terms.term import OPTIONAL, Report, Role, Term, TermParameter, Traits
 
 #: Part of a variance that no neighbour foretells; keeps the covariance of places well conditioned.
 _JITTER = 1e-6
 _AXES = 3
+#: How the correlation of two places falls with their distance over the length. By the exponential
+#: the displacement is continuous and has no derivative, by its square it is smooth.
+Kernel = Literal["squared exponential", "exponential"]
+_POWERS: dict[Kernel, str] = {"squared exponential": "-d_k^2 / (2 length_m^2)"}
+_POWERS["exponential"] = "-d_k / length_m"
 #: Where it stands among the places of what is explained.
 NO_NAME = "without a name, predicted"
 
@@ -42,20 +47,24 @@ class Field(Traits):
     turns: tuple[bool, ...]  # (n,) whether a joint turns
     length_m: float  # distance of poses over which it changes
     size_m: float  # standard deviation expected of the displacement along each axis
+    kernel: Kernel = field(default="squared exponential", metadata={OPTIONAL: True})
     id: ClassVar[str] = "field"
     of: ClassVar[str] = "joints"
-    formula: ClassVar[str] = (
-        "along each base axis sum over places k of exp(-d_k^2 / (2 length_m^2)) c_k, d_k the "
-        "distance of the joints' positions from place k, each joint along the chord of its angle "
-        "times lever_m; c = inverse transpose of L times x, L the lower factor of the correlation "
-        "of the places with 1e-6 added to its diagonal"
-    )
     #: It was learnt where one campaign measured; of another arm, tool or day it is not known.
     stays_with_arm: ClassVar[bool] = False
     known_elsewhere: ClassVar[bool] = False
     #: What it is called, and does, at the joints that it goes with mostly.
     nouns: ClassVar[tuple[str, ...]] = ("what has no name and is predicted",)
     clauses: ClassVar[tuple[str, ...]] = ("what has no name is predicted, mostly by {at}",)
+
+    @property
+    def formula(self) -> str:
+        return (
+            f"along each base axis sum over places k of exp({_POWERS[self.kernel]}) c_k, d_k the "
+            "distance of the joints' positions from place k, each joint along the chord of its "
+            "angle times lever_m; c = inverse transpose of L times x, L the lower factor of the "
+            "correlation of the places with 1e-6 added to its diagonal"
+        )
 
     @property
     def parameters(self) -> tuple[TermParameter, ...]:
@@ -99,7 +108,8 @@ class Field(Traits):
         return embedded(q, np.array(self.lever_m), np.array(self.turns))
 
     def _correlation(self, one: Array, other: Array) -> Array:
-        return np.asarray(np.exp(-0.5 * cdist(one, other, "sqeuclidean") / self.length_m**2))
+        away = cdist(one, other) / self.length_m
+        return np.asarray(np.exp(-away if self.kernel == "exponential" else -0.5 * away**2))
 
     @cached_property
     def _places(self) -> Array:
