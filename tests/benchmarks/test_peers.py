@@ -130,9 +130,8 @@ def test_the_page_says_how_each_failed():
 def test_a_peer_that_cannot_be_installed_is_said_in_one_line(tmp_path, monkeypatch):
     pins = tmp_path / "nothing.txt"
     pins.write_text("a-package-that-is-nowhere==0.0.0\n")
-    monkeypatch.setattr(environments, "PINS", tmp_path)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
-    python, reason = environments.build("nothing", tmp_path / "environments")
+    python, reason = environments.build("nothing", tmp_path / "environments", tmp_path)
     assert python is None
     assert "a-package-that-is-nowhere" in reason
     assert "\n" not in reason

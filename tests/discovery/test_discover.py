@@ -71,6 +71,16 @@ def names(verdict):
     return [(effect.id, effect.of) for effect in verdict.effects]
 
 
+def is_sure(verdict):
+    """Return whether its one name is likelier by far than all else.
+
+    Beside a smooth function of the same joint that predicts as well a name has 0.94 at the most,
+    and where weights can take up nearly all that it does 0.89: it is `ambiguous` (decision 59).
+    """
+    (found,) = verdict.effects
+    return verdict.verdict in ("named", "ambiguous") and found.explanations.of(found.effect) > 0.85
+
+
 ONE_TARGET = ("points", ECCENTRIC, {"targets": 1})
 EASY = product(("points", "distance"), (ECCENTRIC, WAVE, BACKLASH, None), [{}])
 
@@ -82,8 +92,8 @@ def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, h
     if hidden is None:
         assert (verdict.verdict, names(verdict)) == ("none", [])
         return
-    assert verdict.verdict == "named"
     assert names(verdict) == [(hidden["id"], hidden["of"])]
+    assert is_sure(verdict)
     (effect,) = verdict.effects
     name, true = next(iter(hidden["parameters"].items()))
     found = effect.parameters[name]
@@ -98,7 +108,8 @@ def test_weights_that_are_described_about_right_take_up_no_encoder_error(campaig
     wave = {**ECCENTRIC, "of": "joint 2"}
     springs = {"flexible_joints": (2, 3, 4), "hardening": False}
     verdict = searched(campaign("pose", wave, **plan, **springs))
-    assert (verdict.verdict, names(verdict)) == ("named", [("encoder_eccentricity", "joint 2")])
+    assert names(verdict) == [("encoder_eccentricity", "joint 2")]
+    assert is_sure(verdict)
 
 
 @pytest.mark.slow

@@ -5,13 +5,12 @@ Each reader takes the lines of a file and yields those of a table, times in seco
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 
-from pa10cal.campaign.text_lines import TextLine, table_row
+from pa10cal.campaign.text_lines import TextLine, comma_fields, table_row
 from pa10cal.errors import RawDataError
 
 #: Words of headers for lengths and angles, by the unit.
@@ -30,14 +29,6 @@ def _refuse_header(what: str, where: str, value: str, allowed: str) -> RawDataEr
         remedy="export the take again as CSV with its header, or write columns for the file by "
         "hand: header states the line of the names",
     )
-
-
-def _fields(text: str) -> list[str]:
-    """Return the fields of a line with commas between them."""
-    try:
-        return [field.strip() for field in next(csv.reader([text]), [])]
-    except csv.Error:
-        return [field.strip() for field in text.split(",")]
 
 
 def _rate_hz(fields: Sequence[str]) -> float:
@@ -61,18 +52,18 @@ _MOTIVE_LINES = 20
 def motive_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield a table of rigid bodies (position, orientation) and markers (position)."""
     first = next(lines, TextLine(1, "", ended=True))
-    stated = _fields(first.text)
+    stated = comma_fields(first.text)
     about = {key.lower(): value for key, value in zip(stated[::2], stated[1::2], strict=False)}
     above: list[list[str]] = []
     last = first
     for last in lines:
-        fields = _fields(last.text)
+        fields = comma_fields(last.text)
         if fields[0].lower() == "frame":
             break
         above.append(fields)
         if len(above) > _MOTIVE_LINES:
             break
-    axes = _fields(last.text)
+    axes = comma_fields(last.text)
     version = about.get("format version", "")
     if axes[0].lower() != "frame" or not above:
         raise _refuse_header(
@@ -100,7 +91,7 @@ def motive_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Ite
         notes.append("markers where the bodies have them (Rigid Body Marker) are not read")
     yield TextLine(last.number, table_row(titles), ended=True)
     for line in lines:
-        yield TextLine(line.number, table_row(_fields(line.text)), line.ended)
+        yield TextLine(line.number, table_row(comma_fields(line.text)), line.ended)
 
 
 def _motive_title(
@@ -153,14 +144,16 @@ class _Section:
 
     def columns(self, where: str) -> tuple[float, list[str]]:
         """Return the rate in Hz, and a name for every column."""
-        if len(self.head) < _VICON_HEADER or not _fields(self.head[2].text)[0].startswith("Frame"):
+        if len(self.head) < _VICON_HEADER or not comma_fields(self.head[2].text)[0].startswith(
+            "Frame"
+        ):
             raise _refuse_header(
                 f"the section {self.title.text.strip(', ')} lacks a part of its header",
                 f"{where}:{self.title.number}",
                 self.head[-1].text.strip(", ") if self.head else "nothing",
                 "a line each with the rate, the names, Frame and Sub Frame and axes, and units",
             )
-        rate, names, axes, units = (_fields(line.text) for line in self.head[:_VICON_HEADER])
+        rate, names, axes, units = (comma_fields(line.text) for line in self.head[:_VICON_HEADER])
         rate_hz = _rate_hz(rate)
         if any(_NUMBER.fullmatch(each) for each in units):
             raise _refuse_header(
@@ -193,7 +186,7 @@ def vicon_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iter
     section: _Section | None = None
     rate_hz, done = 0.0, False
     for line in lines:
-        fields = _fields(line.text)
+        fields = comma_fields(line.text)
         if not fields[0][:1].isdigit() and fields[0].lower() in _VICON_SECTIONS:
             done = section is not None
             if done:

@@ -5,13 +5,12 @@ Each reader takes the lines of a file and yields those of a table: labels, and w
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from pa10cal.campaign.recognise import canonical_unit
-from pa10cal.campaign.text_lines import TextLine, table_row
+from pa10cal.campaign.text_lines import TextLine, comma_fields, table_row
 from pa10cal.errors import RawDataError
 
 _AXES = ("x", "y", "z")
@@ -97,7 +96,7 @@ def _row(text: str) -> list[str]:
     """Return the fields of a line, with tabs between them or else commas."""
     if "\t" in text:
         return [each.strip(' "') for each in text.split("\t")]
-    return [each.strip() for each in next(csv.reader([text]), [])]
+    return comma_fields(text)
 
 
 def begins_controls(head: Sequence[str]) -> bool:

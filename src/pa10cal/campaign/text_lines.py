@@ -6,6 +6,7 @@ What is no text, damaged, or larger than is read is refused before any row is.
 from __future__ import annotations
 
 import codecs
+import csv
 import gzip
 import hashlib
 import io
@@ -58,6 +59,15 @@ class TextLine(NamedTuple):
     number: int  # from 1
     text: str
     ended: bool  # whether a line end follows
+
+
+def comma_fields(text: str) -> list[str]:
+    """Return the fields of a line with commas between them, quoted or not."""
+    try:
+        fields = next(csv.reader([text]), [])
+    except csv.Error:  # a field of more than 131072 characters
+        fields = text.split(",")
+    return [field.strip() for field in fields]
 
 
 def table_row(fields: Iterable[str]) -> str:

@@ -377,18 +377,21 @@ class Screen:
         if slides.any() and np.abs(q[:, slides]).max() <= LONGEST_STROKE_M:
             tried.append(("strokes", "m", "mm", every, np.where(slides, 1e3, 1.0)))
         logged = misfit_of(measured, T_base_ee) if tried else None
-        logged_m = 0.0 if logged is None else float(np.median(logged.size_m))
+        # As logged the poses may not even say where the instrument stands.
+        logged_m = np.inf if logged is None else float(np.median(logged.size_m))
         for quantity, unit, right_unit, of, factor in tried if logged_m > BAD_M else ():
             axes = in_radians(np.where(of, factor, 1.0) * q, slides)
             moved = Chain.of(self.arm).forward(coupling.to_joints(axes))
             misfit = misfit_of(measured, moved)
             misfit_m = np.inf if misfit is None else float(np.median(misfit.size_m))
-            if BETTER * misfit_m <= logged_m:
+            if misfit_m <= (BAD_M if logged is None else logged_m / BETTER):
                 named, right = UNIT_WORDS[unit], UNIT_WORDS[right_unit]
                 value = (
                     f"a median misfit of the nominal model of {1e3 * logged_m:.0f} mm, and of "
                     f"{1e3 * misfit_m:.0f} mm with {named}"
                 )
+                if logged is None:
+                    value = f"nothing fits; with {named} all but {1e3 * misfit_m:.0f} mm does"
                 first = next(name for name in names if name.endswith(f"_{right_unit}"))
                 what, remedy = f"the joint {quantity} look like", words.set_unit(first, unit, right)
                 if not of.all():
