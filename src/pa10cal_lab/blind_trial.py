@@ -214,6 +214,12 @@ class BlindTrial:
         (hidden,) = self.hidden
         return hidden.of in self.verdict.places or any(map(self._leaves_open, self.effects))
 
+    def tells_place(self, hidden: results.HiddenEffect) -> bool:
+        """Return whether anything was said where an effect is hidden, whatever its name."""
+        said = self.without_springs()
+        places = [name.of for effect in said.effects for name in effect.all_names]
+        return hidden.of in (*places, *(() if self.verdict is None else self.verdict.places))
+
     def is_confidently_wrong(self, *words: str) -> bool:
         """Return whether the verdict is `named` and a name stands alone that is not what is hidden.
 

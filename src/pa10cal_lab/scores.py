@@ -135,6 +135,7 @@ def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
             "apart": t.ratio(hidden, partial=True) or nan,
             "moved": t.moved_over_floor(hidden) or 0.0,
             "named": named,
+            "place_told": t.tells_place(hidden),
             "alternatives": nan if beside is None else beside,
             "alone": named and beside == 0 and not t.extra(),
         }

@@ -318,6 +318,21 @@ def test_a_map_at_the_joint_of_what_has_no_name_is_the_right_place():
     assert one.outcome(one.hidden[0]) == RIGHT_PLACE
 
 
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        (verdict(named(LOST, Name("gear_ratio_error", THIRD.of))), True),
+        (verdict(word="unexplained", places=(THIRD.of,)), True),
+        (verdict(named(Name("backlash", "joint 1"))), False),
+        (verdict(), False),
+        (None, False),
+    ],
+)
+def test_a_place_is_told_by_whatever_name(said, told):
+    one = trial("outside", [THIRD], said)
+    assert one.tells_place(THIRD) == told
+
+
 def test_power_is_studied_by_size_and_by_what_moves():
     sizes = np.geomspace(0.1, 3.0, 30)
     trials = [
