@@ -89,6 +89,14 @@ def test_limits_of_effects_stay_where_poses_beyond_them_are_predicted_worse(limi
     np.testing.assert_array_equal(left_mm[outside], right.distance_mm[outside])
 
 
+def test_where_held_out_poses_come_out_worse_by_it_nothing_is_predicted(entangled):
+    found = entangled.discovery
+    without = found.holdout.found_after
+    right = replace(without, distance_mm=1e-3 * without.distance_mm)
+    harmed = replace(found, holdout=replace(found.holdout, found_after=right))
+    assert with_predicted(harmed) is harmed
+
+
 def test_where_effects_hold_nowhere_it_stands_beside_the_calibrated_model(entangled, tmp_path):
     found = entangled.discovery
     nowhere = FallBack(nothing_seen(found.baseline.arm.n), found.baseline, "held-out poses say so")

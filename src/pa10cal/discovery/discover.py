@@ -191,7 +191,8 @@ def with_predicted(found: Verdict) -> Verdict:
 
     Not where the log is to be checked, nor where the base moved: neither goes with the joints.
     Where effects hold nowhere it stands beside the calibrated model, to which all poses are left.
-    Limits of the effects go where held-out poses beyond them are predicted no worse with it.
+    Limits of the effects go where held-out poses beyond them are predicted no worse with it. Where
+    it makes held-out poses worse it is not predicted.
     """
     if not isinstance(found, SearchVerdict) or found.verdict == "check_the_log":
         return found
@@ -210,15 +211,26 @@ def with_predicted(found: Verdict) -> Verdict:
         predicted = Predicted(fit, found.train, found.holdout)
         return replace(found, predicted=predicted).with_gaps(partial(after, model))
 
-    if away is None or found.holds_nowhere:
-        return predicting(found)
-    everywhere = replace(found, falls_back=None).with_gaps(partial(after, by_names))
-    everywhere = predicting(everywhere)
-    if limits(everywhere) is None:
+    free = found
+    if not (away is None or found.holds_nowhere):
+        free = replace(found, falls_back=None).with_gaps(partial(after, by_names))
+    everywhere = predicting(free)
+    # Held-out poses chose nothing of it, and are predicted no worse than by the names alone.
+    if limits(_against(everywhere, free)) is not None:
+        return found
+    if away is None or found.holds_nowhere or limits(everywhere) is None:
         return everywhere
     return predicting(found).with_gaps(
         lambda gap: fallen_back(gap, ~away.within.inside(gap.poses.states.q_rad))
     )
+
+
+def _against(found: SearchVerdict, without: SearchVerdict) -> SearchVerdict:
+    """Return a verdict whose held-out errors before are those that another one ends with."""
+    if found.holdout is None or without.holdout is None:
+        return found
+    held_out = replace(found.holdout, found_before=without.holdout.found_after)
+    return replace(found, holdout=held_out, falls_back=None)
 
 
 def _without_name(found: SearchVerdict, model: FittedModel) -> tuple[Effect, ...]:
