@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from drawn_examples import examples
-from pa10cal.numerics.gaussian import Gaussian, taken_by_each
+from pa10cal.numerics.gaussian import Gaussian, Gaussians
 
 pytestmark = pytest.mark.digits
 seeds = st.integers(0, 2**32 - 1)
@@ -105,11 +105,24 @@ def test_some_unknowns_alone_and_in_other_sizes(seed):
     close(found.products, Gaussian.of(columns[:, at] * sizes, data).products, 1e-12)
 
 
+@given(seed=seeds, weight=st.floats(1e-3, 1e3))
+@examples(50)
+def test_rows_that_count_more_often_and_squares_at_some_amounts(seed, weight):
+    columns, data = rows(seed)
+    found = Gaussian.of(columns, data)
+    heavier = Gaussian.of(np.sqrt(weight) * columns, np.sqrt(weight) * data)
+    close(found.times(weight).products, heavier.products, 1e-12)
+    x = np.random.default_rng(seed).normal(size=5) / np.abs(columns).max(axis=0)
+    close(found.squares_at(x), np.sum((data - columns @ x) ** 2), 1e-10)
+    close(found.squares_at(found.mean) + found.mean @ found.mean, found.left, 1e-5)
+
+
 def test_without_unknowns_is_the_data_alone():
     columns, data = rows(3)
     whole = Gaussian.of(columns, data)
     alone = whole.without(np.arange(5))
     assert alone.unknowns == 0
+    assert alone.covariance.shape == (0, 0)
     assert alone.left == pytest.approx(whole.left)
     assert alone.log_evidence == pytest.approx(whole.log_evidence)
     assert whole.without(np.zeros(0, int)) is whole
@@ -163,20 +176,109 @@ def test_unknowns_found_in_turn_are_those_of_two_fits(seed):
     np.testing.assert_allclose(beside.covariance, other.covariance, atol=1e-9)
 
 
+def many(seed, count=4, unknowns=5):
+    """Some models one by one, some unknowns integrated out of each; and all at once."""
+    alone = [
+        Gaussian.of(*rows(seed + k, unknowns=unknowns + 2)).without(np.array([0, 2]))
+        for k in range(count)
+    ]
+    return alone, Gaussians.of(alone)
+
+
 @given(seed=seeds)
 @examples(50)
 def test_many_at_once_are_each_alone(seed):
-    alone = [Gaussian.of(*rows(seed + k)) for k in range(4)]
-    taken, log_det = taken_by_each(
-        *(np.stack([getattr(one, of) for one in alone]) for of in ("gram", "projection"))
+    alone, found = many(seed)
+    close(found.mean, np.stack([one.mean for one in alone]), 1e-5)
+    close(found.left, np.array([one.left for one in alone]), 1e-5)
+    close(found.log_precision, np.array([one.log_precision for one in alone]))
+    close(found.log_evidence, np.array([one.log_evidence for one in alone]))
+    close(found[1:3].log_evidence, np.array([one.log_evidence for one in alone[1:3]]))
+    close(found[2].log_evidence, alone[2].log_evidence)
+
+
+@given(seed=seeds, sizes=st.lists(st.floats(1e-3, 1e3), min_size=2, max_size=3))
+@examples(50)
+def test_many_at_once_in_several_sizes_along_some_unknowns_with_other_rows(seed, sizes):
+    (alone, found), (others, more) = many(seed), many(seed + 7)
+    at = np.array([4, 0, 1])
+    close(
+        (found + more).projection,
+        np.stack([(a + b).projection for a, b in zip(alone, others, strict=True)]),
     )
-    close(taken, np.array([one.squares - one.left for one in alone]), 1e-5)
-    close(log_det, np.array([one.log_precision for one in alone]))
+    one = (found + more[1]).log_evidence  # the same further rows in all
+    close(one, np.array([(each + others[1]).log_evidence for each in alone]))
+    each = found.along(at).in_sizes(np.array(sizes)[:, None, None])
+    wanted = [[a.along(at).in_sizes(np.full(3, s)).log_evidence for a in alone] for s in sizes]
+    close(each.log_evidence, np.array(wanted), 1e-5)
+    np.testing.assert_array_equal(found.across(at, at[:2]), found.gram[:, at][:, :, at[:2]])
+    np.testing.assert_array_equal(found.across(at, at[:2]), found.along(at).gram[:, :, :2])
+
+
+def test_of_unknowns_that_no_rows_show_nothing_is_said():
+    alone, found = many(3)
+    at = np.array([6, 1, 3, 0, 4])
+    wider = found.among(at, 8)
+    close(wider.log_evidence, found.log_evidence, 1e-12)
+    close(wider.mean[:, at], found.mean, 1e-9)
+    assert np.all(wider.mean[:, [2, 5, 7]] == 0.0)
+    assert np.all(wider.log_det == np.array([one.log_det for one in alone]))
+
+
+@given(seed=seeds)
+@examples(50)
+def test_each_set_of_further_unknowns_is_one_of_them_alone(seed):
+    rng = np.random.default_rng(seed)
+    columns, data = rows(seed)
+    here = Gaussian.of(columns, data)
+    sets = rng.normal(size=(12, 3, 2)) * 10.0 ** rng.uniform(-2, 2, (3, 2))
+    across = np.einsum("rk,rmj->kmj", columns, sets)
+    gram, projection = np.einsum("rmi,rmj->mij", sets, sets), np.einsum("rmj,r->mj", sets, data)
+    found = here.of_each_further(across, gram, projection)
+    wanted = [here.of_further(across[:, m], gram[m], projection[m]) for m in range(3)]
+    close(found.gram, np.stack([one.gram for one in wanted]))
+    close(found.mean, np.stack([one.mean for one in wanted]), 1e-5)
+    close(found.log_evidence, np.array([one.log_evidence for one in wanted]))
+    # The same of several models at once, here the rows counting once and twice.
+    both = Gaussians.of([here, here + here])
+    twice = np.array([1.0, 2.0])
+    every = both.of_each_further(
+        twice[:, None, None, None] * across,
+        twice[:, None, None, None] * gram,
+        twice[:, None, None] * projection,
+    )
+    close(every[0].log_evidence, found.log_evidence)
+    second = [
+        (here + here).of_further(*(2.0 * a for a in (across[:, m], gram[m], projection[m])))
+        for m in range(3)
+    ]
+    close(every[1].log_evidence, np.array([one.log_evidence for one in second]))
+
+
+@given(seed=seeds, scatter=st.floats(0.1, 10.0))
+@examples(50)
+def test_gains_are_of_evidence_at_the_scatter_that_makes_rows_likeliest(seed, scatter):
+    rng = np.random.default_rng(seed)
+    columns, data = rng.normal(size=(12, 3)), scatter * rng.normal(size=12)
+    gains, share = Gaussians.of([Gaussian.of(columns, data)]).gains(len(data))
+    # Unknowns have their sizes in that scatter: so the covariance of the rows is one times it.
+    cov = np.eye(12) + columns @ columns.T
+    square = float(data @ np.linalg.solve(cov, data))
+
+    def log_likelihood(cov, square):
+        scale = square / 12
+        return multivariate_normal(cov=scale * cov).logpdf(data)
+
+    wanted = log_likelihood(cov, square) - log_likelihood(np.eye(12), float(data @ data))
+    close(gains, np.array([wanted]))
+    close(share, np.array([square / float(data @ data)]))
+    _, least = Gaussians.of([Gaussian.of(columns, data)]).gains(len(data), 2.0)
+    assert least[0] == 2.0
 
 
 def test_products_that_rounding_left_below_nothing_count_as_nothing():
     gram = np.array([[[1e18, 1e18], [1e18, 1e18 * (1.0 - 1e-15)]], np.eye(2)])
-    taken, log_det = taken_by_each(gram, np.ones((2, 2)))
-    assert np.all(taken > 0.0)
-    assert np.all(np.isfinite(log_det))
-    assert taken[1] == pytest.approx(1.0)
+    found = Gaussians(gram, np.ones((2, 2)), np.zeros(2), np.zeros(2))
+    assert np.all(found.left < 0.0)
+    assert np.all(np.isfinite(found.log_precision))
+    assert found.left[1] == pytest.approx(-1.0)

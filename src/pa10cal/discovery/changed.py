@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
@@ -22,7 +21,7 @@ from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.discovery.wander import Wander
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
-from pa10cal.numerics.gaussian import Gaussian, taken_by_each
+from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import like_a_scan, measured_again, partings, spread_over_time
 from pa10cal.terms.effects.effect import Effect
@@ -273,39 +272,28 @@ class _Rows:
 
     def amounts(self, columns: Array, scale: float, row: int) -> Array:
         """Return the most likely amounts of a step at a row, in the usual sizes times a scale."""
-        gram, projection, _ = self._steps(columns, np.array([row]))
-        step = Gaussian.of_products(gram[0], projection[0])
-        return step.in_sizes(np.full(step.unknowns, scale)).mean
+        steps = self._steps(columns, np.array([row])).in_sizes(np.array([scale]))
+        return np.asarray(steps.mean[0])
 
-    def _steps(self, columns: Array, rows: Index) -> tuple[Array, Array, float]:
-        """Return what is said of steps in columns (P, b, k) at each of R rows.
+    def _steps(self, columns: Array, rows: Index) -> Gaussians:
+        """Return what is said of steps in columns (P, b, k) at each of R rows, (R,).
 
-        As products of the columns (R, k, k), with the data (R, k), and of the data, what is held
-        beside them integrated out.
+        What is held beside them is integrated out.
         """
         step = self._whitener @ columns
         every = np.concatenate([self._held, step, self._data[:, :, None]], axis=2)
         products = _from_each_on(every.swapaxes(1, 2) @ step)[rows]  # (R, h + k + 1, k)
-        held, count = self._held.shape[2], step.shape[2]
-        lower = self._unchanged.lower
-        white = solve_triangular(
-            lower, products[:, :held].swapaxes(0, 1).reshape(held, -1), lower=True
-        ).reshape(held, len(rows), count)
-        data = solve_triangular(lower, self._unchanged.projection, lower=True)
-        taken = white.transpose(1, 2, 0)
-        gram = products[:, held:-1] - taken @ taken.swapaxes(1, 2)
-        return gram, products[:, -1] - taken @ data, self._unchanged.squares - float(data @ data)
+        held = self._held.shape[2]
+        return self._unchanged.of_each_further(
+            products[:, :held].swapaxes(0, 1), products[:, held:-1], products[:, -1]
+        )
 
     def _gains(self, columns: Array, rows: Index, scales: Sequence[float]) -> tuple[Array, Array]:
         """Return gains of log evidence and parts of squares left, (R, S), scatter profiled."""
-        gram, projection, squares = self._steps(columns, rows)
-        gains, lefts = np.empty((len(rows), len(scales))), np.empty((len(rows), len(scales)))
-        for k, scale in enumerate(scales):
-            taken, log_det = taken_by_each(scale**2 * gram, scale * projection)
-            left = np.maximum(squares - taken, 0.0) / max(squares, np.finfo(float).tiny)
-            lefts[:, k] = np.maximum(left, CHANGE.same_squares)
-            gains[:, k] = -0.5 * (self._seen * np.log(lefts[:, k]) + log_det)
-        return gains, lefts
+        sizes = np.array(scales)[:, None, None]
+        steps = self._steps(columns, rows).in_sizes(sizes)
+        gains, left = steps.gains(self._seen, CHANGE.same_squares)
+        return gains.T, left.T
 
 
 def _from_each_on(values: Array) -> Array:

@@ -20,7 +20,7 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.rules import LINES, PROBABILITIES
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.numerics.gaussian import Gaussian, taken_by_each
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.effects.joint_error_map import is_error_map
@@ -151,15 +151,9 @@ class _Spectrum:
         count = len(orders)
         followed = (self.follows.T @ waves.reshape(len(phase), -1)).reshape(-1, count, 2)
         gram = np.einsum("pki,p,pkj->kij", waves, self.moves, waves)
-        taken = self.own.taken_of(followed.reshape(-1, 2 * count)).reshape(followed.shape)
-        gram -= np.einsum("nki,nkj->kij", followed, taken)
-        projection = np.tensordot(self.left, waves, axes=1) - np.einsum(
-            "nki,n->ki", followed, self.own.mean
-        )
-        squares = float(self.own.squares - self.own.projection @ self.own.mean)
-        gained, log_det = taken_by_each(gram, projection)
-        share = np.maximum(1.0 - gained / squares, np.finfo(float).tiny)
-        return np.asarray(-0.5 * (self.rows * np.log(share) + log_det) / PROBABILITIES.blocks)
+        projection = np.tensordot(self.left, waves, axes=1)
+        gains, _ = self.own.of_each_further(followed, gram, projection).gains(self.rows)
+        return np.asarray(gains / PROBABILITIES.blocks)
 
 
 def _parts(orders: Array) -> Iterator[Array]:

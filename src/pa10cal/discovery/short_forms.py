@@ -83,15 +83,13 @@ class FormComparison:
         every_gram, every_with = np.sum(grams, axis=0), np.sum(with_data, axis=0)
         found = np.empty((m, len(self.blocks)))
         for b, (at, others) in enumerate(zip(self.blocks, self._elsewhere, strict=True)):
-            bare, beside = others.mean, every_across - across[b]
-            followed = others.taken_of(beside.reshape(n, m * k)).reshape(n, m, k)
-            open_ = every_with - with_data[b] - np.tensordot(bare, beside, axes=1)
-            gram = every_gram - grams[b] - _each_with(beside, followed) + np.eye(k)
-            amounts = np.linalg.solve(gram, open_[:, :, None])[:, :, 0]
-            left = self.data[at] - self.own[at] @ bare
-            own_moves = np.einsum("nmk,mk->nm", followed, amounts)
-            moved = np.einsum("rmk,mk->rm", here[b], amounts) - self.own[at] @ own_moves
-            found[:, b] = np.sum((left[:, None] - moved) ** 2, axis=0)
+            beside = every_across - across[b]
+            gram, projection = every_gram - grams[b], every_with - with_data[b]
+            amounts = others.of_each_further(beside, gram, projection).mean
+            taken = np.einsum("nmk,mk->nm", beside, amounts)
+            own = others.taken_of(others.projection[:, None] - taken)
+            predicted = self.own[at] @ own + np.einsum("rmk,mk->rm", here[b], amounts)
+            found[:, b] = np.sum((self.data[at, None] - predicted) ** 2, axis=0)
         return found
 
     def fitted(self, columns: Array) -> tuple[Array, Array]:

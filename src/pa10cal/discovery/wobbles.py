@@ -21,7 +21,7 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.rules import LINES, PROBABILITIES, WOBBLES
 from pa10cal.discovery.together import UnderWeights
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.numerics.gaussian import Gaussian, taken_by_each
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
 from pa10cal.terms.effects.structure import AxisWobble, LateralCompliance
@@ -121,16 +121,10 @@ def _gains(own: Array, tilts: list[Array], data: Array) -> Array:
 
     By whitened columns of all else (P, b, n), of the effects (P, b, k) each, and the data (P, b).
     """
-    said = Gaussian.of(own, data)
     columns = np.stack(tilts, axis=2)  # (P, b, K, k)
-    followed = np.einsum("pbn,pbki->nki", own, columns)
-    taken = said.taken_of(followed.reshape(len(followed), -1)).reshape(followed.shape)
+    across = np.einsum("pbn,pbki->nki", own, columns)
     gram = np.einsum("pbki,pbkj->kij", columns, columns)
-    gram -= np.einsum("nki,nkj->kij", followed, taken)
     projection = np.einsum("pbki,pb->ki", columns, data)
-    projection -= np.einsum("nki,n->ki", followed, said.mean)
-    squares = float(said.squares - said.projection @ said.mean)
-    gained, log_det = taken_by_each(gram, projection)
-    share = np.maximum(1.0 - gained / squares, np.finfo(float).tiny)
-    rows = int(np.count_nonzero(data))
-    return np.asarray(-0.5 * (rows * np.log(share) + log_det) / PROBABILITIES.blocks)
+    beside = Gaussian.of(own, data).of_each_further(across, gram, projection)
+    gains, _ = beside.gains(int(np.count_nonzero(data)))
+    return np.asarray(gains / PROBABILITIES.blocks)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.blocked_cv.bands import Waves, minus_twice_log_likelihood, most_likely
-from pa10cal.discovery.blocked_cv.survey import Products
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.terms.effects.joint_error_map import BandPrior, harmonic_orders
 
 NOISE_RAD = 3e-5
@@ -14,7 +14,7 @@ TRUE = BandPrior(8e-5, 3e-5, 8e-5, 7.0, 20.0, 3.0, 3e-6)
 
 
 def waves_of(bands, *, poses=3000, knots=81, seed=0, visited=1.0):
-    """Products of joints that turn a single axis together, an offset beside their waves."""
+    """What is said of joints that turn a single axis together, an offset beside their waves."""
     rng = np.random.default_rng(seed)
     orders = harmonic_orders(knots)[1:]
     q_rad = rng.uniform(0.0, 2.0 * np.pi * visited, (poses, len(bands)))
@@ -27,8 +27,7 @@ def waves_of(bands, *, poses=3000, knots=81, seed=0, visited=1.0):
         amounts.append(rng.standard_normal(len(orders)) * band.sizes_rad(orders))
     rows = np.hstack(columns)
     data = rows @ np.concatenate(amounts) + rng.standard_normal(poses)
-    products = Products(rows.T @ rows, rows.T @ data, np.asarray(data @ data))
-    return Waves(products, poses, 1, orders)
+    return Waves(Gaussian.of(rows, data), poses, 1, orders)
 
 
 def test_derivatives_are_those_of_differences():

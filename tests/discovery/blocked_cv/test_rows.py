@@ -20,9 +20,10 @@ from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import (
     BlockedRows,
-    Products,
     ShapedEffect,
+    in_terms_of,
     map_columns,
+    said_by,
     survey,
 )
 from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
@@ -106,7 +107,8 @@ def test_products_in_terms_of_other_parameters_are_those_of_turned_columns():
     dense, first, second = (rng.standard_normal((50, n)) for n in (3, 8, 5))
     bases = [rng.standard_normal((8, 6)), rng.standard_normal((5, 5))]
     data = rng.standard_normal(50)
-    found = Products.of(data, dense, csr_array(np.hstack([first, second]))).in_terms_of(3, bases)
+    said = said_by(data, dense, csr_array(np.hstack([first, second])))
+    found = in_terms_of(said, 3, bases)
     turned = np.hstack([dense, first @ bases[0], second @ bases[1]])
     np.testing.assert_allclose(found.gram, turned.T @ turned, atol=1e-10)
     np.testing.assert_allclose(found.projection, turned.T @ data, atol=1e-10)

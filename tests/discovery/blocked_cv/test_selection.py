@@ -1,7 +1,5 @@
 """Sets solved by block elimination against least squares written out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -123,7 +121,11 @@ def test_orientations_that_come_out_worse_contradict():
     own, effect = (Columns(np.array([at]), np.ones(1)) for at in (0, 1))
     for sign, agree in ((1.0, True), (-1.0, False)):
         positions, attitudes = of(np.arange(30), 1.0), of(np.arange(30, ROWS), sign)
-        before = start(replace(positions + attitudes, of_positions=positions), own)
+        both = {
+            name: getattr(positions, name) + getattr(attitudes, name)
+            for name in ("gram", "projection", "squares")
+        }
+        before = start(Products(**both, of_positions=positions), own)
         after = before.extended(effect)
         assert after.squares.sum() < before.squares.sum()
         assert both_kinds_agree(before, after) is agree

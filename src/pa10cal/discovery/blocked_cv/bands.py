@@ -14,16 +14,17 @@ from functools import reduce
 from operator import add
 
 import numpy as np
-from scipy.linalg import block_diag, lapack
+from scipy.linalg import block_diag
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv import search
-from pa10cal.discovery.blocked_cv.family import Candidate, solve
-from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products
+from pa10cal.discovery.blocked_cv.family import Candidate
+from pa10cal.discovery.blocked_cv.survey import BlockedRows, in_terms_of
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS, MAPS
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.joint_error_map import (
     FINE,
@@ -82,7 +83,7 @@ def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     rows = replace(rows, shaped=shaped)
     members = tuple(search.with_form(member, FINE) for member in fine.members)
     waves = _Waves(rows, maps)
-    splines: list[Products] = []  # of all blocks, of positions and of other rows
+    splines: list[Gaussian] = []  # of all blocks, of positions and of other rows
     by_kind = []
     for b in range(BLOCKS.blocks):
         kinds = rows.products_by_kind(b, *search.joints_and_knots(members))
@@ -100,7 +101,7 @@ def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
     sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
 
-    def left_out(parts: Iterable[Products]) -> Array:
+    def left_out(parts: Iterable[Gaussian]) -> Array:
         return np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in parts])
 
     of_time, of_angles = left_out(blocks), left_out(_stretches(rows, members, waves, share))
@@ -120,7 +121,7 @@ def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
     )
 
 
-def _attitudes(by_kind: Sequence[Sequence[Products]], waves: _Waves, maps: int) -> float:
+def _attitudes(by_kind: Sequence[Sequence[Gaussian]], waves: _Waves, maps: int) -> float:
     """Return what orientations should weigh, in their scatter, for left-out poses.
 
     Where a target is tilted or bends their errors average out less than their scatter says. The
@@ -143,8 +144,8 @@ def _attitudes(by_kind: Sequence[Sequence[Products]], waves: _Waves, maps: int) 
     return best
 
 
-def _weighed(kinds: Sequence[Products], share: float) -> Products:
-    """Return the products of positions and of other rows, these with a weight."""
+def _weighed(kinds: Sequence[Gaussian], share: float) -> Gaussian:
+    """Return what rows of positions and other rows say, these with a weight."""
     positions, others = kinds
     return positions + others.times(share**2)
 
@@ -156,7 +157,7 @@ def _no_worse(of_time: Array, of_angles: Array) -> bool:
 
 
 class _Waves:
-    """Products in terms of waves, without the model's parameters that are held at their bounds."""
+    """What is said of waves, without the model's parameters that are held at their bounds."""
 
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
         self._dense = rows.dense
@@ -171,10 +172,10 @@ class _Waves:
         """Return how many columns stand before the waves."""
         return int(self._free[: self._dense].sum())
 
-    def of(self, splines: Products) -> Products:
-        """Return products of B-splines as products of waves."""
-        found, free = splines.in_terms_of(self._dense, self._bases), self._free
-        return Products(found.gram[np.ix_(free, free)], found.projection[free], found.squares)
+    def of(self, splines: Gaussian) -> Gaussian:
+        """Return what is said of waves where B-splines were."""
+        free = np.flatnonzero(self._free)
+        return in_terms_of(splines, self._dense, self._bases).along(free)
 
     def sizes(
         self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
@@ -193,20 +194,16 @@ class _Waves:
         return np.concatenate(found)
 
 
-def _left(total: Products, out: Products, judged: Sequence[Products], sizes: Array) -> list[float]:
+def _left(total: Gaussian, out: Gaussian, judged: Sequence[Gaussian], sizes: Array) -> list[float]:
     """Return the squared error of judged rows, predicted from all but those out; sizes are (N,)."""
-    gram = (total.gram - out.gram) * (sizes[:, None] * sizes)
-    projection = (total.projection - out.projection) * sizes
-    x = sizes * solve(gram, projection, np.eye(len(sizes)))
-    return [
-        float(each.squares - 2.0 * each.projection @ x + x @ (each.gram @ x)) for each in judged
-    ]
+    x = sizes * (total - out).in_sizes(sizes).mean
+    return [each.squares_at(x) for each in judged]
 
 
 def _stretches(
     rows: BlockedRows, members: tuple[Candidate, ...], waves: _Waves, share: float
-) -> Iterator[Products]:
-    """Yield the products of poses with a joint in a tenth of its visited angles."""
+) -> Iterator[Gaussian]:
+    """Yield what is said by poses with a joint in a tenth of its visited angles."""
     maps = search.maps_among(members)
     for k, each in enumerate(maps):
         angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
@@ -240,9 +237,9 @@ _NUMBERS = len(_ANYWHERE)
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """Products of weighed rows in columns whose sizes are known, then waves of one map a joint."""
+    """What weighed rows say of unknowns in known sizes, then of waves of one map a joint."""
 
-    products: Products  # of N columns
+    said: Gaussian  # of N unknowns
     rows: int  # how many rows there were
     leading: int  # columns before the waves; each in its size
     orders: Array  # (M,) cycles a turn of the waves, the same for every map
@@ -250,7 +247,7 @@ class Waves:
     @property
     def maps(self) -> int:
         """Return how many maps there are."""
-        return (len(self.products.projection) - self.leading) // len(self.orders)
+        return (self.said.unknowns - self.leading) // len(self.orders)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,26 +280,14 @@ def minus_twice_log_likelihood(
     scatter of the rows; and the second (maps M, maps M) by the former, as is to be expected.
     """
     sizes = np.concatenate([np.ones(waves.leading), np.exp(log_sizes)])
-    precision = float(np.exp(-2.0 * log_scatter))
-    gram = waves.products.gram * sizes[:, None]
-    gram *= sizes * precision
-    projection = waves.products.projection * (sizes * precision)
-    data = float(waves.products.squares) * precision
-    normal = gram.copy(order="F")
-    normal[np.diag_indices_from(normal)] += 1.0
-    root, failed = lapack.dpotrf(normal, lower=1, overwrite_a=1)
-    assert not failed, "products plus one have no negative direction"
-    x, _ = lapack.dpotrs(root, projection, lower=1)
-    volume = 2.0 * float(np.log(np.diag(root)).sum())
-    inverse, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
+    said = waves.said.times(float(np.exp(-2.0 * log_scatter))).in_sizes(sizes)
+    x, inverse = said.mean, said.covariance
     variance = np.diag(inverse)
-    value = 2.0 * waves.rows * log_scatter + data - float(projection @ x) + volume
-    left = data - 2.0 * float(projection @ x) + float(x @ gram @ x)
+    value = 2.0 * (waves.rows * log_scatter - said.log_evidence)
+    left = said.squares_at(x)
     determined = len(x) - float(variance.sum())
     of_waves = slice(waves.leading, None)
-    told = -np.tril(inverse[of_waves, of_waves])
-    told += np.tril(told, -1).T
-    told[np.diag_indices_from(told)] += 1.0
+    told = np.eye(len(log_sizes)) - inverse[of_waves, of_waves]
     by_sizes = 2.0 * (1.0 - variance - x**2)[of_waves]
     return value, by_sizes, 2.0 * (waves.rows - left - determined), 4.0 * told**2
 

@@ -2,7 +2,8 @@
 
 For every block the parameters are found from all others, those of the calibrated model among them,
 each with its expected size; the block is then predicted. All is linear, so an effect joins or
-leaves by block elimination on the inverse of the normal equations, without solving them anew.
+leaves by block elimination on the inverse of the normal equations, without solving them anew. That
+is by hand: `Gaussian` would factorise them for every block and candidate.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import computable, sought, why_hidden
 from pa10cal.discovery.rules import BLOCKS, MAPS
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     FadingPrior,
@@ -39,11 +41,6 @@ class Columns:
 
     at: Index  # (k,) which columns
     sizes: Array  # (k,) standard deviation expected of each
-
-    @property
-    def prior(self) -> Array:
-        """Return the precision (k, k) that the sizes are."""
-        return np.diag(self.sizes**-2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +99,7 @@ class EffectSet:
     """A set of members beside the calibrated model."""
 
     products: Products  # of all columns, block by block
-    total: Products  # the same summed over the blocks
+    total: Gaussian  # what all blocks say
     own: Columns  # those of the calibrated model, which stand first
     members: tuple[Candidate, ...]  # in the order in which they joined
     inverse: Array  # (B, n, n) inverse of the normal equations with each block held out
@@ -153,7 +150,7 @@ class EffectSet:
 
     def _squares(self, products: Products, solution: Array) -> Array:
         return np.array(
-            [predicted_squares(products, b, self.at, x) for b, x in enumerate(solution)]
+            [_predicted_squares(products, b, self.at, x) for b, x in enumerate(solution)]
         )
 
     def solution_without(self, member: int) -> Array:
@@ -248,7 +245,7 @@ def start(products: Products, own: Columns) -> EffectSet:
     return EffectSet(products, total, own, (), inverse)
 
 
-def predicted_squares(products: Products, b: int, at: Index, x: Array) -> float:
+def _predicted_squares(products: Products, b: int, at: Index, x: Array) -> float:
     """Return what parameters x (n,) of some columns leave of a block's sum of squares."""
     gram, projection = products.gram[b][np.ix_(at, at)], products.projection[b, at]
     return float(products.squares[b] - 2.0 * projection @ x + x @ gram @ x)
@@ -388,8 +385,8 @@ class Family:
 
 def family(rows: BlockedRows, products: Products) -> Family:
     """Return the candidates that these poses can show, and the effects that they cannot."""
-    total = products.summed().gram
-    own = rows.baseline_columns
+    total, of_own = products.summed().gram, rows.baseline_columns
+    own = Gaussian.of_products(total[np.ix_(of_own, of_own)])
     shown, refused = [], {}
     gains: dict[tuple[str, str], float] = {}
     named = [
@@ -397,7 +394,7 @@ def family(rows: BlockedRows, products: Products) -> Family:
         for shaped, at in zip(rows.shaped, rows.of_shaped(), strict=True)
     ]
     for candidate in (*named, *map_candidates(rows)):
-        whole, left = _beside(total, own, candidate)
+        whole, left = _beside(total, of_own, own, candidate)
         why = _hidden(rows, candidate, whole, left)
         if why is None:
             shown.append(candidate)
@@ -428,13 +425,12 @@ def below_detection_limit(
     )
 
 
-def _beside(gram: Array, own: Index, columns: Columns) -> tuple[Array, Array]:
+def _beside(gram: Array, of_own: Index, own: Gaussian, columns: Columns) -> tuple[Array, Array]:
     """Return the products of columns in their sizes, whole and beside the model's parameters."""
     at, sizes = columns.at, columns.sizes
-    across = gram[np.ix_(own, at)] * sizes
+    across = gram[np.ix_(of_own, at)] * sizes
     whole = gram[np.ix_(at, at)] * np.outer(sizes, sizes)
-    followed = solve(gram[np.ix_(own, own)], across, np.eye(len(own)))
-    return whole, whole - across.T @ followed
+    return whole, own.of_further(across, whole, np.zeros(len(at))).gram
 
 
 def _nearly_always(left: Array) -> float:

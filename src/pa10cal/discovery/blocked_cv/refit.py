@@ -18,10 +18,11 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.family import no_wider_than, solve
 from pa10cal.discovery.blocked_cv.survey import (
     BlockedRows,
-    Products,
     ShapedEffect,
     Survey,
+    in_terms_of,
     map_columns,
+    said_by,
 )
 from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
@@ -90,7 +91,7 @@ def _left_by_everything(rows: BlockedRows) -> tuple[Array, float]:
     """Return what the richest columns that leave enough readings leave, and their parameters."""
     total = rows.products().summed()
     harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
-    own, every = len(rows.baseline_columns), len(total.projection)
+    own, every = len(rows.baseline_columns), total.unknowns
     seen = rows.survey.poses.measured.components_seen
     for fitted in (every, every - len(harmonics), own):
         sizes = np.concatenate([np.ones(every - len(harmonics)), harmonics])
@@ -270,13 +271,12 @@ class _NormalFit:
         q_rad = states.q_rad[:, [each.joint - 1 for each in self._maps]]
         white = (whiten @ self._survey.net_residual(at)[:, :, None]).ravel()
         d = dense.shape[2]
-        found = Products.of(white, dense.reshape(-1, d), map_columns(screws, q_rad, knots))
-        found = found.in_terms_of(d, [b_splines_by_knots(each) for each in knots])
-        order = np.argsort(self._order)
-        gram, projection = found.gram[np.ix_(order, order)], found.projection[order]
+        said = said_by(white, dense.reshape(-1, d), map_columns(screws, q_rad, knots))
+        said = in_terms_of(said, d, [b_splines_by_knots(each) for each in knots])
+        found = said.along(np.argsort(self._order))
         off = x - self.middle
         cost = float(white @ white + off @ self.prior @ off)
-        return Equations(cost, projection + self.prior @ off, gram + self.prior)
+        return Equations(cost, found.projection + self.prior @ off, found.gram + self.prior)
 
     def dof(self, covariance: Array) -> float:
         """Return how many parameters the data determine, the others being as expected."""

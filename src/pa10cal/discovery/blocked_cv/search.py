@@ -22,7 +22,6 @@ from pa10cal.discovery.blocked_cv.family import (
     EffectSet,
     as_good,
     both_kinds_agree,
-    predicted_squares,
     solve,
     start,
     within_bounds,
@@ -31,6 +30,7 @@ from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEff
 from pa10cal.discovery.evidence.search import threshold
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.rules import BLOCKS, MAPS
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import (
     JointErrorMap,
@@ -233,8 +233,8 @@ class Level:
     """Members with maps of one spacing each, by linear least squares about the calibrated model."""
 
     members: tuple[Candidate, ...]
-    # products over all blocks: own parameters, effects, B-splines of one map after the other
-    total: Products
+    # what all blocks say: of own parameters, effects, B-splines of one map after the other
+    total: Gaussian
     prior: Array  # (N, N) precision expected of these columns
     at: tuple[Index, ...]  # columns of each member
 
@@ -268,25 +268,24 @@ def refine_maps(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
 
 def level(rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
     """Return members with their products; rows hold their effects, in their order."""
-    return level_of(products_of(rows, members).summed(), rows, members)
+    return level_of(_summed(_said_by_blocks(rows, members)), rows, members)
 
 
 def _held_out(rows: BlockedRows, members: tuple[Candidate, ...]) -> tuple[Level, Array]:
     """Return the level of members, and the squared error of each block held out, (B,)."""
-    inside = products_of(rows, members)
-    found = level_of(inside.summed(), rows, members)
-    squares, every = np.empty(BLOCKS.blocks), np.arange(len(found.prior))
-    for b in range(BLOCKS.blocks):
-        gram, projection = inside.gram[b], inside.projection[b]
-        x = solve(found.total.gram - gram, found.total.projection - projection, found.prior)
-        squares[b] = predicted_squares(inside, b, every, x)
-    return found, squares
+    inside = _said_by_blocks(rows, members)
+    found = level_of(_summed(inside), rows, members)
+    squares = []
+    for out in inside:
+        others = found.total - out
+        squares.append(out.squares_at(solve(others.gram, others.projection, found.prior)))
+    return found, np.array(squares)
 
 
-def level_of(total: Products, rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
-    """Return members with the products of all blocks."""
+def level_of(total: Gaussian, rows: BlockedRows, members: tuple[Candidate, ...]) -> Level:
+    """Return members with what all blocks say."""
     maps = maps_among(members)
-    dense = len(total.projection) - sum(each.knots for each in maps)
+    dense = total.unknowns - sum(each.knots for each in maps)
     factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
     inverses = [np.linalg.inv(factor) for factor in factors]
     prior = block_diag(np.eye(dense), *(inverse.T @ inverse for inverse in inverses))
@@ -298,17 +297,16 @@ def level_of(total: Products, rows: BlockedRows, members: tuple[Candidate, ...])
     return Level(members, total, prior, at)
 
 
-def products_of(rows: BlockedRows, members: tuple[Candidate, ...]) -> Products:
-    """Return the products of own parameters, effects, and B-splines of maps, block by block."""
-    found = []
-    for b in range(BLOCKS.blocks):
-        positions, others = rows.products_by_kind(b, *joints_and_knots(members))
-        found.append(positions + others)
-    return Products(
-        np.stack([each.gram for each in found]),
-        np.stack([each.projection for each in found]),
-        np.array([each.squares for each in found]),
-    )
+def _said_by_blocks(rows: BlockedRows, members: tuple[Candidate, ...]) -> list[Gaussian]:
+    """Return what each block says of own parameters, effects, and B-splines of maps."""
+    joints, knots = joints_and_knots(members)
+    kinds = (rows.products_by_kind(b, joints, knots) for b in range(BLOCKS.blocks))
+    return [positions + others for positions, others in kinds]
+
+
+def _summed(blocks: Sequence[Gaussian]) -> Gaussian:
+    """Return what all blocks say."""
+    return sum(blocks, Gaussian.none(blocks[0].unknowns))
 
 
 def joints_and_knots(members: Sequence[Candidate]) -> tuple[list[int], list[int]]:

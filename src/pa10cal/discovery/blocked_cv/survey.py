@@ -29,6 +29,7 @@ from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
@@ -261,69 +262,62 @@ def attitude_lag(context: CandidateContext, poses: Observations) -> AttitudeLag 
 # joint does and four B-splines of its angle: each pose touches four of a map's many columns.
 
 
+def said_by(data: Array, dense: Array, maps: csr_array) -> Gaussian:
+    """Return what weighed rows say: data (R,), columns (R, d), then B-splines (R, K)."""
+    d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
+    seen = np.asarray(dense.any(axis=1))
+    if np.count_nonzero(seen) < BLOCKS.seen_share * len(seen):  # components of other campaigns
+        data, dense, maps = data[seen], dense[seen], maps[np.flatnonzero(seen)]
+    products = np.empty((total + 1, total + 1))
+    products[:d, :d] = dense.T @ dense
+    products[d:-1, :d] = maps.T @ dense
+    products[:d, d:-1] = products[d:-1, :d].T
+    products[d:-1, d:-1] = (maps.T @ maps).toarray()
+    products[-1, :-1] = np.concatenate([dense.T @ data, maps.T @ data])
+    products[:-1, -1], products[-1, -1] = products[-1, :-1], data @ data
+    return Gaussian(products)
+
+
+def in_terms_of(said: Gaussian, dense: int, bases: Sequence[Array]) -> Gaussian:
+    """Return what is said of other parameters of maps.
+
+    After so many dense columns come the B-splines of one map after the other; the bases (K, h) are
+    the coefficients of these that each map's new parameters stand for. Block by block: a basis of
+    all of them would be mostly zeros.
+    """
+    old = pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)]))
+    new = pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)]))
+    maps = list(zip(bases, old, new, strict=True))
+    total = dense + sum(basis.shape[1] for basis in bases)
+    turned, found = np.empty((total, total)), np.empty(total)
+    turned[:dense, :dense], found[:dense] = said.gram[:dense, :dense], said.projection[:dense]
+    for k, (basis, (first, last), (own, end)) in enumerate(maps):
+        found[own:end] = basis.T @ said.projection[first:last]
+        beside = basis.T @ said.gram[first:last, :last]  # itself, and all that stands before it
+        turned[own:end, :dense] = beside[:, :dense]
+        for other, (start, stop), (its, its_end) in maps[: k + 1]:
+            turned[own:end, its:its_end] = beside[:, start:stop] @ other
+        turned[:own, own:end] = turned[own:end, :own].T
+    return Gaussian.of_products(turned, found, said.squares)
+
+
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Products of N columns and the data of some rows, or of those in each of B blocks."""
+    """Products of N columns and the data of the rows in each of B blocks."""
 
-    gram: Array  # (N, N) or (B, N, N) of columns with columns
-    projection: Array  # (N,) or (B, N) of columns with the data
-    squares: Array  # () or (B,) of the data
+    gram: Array  # (B, N, N) of columns with columns
+    projection: Array  # (B, N) of columns with the data
+    squares: Array  # (B,) of the data
     # the same of the rows of positions alone, where there are others; then of what every block is
     # told beside its rows, the precision (N,)
     of_positions: Products | None = None
     told: Array | None = None
 
-    @classmethod
-    def of(cls, data: Array, dense: Array, maps: csr_array) -> Products:
-        """Return the products of weighed rows: data (R,), columns (R, d), B-splines (R, K)."""
-        d, total = dense.shape[1], dense.shape[1] + maps.shape[1]
-        seen = np.asarray(dense.any(axis=1))
-        if np.count_nonzero(seen) < BLOCKS.seen_share * len(seen):  # components of other campaigns
-            data, dense, maps = data[seen], dense[seen], maps[np.flatnonzero(seen)]
-        gram = np.empty((total, total))
-        gram[:d, :d] = dense.T @ dense
-        gram[d:, :d] = maps.T @ dense
-        gram[:d, d:] = gram[d:, :d].T
-        gram[d:, d:] = (maps.T @ maps).toarray()
-        projection = np.concatenate([dense.T @ data, maps.T @ data])
-        return cls(gram, projection, np.asarray(data @ data))
-
-    def __add__(self, other: Products) -> Products:
-        """Return the products of both rows."""
-        return Products(
-            self.gram + other.gram, self.projection + other.projection, self.squares + other.squares
+    def summed(self) -> Gaussian:
+        """Return what all blocks say."""
+        return Gaussian.of_products(
+            self.gram.sum(axis=0), self.projection.sum(axis=0), float(self.squares.sum())
         )
-
-    def times(self, factor: float) -> Products:
-        """Return the products of rows that count so many times."""
-        return Products(factor * self.gram, factor * self.projection, factor * self.squares)
-
-    def summed(self) -> Products:
-        """Return the sums over the blocks."""
-        return Products(
-            self.gram.sum(axis=0), self.projection.sum(axis=0), np.asarray(self.squares.sum())
-        )
-
-    def in_terms_of(self, dense: int, bases: Sequence[Array]) -> Products:
-        """Return the products, without blocks, in terms of other parameters of the maps.
-
-        After so many dense columns come the B-splines of one map after the other; the bases
-        (K, h) are the coefficients of these that each map's new parameters stand for.
-        """
-        old = pairwise(dense + np.cumsum([0, *(len(basis) for basis in bases)]))
-        new = pairwise(dense + np.cumsum([0, *(basis.shape[1] for basis in bases)]))
-        maps = list(zip(bases, old, new, strict=True))
-        total = dense + sum(basis.shape[1] for basis in bases)
-        turned, found = np.empty((total, total)), np.empty(total)
-        turned[:dense, :dense], found[:dense] = self.gram[:dense, :dense], self.projection[:dense]
-        for k, (basis, (first, last), (own, end)) in enumerate(maps):
-            found[own:end] = basis.T @ self.projection[first:last]
-            beside = basis.T @ self.gram[first:last, :last]  # itself, and all that stands before it
-            turned[own:end, :dense] = beside[:, :dense]
-            for other, (start, stop), (its, its_end) in maps[: k + 1]:
-                turned[own:end, its:its_end] = beside[:, start:stop] @ other
-            turned[:own, own:end] = turned[own:end, :own].T
-        return Products(turned, found, self.squares)
 
 
 def map_columns(screws: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
@@ -452,7 +446,7 @@ class BlockedRows:
         projection, squares = (np.empty((2, BLOCKS.blocks, total)), np.empty((2, BLOCKS.blocks)))
         for b in range(BLOCKS.blocks):
             for kind, rows in enumerate(self.products_by_kind(b, self.joints, knots)):
-                found = rows.in_terms_of(self.dense, bases)
+                found = in_terms_of(rows, self.dense, bases)
                 gram[kind, b], projection[kind, b] = found.gram, found.projection
                 squares[kind, b] = found.squares
         gram[1] += gram[0]
@@ -470,8 +464,8 @@ class BlockedRows:
 
     def products_by_kind(
         self, b: int, joints: Sequence[int], knots: Sequence[int]
-    ) -> tuple[Products, Products]:
-        """Return the products of one block: of its rows of positions, and of the others.
+    ) -> tuple[Gaussian, Gaussian]:
+        """Return what one block says: its rows of positions, and the others.
 
         Of own parameters, effects, and B-splines of so many knots a turn of some joints.
         """
@@ -480,7 +474,7 @@ class BlockedRows:
         component = np.arange(len(block.data)) % measured.components_seen.shape[1]
         of_positions = np.isin(component, measured.position_columns)
         positions, others = (
-            Products.of(block.data[rows], block.dense[rows], splines[rows])
+            said_by(block.data[rows], block.dense[rows], splines[rows])
             for rows in (np.flatnonzero(of_positions), np.flatnonzero(~of_positions))
         )
         return positions, others

@@ -16,13 +16,12 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg.blas import dtrsm
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.problem import NoiseModel
 from pa10cal.discovery.other_numbers import COMPUTING, none_and_spaced
 from pa10cal.discovery.rules import EVIDENCE
-from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.gaussian import Gaussian, Gaussians
 
 #: A set of candidates: the number of each in the family, and the index of its size.
 CandidateSet = tuple[tuple[int, int], ...]
@@ -54,32 +53,6 @@ class Score:
         return self.pose_variance, self.torque_variance
 
 
-@dataclass(frozen=True)
-class _Given:
-    """Products of w columns at V variances, a set of candidates taken as there."""
-
-    place: Index  # (p,) where each of all columns stands among the w
-    projection: Array  # (V, w) products with the data, after the set took its part
-    constant: Array  # (V,) minus twice the logarithm of the likelihood with the set
-    taken: Array  # (V, m, w) what the set takes of each column
-
-    def gains(self, own: Index, grams: Array) -> Array:
-        """Return the gain in evidence of c candidates at each of the sizes tried, (sizes, c).
-
-        At the best variance, by their columns (c, k), all among the w, and the products of these
-        before the set took its part, (V, c, k, k).
-        """
-        own = self.place[own]
-        taken = self.taken[:, :, own].transpose(0, 2, 3, 1)
-        grams = grams - taken @ taken.swapaxes(2, 3)
-        sizes = np.array(EVIDENCE.sizes)[:, None, None, None]
-        twice = _minus_twice_log(
-            grams * sizes[..., None] ** 2, self.projection[:, own] * sizes, self.constant[:, None]
-        )
-        found: Array = 0.5 * (self.constant.min() - twice.min(axis=1))
-        return found
-
-
 class SetEvidence:
     """Evidence of sets of candidates, about one linearisation."""
 
@@ -104,21 +77,18 @@ class SetEvidence:
         self._pose = reduced(pose, np.concatenate(of_pose, axis=1), pose_data, own)
         # A channel that says nothing, where there are no torques.
         width = int(stops[-1])
-        self._torque = Reduced(np.zeros((1, width, width)), np.zeros((1, width)), np.zeros(1))
+        self._torque = Gaussians.of([Gaussian.none(width)])
         if torque is not None:
             none = np.zeros((len(torque_data), 0))
             showing = np.flatnonzero(self._shows_in_torque).tolist()
             of_torque = [none, *(blocks[k].torque @ blocks[k].factor for k in showing)]
-            found = reduced(torque, np.concatenate(of_torque, axis=1), torque_data, none)
             # Columns of the others are zero.
             at = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
-            count = len(found.constant)
-            gram, projection = np.zeros((count, width, width)), np.zeros((count, width))
-            gram[:, at[:, None], at], projection[:, at] = found.gram, found.projection
-            self._torque = Reduced(gram, projection, found.constant)
+            found = reduced(torque, np.concatenate(of_torque, axis=1), torque_data, none)
+            self._torque = found.among(at, width)
         self._scores: dict[CandidateSet, Score] = {}
         self._additions: dict[tuple[CandidateSet, tuple[int, ...]], list[tuple[float, int]]] = {}
-        self._last: tuple[tuple[int, ...], Reduced, Reduced] | None = None
+        self._last: tuple[tuple[int, ...], Gaussians, Gaussians] | None = None
 
     def score(self, chosen: CandidateSet) -> Score:
         """Return the evidence of a set of candidates."""
@@ -134,85 +104,62 @@ class SetEvidence:
         if (key := (chosen, tuple(candidates))) in self._additions:
             return self._additions[key]
         g0, h0 = self.score(chosen).grid_index
-        columns, scale = self._of(chosen)
         at_g0, at_h0, every = slice(g0, g0 + 1), slice(h0, h0 + 1), slice(None)
-        poses = self._given(columns, scale, every, at_h0, candidates)
-        showing = [k for k in candidates if self._shows_in_torque[k]]
-        torques = self._given(columns, scale, at_g0, every, showing) if showing else None
         gains = np.empty((len(EVIDENCE.sizes), len(candidates)))
         widths = np.array([len(self._columns[k]) for k in candidates], dtype=np.intp)
         for width in np.unique(widths):
             at = np.flatnonzero(widths == width)
             own = np.stack([self._columns[candidates[k]] for k in at])
-            inner = (slice(None), own[:, :, None], own[:, None, :])
-            of_pose, of_torque = self._pose.gram[inner], self._torque.gram[inner]
-            gains[:, at] = poses.gains(own, of_pose + of_torque[at_h0])
+            gains[:, at] = self._gains(chosen, own, every, at_h0)
             shows = self._shows_in_torque[np.array(candidates)[at]]
-            if torques and shows.any():  # their shared error is then chosen anew as well
-                again = torques.gains(own[shows], of_pose[at_g0, shows] + of_torque[:, shows])
+            if shows.any():  # their shared error is then chosen anew as well
+                again = self._gains(chosen, own[shows], at_g0, every)
                 gains[:, at[shows]] = np.maximum(gains[:, at[shows]], again)
         best, cost = np.argmax(gains, axis=0), float(np.log(len(EVIDENCE.sizes)))
         found = [(float(gains[size, k]) - cost, int(size)) for k, size in enumerate(best)]
         self._additions[key] = found
         return found
 
-    def _given(
-        self, columns: Index, scale: Array, g: slice, h: slice, candidates: list[int]
-    ) -> _Given:
-        """Reduce the products of the columns of candidates by a set that is taken as there."""
-        wanted = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in candidates)])
-        place = np.zeros(self._pose.projection.shape[1], dtype=np.intp)
-        place[wanted] = np.arange(len(wanted))
-        projection = self._pose.projection[g] + self._torque.projection[h]
-        constant = self._pose.constant[g] + self._torque.constant[h]
-        taken = np.empty((len(constant), len(columns), len(wanted) + 1))
-        np.add(
-            self._pose.products_of(g, columns, wanted),
-            self._torque.products_of(h, columns, wanted),
-            out=taken[..., :-1],
-        )
-        taken[..., -1] = projection[:, columns]
-        taken *= scale[:, None]
-        of_set = self._pose.products_of(g, columns, columns) + self._torque.products_of(
-            h, columns, columns
-        )
-        factor = np.linalg.cholesky(np.eye(len(columns)) + of_set * np.outer(scale, scale))
-        for lower, rows in zip(factor, taken, strict=True):  # triangular: a third of a solution
-            dtrsm(1.0, lower.T, rows.T, side=1, overwrite_b=1)
-        log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-        return _Given(
-            place,
-            projection[:, wanted] - np.einsum("gmp,gm->gp", taken[:, :, :-1], taken[:, :, -1]),
-            constant - np.sum(taken[:, :, -1] ** 2, axis=1) + log_determinant,
-            taken[:, :, :-1],
-        )
+    def _gains(self, chosen: CandidateSet, own: Index, g: slice, h: slice) -> Array:
+        """Return the gain in evidence of c candidates at each of the sizes tried, (sizes, c).
+
+        By their columns (c, k), beside a set that is taken as there, at the best of some variances.
+        """
+        columns, scale = self._of(chosen)
+        pose, torque = self._pose[g], self._torque[h]
+        of_set = (pose.along(columns) + torque.along(columns)).in_sizes(scale)
+        across = pose.across(columns, own.ravel()) + torque.across(columns, own.ravel())
+        across = (across * scale[:, None]).reshape(*across.shape[:2], *own.shape)
+        inner = (slice(None), own[:, :, None], own[:, None, :])
+        gram = pose.gram[inner] + torque.gram[inner]
+        projection = pose.projection[:, own] + torque.projection[:, own]
+        beside = of_set.of_each_further(across, gram, projection)
+        sizes = np.array(EVIDENCE.sizes)[:, None, None, None]
+        with_each = beside.in_sizes(sizes).log_evidence.max(axis=1)
+        return np.asarray(with_each - of_set.log_evidence.max())
 
     def _score(self, chosen: CandidateSet) -> Score:
         columns, scale = self._of(chosen)
         members = tuple(k for k, _ in chosen)
         shows = bool(self._shows_in_torque[list(members)].any())
         if self._last is None or self._last[0] != members:  # often asked at other sizes
-            self._last = members, self._pose.of(columns), self._torque.of(columns)
-        pose, torque = self._last[1].scaled(scale), self._last[2]
-        # Of torques that say nothing of the set only the constant is looked at.
-        torque = torque.scaled(scale) if shows else torque
-        by_pose = None if shows else _minus_twice_log(pose.gram, pose.projection, pose.constant)
-
-        def together(channel: Reduced, other: Reduced, k: int) -> Array:
-            """Return minus twice the log evidence at all variances of one, and one of another."""
-            gram, projection = (
-                channel.gram + other.gram[k],
-                channel.projection + other.projection[k],
-            )
-            return _minus_twice_log(gram, projection, channel.constant + other.constant[k])
+            self._last = members, self._pose.along(columns), self._torque.along(columns)
+        pose, torque = (channel.in_sizes(scale) for channel in self._last[1:])
+        # Of torques that say nothing of the set only their own evidence is looked at.
+        by_pose = None if shows else -2.0 * pose.log_evidence
+        by_torque = torque.squares + torque.log_det
 
         @cache
         def over_pose(h: int) -> Array:
-            return together(pose, torque, h) if by_pose is None else by_pose + torque.constant[h]
+            if by_pose is None:
+                return -2.0 * (pose + torque[h]).log_evidence
+            return np.asarray(by_pose + by_torque[h])
 
         @cache
         def over_torque(g: int) -> Array:
-            return together(torque, pose, g) if by_pose is None else by_pose[g] + torque.constant
+            if by_pose is None:
+                return -2.0 * (torque + pose[g]).log_evidence
+            return np.asarray(by_pose[g] + by_torque)
 
         g, last = 0, np.inf
         while True:  # one variance after the other: they hardly depend on each other
@@ -246,22 +193,6 @@ class SetEvidence:
         )
 
 
-def _minus_twice_log(gram: Array, projection: Array, constant: Array) -> Array:
-    """Return minus twice the log evidence for Gaussian parameters of unit variance."""
-    k = gram.shape[-1]
-    if k == 0:
-        return constant
-    # With the projection as a last row, the factor's last row is what the factor makes of it.
-    beside = np.empty((*gram.shape[:-2], k + 1, k + 1))
-    beside[..., :k, :k] = gram + np.eye(k)
-    beside[..., k, :k] = beside[..., :k, k] = projection
-    beside[..., k, k] = 1.0 + 2.0 * np.sum(projection**2, axis=-1)
-    factor = np.linalg.cholesky(beside)
-    log_determinant = 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :k]).sum(axis=-1)
-    found: Array = constant - np.sum(factor[..., k, :k] ** 2, axis=-1) + log_determinant
-    return found
-
-
 def _refined_by_spline(values: Array, least: int) -> tuple[float, float]:
     """Return how much lower a spline through the values lies near the least, and at which variance.
 
@@ -284,57 +215,29 @@ def _spline_below(least: int) -> tuple[Array, Array]:
     return np.exp(near), np.asarray(CubicSpline(logarithm, np.eye(len(logarithm)))(near))
 
 
-# Rows of one channel reduced to products, at every variance of the error that poses share.
-#
-# The model's own parameters, and the errors common to all poses, are integrated out.
+# What rows of one channel say of candidates, at every variance of the error that poses share.
 
 #: Variances of the shared error tried, in those of one reading: from none to some 300 times the
 #: noise in size.
 SHARED_VARIANCES = none_and_spaced(*EVIDENCE.pose_variances)
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """One channel at each of the G shared variances, the model's own parameters integrated out."""
+def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Gaussians:
+    """Return what is said of candidates at each shared variance, (G,); all else is integrated out.
 
-    gram: Array  # (G, p, p) products of the candidates' columns, in units of their expected sizes
-    projection: Array  # (G, p) products with the data
-    constant: Array  # (G,) minus twice the logarithm of the likelihood without candidates
-
-    def of(self, columns: Index) -> Reduced:
-        """Return the products of some columns (p',)."""
-        return Reduced(
-            self.products_of(slice(None), columns, columns),
-            self.projection[:, columns],
-            self.constant,
-        )
-
-    def products_of(self, variances: slice, rows: Index, columns: Index) -> Array:
-        """Return the products of some columns with some others, at some variances, (V, r, c)."""
-        places = self.gram.shape[1] * rows[:, None] + columns
-        chosen = self.gram[variances]
-        return np.asarray(chosen.reshape(len(chosen), -1).take(places, axis=1))
-
-    def scaled(self, scale: Array) -> Reduced:
-        """Return the products of the columns, each scaled (p,)."""
-        return Reduced(self.gram * np.outer(scale, scale), self.projection * scale, self.constant)
-
-
-def reduced(channel: NoiseModel, columns: Array, data: Array, own: Array) -> Reduced:
-    """Integrate the model's own parameters and the common errors out, at every shared variance."""
+    That is the model's own parameters, and the errors common to all poses.
+    """
     k, c = own.shape[1], channel.common.shape[1]
     rows = np.concatenate([channel.common, own, columns, data[:, None]], axis=1)
     # Most rows have no part in the shared error: their products are the same for all variances.
     shared = channel.shared_size > COMPUTING.no_part
     always = rows[~shared].T @ rows[~shared]
     rows, size = rows[shared], channel.shared_size[shared]
-    grams, projections, constants = [], [], []
-    for variance in SHARED_VARIANCES:
+
+    def at(variance: float) -> Gaussian:
         total = 1.0 + variance * size
         weighed = rows / np.sqrt(total)[:, None]
-        products = always + weighed.T @ weighed
-        left = Gaussian(products, float(np.log(total).sum())).without(np.arange(c + k))
-        grams.append(left.gram)
-        projections.append(left.projection)
-        constants.append(left.squares + left.log_det)
-    return Reduced(np.array(grams), np.array(projections), np.array(constants))
+        every = Gaussian(always + weighed.T @ weighed, float(np.log(total).sum()))
+        return every.without(np.arange(c + k))
+
+    return Gaussians.of(map(at, SHARED_VARIANCES))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from pa10cal.arm.statics import Payload, Statics
@@ -36,6 +35,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.weighed_arm import unknown_tool
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds, Equations, minimise
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.observe.quantities import MM
@@ -154,9 +154,8 @@ class NoiseModel:
         The error that each pose shares, of a variance, keeps them from taking what a model lacks.
         """
         weight = 1.0 / (1.0 + variance * self.shared_size)[:, None]
-        normal = self.common.T @ (weight * self.common) + np.eye(self.common.shape[1])
-        found: Array = cho_solve(cho_factor(normal), self.common.T @ (weight * rows))
-        return found
+        said = Gaussian.of_products(self.common.T @ (weight * self.common))
+        return said.taken_of(self.common.T @ (weight * rows))
 
     @cached_property
     def _turn(self) -> csr_array:
