@@ -22,9 +22,9 @@ from pa10cal.calibration.general.placed import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.datasets.importing import import_campaigns, write_campaigns
 from pa10cal.datasets.readers import dataset_named
-from pa10cal.discovery.blocked_cv.by_blocks import VerdictByBlocks
 from pa10cal.discovery.noise import share_inside
 from pa10cal.discovery.preparation import setup_of
+from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.evaluation.holdout import poses_for_model
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.observe.order import with_arrivals
@@ -53,13 +53,12 @@ def main() -> int:
         model = pa10cal.calibrate(campaign)
         calibrated, began = time.process_time() - began, time.process_time()
         verdict = pa10cal.discover(campaign, model)
-        assert isinstance(verdict, VerdictByBlocks)
         found[name] = verdict
         seconds = time.process_time() - began
         memory_GB = 1e-6 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         assert verdict.holdout is not None
         line = f"{name}: held out {verdict.holdout.after.rms_mm:.4f} mm rms"
-        if (scatter := verdict.pose_scatter) is not None:
+        if (scatter := verdict_keys(verdict).scatter) is not None:
             line += f", inside 95 % intervals {scatter.inside95_train:.3f} fitted"
             line += f", {scatter.inside95_holdout:.3f} held out"
         poses = len(campaign.observations)
@@ -70,7 +69,7 @@ def main() -> int:
     return 0
 
 
-def _transfer(campaign: pa10cal.Campaign, found: VerdictByBlocks, source: str, target: str) -> None:
+def _transfer(campaign: pa10cal.Campaign, found: pa10cal.Verdict, source: str, target: str) -> None:
     """Print how a model of one campaign does in another."""
     options = CalibrationOptions(), DiscoveryOptions()
     setup = setup_of(campaign.description, campaign.arm, *options)
@@ -81,10 +80,10 @@ def _transfer(campaign: pa10cal.Campaign, found: VerdictByBlocks, source: str, t
         poses = [poses_for_model(every, kind, model, setup) for kind in ("grid", "holdout")]
         squares = np.concatenate([moved.deviations(each).distance_mm ** 2 for each in poses])
         errors[name] = float(np.sqrt(squares.mean()))
-    if found.scatter is not None:
+    if found.scorer.scatter is not None:
         turned = poses[1].turned(moved.R_ee_target)
-        inside = share_inside(moved, found.scatter, turned)
-    seen = angles_seen(found.survey.poses.states.q_rad, ~campaign.arm.prismatic)
+        inside = share_inside(moved, found.scorer.scatter, turned)
+    seen = angles_seen(found.states.q_rad, ~campaign.arm.prismatic)
     visited = np.concatenate([seen.inside(each.states.q_rad) for each in poses])
     of_visited = f"{np.sqrt(squares[visited].mean()):.3f} mm" if visited.any() else "none"
     said = ", ".join(f"{name} {error:.3f} mm" for name, error in errors.items())

@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import at_joint, measured_poses, nothing
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
-from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats, discover_by_repeats
+from pa10cal.discovery.evidence.by_repeats import ByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.problem import EvidenceFit, EvidenceProblem, fit, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, testable
 from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
+from pa10cal.discovery.verdict import Verdict
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
@@ -96,13 +97,13 @@ class Measured:
     @cached_property
     def found(self) -> EndOfSearch:
         """What the search came to, of that of the discovery."""
-        return self.discovery.judgement.found
+        return self.discovery.scorer.judgement.found
 
     @cached_property
-    def discovery(self) -> VerdictByRepeats:
+    def discovery(self) -> Verdict[ByRepeats]:
         return self.discovered()
 
-    def discovered(self, **changes) -> VerdictByRepeats:
+    def discovered(self, **changes) -> Verdict[ByRepeats]:
         given = Prepared(self.readings, self.held_out, self.baseline, self.setup, "logged", False)
         return discover_by_repeats(replace(given, **changes))
 

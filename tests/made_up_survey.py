@@ -12,9 +12,10 @@ from made_up_poses import at_joint, nothing
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.discovery.blocked_cv.by_blocks import VerdictByBlocks, discover_by_blocks
+from pa10cal.discovery.blocked_cv.by_blocks import ByBlocks, discover_by_blocks
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
+from pa10cal.discovery.verdict import Verdict
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
@@ -85,7 +86,7 @@ class Surveyed:
         return survey(self.readings, self.baseline, self.setup, torques_logged=False)
 
     @cached_property
-    def discovery(self) -> VerdictByBlocks:
+    def discovery(self) -> Verdict[ByBlocks]:
         held_out = self.held_out if len(self.held_out) else None
         given = Prepared(self.readings, held_out, self.baseline, self.setup, "masses", False)
         return discover_by_blocks(given)

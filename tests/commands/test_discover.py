@@ -163,7 +163,7 @@ def test_the_extended_model_is_restored_as_it_was_fitted(tmp_path):
     assert {effect.id for effect in extended.effects} == {"transmission_error", "friction_torque"}
     restored = model_from_plain(model_to_plain(found.model), where="extended.json")
     assert restored.model.terms[-2:] == extended.effects
-    poses = found.problem.cells
+    poses = found.scorer.problem.cells
     T = restored.T_instr_base @ restored.model.predict(poses.states, restored.x)
     expected = extended.at.T_instr_base @ extended.model.predict(poses.states, extended.at.x)
     np.testing.assert_allclose(T, expected, atol=1e-12)

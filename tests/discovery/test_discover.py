@@ -10,7 +10,7 @@ from mended import write_simulated
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.discover import discover
-from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
+from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.verdict_records import (
     analysis_record,
@@ -117,10 +117,10 @@ def test_weights_that_are_described_about_right_take_up_no_encoder_error(campaig
 def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
     read = campaign(instrument, ECCENTRIC, **REPEATED)
     verdict = searched(read)
-    assert isinstance(verdict, VerdictByRepeats)
+    assert isinstance(verdict.scorer, ByRepeats)
     assert verdict.prepared.arrivals_from_order
     assert verdict.prepared.torques == "masses"
-    assert verdict.problem.torque is None
+    assert verdict.scorer.problem.torque is None
     assert names(verdict) == [(ECCENTRIC["id"], ECCENTRIC["of"])]
     assert all(
         entry.why == "the torques were not logged"

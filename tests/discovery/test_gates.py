@@ -12,9 +12,10 @@ from made_up_arm import Missing, at_joint, measure
 from made_up_model import fitted_to
 from made_up_poses import context_of
 from pa10cal.discovery import gates
-from pa10cal.discovery.evidence.by_repeats import VerdictByRepeats
+from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.gates import gated, holds_zero, reasons_against_none, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import pure_error_test
+from pa10cal.discovery.refitted import with_findings
 from pa10cal.discovery.rules import NAMES
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
@@ -140,7 +141,7 @@ def test_between_robot_and_instrument_it_is_the_robot():
     found, wave = made.discovery, made.effect("transmission_error", "joint 2")
     (skewed,) = (each for each in found.findings if each.id == "cmm_squareness")
     either = replace(skewed, alternatives=(wave,))
-    one = replace(found, findings=(either,)).with_findings([either])
+    one = with_findings(replace(found, findings=(either,)), [either])
     assert names(one) == [("cmm_squareness", "instrument")]
     assert [each.effect for each in gated(one).effects] == [wave]
     assert [each.id for each in gated(one).effects[0].alternatives] == ["cmm_squareness"]
@@ -170,12 +171,12 @@ def test_too_many_alternatives_are_no_name(wave):
 @pytest.mark.parametrize("campaign", ["wave", "eccentric"])
 def test_with_its_own_findings_a_verdict_stays(request, campaign):
     found = request.getfixturevalue(campaign).discovery
-    again = found.with_findings(found.effects)
+    again = with_findings(found, found.effects)
     assert names(again) == names(found) != []
     for one, other in zip(again.effects, found.effects, strict=True):
         np.testing.assert_allclose(one.x, other.x, rtol=0.01)
     assert again.train.after.mean_mm == pytest.approx(found.train.after.mean_mm, rel=0.01)
-    none = found.with_findings(())
+    none = with_findings(found, ())
     assert none.effects == ()
     assert none.train.after.mean_mm > 1.2 * found.train.after.mean_mm
     assert [step.effects for step in none.errors_by_name.steps] == [()]
@@ -255,12 +256,12 @@ class TestNone:
 
 
 def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):
-    own = null.discovery.torque_test
+    own = null.discovery.scorer.torque_test
     assert own is not None
     assert own.F < 1.5
     for ratio, word in ((1.2, "none"), (1.6, "unexplained"), (162.0, "unexplained")):
         test = pure_error_test(ratio * 1500.0, 1500.0, 3000)
-        monkeypatch.setattr(VerdictByRepeats, "torque_test", property(lambda _, test=test: test))
+        monkeypatch.setattr(ByRepeats, "torque_test", property(lambda _, test=test: test))
         after = gated(null.discovery)
         assert after.verdict == word
     assert "the logged torques differ from those of the weights: F = 162" in why(after)

@@ -36,7 +36,7 @@ def jumped(null):
 
 
 def test_nothing_moves_where_nothing_moved(null):
-    assert null.discovery.problem.in_time.wander is None
+    assert null.discovery.scorer.problem.in_time.wander is None
     assert null.discovery.faults == ()
 
 
@@ -134,7 +134,7 @@ def test_a_jump_of_three_times_the_noise_is_a_fault_and_no_drift(small):
     given = Prepared(readings, None, small.baseline, small.setup, "masses", False)
     found = discover_by_blocks(given)
     (fault,) = found.faults
-    (first,) = found.survey.wander.jumps[:1]
+    (first,) = found.scorer.survey.wander.jumps[:1]
     assert found.verdict == "check_the_log"
     assert found.effects == ()
     assert fault.kind == "step_in_time"
@@ -165,7 +165,7 @@ def test_a_step_over_a_night_is_neither_a_drift_nor_growth(small):
     found = discover_by_blocks(given)
     (fault,) = found.faults
     assert found.effects == ()
-    assert found.survey.wander.jumps[0].pause
+    assert found.scorer.survey.wander.jumps[0].pause
     assert "in a pause of 12 h, at once or in the course of it" in fault.what
 
 

@@ -113,8 +113,10 @@ class TestVerdict:
             name, robot, provenance = "made up", "pa10_6ce", "made up"
 
         # The covariance of the made-up baseline is not known; that of a calibrated one is.
-        known = replace(found.calibrated, covariance=1e-12 * np.eye(len(found.calibrated.x) + 6))
-        whole = replace(found, calibrated=known, covariance=known.covariance)
+        known = found.scorer.calibrated
+        known = replace(known, covariance=1e-12 * np.eye(len(known.x) + 6))
+        scorer = replace(found.scorer, calibrated=known, covariance=known.covariance)
+        whole = replace(found, scorer=scorer)
         record = verdict_record(whole, Campaign())
         extended = extended_record(whole, record, Campaign.robot, "combined")
         assert record.verdict == extended.verdict == "not_sought"
@@ -161,9 +163,9 @@ class TestLogsThatDoNotScatter:
         tau_Nm[:, 0] = 0.0
         with np.errstate(all="raise"):
             found = self.searched(made, tau_Nm)
-        noise_Nm = found.problem.noise.torque_Nm
+        noise_Nm = found.scorer.problem.noise.torque_Nm
         assert noise_Nm[0] == noise_Nm.max()
-        assert found.problem.torques_logged
+        assert found.scorer.problem.torques_logged
         assert found.verdict == "none"
 
     def test_a_log_without_any_scatter_is_none(self, made):
@@ -173,8 +175,8 @@ class TestLogsThatDoNotScatter:
         found = self.searched(
             made, tau_Nm[first][group] * (1.0 + 1e-12 * np.arange(len(group)))[:, None]
         )
-        assert not found.problem.torques_logged
-        assert found.problem.torque is None
+        assert not found.scorer.problem.torques_logged
+        assert found.scorer.problem.torque is None
         assert found.verdict == "none"
 
 

@@ -8,7 +8,7 @@ assumed. All is linear about the model, the weights among the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -19,7 +19,14 @@ import numpy as np
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration import rules as calibration_rules
-from pa10cal.discovery.finding import DiagnosedFault, Finding, GivesWay, Rival, fault_of
+from pa10cal.discovery.finding import (
+    DiagnosedFault,
+    Finding,
+    GivesWay,
+    Rival,
+    fault_of,
+    name_of,
+)
 from pa10cal.discovery.linear import (
     by_terms,
     cluster_covariance,
@@ -32,7 +39,7 @@ from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
 from pa10cal.discovery.together import Together, UnderWeights
-from pa10cal.discovery.verdict import Verdict, in_doubt
+from pa10cal.discovery.verdict import Scorer, Verdict, in_doubt
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
@@ -46,10 +53,10 @@ from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
 
-V = TypeVar("V", bound=Verdict)
+S = TypeVar("S", bound=Scorer)
 
 
-def with_compliance(found: V) -> V:
+def with_compliance(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with the joints that give way under weights that nobody stated.
 
     Springs are those of the extended model. Where the weights are stated, they are part of the
@@ -68,7 +75,8 @@ def with_compliance(found: V) -> V:
         return found
     rows = _LinearProblem.of(found)
     rivals = _rivals(found, rows)
-    found = found.with_further_rivals(rivals)
+    if found.weights_assumed and found.scorer.of_sets:
+        found = replace(found, findings=tuple(_with_more(each, rivals) for each in found.findings))
     needed = float(np.log(max(found.candidates, len(springs)) / found.error_rate))
     lost = {
         spring: (rows.rigid(spring).squares - rows.squares) / rows.design_effect(spring)
@@ -127,12 +135,20 @@ def _rivals(found: Verdict, rows: _LinearProblem) -> dict[tuple[str, str], tuple
     """Return what may stand for each that is missed of what was found, by name."""
     at = found.extended.at
     sets = Together.of(
-        at, rows.poses, rows.whitener, found.context, found.prepared.setup, found.beside
+        at, rows.poses, rows.whitener, found.context, found.prepared.setup, found.scorer.beside
     )
     rigid = [spring for spring in at.model.terms if is_spring(spring) and rows.is_rigid(spring)]
     there = sets.scored(sets.holding(term for term in at.model.terms if term not in rigid))
     missed = sets.missed(there)
     return {name: each for name, each in sets.rivals(there).items() if name in missed}
+
+
+def _with_more(finding: Finding, rivals: Mapping[tuple[str, str], tuple[Rival, ...]]) -> Finding:
+    """Return a finding with further rivals, by name, that its search did not try."""
+    known = {name_of(each.effect) for each in finding.rivals}
+    more = rivals.get((finding.id, finding.of), ())
+    further = (each for each in more if name_of(each.effect) not in known)
+    return replace(finding, rivals=(*finding.rivals, *further))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from typing_extensions import override
@@ -23,13 +23,14 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
+from pa10cal.discovery.refitted import with_findings, without_names
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
 from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.verdict import (
     MAP,
     Predicted,
-    SearchVerdict,
+    Scorer,
     Verdict,
     in_doubt,
     is_named,
@@ -63,25 +64,32 @@ class CannotSearch(NamedTuple):
     remedy: str
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class NotSought(Verdict):
-    """A campaign in which effects cannot be sought: its calibrated model stays as it is."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NotSought(Scorer):
+    """What judges nothing, where effects cannot be sought: the calibrated model stays as it is."""
 
     calibrated: FittedModel  # the calibrated model
     cov: Array  # (P, b, b) covariance of the components of the poses fitted, by noise
 
-    @cached_property
+    @property
     @override
-    def model(self) -> FittedModel:
+    def searched_from(self) -> FittedModel:
+        return self.calibrated.with_bends()
+
+    @property
+    @override
+    def untouched(self) -> FittedModel:
         return self.calibrated
 
     @override
-    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        found = lack_of_fit(CellResiduals.about(self.baseline, self.train.poses, self.cov))
-        return found, found
+    def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
+        residuals = lack_of_fit(CellResiduals.about(found.baseline, found.train.poses, self.cov))
+        return residuals, residuals
 
 
-def not_sought(campaign: Prepared, calibrated: FittedModel, reason: CannotSearch) -> NotSought:
+def not_sought(
+    campaign: Prepared, calibrated: FittedModel, reason: CannotSearch
+) -> Verdict[NotSought]:
     """Return the verdict on a campaign in which effects cannot be sought."""
     # Nothing was found: the extended model is the calibrated one, with a base term of zeros.
     # Weights other than described are unknowns of a search; here the model stays as it was given.
@@ -95,21 +103,24 @@ def not_sought(campaign: Prepared, calibrated: FittedModel, reason: CannotSearch
     floor_mm = linear.mean_error_of_noise_mm(poses.measured, cov)
     compared = partial(gap, before=baseline, after=baseline, noise_floor_mm=floor_mm)
     x, covariance = np.concatenate([baseline.x, np.zeros(6)]), calibrated.covariance
-    return NotSought(
+    nothing = linear.ModelWithEffects(
+        (), replace(baseline, model=linear.with_base_term(baseline), x=x), True
+    )
+    return Verdict(
         prepared=campaign,
-        context=context_of(poses, baseline, setup),
-        extended=linear.ModelWithEffects(
-            (), replace(baseline, model=linear.with_base_term(baseline), x=x), True
+        scorer=NotSought(
+            extended=nothing,
+            covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
+            calibrated=calibrated,
+            cov=cov,
         ),
-        covariance=np.full((len(x), len(x)), np.nan) if covariance is None else covariance,
+        context=context_of(poses, baseline, setup),
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
         train=compared(poses),
         holdout=None if held_out is None else compared(complete(held_out, baseline, setup)),
         why=reason.why,
         remedy=reason.remedy,
-        calibrated=calibrated,
-        cov=cov,
     )
 
 
@@ -146,7 +157,7 @@ def discover(
     for _ in range(JUDGING.most_carriers):
         # A map is no name: it may well show at one pose.
         carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
-        if not (carried and isinstance(found, SearchVerdict)):
+        if not carried:
             break
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
         first, pose = carried[0], str(carried[0].carrier)
@@ -156,26 +167,22 @@ def discover(
         if without.unexplained:
             # The rest does not fit either: nothing says that this pose is worse than the others.
             reasons = {one: f"pose {one.carrier} alone carries it" for one in carried}
-            found = found.without_names(reasons, found.train.after.mean_mm)
+            found = without_names(found, reasons, found.train.after.mean_mm)
             break
         found = without
-    if isinstance(found, SearchVerdict):
+    if found.method is not None:
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
     return with_likely(with_predicted(with_compliance(found)))
 
 
-def _likelier(found: SearchVerdict, passed: SearchVerdict) -> SearchVerdict:
+def _likelier(found: Verdict, passed: Verdict) -> Verdict:
     """Return a verdict that has passed the gates, or that about a likelier set that passes them.
 
     Args:
         found: what the search came to.
         passed: the same after the gates.
     """
-    from pa10cal.discovery.blocked_cv import by_blocks
-
-    if not isinstance(found, by_blocks.VerdictByBlocks) or not found.weights_assumed:
-        return passed
-    ahead = by_blocks.about_likelier_set(found)
+    ahead = found.scorer.likelier(found) if found.weights_assumed else None
     if ahead is not None:
         likelier = gated(ahead)
         harmed = likelier.falls_back is not None and passed.falls_back is None
@@ -194,7 +201,7 @@ def with_predicted(found: Verdict) -> Verdict:
     Limits of the effects go where held-out poses beyond them are predicted no worse with it. Where
     it makes held-out poses worse it is not predicted.
     """
-    if not isinstance(found, SearchVerdict) or found.verdict == "check_the_log":
+    if found.verdict in ("not_sought", "check_the_log"):
         return found
     if found.train.without_motion is not None:
         return found
@@ -233,7 +240,7 @@ def _against(found: SearchVerdict, without: SearchVerdict) -> SearchVerdict:
     return replace(found, holdout=held_out, falls_back=None)
 
 
-def _without_name(found: SearchVerdict, model: FittedModel) -> tuple[Effect, ...]:
+def _without_name(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
     """Return the effects that may stand for what has no name.
 
     None where poses are repeated: readings of one apparatus err alike, at held-out poses too.
@@ -254,7 +261,7 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
         from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 
         found = discover_by_blocks(campaign)
-        poses = found.survey.poses
+        poses = found.scorer.survey.poses
         wrong = stated_wrongly(poses, campaign.baseline, campaign.setup, found.context)
         return replace(found, faults_of_rows=(*found.faults_of_rows, *wrong))
     check_torques(campaign.baseline.model, campaign.readings)
@@ -324,17 +331,17 @@ def too_little(readings: Observations, baseline: FittedModel) -> CannotSearch | 
 
 # Formulas proposed for what a verdict has no name for; the verdict stays as it is.
 
-V = TypeVar("V", bound=SearchVerdict)
+S = TypeVar("S", bound=Scorer)
 
 
-def with_proposals(found: V) -> V:
+def with_proposals(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with a formula for each map and rival that a short form does as well as."""
     if found.verdict == "check_the_log":
         return found
     return replace(found, proposed=tuple(_proposals(found)))
 
 
-def _proposals(found: SearchVerdict) -> Iterator[FormulaProposal]:
+def _proposals(found: Verdict) -> Iterator[FormulaProposal]:
     """Yield one formula for everything without a name; else one for each place, where there is."""
     nameless = found.without_name
     if not nameless and not found.over_noise:
@@ -364,22 +371,20 @@ def _proposals(found: SearchVerdict) -> Iterator[FormulaProposal]:
             yield proposal
 
 
-def _chosen(
-    found: SearchVerdict, held: tuple[Effect, ...], forms: list[Form]
-) -> FormulaProposal | None:
+def _chosen(found: Verdict, held: tuple[Effect, ...], forms: list[Form]) -> FormulaProposal | None:
     """Return the shortest form that does as well as some effects without a name."""
     if not forms or sum(effect.linear for effect in held) > FORMS.most_parameters:
         return None
-    few = found.comparison(held, FORMS.few_poses)
+    few = found.scorer.comparison(held, FORMS.few_poses)
     many = len(few.states) < len(found.states)
-    whole = partial(found.comparison, held) if many else None
+    whole = partial(found.scorer.comparison, held) if many else None
     return choose(few, forms, held, found.error_rate, whole)
 
 
 # A map that is one line gets a name: `periodic_error`, where the joint was seen all around.
 
 
-def with_lines_named(found: V) -> V:
+def with_lines_named(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which maps that are one line each have the name of that line.
 
     A window of part of a turn cannot tell orders apart, however well one of them fits: there the
@@ -393,7 +398,7 @@ def with_lines_named(found: V) -> V:
     return found
 
 
-def _named(found: V, proposal: FormulaProposal) -> V | None:
+def _named(found: Verdict[S], proposal: FormulaProposal) -> Verdict[S] | None:
     """Return the verdict with a line in its map's place; None where it has no name."""
     order, held, form = proposal.form.order, proposal.instead, proposal.form
     of_one_map = len(held) == 1 and held[0].id == MAP and held[0].of == form.of
@@ -418,6 +423,6 @@ def _named(found: V, proposal: FormulaProposal) -> V | None:
     known = replace(of_map, alternatives=(line, *of_map.alternatives))
     beside = replace(found, findings=tuple(known if each is of_map else each for each in findings))
     named = replace(of_map, effect=line)
-    tried = beside.with_findings([named if each is of_map else each for each in findings])
+    tried = with_findings(beside, [named if each is of_map else each for each in findings])
     now = next(each for each in tried.findings if each.effect == line)
     return None if any(unfit(now, tried.model)) else harmless(tried)

@@ -24,8 +24,9 @@ from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.refitted import instead, no_name, with_findings, without_names
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
-from pa10cal.discovery.verdict import SearchVerdict, in_doubt, is_named, no_name
+from pa10cal.discovery.verdict import Scorer, Verdict, in_doubt, is_named
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
@@ -42,7 +43,7 @@ from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.weights import holds_weights
 
-V = TypeVar("V", bound=SearchVerdict)
+S = TypeVar("S", bound=Scorer)
 
 #: Grades of the calibration with which `none` is not said.
 NO_COMFORT = ("suspect_input", "not_converged")
@@ -51,7 +52,7 @@ NO_COMFORT = ("suspect_input", "not_converged")
 NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
 
 
-def gated(found: V) -> V:
+def gated(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict whose names and whose `none` have passed the gates."""
     found = _without_unlikely_names(_with_likeliest_names(_with_names_that_pass(found)))
     found = _without_names_that_move_nothing(with_pulls(found))
@@ -64,7 +65,7 @@ def gated(found: V) -> V:
     return found
 
 
-def _with_likeliest_names(found: V) -> V:
+def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which what is likelier than a name has its place, if it does as well.
 
     Rows about the calibrated model made it likelier; all parameters fitted anew may say otherwise.
@@ -82,8 +83,8 @@ def _with_likeliest_names(found: V) -> V:
             continue
         # A fit takes an effect in the place of one of which it is an alternative.
         beside = replace(finding, alternatives=(best, *finding.alternatives))
-        tried = replace(found, findings=found.instead(beside))
-        tried = tried.with_findings(found.instead(finding.about(best), finding.effect))
+        tried = replace(found, findings=instead(found, beside))
+        tried = with_findings(tried, instead(found, finding.about(best), finding.effect))
         now = next(each for each in tried.findings if each.effect == best)
         as_well = tried.train.after.rms_mm <= NAMES.worse_ratio * found.train.after.rms_mm
         if as_well and not any(unfit(now, tried.model, tried.states)):
@@ -91,7 +92,7 @@ def _with_likeliest_names(found: V) -> V:
     return found
 
 
-def _with_names_that_pass(found: V) -> V:
+def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict without the effects that do not pass; an alternative that does stands in."""
     for finding in found.effects:
         if not is_named(finding.effect):
@@ -106,13 +107,13 @@ def _with_names_that_pass(found: V) -> V:
         commanded = finding.id == Backlash.id and found.context.commanded
         if commanded and stops not in finding.alternatives:
             finding = replace(finding, alternatives=(stops, *finding.alternatives))
-            found = replace(found, findings=found.instead(finding))
+            found = replace(found, findings=instead(found, finding))
         better = _alternative(found, finding)
-        found = better or found.without_names({finding: "; ".join(reasons)})
+        found = better or without_names(found, {finding: "; ".join(reasons)})
     return found
 
 
-def _without_unlikely_names(found: V) -> V:
+def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict without names that are less likely than something that has none.
 
     What held-out poses need stays, with its probability.
@@ -127,13 +128,13 @@ def _without_unlikely_names(found: V) -> V:
             f"(probability {said.none_of_these:.2f})"
         )
         (now,) = (one for one in found.findings if one.effect == finding.effect)
-        without = found.without_names({now: why})
+        without = without_names(found, {now: why})
         if _harmed(found) or not _harmed(without):
             found = without
     return found
 
 
-def _harmed(found: SearchVerdict) -> bool:
+def _harmed(found: Verdict) -> bool:
     """Return whether held-out poses are predicted worse than by the calibrated model."""
     held_out = found.trusted_holdout
     return (
@@ -142,7 +143,7 @@ def _harmed(found: SearchVerdict) -> bool:
     )
 
 
-def _without_names_that_move_nothing(found: V) -> V:
+def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:
     """Return a harmless verdict, without names that take nothing away.
 
     Where the extended model is the calibrated one everywhere, and the poses of the fit themselves
@@ -156,7 +157,7 @@ def _without_names_that_move_nothing(found: V) -> V:
         f"it removes no error, {before_mm:.4g} mm before and "
         f"{after_mm:.4g} mm with it at the poses of the fit, and no less at others"
     )
-    safe = harmless(found.with_findings([one for one in found.findings if one not in names]))
+    safe = harmless(with_findings(found, [one for one in found.findings if one not in names]))
     unknown = (no_name(name, safe.train.after.mean_mm, why) for name in names)
     return replace(safe, unexplained=(*safe.unexplained, *unknown))
 
@@ -173,7 +174,7 @@ def of_order(finding: Finding, campaign: Prepared) -> Iterator[str]:
         yield f"the order of the poses follows {joints}, whose error may look the same"
 
 
-def with_pulls(found: V) -> V:
+def with_pulls(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which a pull at a joint is an alternative of what looks the same.
 
     A cable that pulls a joint like a spring turns it by way of its stiffness in proportion to its
@@ -190,26 +191,26 @@ def with_pulls(found: V) -> V:
             rivals = [one for one in finding.rivals if one.effect.id != JointErrorMap.id]
             pull = Rival(map_of_joint, np.zeros(1), PROBABILITIES.pull)
             wider = replace(finding, alternatives=(*others, map_of_joint), rivals=(*rivals, pull))
-            found = replace(found, findings=found.instead(wider))
+            found = replace(found, findings=instead(found, wider))
     return found
 
 
-def _alternative(found: V, finding: Finding) -> V | None:
+def _alternative(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
     """Return the verdict with the first alternative of a finding that passes in its place."""
     held = {one.effect for one in found.findings}
     for other in finding.alternatives[: NAMES.most_alternatives]:
         if not is_named(other) or other in held:
             continue
         rest = tuple(one for one in finding.alternatives if one != other)
-        instead = replace(finding, effect=other, alternatives=rest)
-        tried = found.with_findings(found.instead(instead, finding.effect))
+        stands_in = replace(finding, effect=other, alternatives=rest)
+        tried = with_findings(found, instead(found, stands_in, finding.effect))
         now = next(one for one in tried.findings if one.effect == other)
         if not any(unfit(now, tried.model, tried.states)):
             return tried
     return None
 
 
-def _of_the_robot(found: V, finding: Finding) -> V:
+def _of_the_robot(found: Verdict[S], finding: Finding) -> Verdict[S]:
     """Return the verdict with an effect of the robot in the place of one of the instrument.
 
     Between both it is never the instrument's: no prediction has that, and the geometry fitted
@@ -299,7 +300,7 @@ def _turns_too_far(
         yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
 
-def reasons_against_none(found: SearchVerdict) -> Iterator[str]:
+def reasons_against_none(found: Verdict) -> Iterator[str]:
     """Return why it cannot be said that nothing is missing."""
     train, holdout = found.train, found.trusted_holdout
     measured = train.poses.measured
@@ -342,7 +343,7 @@ def reasons_against_none(found: SearchVerdict) -> Iterator[str]:
             "from the description: they do, or an effect of gravity is present (such as "
             "encoder_eccentricity of a joint that lifts); logged torques would show which"
         )
-    torque = found.torque_test
+    torque = found.scorer.torque_test
     if (
         torque is not None
         and NAMES.most_torque_ratio < torque.F
@@ -366,7 +367,7 @@ def reasons_against_none(found: SearchVerdict) -> Iterator[str]:
 # arm that they share.
 
 
-def harmless(found: V) -> V:
+def harmless(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict whose extended model predicts held-out poses no worse than before.
 
     Of a path those at unseen stretches neither.
@@ -414,7 +415,7 @@ def limits(found: SearchVerdict) -> FallBack | None:
     return FallBack(within, found.baseline, why)
 
 
-def _without_contradicted(found: V, visited: AngleCoverage) -> V:
+def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[S]:
     """Return the verdict without names that held-out poses contradict.
 
     Motion of the base that was found is no fault of a name: it is taken out of the readings here.
@@ -445,11 +446,11 @@ def _without_contradicted(found: V, visited: AngleCoverage) -> V:
             f"held-out poses contradict it, {harm.before.rms_mm:.4f} mm rms before and "
             f"{harm.after.rms_mm:.4f} mm with it"
         )
-        found = found.without_names(dict.fromkeys(of_joints or names, why))
+        found = without_names(found, dict.fromkeys(of_joints or names, why))
     return found
 
 
-def _harmless_to_every_campaign(found: V) -> V:
+def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
     """Return the verdict of a group by which none of its campaigns is predicted worse.
 
     The extended model is the calibrated one beyond the joint positions of the other campaigns, or,
@@ -474,20 +475,20 @@ def _harmless_to_every_campaign(found: V) -> V:
                 "joint positions of the other campaigns"
             )
             return replace(apart, falls_back=FallBack(within, found.baseline, why))
-        tried = [found.without_names({one: f"with it {worse}"}) for one in found.effects]
+        tried = [without_names(found, {one: f"with it {worse}"}) for one in found.effects]
         left = [(_is_harmed(one, campaign), _left_mm(one, campaign)) for one in tried]
         found = tried[left.index(min(left))]
     return found
 
 
-def _only_within(found: V, within: AngleCoverage) -> V:
+def _only_within(found: Verdict[S], within: AngleCoverage) -> Verdict[S]:
     """Return the verdict with the calibrated model's errors beyond some joint positions."""
     return found.with_gaps(
         lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad)),
     )
 
 
-def _left_mm(found: SearchVerdict, campaign: str) -> float:
+def _left_mm(found: Verdict, campaign: str) -> float:
     """Return what is left of held-out poses, of those of a campaign where they are harmed."""
     gap = found.trusted_holdout
     assert gap is not None
@@ -495,7 +496,7 @@ def _left_mm(found: SearchVerdict, campaign: str) -> float:
     return summarise(gap.found_after, rows).rms_mm
 
 
-def _harmed_campaign(found: SearchVerdict) -> str | None:
+def _harmed_campaign(found: Verdict) -> str | None:
     """Return the campaign of a group that is predicted worse by most; None where none is."""
     gap = found.trusted_holdout
     worse = {}
@@ -506,7 +507,7 @@ def _harmed_campaign(found: SearchVerdict) -> str | None:
     return max(worse, key=worse.__getitem__, default=None)
 
 
-def _is_harmed(found: SearchVerdict, campaign: str) -> bool:
+def _is_harmed(found: Verdict, campaign: str) -> bool:
     """Return whether held-out poses of a campaign are predicted worse by more than chance.
 
     Where they are too few to be sure, the poses of that campaign that were fitted tell whether it
@@ -545,7 +546,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
 
-def _beyond_uncertainty(found: SearchVerdict, gap: PairedErrors, rows: Mask) -> bool:
+def _beyond_uncertainty(found: Verdict, gap: PairedErrors, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
     Where single poses scatter by more than noise, as joints do that stop where friction lets them,
@@ -556,8 +557,8 @@ def _beyond_uncertainty(found: SearchVerdict, gap: PairedErrors, rows: Mask) -> 
     covariance = found.covariance[: jacobian.shape[2], : jacobian.shape[2]]
     spread = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
     floor_mm = gap.noise_floor_mm
-    if found.scatter is not None:
-        spread, floor_mm = spread + found.scatter.covariance(found.extended.at, poses), 0.0
+    if (scatter := found.scorer.scatter) is not None:
+        spread, floor_mm = spread + scatter.covariance(found.extended.at, poses), 0.0
     variance = np.trace(position_noise(poses.measured, spread), axis1=1, axis2=2)
     expected_mm = np.hypot(floor_mm, 1e3 * np.sqrt(variance.mean()))
     after_mm = summarise(gap.found_after, rows).rms_mm

@@ -7,10 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self
 
 import numpy as np
+from typing_extensions import TypeVar
 
+from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.field import FieldFit, with_field
@@ -18,7 +20,6 @@ from pa10cal.discovery.finding import (
     DiagnosedFault,
     Finding,
     GivesWay,
-    Rival,
     Untestable,
     fault_of,
     name_of,
@@ -86,11 +87,138 @@ class Predicted:
     holdout: PairedErrors | None
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scorer(ABC):
+    """What judged effects in a campaign: it holds what they are fitted by, and fits them anew."""
+
+    # the calibrated model with the effects found, and nothing generic in it
+    extended: ModelWithEffects
+    covariance: Array  # (k, k) of all its unknowns
+
+    #: How effects are judged; None where they are not sought.
+    method: ClassVar[str | None] = None
+    #: Whether it names springs under weights that nobody stated, of which sets are sought.
+    of_sets: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def searched_from(self) -> FittedModel:
+        """Return the model from which the search set out, whose terms the extended model has."""
+
+    @property
+    def untouched(self) -> FittedModel | None:
+        """Return the calibrated model where it stays as it is, since nothing was sought."""
+        return None
+
+    @property
+    def beside(self) -> Array | None:
+        """Return columns (P, b, k + 1) of what is in no model, and last what it comes to.
+
+        In the components of the poses fitted; None for nothing.
+        """
+        return None
+
+    @property
+    def seen(self) -> AngleCoverage | None:
+        """Return the joint positions that maps have learnt from; None without a map of its own."""
+        return None
+
+    @property
+    def scatter(self) -> PoseDeviations | None:
+        """Return what single poses scatter by about the model; None where that is noise alone."""
+        return None
+
+    @property
+    def torque_test(self) -> PureErrorTest | None:
+        """Return the lack of fit of the logged torques; None where they do not judge."""
+        return None
+
+    @property
+    def searched(self) -> tuple[Effect, ...] | None:
+        """Return the effects that its rows hold; None where they hold any."""
+        return None
+
+    def targets_off_m(self, stated: int) -> Array:
+        """Return by how much so many stated coordinates of targets are off their places, (a,)."""
+        return np.zeros(stated)
+
+    def judged(self, fitted: Observations) -> PoseStates:
+        """Return the states of the poses that were judged, of which some averages were fitted."""
+        return fitted.states
+
+    @abstractmethod
+    def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
+        """Return where data and model disagree, before and after."""
+
+    # Of what judges effects alone: nothing is fitted anew where none are sought.
+
+    def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> Self:
+        """Return it with the calibrated model and these effects as extended model.
+
+        Each is one of what is known, or one of its alternatives.
+        """
+        raise NotImplementedError
+
+    def fitted_poses(self, campaign: Prepared) -> Observations:
+        """Return the averaged poses of the fit."""
+        raise NotImplementedError
+
+    def gap_on(
+        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
+    ) -> PairedErrors:
+        """Return the gap of the calibrated and the extended model on averaged poses.
+
+        With what is in no model as it was before that model was fitted anew, where it was.
+        """
+        raise NotImplementedError
+
+    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        """Return the extended model with some of its effects, all else fitted again."""
+        raise NotImplementedError
+
+    def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
+        """Return what short forms are held against in place of some effects without a name.
+
+        Args:
+            held: which of those that it holds.
+            most_poses: so many poses are enough, where there are many; None for all.
+        """
+        raise NotImplementedError
+
+    def likelier(self, found: Verdict[Self]) -> Verdict[Self] | None:
+        """Return the verdict about a likelier set of what gives way; None where there is none."""
+        del found
+        return None
+
+    def next_poses(self, found: Verdict[Self], count: int, random_seed: int) -> Plan:
+        """Return configurations to measure next, at most so many, drawn with a seed."""
+        del found, count, random_seed
+        return NOTHING_PLANNED
+
+    def keys(self, found: Verdict[Self]) -> dict[str, Any]:
+        """Return the keys of the verdict's record that this way of judging has, as `search`."""
+        del found
+        return {"search": None}
+
+    def witness(self, effect: Effect) -> JointWitness | None:
+        """Return what says whose error an error by a joint's angle is; None where nothing does."""
+        del effect
+        return None
+
+    def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
+        """Return every effect as each campaign of a group alone has it; None without any."""
+        return None
+
+
+S = TypeVar("S", bound=Scorer, default=Scorer, covariant=True)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Verdict(ABC):
+class Verdict(Generic[S]):
     """What became of a campaign."""
 
     prepared: Prepared  # the campaign
+    scorer: S  # what judged it, and holds the model with the effects found
     context: CandidateContext  # where effects may sit in it
     candidates: int = 0  # how many effects were tried
     # what was found and is in the extended model, in the order found: effects of the vocabulary,
@@ -106,10 +234,8 @@ class Verdict(ABC):
     below_detection_limit: tuple[Untestable, ...] | None = None
     # groups of named candidates that these poses cannot separate
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
-    # the calibrated model with the effects found, and nothing generic in it
-    extended: ModelWithEffects
-    covariance: Array  # (k, k) of all its unknowns
-    # what is predicted beside it without a name; None where poses held out gain nothing by it
+    # what is predicted beside the model with the effects without a name; None where poses held out
+    # gain nothing by it
     predicted: Predicted | None = None
     noise_floor_mm: float  # mean position error that noise alone would leave
     noise_floor_from: str | None = None  # what it was found from, where not from repeats
@@ -129,8 +255,20 @@ class Verdict(ABC):
     why: str | None = None
     remedy: str | None = None
 
-    #: How effects are judged; None where they are not sought.
-    method: ClassVar[str | None] = None
+    @property
+    def method(self) -> str | None:
+        """Return how effects are judged; None where they are not sought."""
+        return self.scorer.method
+
+    @property
+    def extended(self) -> ModelWithEffects:
+        """Return the calibrated model with the effects found, and nothing generic in it."""
+        return self.scorer.extended
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance (k, k) of all its unknowns."""
+        return self.scorer.covariance
 
     @property
     def verdict(self) -> Word:
@@ -173,27 +311,15 @@ class Verdict(ABC):
         return self.prepared.baseline
 
     @property
-    def searched_from(self) -> FittedModel:
-        """Return the model from which the search set out, whose terms the extended model has."""
-        return self.baseline
+    def weights_assumed(self) -> bool:
+        """Return whether torques are those of weights that nobody stated."""
+        known = weights_known(self.baseline.arm)
+        return self.prepared.torques == "masses" and known.origin != "stated"
 
     @property
     def states(self) -> PoseStates:
         """Return the states of the poses that were judged."""
-        return self.train.poses.states
-
-    @property
-    def beside(self) -> Array | None:
-        """Return columns (P, b, k + 1) of what is in no model, and last what it comes to.
-
-        In the components of the poses fitted; None for nothing.
-        """
-        return None
-
-    def with_further_rivals(self, rivals: Mapping[tuple[str, str], tuple[Rival, ...]]) -> Self:
-        """Return the verdict with rivals of its findings, by name, that its search did not try."""
-        del rivals
-        return self
+        return self.scorer.judged(self.train.poses)
 
     @property
     def without_name(self) -> tuple[Effect, ...]:
@@ -203,23 +329,10 @@ class Verdict(ABC):
 
     @property
     def everything(self) -> tuple[Effect, ...]:
-        """Return what has no name, and the names found beside it."""
-        return tuple(dict.fromkeys((*self.without_name, *(e.effect for e in self.effects))))
-
-    @property
-    def seen(self) -> AngleCoverage | None:
-        """Return the joint positions that maps have learnt from; None without a map of its own."""
-        return None
-
-    @property
-    def scatter(self) -> PoseDeviations | None:
-        """Return what single poses scatter by about the model; None where that is noise alone."""
-        return None
-
-    @property
-    def targets_off_m(self) -> Array:
-        """Return by how much the stated targets of an apparatus are off their places, (a,)."""
-        return np.zeros(self.prepared.readings.measured.by_stated_targets.shape[2])
+        """Return what has no name, and the names found beside it, as far as rows hold them."""
+        every = dict.fromkeys((*self.without_name, *(e.effect for e in self.effects)))
+        searched = self.scorer.searched
+        return tuple(each for each in every if searched is None or each in searched)
 
     def with_gaps(self, changed: Callable[[PairedErrors], PairedErrors]) -> Self:
         """Return the verdict with both its gaps changed."""
@@ -269,7 +382,10 @@ class Verdict(ABC):
     @cached_property
     def model(self) -> FittedModel:
         """Return the calibrated model with the effects found."""
+        if self.scorer.untouched is not None:
+            return self.scorer.untouched
         fitted, away = self.extended.fitted(self.covariance), self.falls_back
+        stated, seen = self.prepared.readings.measured.by_stated_targets, self.scorer.seen
         if away is not None and self.predicted is not None and self.holds_nowhere:
             beside = with_field(self.baseline, self.predicted.fit)
             discrepancy = discrepancy_of(beside, self.train.poses)
@@ -278,50 +394,27 @@ class Verdict(ABC):
             fitted = with_field(fitted, self.predicted.fit)
         return replace(
             fitted,
-            targets_off_m=self.targets_off_m,
-            seen=self.baseline.seen if self.seen is None else self.seen,
+            targets_off_m=self.scorer.targets_off_m(stated.shape[2]),
+            seen=self.baseline.seen if seen is None else seen,
             discrepancy=discrepancy_of(fitted, self.train.poses),
             falls_back=away,
         )
 
-    @property
-    def torque_test(self) -> PureErrorTest | None:
-        """Return the lack of fit of the logged torques; None where they do not judge."""
-        return None
-
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return configurations to measure next, at most so many, drawn with a seed."""
-        del count, random_seed
-        return NOTHING_PLANNED
+        return self.scorer.next_poses(self, count, random_seed)
 
-    def of_its_method(self) -> dict[str, Any]:
-        """Return the keys of the verdict's record that the way of judging has, as `search`."""
-        return {"search": None}
-
-    def witness(self, effect: Effect) -> JointWitness | None:
-        """Return what says whose error an error by a joint's angle is; None where nothing does."""
-        del effect
-        return None
-
-    def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
-        """Return every effect as each campaign of a group alone has it; None without any."""
-        return None
-
-    @abstractmethod
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
         """Return where data and model disagree, before and after."""
-
-    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        """Return the extended model with some of its effects, all else fitted again."""
-        del effects
-        return self.model
+        return self.scorer.lack_of_fit(self)
 
     @cached_property
     def errors_by_name(self) -> ErrorsByName:
         """Return the errors that remain as the effects join the model one by one."""
         within = None if self.falls_back is None else self.falls_back.within
         effects, by_names = self.extended.effects, self.predicted or self
-        return errors_by_name(by_names.train, by_names.holdout, effects, self._model_with, within)
+        model_with = self.scorer.model_with
+        return errors_by_name(by_names.train, by_names.holdout, effects, model_with, within)
 
     @property
     def explained(self) -> Explained | None:
@@ -361,80 +454,16 @@ class Verdict(ABC):
         return explained_by(effects, before_mm, gap.noise_rms_mm, over)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class SearchVerdict(Verdict):
-    """What became of a campaign in which effects were sought."""
-
-    method: ClassVar[str]
-
-    def with_findings(self, findings: Sequence[Finding]) -> Self:
-        """Return the verdict with these findings, all fitted anew, and their parameters with it.
-
-        Args:
-            findings: some of its own, each with its own effect or one of its alternatives.
-        """
-        found = self._refitted(tuple(each.effect for each in findings))
-        held_out, reported = self.prepared.held_out, found.extended.reported
-        parameters = [reported(each.effect, found.covariance) for each in findings]
-        return replace(
-            found,
-            findings=tuple(
-                replace(each, x=x, covariance=covariance)
-                for each, (x, covariance) in zip(findings, parameters, strict=True)
-            ),
-            train=found._gap_on(found._fitted_poses),
-            holdout=None if held_out is None else found._gap_on(held_out),
-        )
-
-    def instead(self, finding: Finding, effect: Effect | None = None) -> tuple[Finding, ...]:
-        """Return the findings, one in the place of that of an effect, or else of its own."""
-        effect = effect or finding.effect
-        return tuple(finding if one.effect == effect else one for one in self.findings)
-
-    def without_names(self, reasons: Mapping[Finding, str], left_mm: float | None = None) -> Self:
-        """Return the verdict, fitted anew, without some names: they are unexplained, for a reason.
-
-        With the mean error [mm] that is left without them; None for that of the new fit.
-        """
-        gone = [finding.effect for finding in reasons]
-        found = self.with_findings([one for one in self.findings if one.effect not in gone])
-        left_mm = found.train.after.mean_mm if left_mm is None else left_mm
-        unknown = (no_name(finding, left_mm, why) for finding, why in reasons.items())
-        return replace(found, unexplained=(*found.unexplained, *unknown))
-
-    @abstractmethod
-    def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
-        """Return what short forms are held against in place of some effects without a name.
-
-        Args:
-            held: which of `everything`.
-            most_poses: so many poses are enough, where there are many; None for all.
-        """
-
-    @abstractmethod
-    def _refitted(self, effects: tuple[Effect, ...]) -> Self:
-        """Return the verdict with the calibrated model and these effects as extended model."""
-
-    @property
-    @abstractmethod
-    def _fitted_poses(self) -> Observations:
-        """Return the averaged poses of the fit."""
-
-    @abstractmethod
-    def _gap_on(self, poses: Observations) -> PairedErrors:
-        """Return the gap of the calibrated and the extended model on averaged poses."""
-
-
 def label_of(effect: Effect, rival: Effect | None) -> str:
     """Return the name of an effect and its rival."""
     name = f"{effect.id} of {effect.of}"
     return name if rival is None else f"{name} or {rival.id} of {rival.of}"
 
 
-V = TypeVar("V", bound=Verdict)
+K = TypeVar("K", bound=Scorer)
 
 
-def with_likely(found: V) -> V:
+def with_likely(found: Verdict[K]) -> Verdict[K]:
     """Return a verdict whose findings have as alternatives what is likely enough to be listed.
 
     Where more than noise is left without a name, what was tried may all be wrong more often.
@@ -452,12 +481,6 @@ def in_doubt(found: Verdict, finding: Finding) -> Finding:
         return replace(finding, unknown=by_errors.probability(found.noise_floor_mm))
     left = bool(found.unexplained) or found.over_noise
     return replace(finding, unknown=PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown)
-
-
-def no_name(finding: Finding, left_mm: float, why: str) -> Unexplained:
-    """Return what a finding is that fits best and is no name, by the mean error left without it."""
-    said = f"{label_of(finding.effect, None)} fits best, but is not named: {why}"
-    return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
 def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:

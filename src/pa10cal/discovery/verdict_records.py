@@ -34,6 +34,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         for each in found.effects
         if each.id == MAP
     )
+    scorer = found.scorer
     away, below, holdout = found.falls_back, found.below_detection_limit, found.holdout
     return VerdictKeys(
         verdict=found.verdict,
@@ -42,7 +43,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         method=found.method,
         explained=found.explained,
         effects=tuple(
-            finding.record(found.witness(finding.effect))
+            finding.record(scorer.witness(finding.effect))
             for finding in (*found.gives_way, *found.effects)
         ),
         faults=found.faults,
@@ -57,8 +58,8 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
             train=found.train.record(),
             holdout=None if holdout is None else holdout.record(found.prepared.suspected),
         ),
-        **found.of_its_method(),
-        angles_seen=None if found.seen is None else found.seen.record,
+        **scorer.keys(found),
+        angles_seen=None if scorer.seen is None else scorer.seen.record,
         falls_back=None if away is None else FallsBack(within=away.within.record, why=away.why),
         suggested_poses=ahead.poses,
         separations=ahead.separations,
@@ -75,7 +76,7 @@ def verdict_record(
         provenance=campaign.provenance,
         arrival_from_order=found.prepared.arrivals_from_order,
         seconds=None,
-        by_campaign=found.by_campaign(),
+        by_campaign=found.scorer.by_campaign(),
         rules=decisions(),
     )
 
@@ -117,7 +118,8 @@ def analysis_record(found: Verdict, campaign: CampaignIdentity) -> AnalysisRecor
 
 def extended_parameters(found: Verdict) -> dict[str, Parameter]:
     """Return the parameters of the calibrated model as they are with the effects."""
-    baseline, covariance, k = found.searched_from, found.covariance, len(found.extended.at.x)
+    baseline, covariance = found.scorer.searched_from, found.covariance
+    k = len(found.extended.at.x)
     own, base = slice(len(baseline.x)), slice(k - 6, k)
     report = baseline.model.report(found.model.x[own])
     possible = JUDGING.identified_share * possible_sizes(baseline.model)

@@ -66,7 +66,7 @@ def test_attitudes_that_lag_are_told_apart_from_joints(stopped):
     (place,) = (each for each in stopped.unexplained if each.form == "attitude_lag")
     assert place.of == "instrument"
     assert "the way that joint 5 (" in place.why
-    lag = stopped.survey.lag
+    lag = stopped.scorer.survey.lag
     np.testing.assert_allclose(lag.amounts * lag.sizes, [0, 0, 0, 0, 2e-4, 0], atol=4e-5)
 
 
@@ -75,11 +75,11 @@ def test_nothing_is_named_where_every_joint_arrives():
     quiet = judged(Hidden())
     assert quiet.effects == ()
     assert quiet.unexplained == ()
-    assert quiet.survey.lag is None
+    assert quiet.scorer.survey.lag is None
 
 
 @pytest.mark.slow
 def test_angles_that_were_read_back_hide_no_arrival():
     read = judged(Hidden(turn=short), commanded=False)
     assert found_rad(read) == {}
-    assert read.survey.lag is None
+    assert read.scorer.survey.lag is None

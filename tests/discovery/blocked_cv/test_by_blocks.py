@@ -16,8 +16,8 @@ def test_where_nothing_is_hidden_nothing_is_named(nothing_hidden):
     found = nothing_hidden.discovery
     assert found.verdict == "none"
     assert found.effects == found.nameless == ()
-    assert found.remaining.mean_mm == pytest.approx(found.remaining.floor_mm, rel=0.1)
-    assert not found.remaining.over_floor
+    assert found.scorer.remaining.mean_mm == pytest.approx(found.scorer.remaining.floor_mm, rel=0.1)
+    assert not found.scorer.remaining.over_floor
     before, after = found.holdout.before, found.holdout.after
     assert after.mean_mm == pytest.approx(before.mean_mm, rel=0.15)
     assert [step.effects for step in found.errors_by_name.steps] == [()]
@@ -35,7 +35,7 @@ def test_an_error_of_one_joint_that_has_no_name_is_the_map_of_that_joint(mapped)
     assert finding.proof.z > 10.0
     assert finding.proof.rms_without_mm > 1.5 * finding.proof.rms_with_mm
     inside = found.holdout.record().inside
-    assert inside.after.rms_mm < 1.3 * found.remaining.rms_mm
+    assert inside.after.rms_mm < 1.3 * found.scorer.remaining.rms_mm
     assert inside.after.mean_mm < 0.7 * inside.before.mean_mm
 
 
@@ -72,7 +72,7 @@ def test_what_turns_the_end_and_does_not_move_it_is_no_effect_of_a_joint(twisted
     assert found.effects == ()
     helping = [
         (entry.of, entry.positions_and_attitudes_agree)
-        for entry in found.remaining.tried
+        for entry in found.scorer.remaining.tried
         if entry.helps
     ]
     assert ("joint 5", False) in helping
@@ -83,7 +83,7 @@ def test_noise_beyond_what_is_stated_is_unexplained_and_has_no_name():
     found = observe(Hidden(noise=3.0), poses=150, held_out=0).discovery
     assert found.verdict == "unexplained"
     assert found.effects == found.nameless == ()
-    assert found.remaining.over_floor
+    assert found.scorer.remaining.over_floor
     assert found.holdout is None
 
 

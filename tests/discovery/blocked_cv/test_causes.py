@@ -13,6 +13,7 @@ from pa10cal.discovery.blocked_cv.family import Candidate
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
+from pa10cal.discovery.refitted import with_findings
 from pa10cal.discovery.verdict_records import verdict_keys, verdict_record
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.stages.discover import verdict_lines
@@ -48,12 +49,12 @@ def found(campaign):
 def test_a_sensor_that_errs_is_named(found):
     (finding,) = found.effects
     assert (finding.id, finding.of, finding.alternatives) == ("sensor_error", "joint 3", ())
-    (cause,) = found.causes.values()
+    (cause,) = found.scorer.causes.values()
     assert cause.cause == "sensor"
     assert cause.ripple.interval95[0] > 0.3
     assert cause.agreement.correlation > 0.9
     assert cause.agreement.slope == pytest.approx(1.0, abs=0.2)
-    held_out = found.with_findings(found.findings)
+    held_out = with_findings(found, found.findings)
     assert held_out.model.x == pytest.approx(found.model.x, abs=2e-5)
 
 
@@ -110,14 +111,14 @@ def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, 
 def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     effect = replace(found.effects[0].effect, knots=216, spectrum=FadingPrior(3e-4, 60.0))
     members = (Candidate(np.zeros(0, int), np.zeros(0), ShapedEffect(effect)),)
-    rows = weighted_rows(found.survey, (), 144)
+    rows = weighted_rows(found.scorer.survey, (), 144)
     rough = level(rows, members)
     banded = in_bands(rows, rough)
     (member,) = banded.level.members
     assert (member.effect.knots, member.effect.spectrum) == (360, banded.found.bands[0])
     before, after = (banded.of_time.sum(axis=0) + banded.of_angles.sum(axis=0)).tolist()
     assert after < before
-    keys = verdict_keys(replace(found, bands=banded))
+    keys = verdict_keys(replace(found, scorer=replace(found.scorer, bands=banded)))
     (of_joint,) = keys.bands.maps
     assert (of_joint.of, keys.bands.shared) == ("joint 3", True)
     assert 0.0 < of_joint.log_std["level_rad"] < 0.5

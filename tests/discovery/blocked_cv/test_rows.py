@@ -191,7 +191,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
 def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp_path):
     (trial,) = draw_trials("null", 1, 5, "distance")
     campaign = pa10cal.read_campaign(write_simulated(tmp_path / "raw", trial.settings))
-    judged = pa10cal.discover(campaign, pa10cal.calibrate(campaign)).survey
+    judged = pa10cal.discover(campaign, pa10cal.calibrate(campaign)).scorer.survey
     found = weighted_rows(judged, computable_shapes(judged)[0], 72)
     noise_mm = 1e3 / np.median(found.weights.whitener)
     assert noise_mm == pytest.approx(trial.settings.without_touches.position_mm, rel=0.25)

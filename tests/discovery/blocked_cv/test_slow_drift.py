@@ -44,10 +44,10 @@ def test_nothing_moves_where_nothing_moved():
 def test_a_slow_drift_is_found_with_its_course(drifted):
     (finding,) = drifted.effects
     assert (finding.id, finding.of, finding.effect.waves) == ("base_drift", "base", 6)
-    assert drifted.survey.wander is None
+    assert drifted.scorer.survey.wander is None
     assert finding.proof.gain > 5.0 * finding.proof.gain_std
     assert finding.proof.rms_with_mm < finding.proof.rms_without_mm
-    states = drifted.survey.poses.states
+    states = drifted.scorer.survey.poses.states
     part = (states.time_s - states.time_s[0]) / np.ptp(states.time_s)
     moved_m = finding.effect.shift(states, drifted.extended.of(finding.effect))
     up_m = moved_m @ drifted.baseline.T_instr_base[2, :3]
@@ -59,7 +59,7 @@ def test_a_slow_drift_is_found_with_its_course(drifted):
 @pytest.mark.slow
 def test_it_is_held_where_nothing_is_known_of_it(drifted):
     (finding,) = drifted.effects
-    states, x = drifted.survey.poses.states, drifted.extended.of(finding.effect)
+    states, x = drifted.scorer.survey.poses.states, drifted.extended.of(finding.effect)
     ends = finding.effect.shift(states, x)[[0, -1]]
     beyond = replace(states.take(np.array([0, -1])), time_s=np.array([-1e6, 1e6]))
     np.testing.assert_allclose(finding.effect.shift(beyond, x), ends, atol=1e-12)

@@ -21,7 +21,7 @@ def name(effect):
 
 def said(found):
     """Return the verdict in words and numbers."""
-    judged = found.judgement
+    judged = found.scorer.judgement
     return (
         found.verdict,
         [name(finding.effect) for finding in judged.findings],
@@ -52,7 +52,7 @@ def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
     assert (std < [1e-5, 0.05]).all()
     assert finding.proof.p_sign_flips_max_t < 0.01
     assert found.extended.effects == (finding.effect,)
-    search = found.judgement.found
+    search = found.scorer.judgement.found
     assert search.fit.converged
     assert search.score.pose_variance < 0.05 < search.nothing.pose_variance
     for closed, bare in (
@@ -74,7 +74,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
     (finding,) = found.effects
     assert name(finding.effect) == ("friction_torque", "joint 3")
     assert abs(finding.x[0] - 3.0) < 4.0 * np.sqrt(finding.covariance[0, 0])
-    nothing, score = found.judgement.found.nothing, found.judgement.found.score
+    nothing, score = found.scorer.judgement.found.nothing, found.scorer.judgement.found.score
     assert nothing.torque_variance > 100.0 > 1.0 > score.torque_variance
     # The spring of joint 3 was wound by a torque that the log made up.
     assert found.holdout.reduction.interval95_mm[0] > 0.0
@@ -84,7 +84,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
 @pytest.mark.slow
 def test_a_bowed_axis_is_unexplained_at_the_instrument(bowed):
     found = bowed.discovery
-    judged = found.judgement
+    judged = found.scorer.judgement
     assert found.verdict == "unexplained"
     assert judged.findings == ()
     (place,) = judged.unexplained
@@ -113,7 +113,7 @@ def test_what_cannot_be_told_at_all_is_listed_with_the_reason(null):
     found = null.discovery
     refused = {name(entry.effect): entry for entry in found.not_testable}
     assert refused["thermal_growth", "arm"].why == "what it depends on was not logged"
-    assert not refused.keys() & set(map(name, found.judgement.found.family))
+    assert not refused.keys() & set(map(name, found.scorer.judgement.found.family))
     asked = unresolved(found.effects, found.not_testable)
     assert all(rival is None for _, rival in asked)
     # Other poses do not log a temperature.
@@ -157,7 +157,7 @@ def campaign():
 class TestANewEffect:
     @pytest.mark.slow
     def test_without_it_only_the_place_is_named_and_its_map_is_the_error(self, campaign):
-        (finding,) = campaign.discovery.judgement.findings
+        (finding,) = campaign.discovery.scorer.judgement.findings
         assert name(finding.effect) == ("joint_error_map", "joint 1")
         assert finding.alternatives == ()
         q_rad = np.zeros((40, 6))
@@ -170,7 +170,8 @@ class TestANewEffect:
         known = (*effect.every_effect(), ThirdHarmonic)
         monkeypatch.setattr(effect, "every_effect", lambda: known)
         found = campaign.discovered()
-        assert sum(effect.id == "third_harmonic" for effect in found.judgement.found.family) == 6
+        family = found.scorer.judgement.found.family
+        assert sum(effect.id == "third_harmonic" for effect in family) == 6
         assert found.verdict == "named"
         (finding,) = found.effects
         assert name(finding.effect) == ("third_harmonic", "joint 1")

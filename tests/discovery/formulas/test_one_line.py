@@ -34,7 +34,7 @@ def test_a_line_seen_all_around_has_its_name(monkeypatch):
     assert (np.abs(values - [2e-4, 0.7, 5.0]) <= 4.0 * std).all()
     assert found.extended.effects == (finding.effect,)
     assert found.holdout.after.mean_mm < 0.5 * found.holdout.before.mean_mm
-    assert found.seen is None  # it holds at any angle, as no map does
+    assert found.scorer.seen is None  # it holds at any angle, as no map does
 
 
 @pytest.mark.slow

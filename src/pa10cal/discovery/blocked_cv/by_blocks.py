@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 from typing_extensions import override
 
-from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index, drawn
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv import judge
@@ -27,7 +26,7 @@ from pa10cal.discovery.blocked_cv.refit import (
 )
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
-from pa10cal.discovery.finding import Finding, Rival, name_of
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of
 from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
@@ -42,10 +41,11 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
+from pa10cal.discovery.refitted import with_findings
 from pa10cal.discovery.rules import BLOCKS, LINES, MAPS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
-from pa10cal.discovery.verdict import Plan, SearchVerdict
+from pa10cal.discovery.verdict import Plan, Scorer, Verdict
 from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
 from pa10cal.discovery.wobbles import wobbles
 from pa10cal.errors import DiscoveryError
@@ -72,9 +72,9 @@ from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByBlocks(SearchVerdict):
-    """What became of a campaign of many different poses."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ByBlocks(Scorer):
+    """Held-out blocks of many different poses as what judges effects."""
 
     survey: Survey  # the campaign as it was judged
     remaining: Remaining  # position error of the held-out blocks, and what else was tried on it
@@ -86,6 +86,20 @@ class VerdictByBlocks(SearchVerdict):
     bands: InBands | None = None  # of maps that have one; None where none has
 
     method: ClassVar[str] = "cross-validation over blocks"
+    of_sets: ClassVar[bool] = True
+
+    @property
+    @override
+    def searched_from(self) -> FittedModel:
+        return self.survey.baseline
+
+    @property
+    @override
+    def beside(self) -> Array:
+        survey, at = self.survey, self.extended.at
+        columns = [each.columns(survey.baseline, survey.poses) for each in survey.nuisances]
+        shift = survey.net_residual(at) - linear.residual(at, survey.poses)
+        return np.concatenate([*columns, shift[:, :, None]], axis=2)
 
     @cached_property
     @override
@@ -100,87 +114,38 @@ class VerdictByBlocks(SearchVerdict):
         at, poses = self.extended.at, self.survey.poses
         return scatter_of(at, poses, self.survey.net_residual(at))
 
-    @property
-    def weights_assumed(self) -> bool:
-        """Return whether torques are those of weights that nobody stated."""
-        known = weights_known(self.baseline.arm)
-        return self.prepared.torques == "masses" and known.origin != "stated"
-
-    @property
     @override
-    def beside(self) -> Array:
-        survey, at = self.survey, self.extended.at
-        columns = [each.columns(survey.baseline, survey.poses) for each in survey.nuisances]
-        shift = survey.net_residual(at) - linear.residual(at, survey.poses)
-        return np.concatenate([*columns, shift[:, :, None]], axis=2)
-
-    @override
-    def with_further_rivals(
-        self, rivals: Mapping[tuple[str, str], tuple[Rival, ...]]
-    ) -> VerdictByBlocks:
-        if not self.weights_assumed:
-            return self
-
-        def with_more(finding: Finding) -> Finding:
-            known = {name_of(each.effect) for each in finding.rivals}
-            more = rivals.get((finding.id, finding.of), ())
-            further = (each for each in more if name_of(each.effect) not in known)
-            return replace(finding, rivals=(*finding.rivals, *further))
-
-        return replace(self, findings=tuple(map(with_more, self.findings)))
-
-    @property
-    @override
-    def searched_from(self) -> FittedModel:
-        return self.survey.baseline
-
-    @override
-    def of_its_method(self) -> dict[str, Any]:
-        search = SearchByBlocks(
-            candidates=self.candidates,
-            error_rate=self.error_rate,
-            blocks=BLOCKS.blocks,
-            needed=Needed(
-                standard_errors=BLOCKS.standard_errors,
-                sum_of_squares=self.least_gain,
-                part_of_remaining_error_over_noise=BLOCKS.least_share,
-            ),
-            poses_down_weighted=int(np.sum(self.extended.weights.weight < 1.0)),
-            refit_converged=bool(self.extended.converged),
+    def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> ByBlocks:
+        before = self.extended
+        starts = tuple(
+            before.of(effect) if effect in before.effects else effect.starts[0]
+            for effect in effects
         )
-        return {
-            "search": search,
-            "remaining": self.remaining,
-            "bands": None if self.bands is None else self.bands.record,
-            "scatter": self.pose_scatter,
-        }
+        widening = AS_FOUND if self.bands is None else self.bands.widening
+        return self.with_model(refit(self.survey, effects, starts, before.weights, widening))
 
-    @property
-    def pose_scatter(self) -> PoseScatter | None:
-        """Return what single poses scatter by; None where no map has a band."""
-        scatter = self.scatter
-        if self.bands is None or scatter is None:
-            return None
-
-        def inside95(gap: PairedErrors) -> float:
-            left = self.survey.net_residual(self.model, gap.poses)
-            return share_inside(self.model, scatter, gap.poses, left)
-
-        return PoseScatter(
-            joints=tuple(scatter.joints.tolist()),
-            kinds=dict(scatter.kinds),
-            inside95_train=inside95(self.train),
-            inside95_holdout=None if self.holdout is None else inside95(self.holdout),
-        )
+    def with_model(self, extended: Refit) -> ByBlocks:
+        """Return it with another extended model."""
+        return replace(self, extended=extended, covariance=extended.covariance)
 
     @override
-    def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
-        return by_campaign(self.survey, self.extended) or None
+    def fitted_poses(self, campaign: Prepared) -> Observations:
+        return self.survey.poses
 
     @override
-    def witness(self, effect: Effect) -> JointWitness | None:
-        cause = self.causes.get(effect.joint) if is_error_map(effect) else None
-        return cause if cause is not None and (cause.ripple or cause.agreement) else None
+    def gap_on(
+        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
+    ) -> PairedErrors:
+        found = compare(self.survey, self.extended, poses, noise_floor_mm)
+        return found if before is None else found.with_nuisances_of(before)
+
+    @override
+    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        return self._partial.model_with(effects)
+
+    @cached_property
+    def _partial(self) -> PartialFits:
+        return PartialFits(self.survey, self.extended)
 
     @override
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
@@ -231,57 +196,32 @@ class VerdictByBlocks(SearchVerdict):
         )
 
     @override
-    def with_findings(self, findings: Sequence[Finding]) -> VerdictByBlocks:
-        return super().with_findings(findings).with_nuisances_of(self)
-
-    @override
-    def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByBlocks:
-        known = self.extended
-        starts = tuple(
-            known.of(effect) if effect in known.effects else effect.starts[0] for effect in effects
+    def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
+        poses, cov = self.survey.poses, self.noise.cov
+        before, after = (
+            lack_of_fit(CellResiduals.about(at, poses, cov))
+            for at in (found.baseline, self.extended.fitted())
         )
-        widening = AS_FOUND if self.bands is None else self.bands.widening
-        extended = refit(self.survey, effects, starts, known.weights, widening)
-        return replace(self, extended=extended, covariance=extended.covariance)
-
-    @property
-    @override
-    def _fitted_poses(self) -> Observations:
-        return self.survey.poses
+        return before, after
 
     @override
-    def _gap_on(self, poses: Observations) -> PairedErrors:
-        return compare(self.survey, self.extended, poses, self.noise_floor_mm)
+    def likelier(self, found: Verdict[ByBlocks]) -> Verdict[ByBlocks] | None:
+        return about_likelier_set(found)
 
     @override
-    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        return self._partial.model_with(effects)
-
-    @cached_property
-    def _partial(self) -> PartialFits:
-        return PartialFits(self.survey, self.extended)
-
-    def with_nuisances_of(self, other: VerdictByBlocks) -> VerdictByBlocks:
-        """Return the verdict with what another has that is in no model: motion and rivals."""
-        held_out = None
-        if self.holdout is not None and other.holdout is not None:
-            held_out = self.holdout.with_nuisances_of(other.holdout)
-        return replace(self, train=self.train.with_nuisances_of(other.train), holdout=held_out)
-
-    @override
-    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
+    def next_poses(self, found: Verdict[ByBlocks], count: int, random_seed: int) -> Plan:
         # What is ambiguous comes first; else joints go to angles not seen.
-        rivals, separations = unresolved(self.effects), None
+        rivals, separations = unresolved(found.effects), None
         few = len(self.extended.at.x) <= NEXT_POSES.most_parameters
         if rivals and few and not self.survey.poses.measured.campaigns:
             # Axes that tilt may be rivals that the model has no bends for.
             others = [other for _, other in rivals if other is not None]
             survey = replace(self.survey, baseline=self.survey.baseline.bending_as(others))
             extended = replace(self.extended, at=self.extended.at.bending_as(others))
-            problem, found = without_repeats(survey, extended, self.noise)
+            problem, fit = without_repeats(survey, extended, self.noise)
             try:
                 told = separating_poses(
-                    problem, found, rivals, count, random_seed, PROBABILITIES.blocks
+                    problem, fit, rivals, count, random_seed, PROBABILITIES.blocks
                 )
             except DiscoveryError:  # the verdict stands without it
                 told = Plan(())
@@ -294,16 +234,56 @@ class VerdictByBlocks(SearchVerdict):
         return Plan(unseen, separations)
 
     @override
-    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        poses, cov = self.survey.poses, self.noise.cov
-        before, after = (
-            lack_of_fit(CellResiduals.about(at, poses, cov))
-            for at in (self.baseline, self.extended.fitted())
+    def keys(self, found: Verdict[ByBlocks]) -> dict[str, Any]:
+        search = SearchByBlocks(
+            candidates=found.candidates,
+            error_rate=found.error_rate,
+            blocks=BLOCKS.blocks,
+            needed=Needed(
+                standard_errors=BLOCKS.standard_errors,
+                sum_of_squares=self.least_gain,
+                part_of_remaining_error_over_noise=BLOCKS.least_share,
+            ),
+            poses_down_weighted=int(np.sum(self.extended.weights.weight < 1.0)),
+            refit_converged=bool(self.extended.converged),
         )
-        return before, after
+        return {
+            "search": search,
+            "remaining": self.remaining,
+            "bands": None if self.bands is None else self.bands.record,
+            "scatter": pose_scatter(found),
+        }
+
+    @override
+    def witness(self, effect: Effect) -> JointWitness | None:
+        cause = self.causes.get(effect.joint) if is_error_map(effect) else None
+        return cause if cause is not None and (cause.ripple or cause.agreement) else None
+
+    @override
+    def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
+        return by_campaign(self.survey, self.extended) or None
 
 
-def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
+def pose_scatter(found: Verdict[ByBlocks]) -> PoseScatter | None:
+    """Return what single poses scatter by; None where no map has a band."""
+    scorer, model = found.scorer, found.model
+    scatter = scorer.scatter
+    if scorer.bands is None or scatter is None:
+        return None
+
+    def inside95(gap: PairedErrors) -> float:
+        left = scorer.survey.net_residual(model, gap.poses)
+        return share_inside(model, scatter, gap.poses, left)
+
+    return PoseScatter(
+        joints=tuple(scatter.joints.tolist()),
+        kinds=dict(scatter.kinds),
+        inside95_train=inside95(found.train),
+        inside95_holdout=None if found.holdout is None else inside95(found.holdout),
+    )
+
+
+def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
     """Search a campaign of many different poses for missing effects.
 
     Raises:
@@ -316,14 +296,21 @@ def discover_by_blocks(campaign: Prepared) -> VerdictByBlocks:
         torques_logged=campaign.torques == "logged",
     )
     found = _searched(campaign, judged)
-    tilted = with_tilts_shown(found.survey, found.extended) if found.findings else None
+    tilted = (
+        with_tilts_shown(found.scorer.survey, found.scorer.extended) if found.findings else None
+    )
     if tilted is None:
         return found
     ahead = _searched(campaign, _survey_from(found, tilted))
-    return ahead if ahead.remaining.rms_mm < found.remaining.rms_mm else found
+    return ahead if _better(ahead, found) else found
 
 
-def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
+def _better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
+    """Return whether held-out blocks are predicted better in a verdict than in another."""
+    return ahead.scorer.remaining.rms_mm < found.scorer.remaining.rms_mm
+
+
+def _searched(campaign: Prepared, judged: Survey) -> Verdict[ByBlocks]:
     """Search a survey of a campaign."""
     shaped, unknown = computable_shapes(judged)
     found = judge.found_in(judged, shaped)
@@ -373,8 +360,18 @@ def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
         for effect, each in zip(extended.effects, found.judged, strict=True)
     )
     held_out = campaign.held_out
-    found_by_blocks = VerdictByBlocks(
+    scorer = ByBlocks(
+        extended=extended,
+        covariance=extended.covariance,
+        survey=judged,
+        remaining=remaining,
+        least_gain=found.least_gain,
+        noise=noise,
+        bands=found.bands,
+    )
+    found_by_blocks = Verdict(
         prepared=campaign,
+        scorer=scorer,
         context=judged.context,
         candidates=found.candidates,
         findings=findings,
@@ -385,23 +382,16 @@ def _searched(campaign: Prepared, judged: Survey) -> VerdictByBlocks:
         ),
         not_testable=(*unknown, *found.hidden),
         below_detection_limit=found.below_detection_limit,
-        extended=extended,
-        covariance=extended.covariance,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
-        train=compare(judged, extended, poses, floor_mm),
-        holdout=None if held_out is None else compare(judged, extended, held_out, floor_mm),
+        train=scorer.gap_on(poses, floor_mm),
+        holdout=None if held_out is None else scorer.gap_on(held_out, floor_mm),
         faults_of_rows=(
             *steps_in_time(judged.wander, extended.at, poses, rivals),
             *(() if judged.change is None else (judged.change.fault(judged.baseline, poses),)),
         ),
-        survey=judged,
         nameless=found.nameless if remaining.over_floor else (),
         over_noise=remaining.over_floor,
-        remaining=remaining,
-        least_gain=found.least_gain,
-        noise=noise,
-        bands=found.bands,
     )
     return with_causes(_motion_aside(_with_rivals(found_by_blocks, found.nameless)))
 
@@ -427,30 +417,31 @@ def _wobbles(campaign: Prepared, found: judge.SearchOutcome) -> tuple[Effect, ..
 # Weights that nobody stated: which joints give way is sought anew, together with all else.
 
 
-def about_likelier_set(found: VerdictByBlocks) -> VerdictByBlocks | None:
+def about_likelier_set(found: Verdict[ByBlocks]) -> Verdict[ByBlocks] | None:
     """Return the verdict about the most likely set of springs and effects; None where it is that.
 
     A calibration knows springs alone, and a search that adds one effect after the other leaves them
     what links, bearings and base do. So it is sought anew from that set, about the weights that go
     with it, and stays where held-out blocks are predicted better.
     """
-    campaign, survey = found.prepared, found.survey
+    scorer, campaign = found.scorer, found.prepared
+    survey, extended = scorer.survey, scorer.extended
     if survey.wander or survey.change:
         return None
-    at, whiteners = found.extended.at, found.extended.weights.whiteners()
-    sets = Together.of(at, survey.poses, whiteners, found.context, survey.setup, found.beside)
-    there = sets.holding(found.extended.model.terms)
+    at, whiteners = extended.at, extended.weights.whiteners()
+    sets = Together.of(at, survey.poses, whiteners, found.context, survey.setup, scorer.beside)
+    there = sets.holding(extended.model.terms)
     likeliest = sets.likeliest(there)
     if sets.giving_way(likeliest.at) == sets.giving_way(there):
         return None
     ahead = _searched(campaign, _survey_about(found, sets, likeliest))
-    better = ahead.remaining.rms_mm < found.remaining.rms_mm
-    return ahead if better and not (ahead.survey.wander or ahead.survey.change) else None
+    moved = ahead.scorer.survey.wander or ahead.scorer.survey.change
+    return ahead if _better(ahead, found) and not moved else None
 
 
-def _survey_about(found: VerdictByBlocks, sets: Together, likeliest: Scored) -> Survey:
+def _survey_about(found: Verdict[ByBlocks], sets: Together, likeliest: Scored) -> Survey:
     """Return a survey about the calibrated model with the springs of a set, fitted anew."""
-    calibrated = found.survey.baseline
+    calibrated = found.scorer.searched_from
     springs = sets.springs(likeliest)
     effects = sets.effects(likeliest)
     terms = [term for term in calibrated.model.terms if not is_spring(term)]
@@ -471,7 +462,7 @@ def _survey_about(found: VerdictByBlocks, sets: Together, likeliest: Scored) -> 
     return replace(_survey_from(found, about), begins_with=effects)
 
 
-def _survey_from(found: VerdictByBlocks, about: FittedModel) -> Survey:
+def _survey_from(found: Verdict[ByBlocks], about: FittedModel) -> Survey:
     """Return a survey that sets out from another model than the calibrated one, fitted anew."""
     campaign = found.prepared
 
@@ -479,43 +470,42 @@ def _survey_from(found: VerdictByBlocks, about: FittedModel) -> Survey:
         logged = campaign.torques == "logged"
         return survey(campaign.trusted, baseline, campaign.setup, torques_logged=logged)
 
-    fitted = refit(surveyed(about), (), (), found.extended.weights).fitted()
+    fitted = refit(surveyed(about), (), (), found.scorer.extended.weights).fitted()
     return replace(surveyed(fitted), calibrated=campaign.baseline)
 
 
-def _with_rivals(found: VerdictByBlocks, nameless: tuple[Effect, ...]) -> VerdictByBlocks:
+def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verdict[ByBlocks]:
     """Return the verdict with what a model leaves that holds what has no name, too."""
     if not nameless:
         return found
-    extended = found.extended
+    extended, survey = found.scorer.extended, found.scorer.survey
     effects = (*extended.effects, *nameless)
     starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
-    model = refit(found.survey, effects, starts, extended.weights, own=extended.at).fitted()
+    model = refit(survey, effects, starts, extended.weights, own=extended.at).fitted()
 
     def with_remaining(gap: PairedErrors) -> PairedErrors:
-        poses = complete_about(gap.poses, found.baseline, model, found.survey.setup)
+        poses = complete_about(gap.poses, found.baseline, model, survey.setup)
         return replace(gap, with_rivals=errors_of(model, poses))
 
     return found.with_gaps(with_remaining)
 
 
-def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
+def _motion_aside(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     """Return the verdict, its model fitted anew without motion where that stood for the arm.
 
     Where poses and time have nothing in common, the arm fitted beside the motion is nearer to the
     truth. Where rows go with a joint, the motion takes what the arm does: then the model without it
     explains more of the readings than so many parameters do by chance.
     """
-    wander = found.survey.wander
-    if wander is None:
+    scorer, survey = found.scorer, found.scorer.survey
+    if survey.wander is None:
         return found
-    still = replace(found, survey=replace(found.survey, wander=None)).with_findings(found.findings)
-    components = max(int(found.survey.poses.measured.components_seen.sum()), 1)
+    without = replace(scorer, survey=replace(survey, wander=None))
+    still = with_findings(replace(found, scorer=without), found.findings)
+    components = max(int(survey.poses.measured.components_seen.sum()), 1)
     by_chance = min(2.0 * len(found.extended.x) / components, BLOCKS.most_by_chance)
     least_mm = np.sqrt(1.0 - by_chance) / NAMES.worse_ratio * found.train.after.rms_mm
-    if still.train.after.rms_mm > least_mm:
-        return found
-    return still.with_nuisances_of(found)
+    return found if still.train.after.rms_mm > least_mm else still
 
 
 # Maps whose cause the motor's ripple says, under the name of that cause.
@@ -523,7 +513,7 @@ def _motion_aside(found: VerdictByBlocks) -> VerdictByBlocks:
 _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
 
 
-def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
+def with_causes(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     """Return a verdict in which maps bear the name of their cause, where that is known.
 
     A map is ambiguous between sensor and gear where by the ripple both err, or nothing shows that
@@ -531,7 +521,7 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
     turns agree, or was named already: nothing else turns a joint to and fro ten times a turn. Any
     other map of a joint whose motor shows no ripple stays a map.
     """
-    causes = _causes(found)
+    causes = _causes(found.scorer)
     names: dict[Effect, Effect] = {}
     alternatives: dict[Effect, tuple[Effect, ...]] = {}
     for effect in found.extended.effects:
@@ -548,10 +538,11 @@ def with_causes(found: VerdictByBlocks) -> VerdictByBlocks:
         names[effect] = _NAMES[likely](*form)
         others = [kind(*form) for name, kind in _NAMES.items() if name != likely]
         alternatives[effect] = () if cause.cause else tuple(others)
-    return _renamed(replace(found, causes=causes), names, alternatives)
+    found = replace(found, scorer=replace(found.scorer, causes=causes))
+    return _renamed(found, names, alternatives)
 
 
-def _causes(found: VerdictByBlocks) -> dict[int, JointWitness]:
+def _causes(found: ByBlocks) -> dict[int, JointWitness]:
     """Return what is known of the cause of every map, by joint."""
     joints = [each.joint for each in found.extended.effects if is_error_map(each)]
     if not joints:
@@ -567,14 +558,14 @@ def _causes(found: VerdictByBlocks) -> dict[int, JointWitness]:
 
 
 def _renamed(
-    found: VerdictByBlocks,
+    found: Verdict[ByBlocks],
     names: Mapping[Effect, Effect],
     alternatives: Mapping[Effect, tuple[Effect, ...]],
-) -> VerdictByBlocks:
+) -> Verdict[ByBlocks]:
     """Return a verdict with effects under other names of the same form."""
     if not names:
         return found
-    extended, findings = found.extended, []
+    extended, findings = found.scorer.extended, []
     effects = tuple(names.get(effect, effect) for effect in extended.effects)
     terms = tuple(names.get(term, term) for term in extended.model.terms)  # type: ignore[call-overload]
     at = replace(extended.at, model=Model(extended.model.chain, terms))
@@ -582,6 +573,5 @@ def _renamed(
         rivals = (*each.alternatives, *alternatives.get(each.effect, ()))
         name = names.get(each.effect, each.effect)
         findings.append(replace(each, effect=name, alternatives=rivals))
-    return replace(
-        found, findings=tuple(findings), extended=replace(extended, effects=effects, at=at)
-    )
+    scorer = found.scorer.with_model(replace(extended, effects=effects, at=at))
+    return replace(found, findings=tuple(findings), scorer=scorer)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -41,6 +40,7 @@ from pa10cal.discovery.evidence.search import (
     testable,
     threshold,
 )
+from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
@@ -52,7 +52,7 @@ from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.rules import EVIDENCE, LINES
 from pa10cal.discovery.short_forms import FormComparison
-from pa10cal.discovery.verdict import Plan, SearchVerdict
+from pa10cal.discovery.verdict import Plan, Scorer, Verdict
 from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -69,9 +69,9 @@ from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal.terms.weights import is_fault
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class VerdictByRepeats(SearchVerdict):
-    """What became of a campaign whose poses are repeated."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ByRepeats(Scorer):
+    """The scatter of repeated poses as what judges effects."""
 
     problem: EvidenceProblem  # the campaign as it was weighed
     start: EvidenceFit  # the baseline, fitted as everything else is
@@ -82,47 +82,8 @@ class VerdictByRepeats(SearchVerdict):
 
     @property
     @override
-    def targets_off_m(self) -> Array:
-        return targets_off_m(self.problem, self.extended)
-
-    @override
-    def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        """Return the configurations that best separate what the data cannot.
-
-        None where nothing can be foreseen, as without the masses that make the logged torques, and
-        for a group: which of its instruments would measure is not known.
-        """
-        if self.problem.readings.measured.campaigns:
-            return Plan((), ())
-        found = self.judgement.found.fit
-        try:
-            return separating_poses(
-                self.problem, found, unresolved(self.effects, self.not_testable), count, random_seed
-            )
-        except DiscoveryError:  # the verdict stands without it
-            return Plan((), ())
-
-    @override
-    def of_its_method(self) -> dict[str, Any]:
-        found = self.judgement.found
-        search = SearchByRepeats(
-            candidates=self.candidates,
-            error_rate=self.error_rate,
-            needed_nats=threshold(self.candidates, self.error_rate),
-            shared_error_mm=SharedError(
-                before=shared_error_mm(self.problem, found.nothing.pose_variance),
-                after=shared_error_mm(self.problem, found.score.pose_variance),
-            ),
-            readings_excluded=int(self.prepared.gross.sum()),
-        )
-        return {"search": search}
-
-    @override
-    def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        return (
-            evidence_lack_of_fit(self.problem, self.start),
-            evidence_lack_of_fit(self.problem, self.extended),
-        )
+    def searched_from(self) -> FittedModel:
+        return self.problem.baseline
 
     @property
     @override
@@ -132,14 +93,40 @@ class VerdictByRepeats(SearchVerdict):
 
     @property
     @override
-    def states(self) -> PoseStates:
+    def searched(self) -> tuple[Effect, ...]:
+        return self.judgement.found.fit.effects
+
+    @override
+    def targets_off_m(self, stated: int) -> Array:
+        return targets_off_m(self.problem, self.extended)
+
+    @override
+    def judged(self, fitted: Observations) -> PoseStates:
         return self.judgement.found.problem.cells.states
 
-    @property
     @override
-    def everything(self) -> tuple[Effect, ...]:
-        searched = self.judgement.found.fit.effects
-        return tuple(effect for effect in super().everything if effect in searched)
+    def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> ByRepeats:
+        size, found = self.extended.size_of, self.judgement.found
+        for finding in known:
+            for other in finding.alternatives:
+                size.setdefault(other, size[finding.effect])
+        sizes = tuple(size[effect] for effect in effects)
+        extended = fit(self.problem, effects, sizes, found.score.variances, found.fit)
+        return replace(self, extended=extended, covariance=covariance_of(self.problem, extended))
+
+    @override
+    def fitted_poses(self, campaign: preparation.Prepared) -> Observations:
+        return average_repeats(campaign.trusted)
+
+    @override
+    def gap_on(
+        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
+    ) -> PairedErrors:
+        return compare(self.problem, self.extended, poses, self.judgement.found.fit)
+
+    @override
+    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        return model_with(self.problem, self.extended, effects)
 
     @override
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
@@ -170,30 +157,44 @@ class VerdictByRepeats(SearchVerdict):
         )
 
     @override
-    def _refitted(self, effects: tuple[Effect, ...]) -> VerdictByRepeats:
-        size, found = self.extended.size_of, self.judgement.found
-        for finding in self.findings:
-            for other in finding.alternatives:
-                size.setdefault(other, size[finding.effect])
-        sizes = tuple(size[effect] for effect in effects)
-        extended = fit(self.problem, effects, sizes, found.score.variances, found.fit)
-        return replace(self, extended=extended, covariance=covariance_of(self.problem, extended))
-
-    @property
-    @override
-    def _fitted_poses(self) -> Observations:
-        return average_repeats(self.prepared.trusted)
+    def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
+        return (
+            evidence_lack_of_fit(self.problem, self.start),
+            evidence_lack_of_fit(self.problem, self.extended),
+        )
 
     @override
-    def _gap_on(self, poses: Observations) -> PairedErrors:
-        return compare(self.problem, self.extended, poses, self.judgement.found.fit)
+    def next_poses(self, found: Verdict[ByRepeats], count: int, random_seed: int) -> Plan:
+        """Return the configurations that best separate what the data cannot.
+
+        None where nothing can be foreseen, as without the masses that make the logged torques, and
+        for a group: which of its instruments would measure is not known.
+        """
+        if self.problem.readings.measured.campaigns:
+            return Plan((), ())
+        there, rivals = self.judgement.found.fit, unresolved(found.effects, found.not_testable)
+        try:
+            return separating_poses(self.problem, there, rivals, count, random_seed)
+        except DiscoveryError:  # the verdict stands without it
+            return Plan((), ())
 
     @override
-    def _model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        return model_with(self.problem, self.extended, effects)
+    def keys(self, found: Verdict[ByRepeats]) -> dict[str, Any]:
+        ended = self.judgement.found
+        search = SearchByRepeats(
+            candidates=found.candidates,
+            error_rate=found.error_rate,
+            needed_nats=threshold(found.candidates, found.error_rate),
+            shared_error_mm=SharedError(
+                before=shared_error_mm(self.problem, ended.nothing.pose_variance),
+                after=shared_error_mm(self.problem, ended.score.pose_variance),
+            ),
+            readings_excluded=int(found.prepared.gross.sum()),
+        )
+        return {"search": search}
 
 
-def discover_by_repeats(campaign: preparation.Prepared) -> VerdictByRepeats:
+def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
     """Search a campaign for missing effects.
 
     Raises:
@@ -221,14 +222,21 @@ def discover_by_repeats(campaign: preparation.Prepared) -> VerdictByRepeats:
     if named != extended.effects:
         sizes = tuple(extended.size_of[effect] for effect in named)
         extended = fit(problem, named, sizes, judgement.found.score.variances, extended)
-    gap_on = partial(compare, problem, extended, searched=judgement.found.fit)
+    scorer = ByRepeats(
+        extended=extended,
+        covariance=covariance_of(problem, extended),
+        problem=problem,
+        start=start,
+        judgement=judgement,
+    )
     held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
     places = {(place.form, place.of) for place in judgement.unexplained}
     # Groups of effects that look the same in these poses, whatever was measured.
     alike = {tuple(np.flatnonzero(row).tolist()) for row in judgement.found.same}
     groups = [group for group in sorted(alike) if len(group) > 1]
-    return VerdictByRepeats(
+    return Verdict(
         prepared=campaign,
+        scorer=scorer,
         context=problem.context,
         candidates=preparation.effects_in(family),
         findings=judgement.findings,
@@ -244,15 +252,10 @@ def discover_by_repeats(campaign: preparation.Prepared) -> VerdictByRepeats:
         over_noise=any(place.form is None for place in judgement.unexplained),
         not_testable=tuple(one for one in refused if not is_fault(one.effect)),
         indistinguishable=tuple(tuple(family[k] for k in group) for group in groups),
-        extended=extended,
-        covariance=covariance_of(problem, extended),
         noise_floor_mm=floor,
-        train=gap_on(average_repeats(readings)),
-        holdout=None if held_out is None else gap_on(held_out),
+        train=scorer.gap_on(average_repeats(readings), floor),
+        holdout=None if held_out is None else scorer.gap_on(held_out, floor),
         faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
-        problem=problem,
-        start=start,
-        judgement=judgement,
     )
 
 
