@@ -51,7 +51,6 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     Health,
 )
-from pa10cal.results.discovery import sized
 from pa10cal.results.evaluation import BeforeAfter, ResidualRows
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.terms.effects.effect import (
@@ -63,6 +62,7 @@ from pa10cal.terms.effects.effect import (
 )
 from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.term import Role
+from pa10cal.terms.wording import sized
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,6 @@ from pa10cal.results.discovery import (
     Separation,
     SuggestedPose,
     Unexplained,
-    sized,
 )
 from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.explained import Explained
@@ -59,6 +58,7 @@ from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.weights import is_fault
+from pa10cal.terms.wording import sized
 
 MAP = "joint_error_map"
 

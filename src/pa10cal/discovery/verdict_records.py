@@ -24,6 +24,7 @@ from pa10cal.results.discovery import (
 from pa10cal.results.evaluation import Parameter
 from pa10cal.results.maps import FallsBack
 from pa10cal.results.record import CampaignIdentity
+from pa10cal.terms.wording import wrong
 
 
 def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
@@ -148,7 +149,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
         found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
-    found += map(str, verdict.faults)
+    found += map(wrong, verdict.faults)
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
     if isinstance(verdict.search, SearchByRepeats) and (count := verdict.search.readings_excluded):

@@ -62,7 +62,7 @@ def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
     if (record := results.verdict) is not None:
         yield reductions_grid(record)
         yield Paragraph(
-            f"{record.gap.floor_is.capitalize()} alone would leave a mean error of "
+            f"{formatting.floor_is(record.gap).capitalize()} alone would leave a mean error of "
             f"{formatting.mm(record.gap.noise_floor_mm)} mm in the poses fitted."
         )
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from pa10cal.arm.statics import reported_name
+from pa10cal.results.discovery import Gap
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.record import HALF_WIDTH_95, EffectName
 
@@ -70,6 +71,11 @@ def sized(parameter: EffectParameter) -> str:
     if unit == "1":
         return unbroken(text)
     return unbroken(f"{text} {unit}" if text.startswith("(") else f"({text}) {unit}")
+
+
+def floor_is(gap: Gap) -> str:
+    """Return what the noise floor of a gap is."""
+    return "unidirectional repeatability" if gap.noise_floor_from is None else "noise"
 
 
 def unbroken(text: str) -> str:

@@ -14,20 +14,11 @@ from pa10cal.results.explained import Explained, ProposedFormula
 from pa10cal.results.maps import AnglesSeen, Bands, FallsBack, JointWitness, MapForm, PoseScatter
 
 #: Start of the names of a map's parameters; its number follows.
-_KNOT = "knot_"
-
-
-def sized(parameters: Mapping[str, EffectParameter]) -> str:
-    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
-    return ", ".join(
-        f"{key} = {entry.value:.4g} ± {record.HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
-        for key, entry in parameters.items()
-        if not key.startswith(_KNOT)
-    )
+KNOT = "knot_"
 
 
 def _number_of(knot: str) -> int:
-    return int(knot.removeprefix(_KNOT))
+    return int(knot.removeprefix(KNOT))
 
 
 Verdict = Literal["none", "named", "ambiguous", "unexplained", "check_the_log", "not_sought"]
@@ -105,7 +96,7 @@ class NamedEffect(record.EffectName):
     @property
     def knots(self) -> tuple[EffectParameter, ...]:
         """Return the errors at the even knots of a turn of a map; none of any other effect."""
-        names = (name for name in self.parameters if name.startswith(_KNOT))
+        names = (name for name in self.parameters if name.startswith(KNOT))
         return tuple(self.parameters[name] for name in sorted(names, key=_number_of))
 
     @property
@@ -167,9 +158,6 @@ class Fault(record.Part):
     # part of the weighted squared error that putting it right takes away; null where that was not
     # tried
     gain: float | None
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.what}; {self.remedy}"
 
 
 class AllUnexplained(Unexplained):
@@ -237,11 +225,6 @@ class Gap(record.Part):
     train: SetGap  # over the poses fitted
     # over held-out poses, which are never used to choose or fit; null without any
     holdout: SetGap | None
-
-    @property
-    def floor_is(self) -> str:
-        """Return what the noise floor is, in words."""
-        return "unidirectional repeatability" if self.noise_floor_from is None else "noise"
 
 
 class Tried(record.EffectName):

@@ -87,15 +87,15 @@ def discover(
 
 def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
     """Yield a verdict in a few lines; in one where effects were not sought."""
-    from pa10cal.results.discovery import EvidenceOfSag, sized
-    from pa10cal.terms.wording import headline, sag, sentences
+    from pa10cal.results.discovery import EvidenceOfSag
+    from pa10cal.terms.wording import headline, sag, sentences, sized, wrong
 
     word, lead = verdict.verdict, verdict.explained
     if word == "not_sought":
         yield f"effects were not sought: {verdict.why}; {verdict.remedy}"
     else:
         yield word if lead is None else f"{headline(lead)} (verdict: {word})"
-    yield from (f"  {fault}" for fault in verdict.faults)
+    yield from (f"  {wrong(fault)}" for fault in verdict.faults)
     if word == "not_sought":
         return
     yield from (f"  {sentence}" for sentence in (() if lead is None else sentences(lead)))

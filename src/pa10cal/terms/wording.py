@@ -1,10 +1,15 @@
-"""What effects do and take away, in plain English, by the words that their classes state."""
+"""What effects do and take away, in plain English, by the words that their classes state.
+
+And what records of a verdict hold, in a few words.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pa10cal.results.discovery import EvidenceOfSag
+from pa10cal.results.discovery import KNOT, EvidenceOfSag, Fault
+from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.record import HALF_WIDTH_95, SURE, EffectName
 from pa10cal.terms.effects.effect import Effect, every_effect
@@ -52,6 +57,20 @@ def sag(evidence: EvidenceOfSag) -> str:
     """Return how far a joint sags: what poses show, however heavy the arm is."""
     u_mrad = HALF_WIDTH_95 * evidence.sag_u_mrad
     return f"sags by up to {evidence.sag_mrad:.2f} ± {u_mrad:.2g} mrad"
+
+
+def sized(parameters: Mapping[str, EffectParameter]) -> str:
+    """Return parameters with their 95 % intervals in a line; knots of maps are left out."""
+    return ", ".join(
+        f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
+        for key, entry in parameters.items()
+        if not key.startswith(KNOT)
+    )
+
+
+def wrong(fault: Fault) -> str:
+    """Return where a log is wrong, what is, and what to do about it, in a line."""
+    return f"{fault.where}: {fault.what}; {fault.remedy}"
 
 
 def noun_of(effect: str, *, many: bool = False) -> str:

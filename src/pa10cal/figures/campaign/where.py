@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from pa10cal.figures import style
 from pa10cal.figures.registry import picture
 from pa10cal.figures.table import ResultTable, frame_of
+from pa10cal.reports.formatting import floor_is
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, BLUE, GREY, ORANGE
 from pa10cal.reports.trust import outliers_grid
@@ -85,7 +86,7 @@ def draw_where_breakdown(results: ResultsBundle) -> Figure:
     handles = [
         style.mark("before: without the effects", **_BEFORE),
         style.mark("after: with the named effects", **_AFTER),
-        style.mark(gap.floor_is, **_FLOOR),
+        style.mark(floor_is(gap), **_FLOOR),
     ]
     style.legend_at(figure, 4.0, 18.5, handles, ncols=3, columnspacing=1.2)
     return figure
@@ -229,7 +230,7 @@ def draw_gap_by_step(results: ResultsBundle) -> Figure:
     handles = [Line2D([], [], label="poses fitted", **_TRAIN)]
     if steps[0].holdout is not None:
         handles.append(Line2D([], [], label="held-out poses and loads", **_HELD_OUT))
-    handles.append(Line2D([], [], label=f"{gap.floor_is} alone: mean", **_FLOOR_LINE))
+    handles.append(Line2D([], [], label=f"{floor_is(gap)} alone: mean", **_FLOOR_LINE))
     style.legend_at(figure, 10.0, 11.0, handles, ncols=3)
     return figure
 
