@@ -6,12 +6,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Literal, Self
+from typing import Generic, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import softmax
+from typing_extensions import TypeVar, override
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.rules import JUDGING, PROBABILITIES
@@ -56,29 +57,50 @@ def over_left(without: float, with_it: float, noise: float) -> float:
     return max(without - with_it, 0.0) / left if left > 0.0 else np.inf
 
 
-class GivesWay(discovery.EvidenceOfSag):
-    """The statistics that decided about the spring of a joint."""
+class Proof(Part):
+    """Statistics that decided about an effect, with what a verdict asks of any of them."""
+
+    # the one pose without which not half of this would be left, and too little for a name, as where
+    # a gross error makes it; None where there is no such pose
+    carrier: str | None = Field(default=None, exclude=True)
+    # where the weights come from under which a joint gives way; None of anything else
+    weights: Literal["assumed", "total", "logged"] | None = Field(default=None, exclude=True)
 
     @property
+    def explains(self) -> float | None:
+        """Part of the squared error of poses left out that the effect explains, where known."""
+        return None
+
+    @property
+    def unknown(self) -> UnknownBeside | None:
+        """How probable it is that something else makes this, where errors say so."""
+        return None
+
+    @property
+    def evidence(self) -> discovery.Evidence:
+        """These as they are written."""
+        raise NotImplementedError
+
+
+class GivesWay(discovery.EvidenceOfSag, Proof):
+    """The statistics that decided about the spring of a joint."""
+
+    # (P,) errors of the poses held out, or else fitted, with the joint rigid
+    without_each_mm: Numbers = Field(exclude=True)
+    all_rigid_each_mm: Numbers = Field(exclude=True)  # with all joints rigid that give way
+
+    @property
+    @override
     def unknown(self) -> UnknownBeside:
-        """How probable it is that something else makes this, by the error of poses held out."""
         without_mm, with_mm = self.held_out_rigid_mm, self.held_out_gives_way_mm
         if without_mm is None or with_mm is None:
             without_mm, with_mm = self.rigid_mm, self.gives_way_mm
         return UnknownBeside(without_mm, with_mm, *PROBABILITIES.known_sag)
 
-    # (P,) errors of the poses held out, or else fitted, with the joint rigid
-    without_each_mm: Numbers = Field(exclude=True)
-    all_rigid_each_mm: Numbers = Field(exclude=True)  # with all joints rigid that give way
-    weights: Literal["assumed", "total", "logged"] = Field(exclude=True)  # where they come from
-
-
-class MayHaveCarrier(Part):
-    """Statistics that one pose may make, as a gross error does; result files leave that out."""
-
-    # the one pose without which not half of this would be left, and too little for a name; None
-    # where there is no such pose
-    carrier: str | None = Field(default=None, exclude=True)
+    @property
+    @override
+    def evidence(self) -> discovery.EvidenceOfSag:
+        return self
 
 
 def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: float) -> str | None:
@@ -134,8 +156,11 @@ class Explanations:
         return tuple(members)
 
 
+P = TypeVar("P", bound=Proof, default=Proof, covariant=True)
+
+
 @dataclass(frozen=True, eq=False)
-class Finding:
+class Finding(Generic[P]):
     """One effect that was found."""
 
     effect: Effect  # which, and where
@@ -143,8 +168,7 @@ class Finding:
     x: Array
     covariance: Array
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
-    # the statistics that decided
-    proof: discovery.EvidenceByRepeats | discovery.BlockedCrossValidation | GivesWay
+    proof: P  # the statistics that decided
     # whatever else was tried in its place, of the vocabulary and without a name
     rivals: tuple[Rival, ...] = ()
     unknown: float = PROBABILITIES.unknown  # probability that nothing that was tried is there
@@ -194,12 +218,12 @@ class Finding:
     @property
     def gain(self) -> float | None:
         """Return the part of the squared error of poses left out that it explains, if known."""
-        return getattr(self.proof, "gain", None)
+        return self.proof.explains
 
     @property
     def carrier(self) -> str | None:
         """Return the one pose that carries it, without which nothing speaks for it; else None."""
-        return getattr(self.proof, "carrier", None)
+        return self.proof.carrier
 
     @property
     def parameters(self) -> dict[str, EffectParameter]:
@@ -243,7 +267,7 @@ class Finding:
 
     def record(self, witness: JointWitness | None = None) -> discovery.FoundEffect:
         """Return it as it is written, with what says whose error an error by angle is."""
-        proof, form = self.proof, None
+        form = None
         if is_error_map(self.effect) and self.effect.spectrum is not None:
             kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
@@ -266,11 +290,9 @@ class Finding:
             ),
             none_of_these=said.none_of_these,
             set95=tuple(map(name_of, said.smallest_set)),
-            evidence=discovery.EvidenceByBlocks(cross_validation_over_blocks=proof)
-            if isinstance(proof, discovery.BlockedCrossValidation)
-            else proof,
+            evidence=self.proof.evidence,
             witness=witness,
-            weights=proof.weights if isinstance(proof, GivesWay) else None,
+            weights=self.proof.weights,
             by=self.effect.by_joint,
         )
 

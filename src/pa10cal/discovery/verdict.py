@@ -250,7 +250,7 @@ class Verdict(Generic[S]):
     proposed: tuple[FormulaProposal, ...] = ()  # formulas for what has no name; they name nothing
     # joints that give way under weights that nobody stated. Their springs are part of the
     # calibrated model already.
-    gives_way: tuple[Finding, ...] = ()
+    gives_way: tuple[Finding[GivesWay], ...] = ()
     # why effects cannot be sought, and what would do; None where they were
     why: str | None = None
     remedy: str | None = None
@@ -439,9 +439,8 @@ class Verdict(Generic[S]):
         effects, after_mm = [], named.found_after.distance_mm[rows]
         before_mm = rms(gap.found_before.distance_mm[rows])
         for spring in self.gives_way:
-            proof = spring.proof
-            assert isinstance(proof, GivesWay)
-            without_mm, assumed = proof.without_each_mm, proof.weights != "logged"
+            proof, assumed = spring.proof, spring.proof.weights != "logged"
+            without_mm = proof.without_each_mm
             effects.append(taken_away(spring, without_mm, after_mm, "assumed" if assumed else None))
             # Rigid joints have the effects found in them: without these it is no less.
             before_mm = max(before_mm, rms(proof.all_rigid_each_mm))
@@ -461,6 +460,7 @@ def label_of(effect: Effect, rival: Effect | None) -> str:
 
 
 K = TypeVar("K", bound=Scorer)
+F = TypeVar("F", bound=Finding)
 
 
 def with_likely(found: Verdict[K]) -> Verdict[K]:
@@ -468,16 +468,16 @@ def with_likely(found: Verdict[K]) -> Verdict[K]:
 
     Where more than noise is left without a name, what was tried may all be wrong more often.
     """
-    findings, gives_way = (
-        tuple(in_doubt(found, each).with_likely() for each in some)
-        for some in (found.findings, found.gives_way)
+    return replace(
+        found,
+        findings=tuple(in_doubt(found, each).with_likely() for each in found.findings),
+        gives_way=tuple(in_doubt(found, each).with_likely() for each in found.gives_way),
     )
-    return replace(found, findings=findings, gives_way=gives_way)
 
 
-def in_doubt(found: Verdict, finding: Finding) -> Finding:
+def in_doubt(found: Verdict, finding: F) -> F:
     """Return a finding with how probable it is that something makes it that was not tried."""
-    if (by_errors := getattr(finding.proof, "unknown", None)) is not None:
+    if (by_errors := finding.proof.unknown) is not None:
         return replace(finding, unknown=by_errors.probability(found.noise_floor_mm))
     left = bool(found.unexplained) or found.over_noise
     return replace(finding, unknown=PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown)

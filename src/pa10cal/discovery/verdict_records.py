@@ -16,7 +16,6 @@ from pa10cal.results.discovery import (
     AllUnexplained,
     ExtendedRecord,
     Gap,
-    SearchByRepeats,
     Unexplained,
     VerdictKeys,
     VerdictRecord,
@@ -152,7 +151,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     found += map(wrong, verdict.faults)
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
-    if isinstance(verdict.search, SearchByRepeats) and (count := verdict.search.readings_excluded):
+    if verdict.search is not None and (count := verdict.search.excluded):
         found.append(
             f"{count} reading{'s are' if count > 1 else ' is'} excluded, far from the model "
             "and from all others of the pose: a gross error"

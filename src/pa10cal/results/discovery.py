@@ -76,6 +76,10 @@ class EvidenceOfSag(record.Part):
     all_rigid_mm: float
 
 
+#: Statistics that decided about an effect, by who judged.
+Evidence = EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag
+
+
 class Alternative(record.EffectName):
     """An effect that may be there in the place of one that was named."""
 
@@ -127,7 +131,7 @@ class FoundEffect(NamedEffect):
     others: float  # probability of all that is not listed among the alternatives
     none_of_these: float  # probability that none is there that has a name
     form: MapForm | None  # form of a map that has its own; null for every other effect
-    evidence: EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag  # the statistics that decided
+    evidence: Evidence  # the statistics that decided
     # whether the joint's sensor or its gear errs; of errors by its angle, where anything is known
     # of it
     witness: JointWitness | None = record.optional()
@@ -263,6 +267,11 @@ class SearchKeys(record.Part):
     candidates: int  # effects tried
     error_rate: float  # rate of false names allowed
 
+    @property
+    def excluded(self) -> int:
+        """Return how many readings were excluded as gross errors."""
+        return 0
+
 
 class SearchByRepeats(SearchKeys):
     """How effects were searched for, against the scatter of repeats."""
@@ -270,6 +279,11 @@ class SearchByRepeats(SearchKeys):
     needed_nats: float  # log evidence needed of an effect
     shared_error_mm: SharedError  # position error shared by readings of a pose
     readings_excluded: int  # readings suspected of a gross error
+
+    @property
+    def excluded(self) -> int:
+        """Return how many readings were excluded as gross errors."""
+        return self.readings_excluded
 
 
 class Needed(record.Part):

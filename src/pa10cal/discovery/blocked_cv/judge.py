@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from pydantic import Field
+from typing_extensions import override
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
@@ -31,14 +32,7 @@ from pa10cal.discovery.blocked_cv.family import (
 from pa10cal.discovery.blocked_cv.refit import Refit, noise_squares, refit, weighted_rows
 from pa10cal.discovery.blocked_cv.search import Level, Search, level, refine_maps
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, ShapedEffect, Survey
-from pa10cal.discovery.finding import (
-    MayHaveCarrier,
-    Rival,
-    UnknownBeside,
-    Untestable,
-    carrier_of,
-    over_left,
-)
+from pa10cal.discovery.finding import Proof, Rival, UnknownBeside, Untestable, carrier_of, over_left
 from pa10cal.discovery.linear import (
     by_effects,
     by_own_terms,
@@ -52,7 +46,13 @@ from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.rules import BLOCKS, MAPS, PROBABILITIES
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.observe.order import like_a_scan
-from pa10cal.results.discovery import BlockedCrossValidation, Remaining, Tried, Unexplained
+from pa10cal.results.discovery import (
+    BlockedCrossValidation,
+    EvidenceByBlocks,
+    Remaining,
+    Tried,
+    Unexplained,
+)
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect
@@ -62,15 +62,25 @@ from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.effects.unnamed import DirectionMap
 
 
-class BlockPrediction(BlockedCrossValidation, MayHaveCarrier):
+class BlockPrediction(BlockedCrossValidation, Proof):
     """How well held-out blocks are predicted without an effect and with it."""
 
     # what it takes of the weighed sum of squares over what is left beyond noise; 0 if not known
     over_left: float = Field(default=0.0, exclude=True)
 
     @property
+    @override
+    def explains(self) -> float:
+        return self.gain
+
+    @property
+    @override
+    def evidence(self) -> EvidenceByBlocks:
+        return EvidenceByBlocks(cross_validation_over_blocks=self)
+
+    @property
+    @override
     def unknown(self) -> UnknownBeside:
-        """How probable it is that something else makes this."""
         errors_mm = self.rms_without_mm, self.rms_with_mm
         return UnknownBeside(*errors_mm, *PROBABILITIES.known_effect, self.over_left)
 

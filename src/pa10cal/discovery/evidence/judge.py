@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.evidence.likelihood import CandidateRows, Score
@@ -33,7 +34,7 @@ from pa10cal.discovery.evidence.search import (
     linearise,
     threshold,
 )
-from pa10cal.discovery.finding import Finding, MayHaveCarrier, Rival, carrier_of
+from pa10cal.discovery.finding import Finding, Proof, Rival, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
 from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.rules import EVIDENCE
@@ -45,13 +46,18 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.weights import is_fault
 
 
-class Confirmation(EvidenceByRepeats, MayHaveCarrier):
+class Confirmation(EvidenceByRepeats, Proof):
     """What speaks for one effect, all others being in the model."""
 
     @property
-    def gain(self) -> float:
-        """Part of the squared error of poses left out that it explains."""
+    @override
+    def explains(self) -> float:
         return self.cross_validation_over_poses.explained
+
+    @property
+    @override
+    def evidence(self) -> EvidenceByRepeats:
+        return self
 
 
 @dataclass(frozen=True)
