@@ -290,10 +290,11 @@ class _Rows:
 
     def _gains(self, columns: Array, rows: Index, scales: Sequence[float]) -> tuple[Array, Array]:
         """Return gains of log evidence and parts of squares left, (R, S), scatter profiled."""
-        sizes = np.array(scales)[:, None, None]
-        steps = self._steps(columns, rows).in_sizes(sizes)
-        gains, left = steps.gains(self._seen, CHANGE.same_squares)
-        return gains.T, left.T
+        steps = self._steps(columns, rows)
+        each = (steps.in_sizes(np.array([scale])) for scale in scales)  # all at once are large
+        found = [some.gains(self._seen, CHANGE.same_squares) for some in each]
+        gains, left = (np.stack(part, axis=1) for part in zip(*found, strict=True))
+        return gains, left
 
 
 def _from_each_on(values: Array) -> Array:
