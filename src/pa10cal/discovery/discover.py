@@ -214,7 +214,7 @@ def with_predicted(found: Verdict) -> Verdict:
     def after(model: FittedModel, gap: PairedErrors) -> PairedErrors:
         return replace(gap, found_after=errors_of(model, gap.poses))
 
-    def predicting(found: SearchVerdict) -> SearchVerdict:
+    def predicting(found: Verdict) -> Verdict:
         predicted = Predicted(fit, found.train, found.holdout)
         return replace(found, predicted=predicted).with_gaps(partial(after, model))
 
@@ -232,7 +232,7 @@ def with_predicted(found: Verdict) -> Verdict:
     )
 
 
-def _against(found: SearchVerdict, without: SearchVerdict) -> SearchVerdict:
+def _against(found: Verdict, without: Verdict) -> Verdict:
     """Return a verdict whose held-out errors before are those that another one ends with."""
     if found.holdout is None or without.holdout is None:
         return found

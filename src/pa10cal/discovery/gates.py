@@ -378,7 +378,7 @@ def harmless(found: Verdict[S]) -> Verdict[S]:
     return found if away is None else replace(_only_within(found, away.within), falls_back=away)
 
 
-def limits(found: SearchVerdict) -> FallBack | None:
+def limits(found: Verdict) -> FallBack | None:
     """Return what keeps a verdict's model from predicting held-out poses worse; None for nothing.
 
     Of a path those at unseen stretches neither, and of a group those of no campaign.
