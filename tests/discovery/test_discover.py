@@ -31,10 +31,10 @@ REPEATED = {"poses": 80, "repeat_every": 1}
 
 @pytest.fixture
 def campaign(tmp_path):
-    def measured(instrument, *hidden, **plan):
+    def measured(instrument, *hidden, robot="ur10", **plan):
         raw = {
             "random_seed": 1,
-            "robot": "ur10",
+            "robot": robot,
             "hidden_effects": list(hidden),
             "without_touches": {
                 "instrument": instrument,
@@ -100,6 +100,16 @@ def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, h
     assert abs(found.value - true) < max(4.0 * found.std, 0.05 * true)
     assert verdict.holdout.after.mean_mm < 0.5 * verdict.holdout.before.mean_mm
     assert verdict.train.after.mean_mm < 1.2 * verdict.noise_floor_mm
+
+
+def test_where_all_axes_are_parallel_the_height_of_a_target_stays_as_stated(campaign):
+    """It is that of the base, of which poses say nothing; predictions are no less certain for it."""
+    plan = {"targets": 1, "poses": 150, "flexible_joints": ()}
+    verdict = searched(campaign("points", BACKLASH, robot="gx4_351s", **plan))
+    assert names(verdict) == [(BACKLASH["id"], BACKLASH["of"])]
+    held_out = verdict.holdout
+    u_mm = verdict.model.predict(held_out.poses.states.q_rad).u_mm
+    assert float(np.median(u_mm)) < 5.0 * held_out.after.rms_mm  # 30 mm, with that height
 
 
 @pytest.mark.slow

@@ -154,8 +154,7 @@ class Blocks:
     most_lost_share: float = 0.1
     over_floor: float = 1.15  # remaining error over the noise that is more than noise (trials)
     over_floor_errors: float = 3.0  # standard errors over blocks by which it must be (level)
-    # standard error of the median of normal deviates over that of their mean, sqrt(pi / 2)
-    # (statistics)
+    # standard error of the median of normal deviates over that of the mean (statistics)
     median_errors: float = 1.2533
     # part of the squared error that parameters may take up by chance (statistics)
     most_by_chance: float = 0.9
@@ -169,6 +168,8 @@ class Blocks:
     hidden_share: float = 0.05  # part of these that may be hidden behind others (level)
     # cosines along each axis of a drift: one that turns back more often is a wander (trials)
     drift_waves: int = 6
+    # part of the variance expected of a target that is left where poses say nothing (statistics)
+    open_share: float = 0.25
     # part of the readings that must have a time of their own for it (trials)
     own_times_share: float = 0.95
 

@@ -162,7 +162,7 @@ def refit(
         no_worse=COMPUTING.refit_no_worse,
     )
     held = bounds.held(found.at, found.equations.gradient)
-    covariance = _inverse(found.equations.normal, fit.prior, ~held)
+    covariance = fit.covariance(found.equations.normal, ~held)
     return Refit(effects, fit.place(found.at), found.converged, covariance, counts)
 
 
@@ -173,7 +173,7 @@ def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
     fit = _NormalFit(fewer, found.effects)
     there = fit.equations(found.x, counts)
     held = fit.bounds.held(found.x, there.gradient)
-    covariance = _inverse(there.normal, fit.prior, ~held)
+    covariance = fit.covariance(there.normal, ~held)
     return found.x - covariance @ there.gradient, covariance
 
 
@@ -238,6 +238,7 @@ class _NormalFit:
             factor = np.linalg.inv(effect.prior_factor)
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
             prior.append(block_diag(factor.T @ factor, shapes))
+        self._targets = targets
         self.prior = block_diag(*prior, np.diag(sizes[-tail:] ** -2.0))
         self.middle = np.zeros(len(sizes))
         self.middle[: len(own.x)] = own.x
@@ -277,6 +278,22 @@ class _NormalFit:
         off = x - self.middle
         cost = float(white @ white + off @ self.prior @ off)
         return Equations(cost, found.projection + self.prior @ off, found.gram + self.prior)
+
+    def covariance(self, normal: Array, free: Mask) -> Array:
+        """Return the covariance of all unknowns (k, k), zero of those that are not free.
+
+        Coordinates of targets of which the poses say nothing are held one by one, as calibrations
+        hold them as stated: where all axes are parallel the height of one is that of the base.
+        """
+        free, covariance = free.copy(), _inverse(normal, self.prior, free)
+        sizes2 = 1.0 / np.diag(self.prior)[self._targets]
+        while len(sizes2):
+            open_to = np.diag(covariance)[self._targets] / sizes2
+            if open_to.max() < BLOCKS.open_share:
+                break
+            free[self._targets[int(open_to.argmax())]] = False
+            covariance = _inverse(normal, self.prior, free)
+        return covariance
 
     def dof(self, covariance: Array) -> float:
         """Return how many parameters the data determine, the others being as expected."""
