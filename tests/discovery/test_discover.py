@@ -103,7 +103,7 @@ def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, h
 
 
 def test_where_all_axes_are_parallel_the_height_of_a_target_stays_as_stated(campaign):
-    """It is that of the base, of which poses say nothing; predictions are no less certain for it."""
+    """It is that of the base, of which poses say nothing: predictions are as certain as before."""
     plan = {"targets": 1, "poses": 150, "flexible_joints": ()}
     verdict = searched(campaign("points", BACKLASH, robot="gx4_351s", **plan))
     assert names(verdict) == [(BACKLASH["id"], BACKLASH["of"])]
