@@ -11,7 +11,7 @@ import pytest
 from benchmarks.broken_fleet import workbook
 
 from made_up_exports import _ods
-from pa10cal.campaign import binary_file as reading
+from pa10cal.campaign import text_lines as reading
 from pa10cal.campaign.text_lines import lines_of
 from pa10cal.errors import RawDataError
 

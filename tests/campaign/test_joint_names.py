@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pa10cal.campaign.joint_names import columns_by_name, named_by_text
+from pa10cal.campaign.file_roles import columns_by_name, named_by_text
 
 UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 

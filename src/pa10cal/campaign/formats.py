@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.binary_file import BAGS
-from pa10cal.campaign.composed_columns import matrix_columns, polar_columns
 from pa10cal.campaign.controller_programs import (
     abb_points,
     fanuc_points,
@@ -22,21 +20,19 @@ from pa10cal.campaign.controller_programs import (
 )
 from pa10cal.campaign.instrument_exports import (
     begins_blocks,
-    block_table,
-    motive_table,
-    qualisys_table,
-    vicon_table,
-)
-from pa10cal.campaign.measurement_reports import (
     begins_controls,
     begins_features,
     begins_named_points,
+    block_table,
     control_table,
     feature_table,
+    motive_table,
     named_points,
+    qualisys_table,
+    vicon_table,
 )
-from pa10cal.campaign.recognise import roles_of
-from pa10cal.campaign.text_lines import TextLine, binary_kind, lines_of
+from pa10cal.campaign.recognise import matrix_columns, polar_columns, roles_of
+from pa10cal.campaign.text_lines import BAGS, TextLine, binary_kind, lines_of
 from pa10cal.errors import RawDataError
 
 #: So many lines at the beginning of a file tell its format.

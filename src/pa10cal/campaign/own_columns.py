@@ -23,9 +23,9 @@ from pydantic import (
 
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.formats import BY_NAME
-from pa10cal.campaign.moments import format_of
 from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
 from pa10cal.campaign.recognise import unit_of
+from pa10cal.campaign.sniffing import format_of
 from pa10cal.errors import RawDataError
 from pa10cal.options import Positive, Section
 

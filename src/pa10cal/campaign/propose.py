@@ -14,16 +14,24 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
-from pa10cal.campaign.composed_columns import from_horizon
 from pa10cal.campaign.conventions import (
     FOUR,
     THREE,
+    CountScale,
     attitude_scatter,
+    looks_like_counts,
     modelled_attitudes,
     read_polar,
+    scale_of_counts,
 )
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
-from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
+from pa10cal.campaign.file_roles import (
+    notes_on_joints,
+    read_as,
+    refuse_unrecognised,
+    roles_of_file,
+    unit_by_size,
+)
 from pa10cal.campaign.headerless import (
     is_headerless,
     labels_of_both,
@@ -32,7 +40,6 @@ from pa10cal.campaign.headerless import (
     of_the_arm,
     roles_by_arm,
 )
-from pa10cal.campaign.moments import JUDGED, time_columns
 from pa10cal.campaign.own_columns import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -45,17 +52,11 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.raw_rows import in_radians, position_columns
-from pa10cal.campaign.read_as import (
-    notes_on_joints,
-    read_as,
-    refuse_unrecognised,
-    roles_of_file,
-    unit_by_size,
-)
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
     coverage_of,
+    from_horizon,
     plain,
     standing,
     unit_of,
@@ -65,7 +66,7 @@ from pa10cal.campaign.row_targets import (
     named_in_other_log,
     target_column,
 )
-from pa10cal.campaign.sniffing import Sniffed, rows_at
+from pa10cal.campaign.sniffing import JUDGED, Sniffed, rows_at, time_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
 from pa10cal.frame.rigid_fit import scale_of_points

@@ -16,10 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import rule_of
-from pa10cal.campaign.composed_columns import polar_to_xyz
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
-from pa10cal.campaign.moments import ISO, moments_of
 from pa10cal.campaign.own_columns import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -36,6 +34,7 @@ from pa10cal.campaign.own_columns import (
 )
 from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
 from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
+from pa10cal.campaign.sniffing import ISO, moments_of
 from pa10cal.errors import RawDataError
 
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -355,6 +354,24 @@ def _polar_places(columns: FileColumns) -> Iterator[tuple[str, Position]]:
     for before, place in (("", columns.position), *targets):
         if place is not None and place.polar is not None:
             yield before, place
+
+
+def polar_to_xyz(values: Array, rad: float, horizontal: str, vertical: str) -> Array:
+    """Return places (N, 3) in the unit of the distance, x along a horizontal angle of 0, z up.
+
+    Args:
+        values: (N, 3) horizontal angle, vertical angle, distance.
+        rad: one unit of the angles.
+        horizontal: `clockwise` as seen from above, or `counterclockwise`.
+        vertical: `zenith` for angles from there down, `horizon` for angles from there up.
+    """
+    turned = values[:, 0] * rad * (-1.0 if horizontal == "clockwise" else 1.0)
+    down = values[:, 1] * rad
+    down = 0.5 * np.pi - down if vertical == "horizon" else down
+    flat = values[:, 2] * np.sin(down)
+    return np.column_stack(
+        [flat * np.cos(turned), flat * np.sin(turned), values[:, 2] * np.cos(down)]
+    )
 
 
 def _from_polar(values: Array, place: Position) -> Array:

@@ -43,8 +43,8 @@ def columns(
 
     import yaml
 
+    from pa10cal.campaign.file_roles import follows_contract, label_of
     from pa10cal.campaign.propose import propose, propose_two_logs
-    from pa10cal.campaign.read_as import follows_contract, label_of
     from pa10cal.campaign.sniffing import sniff
     from pa10cal.errors import SettingsError, one_line, visible
     from pa10cal.files.arms import joint_names, load_arm
