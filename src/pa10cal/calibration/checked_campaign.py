@@ -17,7 +17,7 @@ from pa10cal.calibration.rules import CHECKS, GRADES
 from pa10cal.calibration.uncertainty import targets_seen
 from pa10cal.campaign.conventions import EXPECTED_M, puts_right
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.own_columns import OwnWords
+from pa10cal.campaign.raw_rows import ColumnMap
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, reading_groups
@@ -45,7 +45,7 @@ class CheckedCampaign:
     campaign: CampaignDescription
     arm: Arm
     options: CalibrationOptions
-    words: OwnWords
+    words: ColumnMap
     grid: Observations  # the poses that checks look at, averaged
     repeats_mm: float  # how far repeats scatter; 0 where that is not known
 

@@ -31,8 +31,8 @@ from pa10cal.calibration.rules import CHECKS
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.nominal_fit import exchange_text, stated_order, stated_shape
-from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import words_of
+from pa10cal.campaign.raw_rows import ColumnMap
 from pa10cal.errors import Pa10calError
 from pa10cal.files.coupling import coupled_joints
 from pa10cal.fit.loads import statics_of
@@ -304,7 +304,7 @@ def _target_places(
 
 
 def _temperature(
-    campaign: CampaignDescription, every: Observations, words: OwnWords
+    campaign: CampaignDescription, every: Observations, words: ColumnMap
 ) -> Iterator[InputFinding]:
     reference_C = campaign.reference_temperature_C
     measured_C = every.states.temperature_C

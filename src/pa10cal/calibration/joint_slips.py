@@ -18,7 +18,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.checked_campaign import CheckedCampaign
 from pa10cal.calibration.rules import CHECKS, UNKNOWNS
 from pa10cal.campaign.conventions import STILL_WRONG
-from pa10cal.campaign.own_columns import OwnWords
+from pa10cal.campaign.raw_rows import ColumnMap
 from pa10cal.files.coupling import coupling_in_words, set_coupling
 from pa10cal.frame.target_problem import SURELY, first_of_least
 from pa10cal.results.calibration import InputFinding
@@ -61,7 +61,7 @@ class _Change:
             return f"the columns are shifted: joint 1 stands in that of joint {self.axes[0]}"
         return f"joints {self.axes[0]} and {self.axes[1]} are exchanged"
 
-    def where(self, words: OwnWords) -> str:
+    def where(self, words: ColumnMap) -> str:
         """Say which columns are meant."""
         return ", ".join(words.joint(axis) for axis in self.axes)
 

@@ -13,7 +13,7 @@ import numpy as np
 from pa10cal.arrays import Array
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
-from pa10cal.campaign.own_columns import OwnWords
+from pa10cal.campaign.raw_rows import ColumnMap
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, common_motion
 from pa10cal.observe.instrument import BaseTargets, Instrument, Knocked, Misread, MotionFound
@@ -46,7 +46,7 @@ def base_columns(names: Sequence[str]) -> list[str]:
 
 
 def refuse_base_targets(
-    description: CampaignDescription, path: Path, words: OwnWords, names: Sequence[str]
+    description: CampaignDescription, path: Path, words: ColumnMap, names: Sequence[str]
 ) -> None:
     """Refuse base targets where the instrument cannot use them, or that are not on the base."""
     kind, clash = description.instrument.kind, sorted(set(names) & set(description.tool.balls_mm))

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.campaign.own_columns import UNIT_WORDS, OwnWords
-from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.campaign.raw_rows import UNIT_WORDS, RawRows
 from pa10cal.errors import RawDataError
 
 NOT_UNCERTAIN = "the stated uncertainty is not above zero"
@@ -149,7 +148,7 @@ def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:
     for name in names:
         column = raw[name]
         if name == "temperature_C" and np.isfinite(column).any():
-            words, middle_C = OwnWords(raw.own), float(np.nanmedian(column))
+            words, middle_C = raw.own, float(np.nanmedian(column))
             if _KELVIN[0] < middle_C < _KELVIN[1]:
                 mapped = words.key(name) and words.set_unit(name, "K", "")
                 where = f"{raw.file}: {words.column(name)}"
@@ -191,7 +190,7 @@ def unwrapped(
     moved = {name: column for name, column in turned.items() if (column != raw[name]).any()}
     if not wraps:
         return raw
-    words = ", ".join(OwnWords(raw.own).column(name) for name in moved)
+    words = ", ".join(raw.own.column(name) for name in moved)
     logged = "angles logged within one turn" if spread_deg == ONE_TURN_DEG else "angles"
     note = f"{words}: {logged} are moved by whole turns, into the limits"
     return replace(raw.with_columns(moved), notes=(*raw.notes, f"{raw.file}: {note}"))
@@ -214,16 +213,16 @@ def labelled(raw: RawRows, arm: Arm) -> RawRows:
 
 def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
     """Stop when columns are in the contract's unit though campaign.yaml states a larger one."""
-    words = OwnWords(raw.own)
+    words = raw.own
     of_key: dict[str, list[str]] = {}
     for name in names:
-        own = raw.own.get(name)
+        own = words.sources.get(name)
         if own is not None and own.factor > 1.0 and not name.startswith("u_"):
             of_key.setdefault(own.key, []).append(name)
     for key, columns in of_key.items():
         outside, right = np.zeros(len(raw), dtype=bool), np.ones(len(raw), dtype=bool)
         for name in columns:
-            values, own, bound = raw[name], raw.own[name], bound_of(name, arm)
+            values, own, bound = raw[name], words.sources[name], bound_of(name, arm)
             written = (values - own.offset) / own.factor
             outside |= (values < bound.low) | (values > bound.high)
             right &= (written >= bound.low) & (written <= bound.high)
@@ -233,8 +232,9 @@ def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
         unit = first.rpartition("_")[2]
         what = {"deg": "joint angles", "mm": "positions"}.get(unit, "numbers")
         where = f"{raw.file}:{raw.line[row]}: {words.column(first)} … {words.column(last)}"
+        stated = words.sources[first].unit
         value = (
-            f"{outside.sum()} of {len(outside)} rows are out of bounds in {raw.own[first].unit}, "
+            f"{outside.sum()} of {len(outside)} rows are out of bounds in {stated}, "
             f"and none so in {unit}: {raw.shown(first, row)}"
         )
         named, remedy = UNIT_WORDS.get(unit, unit), words.set_unit(first, unit, unit)

@@ -15,8 +15,9 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, spread
 from pa10cal.campaign.bounds import BEYOND_LIMITS
 from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
-from pa10cal.campaign.own_columns import ANGLES_OF_POLAR, LENGTHS, RotationColumns
+from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
+from pa10cal.campaign.raw_rows import ANGLES_OF_POLAR, LENGTHS
 from pa10cal.frame.rigid_fit import LEVER_M, Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit

@@ -11,24 +11,25 @@ import difflib
 import re
 import sys
 from collections import ChainMap, Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, StringConstraints
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.formats import table_lines
-from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
+from pa10cal.campaign.formats import BY_NAME, table_lines
+from pa10cal.campaign.raw_rows import CONTRACT_COLUMNS, TEXT, ColumnMap, RawRows, quarantined
 from pa10cal.campaign.recognise import mistaken_encoding
 from pa10cal.campaign.text_lines import TextLine
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import from_csv_cell
+from pa10cal.options import Section
 
 #: So many rows, or letters, are read at a time.
 ROWS_A_PART, LETTERS_A_PART, MOST_COLUMNS = 20_000, 1 << 23, 2000
@@ -46,36 +47,60 @@ REPEATED = "repeats an earlier row"
 FIELDS = "the number of fields differs from the header"
 
 
-@dataclass(frozen=True)
-class Layout:
+def _known_format(name: str) -> str:
+    if name not in BY_NAME:
+        raise ValueError(", ".join(BY_NAME))
+    return name
+
+
+class Layout(Section):
     """How a file is written."""
 
-    separator: str | None = ","  # between fields; None for any number of blanks
-    decimal: str = "."  # sign before the decimals
-    # line of the column names; 0 where there is none, the columns then being 1, 2, …
-    header: int = 1
-    first: int = 0  # line of the first row; 0 for the one that follows the names
-    text: tuple[str, ...] = TEXT  # columns of text
-    own: bool = False  # whether a campaign describes it: names that occur twice are told apart
-    format: str = ""  # of a file whose table is made by `formats`; then as `of_table` has it
-    key: str = ""  # where campaign.yaml describes it, such as columns.poses
-    keys: Mapping[str, str] = field(default_factory=dict)  # what maps each of its columns
+    format: Annotated[str, AfterValidator(_known_format)] | None = Field(
+        default=None,
+        description="of a file whose table is made by the program, such as kuka or motive; its "
+        "columns then have the names that pa10cal columns prints",
+    )
+    separator: Annotated[str, StringConstraints(pattern=r"^(.|tab|blanks)$")] = Field(
+        default=",", description="one character, tab, or blanks for any number of them"
+    )
+    decimal: Literal[".", ","] = "."
+    header: int = Field(
+        default=1,
+        ge=0,
+        le=1000,
+        description="line of the column names; 0 where there is none, columns then being 1, 2, …",
+    )
+    first_row: int = Field(
+        default=0, ge=0, description="line of the first row; 0 where it follows the names"
+    )
 
-    @classmethod
-    def of_table(cls, name: str) -> Layout:
-        """Return how the table is written that is made of a file of a known format."""
-        return cls("\t", own=True, format=name)
+    @property
+    def sign(self) -> str | None:
+        """Return what stands between fields; None for any number of blanks."""
+        word = "tab" if self.format else self.separator
+        return {"tab": "\t", "blanks": None}.get(word, word)
+
+    @property
+    def own(self) -> bool:
+        """Return whether it is a user's, whose names that occur twice are told apart."""
+        return self is not CONTRACT
+
+    @property
+    def text(self) -> tuple[str, ...]:
+        """Return the columns of text."""
+        return TEXT
 
     def fields(self, text: str) -> list[str]:
         """Return the fields of a line."""
-        if '"' in text and self.separator is not None:
+        if '"' in text and self.sign is not None:
             try:
-                (split,) = csv.reader([text], delimiter=self.separator, skipinitialspace=True)
+                (split,) = csv.reader([text], delimiter=self.sign, skipinitialspace=True)
             except csv.Error:  # a field of more than 131072 characters: no number, quoted or not
                 pass
             else:
                 return [self._bare(field.strip()) for field in split]
-        fields = text.split(self.separator)
+        fields = text.split(self.sign)
         # Most texts are bare, and no field is to strip.
         bare = not (" " in text or "\t" in text or '"' in text or "'" in text)
         return fields if bare else [self._bare(field.strip(' \t"')) for field in fields]
@@ -94,8 +119,7 @@ class Layout:
     def row(self, text: str, width: int) -> list[str]:
         """Return the fields of a row; a separator at the end of each makes no further field."""
         row = self.fields(text)
-        own = self.own or self.separator != "," or self.header != 1
-        return row[:-1] if own and len(row) == width + 1 and row[-1] == "" else row
+        return row[:-1] if self.own and len(row) == width + 1 and row[-1] == "" else row
 
     def plain(self, field: str) -> str:
         """Return a number with a decimal point; no number for one with another sign."""
@@ -161,7 +185,7 @@ def column_names(path: Path, layout: Layout = CONTRACT, within: Path | None = No
 
 def _first(lines: Iterator[TextLine], layout: Layout) -> TextLine | None:
     """Return the line with the names, or without names the first; None where there is none."""
-    start = layout.header or layout.first
+    start = layout.header or layout.first_row
     return next((line for line in lines if line.number >= start), None)
 
 
@@ -172,6 +196,7 @@ def read_rows(
     together: Sequence[str] = (),
     layout: Layout = CONTRACT,
     *,
+    words: ColumnMap = CONTRACT_COLUMNS,
     repeats: bool = False,
     within: Path | None = None,
 ) -> RawRows:
@@ -192,10 +217,10 @@ def read_rows(
     header = layout.names(first.text)
     width = len(header)
     needed = [*required, *(together if set(together) & set(header) else ())]
-    _check_header(path, first, header, needed, layout, within)
+    _check_header(path, first, header, needed, layout, words)
     used = [name for name in header if name in needed or name in optional]
     below = lines if layout.header else chain([first], lines)
-    below = (line for line in below if line.number >= layout.first)
+    below = (line for line in below if line.number >= layout.first_row)
     parts, last, unreadable, rows_read = [], first, 0, 0
     while part := part_of(below):
         parts.append(read := _read_part(part, header, used, layout))
@@ -222,7 +247,7 @@ def read_rows(
     wrong = widths != width
     if 2 * wrong.sum() > len(widths):
         at = int(np.argmax(wrong))
-        commas = widths[at] > width and layout.separator == ","
+        commas = widths[at] > width and layout.sign == ","
         why, how = ("; decimal commas", "with decimal points") if commas else ("", "again")
         raise RawDataError(
             f"{wrong.sum()} of {len(widths)} rows have another number of fields than the header "
@@ -312,9 +337,9 @@ def _check_header(
     header: Sequence[str],
     required: Sequence[str],
     layout: Layout,
-    within: Path | None,
+    words: ColumnMap,
 ) -> None:
-    where, here = f"{path}:{first.number}", layout.separator
+    where, here, section = f"{path}:{first.number}", layout.sign, words.section
     if len(header) > MOST_COLUMNS:
         raise too_many_columns(where, len(header))
     for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
@@ -323,8 +348,8 @@ def _check_header(
             if here != ",":
                 allowed = f"the separator {here!r}, as {DESCRIPTION} states it"
             remedy = (
-                f"set {layout.key}.separator: {'tab' if separator == chr(9) else repr(separator)}"
-                if layout.key
+                f"set {section}.separator: {'tab' if separator == chr(9) else repr(separator)}"
+                if section
                 else "export the file with commas and decimal points; that of a campaign may stay "
                 f"as it is: pa10cal columns {path.name} proposes how {DESCRIPTION} describes it"
             )
@@ -337,7 +362,7 @@ def _check_header(
             f"column {twice[0]} occurs twice", where=where, allowed="once", remedy="remove one"
         )
     if missing := [name for name in required if name not in header]:
-        remedy = _remedy_for_missing(path, missing, header, required, layout, within)
+        remedy = _remedy_for_missing(path, missing, header, required, layout, words)
         columns = "column" if len(missing) == 1 else "columns"
         raise RawDataError(
             f"missing {columns} {', '.join(missing)}",
@@ -354,10 +379,10 @@ def _remedy_for_missing(
     header: Sequence[str],
     required: Sequence[str],
     layout: Layout,
-    within: Path | None,
+    words: ColumnMap,
 ) -> str:
     """Return what to do where columns are missing: what stands in their place, and which key."""
-    others = [name for name in header if name not in required]
+    others, section = [name for name in header if name not in required], words.section
     if (other := mistaken_encoding(missing[0], others)) is not None:
         name, taken, right = other
         return (
@@ -365,21 +390,19 @@ def _remedy_for_missing(
             f"{missing[0]!r} is {right} taken for {taken}; save both as UTF-8"
         )
     numbers = np.mean([not np.isnan(layout.number(name)) for name in header])
-    if layout.key and layout.header and numbers > 0.5:
+    if section and layout.header and numbers > 0.5:
         return (
-            f"the first line holds numbers and no names: set {layout.key}.header: 0, and name the "
+            f"the first line holds numbers and no names: set {section}.header: 0, and name the "
             "columns 1, 2, 3, …; or export the file with a header"
         )
-    if layout.key:
-        for line in islice(table_lines(path, layout.format, within), _LINES_ABOVE):
+    if section:
+        for line in islice(table_lines(path, layout.format, path.parent), _LINES_ABOVE):
             if set(missing) <= set(layout.names(line.text)):
-                return (
-                    f"the names stand in line {line.number}: set {layout.key}.header: {line.number}"
-                )
+                return f"the names stand in line {line.number}: set {section}.header: {line.number}"
     near = difflib.get_close_matches(missing[0], others, n=1, cutoff=0.5)
     if not near:
-        return f"add it, or check the header{OWN_NAMES if layout == CONTRACT else ''}"
-    key = layout.keys.get(missing[0]) or layout.key
+        return f"add it, or check the header{OWN_NAMES if not layout.own else ''}"
+    key = words.key_called(missing[0]) or section
     return f"is it {near[0]!r}? {f'correct {key} in {DESCRIPTION}' if key else 'rename it'}"
 
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import in_words
-from pa10cal.campaign.csv_rows import Layout, same_name
+from pa10cal.campaign.csv_rows import CONTRACT, same_name
 from pa10cal.campaign.own_columns import FileColumns
-from pa10cal.campaign.raw_file import own_columns
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
@@ -228,9 +227,8 @@ def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[st
     model = FileColumns.model_validate(columns)
     count = 0 if model.joints is None else len(model.joints.names)
     uses: dict[str, dict[str, None]] = {}
-    for ours, source in own_columns(model, np.zeros(count, dtype=bool)):
-        one = source.name in sniffed.names
-        for own in [source.name] if one else source.name.split(", "):
+    for ours, source in model.sources(np.zeros(count, dtype=bool)):
+        for own in source.names:
             how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
             uses.setdefault(own, {})[how] = None
     if model.target is not None:
@@ -285,7 +283,7 @@ def follows_contract(sniffed: Sniffed) -> bool:
     """Return whether a file has the contract's own names and layout, and needs no mapping."""
     names = set(sniffed.names)
     labelled = {"time_s", "pose", "load_N", "repeat"} <= names and names & {"q1_deg", "q1_mm"}
-    return sniffed.layout == Layout(own=True) and bool(labelled)
+    return sniffed.layout == CONTRACT and bool(labelled)
 
 
 def refuse_unrecognised(

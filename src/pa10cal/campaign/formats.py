@@ -299,7 +299,7 @@ def format_of_columns(names: Sequence[str], numbers: Array) -> Format | None:
 
 
 def table_lines(
-    path: Path, name: str = "", within: Path | None = None, notes: list[str] | None = None
+    path: Path, name: str | None = None, within: Path | None = None, notes: list[str] | None = None
 ) -> Iterator[TextLine]:
     """Yield the lines of a file, or of the table that a file of a known format holds.
 

@@ -15,8 +15,7 @@ from pa10cal.arrays import Array, Index, spread
 from pa10cal.campaign.csv_rows import same_name
 from pa10cal.campaign.file_roles import joint_sets
 from pa10cal.campaign.nominal_fit import placed_by_points
-from pa10cal.campaign.own_columns import ANGLES, LENGTHS
-from pa10cal.campaign.raw_rows import in_radians
+from pa10cal.campaign.raw_rows import ANGLES, LENGTHS, in_radians
 from pa10cal.campaign.recognise import Roles, standing
 from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.campaign.two_logs import by_label, shared_labels

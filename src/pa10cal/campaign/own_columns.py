@@ -1,16 +1,12 @@
-"""`columns` of campaign.yaml: what the columns of a user's own files are; messages in their words.
-
-One rule for all messages: a column is called as the file calls it, and beside it as the contract
-does, `A6 [°]` (`q6`); a remedy is a key of campaign.yaml and what to set it to.
-"""
+"""`columns` of campaign.yaml: how a user's own files are written, and what their columns are."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, Literal, Self
+from itertools import chain
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -21,31 +17,24 @@ from pydantic import (
     model_validator,
 )
 
-from pa10cal.campaign.csv_rows import REPEATED
-from pa10cal.campaign.formats import BY_NAME
-from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, OwnColumn, Quarantined
-from pa10cal.campaign.recognise import unit_of
+from pa10cal.arrays import Mask
+from pa10cal.campaign.csv_rows import REPEATED, Layout
+from pa10cal.campaign.raw_rows import (
+    COMMA,
+    CONTRACT_COLUMNS,
+    COUNTS,
+    EXCLUDED,
+    FACTORS,
+    OFFSETS,
+    QUATERNION,
+    ColumnMap,
+    OwnColumn,
+    Quarantined,
+    position_columns,
+)
 from pa10cal.campaign.sniffing import format_of
 from pa10cal.errors import RawDataError
 from pa10cal.options import Positive, Section
-
-#: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
-LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
-ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
-#: Of polar readings too.
-ANGLES_OF_POLAR = {**ANGLES, "gon": 0.9}
-#: The unit of joint positions that are counts of an encoder.
-COUNTS = "counts"
-TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "d": 86400.0}
-FORCES = {"N": 1.0, "kg": 9.80665}
-#: What a number is multiplied by, and what is added then, for the contract's unit.
-FACTORS = {
-    **(LENGTHS | ANGLES | TORQUES | TIMES | FORCES),
-    **{"": 1.0, "C": 1.0, "K": 1.0, "F": 5.0 / 9.0},
-}
-OFFSETS = {"K": -273.15, "F": -160.0 / 9.0}
-SEPARATORS = {"tab": "\t", "blanks": None}
 
 #: Words of rotations, and how many columns each takes.
 _ROTATION = re.compile(
@@ -81,12 +70,6 @@ def _rotation(word: str) -> str:
             "(row by row)"
         )
     return word
-
-
-def _known_format(name: str) -> str:
-    if name not in BY_NAME:
-        raise ValueError(", ".join(BY_NAME))
-    return name
 
 
 Name = Annotated[str, StringConstraints(min_length=1)]
@@ -263,27 +246,9 @@ class TargetOfRow(Section):
         return field.removesuffix(ending), self.endings.get(ending, "")
 
 
-class FileColumns(Section):
+class FileColumns(Layout):
     """Layout of one file, and what its columns are. What is not mapped is not read."""
 
-    format: Annotated[str, AfterValidator(_known_format)] | None = Field(
-        default=None,
-        description="of a file whose table is made by the program, such as kuka or motive; its "
-        "columns then have the names that pa10cal columns prints",
-    )
-    separator: Annotated[str, StringConstraints(pattern=r"^(.|tab|blanks)$")] = Field(
-        default=",", description="one character, tab, or blanks for any number of them"
-    )
-    decimal: Literal[".", ","] = "."
-    header: int = Field(
-        default=1,
-        ge=0,
-        le=1000,
-        description="line of the column names; 0 where there is none, columns then being 1, 2, …",
-    )
-    first_row: int = Field(
-        default=0, ge=0, description="line of the first row; 0 where it follows the names"
-    )
     time: Time | None = None
     kind: KindColumn | None = None
     pose: One | None = None
@@ -310,6 +275,72 @@ class FileColumns(Section):
             raise ValueError("target goes with position as x, y, z, and not with rotation, targets")
         return self
 
+    @property
+    def text(self) -> tuple[str, ...]:
+        """Return the columns of text."""
+        time = self.time if self.time is not None and self.time.format else None
+        parts = (part.names for part in (self.kind, self.target, time) if part is not None)
+        return tuple(chain(self.pose or (), self.ball or (), *parts))
+
+    def sources(self, prismatic: Mask, section: str = "") -> Iterator[tuple[str, OwnColumn]]:
+        """Yield the columns of the contract, and what each is read from.
+
+        The section, such as columns.poses, is where campaign.yaml says it.
+        """
+
+        def at(key: str, names: tuple[str, ...], unit: str = "") -> OwnColumn:
+            return OwnColumn(names, unit, FACTORS[unit], OFFSETS.get(unit, 0.0), f"{section}.{key}")
+
+        if (time := self.time) is not None:
+            yield "time_s", at("time", time.names, "" if time.format else time.unit)
+        for key in ("pose", "repeat", "ball", "touch"):
+            if (one := getattr(self, key)) is not None:
+                yield key, at(key, one)
+        if self.kind is not None:
+            yield "kind", at("kind", self.kind.names)
+        count = 0 if self.torques is None else len(self.torques.names)
+        targets = ((f"targets.{name}", f"{name}_", each) for name, each in self.targets.items())
+        # A row is of one target: the same columns hold the places of all.
+        before = [""] if self.target is None else [f"{each}_" for each in self.target.targets]
+        places = (*(("position", each, self.position) for each in before), *targets)
+        mapped: list[tuple[str, Any, Sequence[str]]] = [
+            ("load", self.load, ["load_N"]),
+            ("temperature", self.temperature, ["temperature_C"]),
+            ("joints", self.joints, position_columns(prismatic)),
+            ("torques", self.torques, [f"tau{k}_Nm" for k in range(1, count + 1)]),
+            *((key, each, [f"{name}{axis}_mm" for axis in "xyz"]) for key, name, each in places),
+            ("distance", self.distance, ["d_mm"]),
+        ]
+        for key, part, ours in mapped:
+            if getattr(part, "polar", None) is not None:
+                yield from ((name, at(key, part.names)) for name in ours)
+                continue
+            for k, name in enumerate(ours if part is not None else ()):
+                slides = key == "joints" and name.endswith("_mm")
+                unit = part.stroke_unit if slides else part.unit
+                factor, offset = (
+                    part.scale(k) if unit == COUNTS else (FACTORS[unit], OFFSETS.get(unit, 0.0))
+                )
+                where = f"{section}.{key}"
+                yield name, OwnColumn(part.names[k : k + 1], unit, factor, offset, where)
+                if (u := getattr(part, "u", None)) is not None:
+                    if (u_unit := getattr(part, "u_unit", None)) is not None:
+                        unit, factor = u_unit, FACTORS[u_unit]
+                    factor /= getattr(part, "coverage", 1.0)
+                    yield f"u_{name}", OwnColumn(u[k : k + 1], unit, factor, 0.0, where)
+        if (turned := self.rotation) is not None:
+            for name in QUATERNION:
+                yield name, at("rotation", turned.names)
+                if turned.u is not None:
+                    yield f"u_{name}", at("rotation", turned.u)
+
+    def polar_places(self) -> Iterator[tuple[str, Position]]:
+        """Yield the positions that are polar readings, by what stands before their axes."""
+        targets = ((f"{name}_", each) for name, each in self.targets.items())
+        for before, place in (("", self.position), *targets):
+            if place is not None and place.polar is not None:
+                yield before, place
+
 
 class OwnColumns(Section):
     """Which columns of the raw files hold what, file by file."""
@@ -321,143 +352,14 @@ class OwnColumns(Section):
     readings: FileColumns | None = None
 
 
-# What a file calls its columns.
-
-_QUATERNION = ("qw", "qx", "qy", "qz")
-_JOINT = re.compile(r"(q\d+)_(?:deg|mm)")
-#: A name that YAML reads as it is.
-_PLAIN = re.compile(r"[^\W\d][\w.]*")
-#: Units that may stand for each other.
-_FAMILIES = (LENGTHS, ANGLES, TORQUES, TIMES, FORCES, {"C": 1.0, "K": 1.0, "F": 1.0})
-#: Words of units, for sentences.
-UNIT_WORDS = {
-    **{"um": "micrometres", "mm": "millimetres", "cm": "centimetres", "in": "inches"},
-    **{"m": "metres", "deg": "degrees", "rad": "radians", "mrad": "milliradians"},
-}
-
-
-@dataclass(frozen=True)
-class OwnWords:
-    """What a file calls its columns; empty of one that follows the contract."""
-
-    sources: Mapping[str, OwnColumn] = field(default_factory=dict)  # by the contract's names
-
-    def column(self, name: str) -> str:
-        """Return a column of the contract as the file calls it, ours beside it; without it ours."""
-        if name not in self:
-            return name
-        joint = _JOINT.fullmatch(name)
-        ours = joint[1] if joint else "qw … qz" if name in _QUATERNION else name
-        own = self.sources[name].name.split(", ")
-        return f"{', '.join(f'`{part}`' for part in own)} (`{ours}`)"
-
-    def joint(self, number: int) -> str:
-        """Return the column of a joint, from 1."""
-        names = [name for name in (f"q{number}_deg", f"q{number}_mm") if name in self]
-        return self.column(names[0]) if names else f"q{number}"
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.sources
-
-    def text(self, text: str) -> str:
-        """Return a text in which the file's own names stand beside those of the contract."""
-        return re.sub(r"\w+", lambda match: self.column(match[0]), text)
-
-    def key(self, name: str) -> str:
-        """Return the key of campaign.yaml that maps a column of the contract; nothing for none."""
-        return self.sources[name].key if name in self else ""
-
-    def key_called(self, own: str) -> str:
-        """Return the key that maps a column by the file's own name; nothing for none."""
-        keys = (source.key for source in self.sources.values() if own in source.name.split(", "))
-        return next(keys, "")
-
-    def set_unit(self, name: str, unit: str, right: str) -> str:
-        """Return the remedy for a column of the contract that is in another unit than is stated.
-
-        It is in `unit`, as campaign.yaml calls it; that of the contract is `right`, in words.
-        """
-        if key := self.key(name):
-            slides = key.endswith(".joints") and name.endswith("_mm")
-            return f"set {key}.{'stroke_unit' if slides else 'unit'}: {unit}"
-        return (
-            f"convert the columns to {right}, or state their unit under columns in campaign.yaml: "
-            f"unit: {unit}"
-        )
-
-    def set_names(self, names: Sequence[str]) -> str:
-        """Return the remedy for columns of the contract that hold each other's numbers.
-
-        They are in the order in which the file's columns should be named.
-        """
-        own = [self.sources[name].name for name in names if name in self]
-        quoted = (
-            name if _PLAIN.fullmatch(name) else "'{}'".format(name.replace("'", "''"))
-            for name in own
-        )
-        return f"set {self.key(names[0])}.names: [{', '.join(quoted)}]"
-
-    def contradicted_units(self, file: str) -> Iterator[str]:
-        """Yield where a header says another unit than the column is read in, once a key."""
-        said: set[str] = set()
-        for name, own in self.sources.items():
-            header = unit_of(own.name)
-            known = any({header, own.unit} <= family.keys() for family in _FAMILIES)
-            if known and header != own.unit and own.key not in said:
-                said.add(own.key)
-                yield (
-                    f"{file}: {self.column(name)}: its header says {header}, and it is read in "
-                    f"{own.unit}; {self.set_unit(name, header, own.unit)} if the header is right"
-                )
-
-    def called(self, own: str) -> str:
-        """Return a column by the file's own name, ours beside it."""
-        ours = [name for name, source in self.sources.items() if source.name == own]
-        return self.column(ours[0]) if ours else f"`{own}`" if self.key_called(own) else own
-
-    def remedy_of_rows(self, reason: str, listed: Sequence[Quarantined], *, most: bool) -> str:
-        """Return what to do where rows are quarantined for a reason.
-
-        It may have struck most rows, so that the others do not suffice.
-        """
-        column, key = "", ""
-        if " = " in listed[0].value:
-            column = listed[0].value.partition(" = ")[0]
-            key = self.key_called(column)
-        values = [row.value.partition(" = ")[2] for row in listed]
-        if reason == REPEATED:
-            return "remove the rows that stand there twice"
-        if listed[0].value.endswith(COMMA):
-            return (
-                f"set {key.rpartition('.')[0]}.decimal: ','"
-                if key
-                else "export the file with decimal points, or state decimal: ',' under columns in "
-                "campaign.yaml"
-            )
-        if key.endswith(".time"):
-            words = [value.strip("'\"") for value in values]
-            if all(words) and (how := format_of(words)[0]):
-                return f"set {key}.format: '{how}'"
-        if key.endswith(".kind"):
-            return f"add {', '.join(dict.fromkeys(values))} to {key}.words, as grid or as holdout"
-        look = f"look at column {self.called(column)} first; " if column else ""
-        if reason.startswith("beyond the limits of joint"):
-            return (
-                f"{look}check robot in campaign.yaml, and the unit, order and signs of the joints"
-            )
-        rest = "" if most else ", or raise the setting if the other rows suffice"
-        return f"{look}correct the file{rest}"
-
-
-#: Of a file that follows the contract.
-CONTRACT_WORDS = OwnWords()
+# Rows that are not used, and too many of them.
 
 
 def refuse_too_many(
     rows: Iterable[Quarantined],
     totals: Mapping[str, int],
     max_fraction: float,
-    words: OwnWords = CONTRACT_WORDS,
+    words: ColumnMap = CONTRACT_COLUMNS,
 ) -> None:
     """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
 
@@ -486,7 +388,7 @@ def refuse_too_many(
         if 2 * in_column > times:
             struck = [row for row in struck if row.value.startswith(f"{column} = ")]
         where = f"{name}:{struck[0].line}" + (f": {words.called(column)}" if column else "")
-        remedy = words.remedy_of_rows(reason, struck, most=2 * len(listed) > total)
+        remedy = _remedy_of_rows(words, reason, struck, most=2 * len(listed) > total)
         raise RawDataError(
             f"{len(listed)} of {total} rows would be quarantined, {times} of them because: "
             f"{reason}",
@@ -495,3 +397,37 @@ def refuse_too_many(
             allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
             remedy=remedy,
         )
+
+
+def _remedy_of_rows(
+    words: ColumnMap, reason: str, listed: Sequence[Quarantined], *, most: bool
+) -> str:
+    """Return what to do where rows are quarantined for a reason.
+
+    It may have struck most rows, so that the others do not suffice.
+    """
+    column, key = "", ""
+    if " = " in listed[0].value:
+        column = listed[0].value.partition(" = ")[0]
+        key = words.key_called(column)
+    values = [row.value.partition(" = ")[2] for row in listed]
+    if reason == REPEATED:
+        return "remove the rows that stand there twice"
+    if listed[0].value.endswith(COMMA):
+        return (
+            f"set {key.rpartition('.')[0]}.decimal: ','"
+            if key
+            else "export the file with decimal points, or state decimal: ',' under columns in "
+            "campaign.yaml"
+        )
+    if key.endswith(".time"):
+        texts = [value.strip("'\"") for value in values]
+        if all(texts) and (how := format_of(texts)[0]):
+            return f"set {key}.format: '{how}'"
+    if key.endswith(".kind"):
+        return f"add {', '.join(dict.fromkeys(values))} to {key}.words, as grid or as holdout"
+    look = f"look at column {words.called(column)} first; " if column else ""
+    if reason.startswith("beyond the limits of joint"):
+        return f"{look}check robot in campaign.yaml, and the unit, order and signs of the joints"
+    rest = "" if most else ", or raise the setting if the other rows suffice"
+    return f"{look}correct the file{rest}"

@@ -40,7 +40,9 @@ from pa10cal.campaign.headerless import (
     of_the_arm,
     roles_by_arm,
 )
-from pa10cal.campaign.own_columns import (
+from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.raw_file import quaternions
+from pa10cal.campaign.raw_rows import (
     ANGLES,
     ANGLES_OF_POLAR,
     COUNTS,
@@ -48,10 +50,9 @@ from pa10cal.campaign.own_columns import (
     LENGTHS,
     TIMES,
     TORQUES,
-    RotationColumns,
+    in_radians,
+    position_columns,
 )
-from pa10cal.campaign.raw_file import quaternions
-from pa10cal.campaign.raw_rows import in_radians, position_columns
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
@@ -377,18 +378,8 @@ class _Proposing:
 
         These are times, labels, loads, and which rows are held out, where every row says so.
         """
-        layout, single, sniffed = self.sniffed.layout, self.roles.single, self.sniffed
-        word = {"\t": "tab", None: "blanks"}.get(layout.separator, layout.separator)
-        written = (
-            ("separator", word, ","),
-            ("decimal", layout.decimal, "."),
-            ("header", layout.header, 1),
-            ("first_row", layout.first, 0),
-        )
-        columns: dict[str, Any] = {key: value for key, value, usual in written if value != usual}
-        if layout.format:
-            columns = {"format": layout.format, "decimal": layout.decimal}
-            columns = columns if layout.decimal != "." else {"format": layout.format}
+        single, sniffed = self.roles.single, self.sniffed
+        columns: dict[str, Any] = sniffed.layout.model_dump(exclude_defaults=True)
         columns |= self._time()
         labels = sniffed.words(single["pose"]) if "pose" in single else [""]
         if all(labels) and len(set(labels)) > 1:  # a name of all rows, as of the robot, is none

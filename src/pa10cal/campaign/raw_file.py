@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -18,26 +18,23 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
-from pa10cal.campaign.own_columns import (
+from pa10cal.campaign.own_columns import FileColumns, Position, RotationColumns, Time
+from pa10cal.campaign.raw_rows import (
     ANGLES,
     ANGLES_OF_POLAR,
-    COUNTS,
-    FACTORS,
+    CONTRACT_COLUMNS,
     LENGTHS,
-    OFFSETS,
-    SEPARATORS,
-    FileColumns,
-    OwnWords,
-    Position,
-    RotationColumns,
-    Time,
+    QUATERNION,
+    TEXT,
+    ColumnMap,
+    OwnColumn,
+    RawRows,
+    position_columns,
 )
-from pa10cal.campaign.raw_rows import TEXT, OwnColumn, RawRows, position_columns
 from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
 from pa10cal.campaign.sniffing import ISO, moments_of
 from pa10cal.errors import RawDataError
 
-QUATERNION = ("qw", "qx", "qy", "qz")
 #: Least standard uncertainty of a component of a quaternion that follows from stated ones.
 LEAST_U = 1e-9
 #: What a file with names of its own need not have: rows are numbered, loads are 0, and equal joint
@@ -81,19 +78,19 @@ class RawFile:
     def names(self) -> list[str]:
         """Return the columns of the contract that the file has, or stands for."""
         if self.columns is not None:
-            return list(self.sources)
+            return list(self.words.sources)
         return column_names(self.path, within=self.path.parent)
 
     @cached_property
-    def sources(self) -> dict[str, OwnColumn]:
-        """Return the file's own columns, by the contract's names; empty without `columns`.
+    def words(self) -> ColumnMap:
+        """Return what the columns of the file are; empty without `columns`.
 
         Lists of names that are too long or too short, and columns mapped to two quantities, are
         refused.
         """
         columns, where = self.columns, f"columns.{self.key}"
         if columns is None:
-            return {}
+            return CONTRACT_COLUMNS
         at, joints = f"{self.path.parent / DESCRIPTION_FILE}: {where}", len(self.prismatic)
         of_arm = (joints, "one for each joint of the arm")
         expected = {"joints": of_arm, "torques": of_arm}
@@ -112,12 +109,12 @@ class RawFile:
                         allowed=f"{count}, {why}",
                         remedy="name as many, in order",
                     )
-        sources = dict(own_columns(columns, self.prismatic, where))
+        sources = dict(columns.sources(self.prismatic, where))
         uses: dict[str, dict[str, str]] = {}
-        polar = {f"{before}{axis}_mm" for before, _ in _polar_places(columns) for axis in "xyz"}
+        polar = {f"{before}{axis}_mm" for before, _ in columns.polar_places() for axis in "xyz"}
         for ours, source in sources.items():
             if not ours.startswith("u_"):  # one uncertainty may be that of several
-                for name in source.name.split(", "):
+                for name in source.names:
                     of = "rotation" if ours in QUATERNION else ours
                     of = ours[-4:] if columns.target and source.key.endswith(".position") else of
                     of = source.key if ours in polar else of
@@ -134,19 +131,13 @@ class RawFile:
                     remedy=f"name the right column for each in {right}; pa10cal columns "
                     f"{self.path.name} proposes them",
                 )
-        return sources
-
-    @property
-    def words(self) -> OwnWords:
-        """Return what the file calls its columns."""
-        return OwnWords(self.sources)
+        return ColumnMap(sources, where)
 
     @property
     def own_names(self) -> list[str]:
         """Return the file's own names of the columns that are mapped."""
-        names = (name for source in self.sources.values() for name in source.name.split(", "))
-        stated = None if self.columns is None else self.columns.target
-        return list(dict.fromkeys((*names, *(stated.names if stated is not None else ()))))
+        target = None if self.columns is None else self.columns.target
+        return list(dict.fromkeys((*self.words.own_names, *(target.names if target else ()))))
 
     @property
     def header(self) -> list[str]:
@@ -158,23 +149,9 @@ class RawFile:
         columns = self.columns
         if columns is None:
             return CONTRACT
-        text = [*(columns.pose or ()), *(columns.ball or ())]
-        text += columns.kind.names if columns.kind else ()
-        text += columns.target.names if columns.target else ()
-        text += columns.time.names if columns.time and columns.time.format else ()
-        keys = {
-            own: source.key for source in self.sources.values() for own in source.name.split(", ")
-        }
-        written = Layout(
-            SEPARATORS.get(columns.separator, columns.separator),
-            columns.decimal,
-            columns.header,
-            columns.first_row,
-            own=True,
-        )
-        if columns.format is not None:
-            written = replace(Layout.of_table(columns.format), decimal=columns.decimal)
-        return replace(written, text=tuple(text), key=f"columns.{self.key}", keys=keys)
+        # The table of a known format has its names in its first line.
+        made = {"header": 1, "first_row": 0} if columns.format is not None else {}
+        return columns.model_copy(update=made)
 
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
@@ -190,11 +167,11 @@ class RawFile:
             raw = read_rows(self.path, there, optional, together, within=self.path.parent)
         else:
             filled = FILLED.get(self.key, ())
-            needed = [*required, *(together if set(together) & set(self.sources) else ())]
-            missing = [name for name in needed if name not in self.sources and name not in filled]
+            needed = [*required, *(together if set(together) & set(self.words.sources) else ())]
+            missing = [name for name in needed if name not in self.words and name not in filled]
             if missing:
                 raise self._unmapped(missing)
-            wanted = {name for name in (*needed, *optional) if name in self.sources}
+            wanted = {name for name in (*needed, *optional) if name in self.words}
             raw = self._translated(self.columns, wanted)
         made = {"load_N": np.zeros(len(raw)), "repeat": np.ones(len(raw))}
         labels = {"pose", "repeat"} if self.key == "poses" else set()  # made of what is read
@@ -202,7 +179,7 @@ class RawFile:
             raw.columns[name] = made.get(name, np.arange(float(len(raw))))
         if self.signs is None and self.offsets_deg is None:
             return raw
-        columns, own = dict(raw.columns), dict(raw.own)
+        columns, own = dict(raw.columns), dict(raw.own.sources)
         for k, slides in enumerate(self.prismatic):
             sign = 1 if self.signs is None else self.signs[k]
             offset = 0.0 if self.offsets_deg is None else self.offsets_deg[k]
@@ -211,13 +188,14 @@ class RawFile:
                 if name not in columns:
                     continue
                 columns[name] = sign * raw.columns[name] + added
-                was = own.get(name, OwnColumn(name, unit if name[0] == "q" else "Nm"))
+                was = own.get(name, OwnColumn((name,), unit if name[0] == "q" else "Nm"))
                 own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
-        return replace(raw, columns=columns, own=own)
+        return replace(raw, columns=columns, own=ColumnMap(own))
 
     def _translated(self, columns: FileColumns, wanted: set[str]) -> RawRows:
         """Return rows under the contract's names, in its units."""
-        raw = read_rows(self.path, self.own_names, layout=self._layout, within=self.path.parent)
+        layout, within = self._layout, self.path.parent
+        raw = read_rows(self.path, self.own_names, layout=layout, words=self.words, within=within)
         raw = replace(raw, unused=())
         of_row = poses = np.zeros(0, dtype=str)
         if columns.target is not None and columns.position is not None:
@@ -231,7 +209,7 @@ class RawFile:
             raw = raw if turned.u is None else raw.finite(turned.u, may_be_blank=True)
         made: dict[str, NDArray[Any]] = {}
         non_numeric: dict[str, dict[int, str]] = {}
-        for before, place in _polar_places(columns):
+        for before, place in columns.polar_places():
             ours = [f"{before}{axis}_mm" for axis in "xyz"]
             made |= zip(ours, _from_polar(raw.numbers_of(place.names), place).T, strict=True)
             known = (raw.non_numeric[own].items() for own in place.names)
@@ -240,7 +218,7 @@ class RawFile:
         made = {name: values for name, values in made.items() if name in wanted}
         wanted = wanted - set(made)
         for name in sorted(wanted - {*QUATERNION, *(f"u_{part}" for part in QUATERNION)}):
-            source = self.sources[name]
+            source = self.words.sources[name]
             if name in TEXT:
                 made[name] = raw.text_of(source.name).astype(object)
             elif name == "time_s" and columns.time and columns.time.format:
@@ -264,7 +242,7 @@ class RawFile:
                 u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), turned)
                 u = np.maximum(u, LEAST_U)
                 made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
-        translated = replace(raw, columns=made, non_numeric=non_numeric, own=self.sources)
+        translated = replace(raw, columns=made, non_numeric=non_numeric, own=self.words)
         if columns.target is None:
             return translated
         if columns.pose == columns.target.names and "pose" in made:
@@ -279,81 +257,18 @@ class RawFile:
         return RawDataError(
             f"nothing is mapped to {', '.join(missing)}",
             where=f"{self.path.parent / DESCRIPTION_FILE}: columns.{self.key}",
-            value=", ".join(self.sources),
+            value=", ".join(self.words.sources),
             allowed=f"the columns of {self.path.name} that hold it",
             remedy=f"set columns.{self.key}.{key}{other.get(key, '')}",
         )
 
 
-def words_of(campaign: CampaignDescription, prismatic: NDArray[np.bool_]) -> OwnWords:
-    """Return what the files of a campaign call their columns, by its description alone."""
-    sources: dict[str, OwnColumn] = {}
+def words_of(campaign: CampaignDescription, prismatic: NDArray[np.bool_]) -> ColumnMap:
+    """Return what the columns of a campaign's files are, by its description alone."""
+    words = CONTRACT_COLUMNS
     for key in sorted(campaign.columns.model_fields_set if campaign.columns else ()):
-        sources |= RawFile.of(campaign, Path(), key, prismatic).sources
-    return OwnWords(sources)
-
-
-def own_columns(
-    columns: FileColumns, prismatic: NDArray[np.bool_], section: str = ""
-) -> Iterator[tuple[str, OwnColumn]]:
-    """Yield the columns of the contract, and what each is read from.
-
-    The section, such as columns.poses, is where campaign.yaml says it.
-    """
-
-    def at(key: str, name: str, unit: str = "") -> OwnColumn:
-        return OwnColumn(name, unit, FACTORS[unit], OFFSETS.get(unit, 0.0), f"{section}.{key}")
-
-    if (time := columns.time) is not None:
-        yield "time_s", at("time", ", ".join(time.names), "" if time.format else time.unit)
-    for key in ("pose", "repeat", "ball", "touch"):
-        if (one := getattr(columns, key)) is not None:
-            yield key, at(key, one[0])
-    if columns.kind is not None:
-        yield "kind", at("kind", columns.kind.names[0])
-    count = 0 if columns.torques is None else len(columns.torques.names)
-    targets = ((f"targets.{name}", f"{name}_", each) for name, each in columns.targets.items())
-    # A row is of one target: the same columns hold the places of all.
-    before = [""] if columns.target is None else [f"{each}_" for each in columns.target.targets]
-    places = (*(("position", each, columns.position) for each in before), *targets)
-    mapped: list[tuple[str, Any, Sequence[str]]] = [
-        ("load", columns.load, ["load_N"]),
-        ("temperature", columns.temperature, ["temperature_C"]),
-        ("joints", columns.joints, position_columns(prismatic)),
-        ("torques", columns.torques, [f"tau{k}_Nm" for k in range(1, count + 1)]),
-        *((key, each, [f"{before}{axis}_mm" for axis in "xyz"]) for key, before, each in places),
-        ("distance", columns.distance, ["d_mm"]),
-    ]
-    for key, part, ours in mapped:
-        if getattr(part, "polar", None) is not None:
-            yield from ((name, at(key, ", ".join(part.names))) for name in ours)
-            continue
-        for k, name in enumerate(ours if part is not None else ()):
-            slides = key == "joints" and name.endswith("_mm")
-            unit = part.stroke_unit if slides else part.unit
-            factor, offset = (
-                part.scale(k) if unit == COUNTS else (FACTORS[unit], OFFSETS.get(unit, 0.0))
-            )
-            where = f"{section}.{key}"
-            yield name, OwnColumn(part.names[k], unit, factor, offset, where)
-            if (u := getattr(part, "u", None)) is not None:
-                if (u_unit := getattr(part, "u_unit", None)) is not None:
-                    unit, factor = u_unit, FACTORS[u_unit]
-                factor /= getattr(part, "coverage", 1.0)
-                yield f"u_{name}", OwnColumn(u[k], unit, factor, 0.0, where)
-    if (turned := columns.rotation) is not None:
-        for name in QUATERNION:
-            yield name, at("rotation", ", ".join(turned.names))
-            if turned.u is not None:
-                yield f"u_{name}", at("rotation", ", ".join(turned.u))
-
-
-def _polar_places(columns: FileColumns) -> Iterator[tuple[str, Position]]:
-    """Yield the positions that are polar readings, by what stands before their axes."""
-    targets = ((f"{name}_", each) for name, each in columns.targets.items())
-    for before, place in (("", columns.position), *targets):
-        if place is not None and place.polar is not None:
-            yield before, place
+        words |= RawFile.of(campaign, Path(), key, prismatic).words
+    return words
 
 
 def polar_to_xyz(values: Array, rad: float, horizontal: str, vertical: str) -> Array:

@@ -1,11 +1,15 @@
-"""Rows of a raw file: columns of numbers and of text, their lines, and the rows not used."""
+"""Rows of a raw file: what its columns are, their lines, and the rows not used.
+
+One rule for all messages: a column is called as the file calls it, and beside it as the contract
+does, `A6 [°]` (`q6`); a remedy is a key of campaign.yaml and what to set it to.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +23,7 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
+from pa10cal.campaign.recognise import unit_of
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import csv_text, from_csv_cell
 from pa10cal.observe.observations import Observations
@@ -29,16 +34,150 @@ COMMA = " (a decimal comma)"
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+")
 
 
+# What the columns of a file are: one type, whoever says it.
+
+#: What one unit of a column is of the contract's unit: mm, degrees, N m, seconds.
+LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
+ANGLES = {"deg": 1.0, "rad": 57.29577951308232, "mrad": 0.05729577951308232}
+#: Of polar readings too.
+ANGLES_OF_POLAR = {**ANGLES, "gon": 0.9}
+#: The unit of joint positions that are counts of an encoder.
+COUNTS = "counts"
+TORQUES = {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "d": 86400.0}
+FORCES = {"N": 1.0, "kg": 9.80665}
+#: What a number is multiplied by, and what is added then, for the contract's unit.
+FACTORS = {
+    **(LENGTHS | ANGLES | TORQUES | TIMES | FORCES),
+    **{"": 1.0, "C": 1.0, "K": 1.0, "F": 5.0 / 9.0},
+}
+OFFSETS = {"K": -273.15, "F": -160.0 / 9.0}
+QUATERNION = ("qw", "qx", "qy", "qz")
+_JOINT = re.compile(r"(q\d+)_(?:deg|mm)")
+#: A name that YAML reads as it is.
+_PLAIN = re.compile(r"[^\W\d][\w.]*")
+#: Units that may stand for each other.
+_FAMILIES = (LENGTHS, ANGLES, TORQUES, TIMES, FORCES, {"C": 1.0, "K": 1.0, "F": 1.0})
+#: Words of units, for sentences.
+UNIT_WORDS = {
+    **{"um": "micrometres", "mm": "millimetres", "cm": "centimetres", "in": "inches"},
+    **{"m": "metres", "deg": "degrees", "rad": "radians", "mrad": "milliradians"},
+}
+
+
 @dataclass(frozen=True)
 class OwnColumn:
     """What a column of the contract was read from, where the file has names of its own."""
 
-    name: str  # the file's own name of it; of several columns all of them
+    names: tuple[str, ...]  # the file's own name of it; of several columns all of them
     unit: str = ""  # the file's own unit
     # factor and offset: what the file's number is multiplied by, and what is added then
     factor: float = 1.0
     offset: float = 0.0
     key: str = ""  # the key of campaign.yaml that maps it, such as columns.poses.joints
+
+    @property
+    def name(self) -> str:
+        """Return the file's own name; of several columns all of them."""
+        return ", ".join(self.names)
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """What each column of a file is; empty of one that follows the contract."""
+
+    sources: Mapping[str, OwnColumn] = field(default_factory=dict)  # by the contract's names
+    section: str = ""  # where campaign.yaml says it, such as columns.poses
+
+    def __or__(self, other: ColumnMap) -> ColumnMap:
+        """Return the columns of two files; of a column in both that of the other."""
+        return ColumnMap({**self.sources, **other.sources})
+
+    @property
+    def own_names(self) -> list[str]:
+        """Return the file's own names of the columns that are mapped."""
+        names = (name for source in self.sources.values() for name in source.names)
+        return list(dict.fromkeys(names))
+
+    def column(self, name: str) -> str:
+        """Return a column of the contract as the file calls it, ours beside it; without it ours."""
+        if name not in self:
+            return name
+        joint = _JOINT.fullmatch(name)
+        ours = joint[1] if joint else "qw … qz" if name in QUATERNION else name
+        own = ", ".join(f"`{part}`" for part in self.sources[name].names)
+        return f"{own} (`{ours}`)"
+
+    def joint(self, number: int) -> str:
+        """Return the column of a joint, from 1."""
+        names = [name for name in (f"q{number}_deg", f"q{number}_mm") if name in self]
+        return self.column(names[0]) if names else f"q{number}"
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.sources
+
+    def text(self, text: str) -> str:
+        """Return a text in which the file's own names stand beside those of the contract."""
+        return re.sub(r"\w+", lambda match: self.column(match[0]), text)
+
+    def key(self, name: str) -> str:
+        """Return the key of campaign.yaml that maps a column of the contract; nothing for none."""
+        return self.sources[name].key if name in self else ""
+
+    def key_called(self, own: str) -> str:
+        """Return the key that maps a column by the file's own name; nothing for none."""
+        keys = (source.key for source in self.sources.values() if own in source.names)
+        return next(keys, "")
+
+    def set_unit(self, name: str, unit: str, right: str) -> str:
+        """Return the remedy for a column of the contract that is in another unit than is stated.
+
+        It is in `unit`, as campaign.yaml calls it; that of the contract is `right`, in words.
+        """
+        if key := self.key(name):
+            slides = key.endswith(".joints") and name.endswith("_mm")
+            return f"set {key}.{'stroke_unit' if slides else 'unit'}: {unit}"
+        return (
+            f"convert the columns to {right}, or state their unit under columns in campaign.yaml: "
+            f"unit: {unit}"
+        )
+
+    def set_names(self, names: Sequence[str]) -> str:
+        """Return the remedy for columns of the contract that hold each other's numbers.
+
+        They are in the order in which the file's columns should be named.
+        """
+        own = [self.sources[name].name for name in names if name in self]
+        quoted = (
+            name if _PLAIN.fullmatch(name) else "'{}'".format(name.replace("'", "''"))
+            for name in own
+        )
+        return f"set {self.key(names[0])}.names: [{', '.join(quoted)}]"
+
+    def contradicted_units(self, file: str) -> Iterator[str]:
+        """Yield where a header says another unit than the column is read in, once a key."""
+        said: set[str] = set()
+        for name, own in self.sources.items():
+            header = unit_of(own.name)
+            known = any({header, own.unit} <= family.keys() for family in _FAMILIES)
+            if known and header != own.unit and own.key not in said:
+                said.add(own.key)
+                yield (
+                    f"{file}: {self.column(name)}: its header says {header}, and it is read in "
+                    f"{own.unit}; {self.set_unit(name, header, own.unit)} if the header is right"
+                )
+
+    def called(self, own: str) -> str:
+        """Return a column by the file's own name, ours beside it."""
+        ours = [name for name, source in self.sources.items() if source.name == own]
+        return self.column(ours[0]) if ours else f"`{own}`" if self.key_called(own) else own
+
+
+#: Of a file that follows the contract.
+CONTRACT_COLUMNS = ColumnMap()
+
+
+# Rows of a file.
 
 
 @dataclass(frozen=True)
@@ -58,8 +197,7 @@ class RawRows:
     # what stands where a column of numbers holds no finite one, by its name and the line, but for
     # blanks
     non_numeric: dict[str, dict[int, str]] = field(default_factory=dict)
-    # the file's own columns, by the contract's names; empty where it has those
-    own: Mapping[str, OwnColumn] = field(default_factory=dict)
+    own: ColumnMap = CONTRACT_COLUMNS  # the file's own columns
     notes: tuple[str, ...] = ()  # what the reader should know, one clause each
 
     def __len__(self) -> int:
@@ -85,7 +223,7 @@ class RawRows:
 
     def name_of(self, name: str) -> str:
         """Return the file's own name of a column."""
-        return self.own[name].name if name in self.own else name
+        return self.own.sources[name].name if name in self.own else name
 
     def shown(self, name: str, row: int) -> str:
         """Return a column's name and what stands in a row, as the file has both."""
@@ -94,7 +232,7 @@ class RawRows:
         text = repr(non_numeric[line]) if line in non_numeric else f"{value:.10g}"
         if name not in self.own:
             return f"{name} = {text}"
-        own = self.own[name]
+        own = self.own.sources[name]
         if not np.isfinite(value) or (own.factor, own.offset) == (1.0, 0.0):
             return f"{own.name} = {text}"
         return f"{own.name} = {(value - own.offset) / own.factor:.10g} {own.unit} ({name} = {text})"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
-from pa10cal.campaign.own_columns import CONTRACT_WORDS, LENGTHS, UNIT_WORDS, OwnWords
+from pa10cal.campaign.raw_rows import CONTRACT_COLUMNS, LENGTHS, UNIT_WORDS, ColumnMap
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit
 
@@ -168,7 +168,7 @@ def refuse_wrong_angle_unit(
     arm: Arm,
     tool_reach_mm: float,
     where: str,
-    words: OwnWords = CONTRACT_WORDS,
+    words: ColumnMap = CONTRACT_COLUMNS,
 ) -> None:
     """Stop when the tool moved further than the logged joint motion can carry it.
 
@@ -229,7 +229,7 @@ def refuse_wrong_length_unit(
     what: str,
     where: str,
     column: str = "",
-    words: OwnWords = CONTRACT_WORDS,
+    words: ColumnMap = CONTRACT_COLUMNS,
 ) -> None:
     """Stop when positions, or distances, are in another unit than they are read in.
 

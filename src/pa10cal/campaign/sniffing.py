@@ -34,7 +34,7 @@ LINES, LETTERS = 3000, 1 << 21
 SPREAD = 500
 LEAST_FIELDS = 3
 _COMMENT = "//"  # of SpatialAnalyzer; such a line names no columns
-_SEPARATORS = (";", "\t", ",", "|", None)
+_SEPARATORS = (";", "tab", ",", "|", "blanks")
 #: Lines of names and units over the rows, at most, in which a column is named.
 _MOST_NAMES = 3
 #: A name of words, one of which may be a number, a letter, or a unit in brackets.
@@ -115,7 +115,7 @@ def sniff(path: Path) -> Sniffed:
     of, notes = format_of_file(path), list[str]()
     found = of
     of = None if of is None or of.table is None else of  # the table is made of the file
-    name = "" if of is None else of.name
+    name = None if of is None else of.name
     below = table_lines(path, name, notes=notes)
     head = part_of(below, LINES, LETTERS)
     lines = [(line.number, line.text) for line in (*head, *_spread(below))]
@@ -126,13 +126,12 @@ def sniff(path: Path) -> Sniffed:
         if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
             raise too_many_columns(f"{path}:{number}", most)
     binary = binary_kind(path)
-    of_table = Layout.of_table(name)
-    ways = [
-        _judged(lines, replace(of_table, separator=separator, decimal=decimal))
-        for separator in (("\t",) if binary or of else _SEPARATORS)
+    written = [
+        Layout.model_validate({"format": name, "separator": separator, "decimal": decimal})
+        for separator in ((",",) if of else ("tab",) if binary else _SEPARATORS)
         for decimal in ("." if binary else ".,")
-        if separator != decimal and lines
     ]
+    ways = [_judged(lines, layout) for layout in written if layout.sign != layout.decimal]
     share, width, layout = max(
         ways or [(0.0, 0, Layout())], key=lambda way: (round(way[0], 3), way[1])
     )
@@ -177,10 +176,11 @@ def sniff(path: Path) -> Sniffed:
             units, titles = tuple(map(unit_alone, titles[1])), rows[body - 2]
         follows = rows[body][0] > titles[0] + 1 + bool(units)
         first = rows[body][0] if units or follows else 0
-        layout = replace(layout, header=titles[0], first=first)
+        layout = layout.model_copy(update={"header": titles[0], "first_row": first})
         names = tuple(numbered_apart(titles[1]))
     else:
-        layout = replace(layout, header=0, first=rows[0][0] if rows[0][0] > 1 else 0)
+        first = rows[0][0] if rows[0][0] > 1 else 0
+        layout = layout.model_copy(update={"header": 0, "first_row": first})
         above = [text for number, text in lines if number < rows[0][0]]
         called = _titles(above[-1], width) if above else ()
         names = tuple(str(k) for k in range(1, width + 1))

@@ -25,7 +25,7 @@ from pa10cal.campaign.dwells import (
     scatter_at_rest,
 )
 from pa10cal.campaign.nominal_fit import placed_by_points
-from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.campaign.raw_rows import QUATERNION, RawRows
 
 #: Readings this close in time are a stream, if there are so many.
 STREAM_S, STREAM_ROWS = 0.25, 100
@@ -46,8 +46,6 @@ LEAST_MOTIONS, SURE = 6, 3.0
 REGRESSIONS = 5
 #: No scatter shows less than this [s].
 LEAST_U_S = 1e-4
-
-_QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True)
@@ -157,13 +155,13 @@ def averaged(read: RawRows, group: Index) -> RawRows:
             columns[name] = pd.Series(values[rows]).groupby(of_group).mean().to_numpy()
         else:
             columns[name] = values[rows][first]
-    if set(_QUATERNION) <= set(read.columns):
-        quaternion = read.numbers_of(_QUATERNION)[rows]
+    if set(QUATERNION) <= set(read.columns):
+        quaternion = read.numbers_of(QUATERNION)[rows]
         start = quaternion[first][np.unique(of_group, return_inverse=True)[1]]
         sign = np.where(np.sum(quaternion * start, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
         mean = pd.DataFrame(sign * quaternion).groupby(of_group).mean().to_numpy()
         mean = mean / np.linalg.norm(mean, axis=1, keepdims=True)
-        columns |= zip(_QUATERNION, mean.T, strict=True)
+        columns |= zip(QUATERNION, mean.T, strict=True)
     return replace(read, columns=columns, line=read.line[rows][first], non_numeric={})
 
 

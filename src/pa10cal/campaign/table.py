@@ -22,7 +22,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.campaign.csv_rows import CUT, MOST_COLUMNS, MOST_LABEL_LETTERS, column_names, read_rows
 from pa10cal.campaign.description import CampaignDescription, nominal_arm
-from pa10cal.campaign.raw_rows import RawRows, in_radians, position_columns
+from pa10cal.campaign.raw_rows import QUATERNION, RawRows, in_radians, position_columns
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import csv_line, csv_text
 from pa10cal.fit.weighed_arm import weighed_arm
@@ -306,7 +306,6 @@ def _joint_columns(prismatic: NDArray[np.bool_]) -> dict[str, list[str]]:
 # Nothing of such a list is dropped: a row that cannot be read refuses the file.
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
-_QUATERNION = ("qw", "qx", "qy", "qz")
 _LOAD = "load_N"
 _MM = 1e-3
 #: Quaternions are written with a few digits; further from length one they are something else.
@@ -355,8 +354,8 @@ def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
     Raises:
         RawDataError: see `read_joints`; also for an orientation that is none, and for metres.
     """
-    raw, listed = _read(path, prismatic, [*_PLACE, *_QUATERNION])
-    p_mm, quaternion = raw.numbers_of(_PLACE), raw.numbers_of(_QUATERNION)
+    raw, listed = _read(path, prismatic, [*_PLACE, *QUATERNION])
+    p_mm, quaternion = raw.numbers_of(_PLACE), raw.numbers_of(QUATERNION)
     length = np.linalg.norm(quaternion, axis=1)
     off = np.abs(length - 1.0) > _UNIT
     if off.any():
@@ -465,7 +464,7 @@ def poses_text(
     numbers = [
         (name, values, ".9f") for name, values in zip(_PLACE, T[:, :3, 3].T / _MM, strict=True)
     ]
-    numbers += [(name, values, ".12f") for name, values in zip(_QUATERNION, q.T, strict=True)]
+    numbers += [(name, values, ".12f") for name, values in zip(QUATERNION, q.T, strict=True)]
     return _answers(ids, numbers, columns, header=header)
 
 

@@ -40,9 +40,10 @@ from pa10cal.campaign.nominal_fit import (
     shifted,
     steps_agree,
 )
-from pa10cal.campaign.own_columns import UNIT_WORDS, refuse_too_many
+from pa10cal.campaign.own_columns import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
+    UNIT_WORDS,
     Exclusions,
     Ingested,
     Quarantined,

@@ -38,9 +38,9 @@ from pa10cal.campaign.nominal_fit import (
     refuse_shifted,
     shifted,
 )
-from pa10cal.campaign.own_columns import OwnWords
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import (
+    ColumnMap,
     RawRows,
     as_joints,
     as_logged,
@@ -227,9 +227,9 @@ class TwoLogs:
         return self.readings.in_degrees
 
     @property
-    def words(self) -> OwnWords:
+    def words(self) -> ColumnMap:
         """Return what the files call their columns."""
-        return OwnWords({**self.joints.sources, **self.readings.sources})
+        return self.joints.words | self.readings.words
 
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
@@ -288,7 +288,7 @@ class TwoLogs:
             totals={**read.totals, **logged.totals},
             unused=(*read.unused, *logged.unused),
             quarantined=(*read.quarantined, *logged.quarantined),
-            own={**logged.own, **read.own},
+            own=logged.own | read.own,
             notes=(note, *logged.notes),
         )
         return whole.take(station >= 0, NOT_JOINED[self._by])
