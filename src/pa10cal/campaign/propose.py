@@ -35,10 +35,13 @@ from pa10cal.campaign.file_roles import (
 from pa10cal.campaign.headerless import (
     is_headerless,
     labels_of_both,
+    labels_without_targets,
     logs_by_arm,
+    named_in_other_log,
     of_rows_of_targets,
     of_the_arm,
     roles_by_arm,
+    target_column,
 )
 from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.raw_file import quaternions
@@ -61,11 +64,6 @@ from pa10cal.campaign.recognise import (
     plain,
     standing,
     unit_of,
-)
-from pa10cal.campaign.row_targets import (
-    labels_without_targets,
-    named_in_other_log,
-    target_column,
 )
 from pa10cal.campaign.sniffing import JUDGED, Sniffed, rows_at, time_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels

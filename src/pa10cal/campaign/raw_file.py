@@ -18,7 +18,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
-from pa10cal.campaign.own_columns import FileColumns, Position, RotationColumns, Time
+from pa10cal.campaign.own_columns import FileColumns, Position, RotationColumns, TargetOfRow, Time
 from pa10cal.campaign.raw_rows import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -30,8 +30,8 @@ from pa10cal.campaign.raw_rows import (
     OwnColumn,
     RawRows,
     position_columns,
+    same_commands,
 )
-from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
 from pa10cal.campaign.sniffing import ISO, moments_of
 from pa10cal.errors import RawDataError
 
@@ -306,6 +306,75 @@ def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[s
     if from_first and not np.isnan(seconds).all():
         seconds -= np.nanmin(seconds)
     return seconds, text
+
+
+# Rows of one target each: which one a row is of, and rows of one pose made one.
+
+UNKNOWN = "the row names no target that is stated"
+#: Rows of one pose whose joints differ by less were taken in it [deg, mm].
+_SAME = 0.01
+
+
+def targets_of_rows(
+    raw: RawRows, stated: TargetOfRow
+) -> tuple[RawRows, NDArray[np.str_], NDArray[np.str_]]:
+    """Return the rows with a known target, its name in each, and what the label is without it."""
+    fields = [str(word) for word in raw.text_of(stated.names[0])]
+    split = [stated.of(field) for field in fields]
+    keep = np.array([target != "" for _, target in split], dtype=bool)
+    values = [f"{stated.names[0]} = {fields[k]!r}" for k in np.flatnonzero(~keep)]
+    split = [each for each in split if each[1] != ""]
+    poses, targets = (np.array([each[k] for each in split], dtype=str) for k in (0, 1))
+    return raw.take(keep, UNKNOWN, values), targets, poses
+
+
+def one_row_a_pose(raw: RawRows, targets: NDArray[np.str_], q: Sequence[str]) -> RawRows:
+    """Return rows with what was measured of the other targets blank, those of one pose as one.
+
+    Rows (N,) are of these targets. They are of one pose if its label and all else that they state
+    of it is the same, and the joints `q` agree. A target that occurs again is of the next repeat.
+    """
+    columns, non_numeric = dict(raw.columns), dict(raw.non_numeric)
+    for name in columns:
+        target = name.removeprefix("u_").rpartition("_")[0].rpartition("_")[0]
+        if name.endswith(("_x_mm", "_y_mm", "_z_mm")) and target:
+            other = targets != target
+            columns[name] = np.where(other, np.nan, columns[name])
+            lines = set(raw.line[~other].tolist())
+            known = non_numeric.get(name, {}).items()
+            non_numeric[name] = {line: text for line, text in known if line in lines}
+    raw = replace(raw, columns=columns, non_numeric=non_numeric)
+    stated = [name for name in ("pose", "kind", "load_N", "repeat") if name in columns]
+    there = [name for name in q if name in columns]
+    if "pose" not in stated and not there:
+        return raw
+    keys = pd.DataFrame({name: columns[name] for name in stated}, index=range(len(raw)))
+    if there:
+        keys["joints"] = same_commands(np.nan_to_num(raw.numbers_of(there)), _SAME)
+    again = _groups(keys.assign(target=targets)).cumcount()
+    group = _groups(keys.assign(again=again)).ngroup().to_numpy()
+    first = np.unique(group, return_index=True)[1]
+    if len(first) == len(raw):
+        return raw
+    numbers = [n for n in columns if np.issubdtype(columns[n].dtype, np.floating)]
+    means = pd.DataFrame({name: columns[name] for name in numbers}).groupby(group).mean()
+    # What stands where a number should is that of the whole row.
+    line_of = dict(zip(raw.line.tolist(), raw.line[first][group].tolist(), strict=True))
+    moved = {
+        name: {line_of[line]: text for line, text in texts.items()}
+        for name, texts in non_numeric.items()
+    }
+    merged = replace(raw, non_numeric=moved).at(first)
+    note = f"{raw.file}: {len(raw)} rows of one target each are {len(first)} configurations"
+    return replace(
+        merged.with_columns({name: means[name].to_numpy() for name in numbers if name != "time_s"}),
+        notes=(*raw.notes, note),
+    )
+
+
+def _groups(keys: pd.DataFrame) -> Any:
+    """Return rows grouped by all their keys."""
+    return keys.groupby(list(keys), sort=False, dropna=False)
 
 
 # Orientations in a user's own convention to quaternions, with their uncertainties.

@@ -25,10 +25,19 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, 
 from pa10cal.campaign.dwells import (
     BRIEF_WINDOW_S,
     DENSE,
+    LEAST_READINGS,
     SPEED_WINDOW_S,
+    Clock,
     Samples,
     Stations,
+    averaged,
+    clock_by_edges,
+    clock_of_motion,
+    is_stream,
     offset_ranges,
+    reading_dwells,
+    resolution_s,
+    spread_times,
     stations_of,
 )
 from pa10cal.campaign.nominal_fit import (
@@ -46,17 +55,6 @@ from pa10cal.campaign.raw_rows import (
     as_logged,
     in_radians,
     position_columns,
-)
-from pa10cal.campaign.streams import (
-    LEAST_READINGS,
-    Clock,
-    averaged,
-    clock_by_edges,
-    clock_of_motion,
-    is_stream,
-    reading_dwells,
-    resolution_s,
-    spread_times,
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
