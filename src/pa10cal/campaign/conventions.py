@@ -15,9 +15,9 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, spread
 from pa10cal.campaign.bounds import BEYOND_LIMITS
 from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
-from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.own_columns import Polar, RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
-from pa10cal.campaign.raw_rows import ANGLES_OF_POLAR, LENGTHS
+from pa10cal.campaign.raw_rows import ANGLES_OF_POLAR
 from pa10cal.frame.rigid_fit import LEVER_M, Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
@@ -259,10 +259,8 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
 class PolarReading:
     """How polar readings count, and how far that is from the nominal arm."""
 
-    angle: str  # unit of the angles
+    polar: Polar
     length: str  # unit of the distance
-    horizontal: str
-    vertical: str
     scatter_m: float | None  # rms; None where nothing told it
 
 
@@ -286,19 +284,23 @@ def read_polar(
     able = able or list(angles)
     far = float(np.nanmedian(values[:, 2])) if len(values) else 0.0
     length = lengths[0] if len(lengths) == 1 else "mm" if far > 100.0 else "m"
-    named = PolarReading(able[0], length, "clockwise", usual, None)
+
+    def counting(unit: str, way: str, up: str) -> Polar:
+        return Polar.model_validate({"unit": unit, "horizontal": way, "vertical": up})
+
+    named = PolarReading(counting(able[0], "clockwise", usual), length, None)
     if T_base_ee is None:
         return named
     finite = np.isfinite(values).all(axis=1) & np.isfinite(T_base_ee).all(axis=(1, 2))
     rows = np.flatnonzero(finite)
     rows = rows[spread(len(rows), MOST)]
     tried = [named]
-    for unit, way, up in product(able, ("clockwise", "counterclockwise"), ("zenith", "horizon")):
-        rad = np.radians(ANGLES_OF_POLAR[unit])
-        p_m = 1e-3 * LENGTHS[length] * polar_to_xyz(values[rows], rad, way, up)
+    for how in product(able, ("clockwise", "counterclockwise"), ("zenith", "horizon")):
+        polar = counting(*how)
+        p_m = 1e-3 * polar_to_xyz(values[rows], polar, length)
         located = placed_by_points(T_base_ee[rows], p_m[:, None]) if len(rows) >= 4 else None
         if located is not None:
-            tried.append(PolarReading(unit, length, way, up, located.scatter_m))
+            tried.append(PolarReading(polar, length, located.scatter_m))
     return min(tried, key=lambda way: np.inf if way.scatter_m is None else way.scatter_m)
 
 

@@ -45,6 +45,8 @@ _LINES_ABOVE = 50
 CUT = "the last line is cut short"
 REPEATED = "repeats an earlier row"
 FIELDS = "the number of fields differs from the header"
+#: Signs between fields that campaign.yaml has words for.
+_SIGNS: dict[str, str | None] = {"tab": "\t", "blanks": None}
 
 
 def _known_format(name: str) -> str:
@@ -79,7 +81,7 @@ class Layout(Section):
     def sign(self) -> str | None:
         """Return what stands between fields; None for any number of blanks."""
         word = "tab" if self.format else self.separator
-        return {"tab": "\t", "blanks": None}.get(word, word)
+        return _SIGNS.get(word, word)
 
     @property
     def own(self) -> bool:
@@ -93,14 +95,15 @@ class Layout(Section):
 
     def fields(self, text: str) -> list[str]:
         """Return the fields of a line."""
-        if '"' in text and self.sign is not None:
+        sign = self.sign
+        if '"' in text and sign is not None:
             try:
-                (split,) = csv.reader([text], delimiter=self.sign, skipinitialspace=True)
+                (split,) = csv.reader([text], delimiter=sign, skipinitialspace=True)
             except csv.Error:  # a field of more than 131072 characters: no number, quoted or not
                 pass
             else:
                 return [self._bare(field.strip()) for field in split]
-        fields = text.split(self.sign)
+        fields = text.split(sign)
         # Most texts are bare, and no field is to strip.
         bare = not (" " in text or "\t" in text or '"' in text or "'" in text)
         return fields if bare else [self._bare(field.strip(' \t"')) for field in fields]

@@ -334,12 +334,12 @@ class FileColumns(Layout):
                 if turned.u is not None:
                     yield f"u_{name}", at("rotation", turned.u)
 
-    def polar_places(self) -> Iterator[tuple[str, Position]]:
-        """Yield the positions that are polar readings, by what stands before their axes."""
+    def polar_places(self) -> Iterator[tuple[str, Position, Polar]]:
+        """Yield positions that are polar readings, and how, by what stands before their axes."""
         targets = ((f"{name}_", each) for name, each in self.targets.items())
         for before, place in (("", self.position), *targets):
             if place is not None and place.polar is not None:
-                yield before, place
+                yield before, place, place.polar
 
 
 class OwnColumns(Section):

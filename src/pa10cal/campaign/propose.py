@@ -506,8 +506,7 @@ class _Proposing:
                 f"polar: no way of counting the angles agrees with the nominal arm; the nearest is "
                 f"{1e3 * found.scatter_m:.0f} mm off: check units, the joints' order and signs"
             )
-        polar = {"unit": found.angle, "horizontal": found.horizontal, "vertical": found.vertical}
-        return {"names": list(names), "unit": found.length, "polar": polar}
+        return {"names": list(names), "unit": found.length, "polar": found.polar.model_dump()}
 
     def _unit_of_lengths(self, names: Sequence[str], T_base_ee: Array | None) -> str:
         p = self.sniffed.columns(names)

@@ -18,7 +18,7 @@ from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import rule_of
 from pa10cal.campaign.csv_rows import CONTRACT, Layout, column_names, read_rows
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, check_joints
-from pa10cal.campaign.own_columns import FileColumns, Position, RotationColumns, TargetOfRow, Time
+from pa10cal.campaign.own_columns import FileColumns, Polar, RotationColumns, TargetOfRow, Time
 from pa10cal.campaign.raw_rows import (
     ANGLES,
     ANGLES_OF_POLAR,
@@ -111,7 +111,7 @@ class RawFile:
                     )
         sources = dict(columns.sources(self.prismatic, where))
         uses: dict[str, dict[str, str]] = {}
-        polar = {f"{before}{axis}_mm" for before, _ in columns.polar_places() for axis in "xyz"}
+        polar = {f"{before}{axis}_mm" for before, *_ in columns.polar_places() for axis in "xyz"}
         for ours, source in sources.items():
             if not ours.startswith("u_"):  # one uncertainty may be that of several
                 for name in source.names:
@@ -209,9 +209,10 @@ class RawFile:
             raw = raw if turned.u is None else raw.finite(turned.u, may_be_blank=True)
         made: dict[str, NDArray[Any]] = {}
         non_numeric: dict[str, dict[int, str]] = {}
-        for before, place in columns.polar_places():
+        for before, place, polar in columns.polar_places():
             ours = [f"{before}{axis}_mm" for axis in "xyz"]
-            made |= zip(ours, _from_polar(raw.numbers_of(place.names), place).T, strict=True)
+            xyz_mm = polar_to_xyz(raw.numbers_of(place.names), polar, place.unit)
+            made |= zip(ours, xyz_mm.T, strict=True)
             known = (raw.non_numeric[own].items() for own in place.names)
             no_numbers = dict(chain.from_iterable(known))
             non_numeric |= dict.fromkeys(ours, no_numbers)
@@ -271,30 +272,18 @@ def words_of(campaign: CampaignDescription, prismatic: NDArray[np.bool_]) -> Col
     return words
 
 
-def polar_to_xyz(values: Array, rad: float, horizontal: str, vertical: str) -> Array:
-    """Return places (N, 3) in the unit of the distance, x along a horizontal angle of 0, z up.
+def polar_to_xyz(values: Array, polar: Polar, unit: str) -> Array:
+    """Return places (N, 3) in mm, x along a horizontal angle of 0, z up.
 
-    Args:
-        values: (N, 3) horizontal angle, vertical angle, distance.
-        rad: one unit of the angles.
-        horizontal: `clockwise` as seen from above, or `counterclockwise`.
-        vertical: `zenith` for angles from there down, `horizon` for angles from there up.
+    The values (N, 3) are horizontal angle, vertical angle, and distance in a unit of lengths.
     """
-    turned = values[:, 0] * rad * (-1.0 if horizontal == "clockwise" else 1.0)
-    down = values[:, 1] * rad
-    down = 0.5 * np.pi - down if vertical == "horizon" else down
+    horizontal, down = np.radians(ANGLES_OF_POLAR[polar.unit]) * values[:, :2].T
+    turned = -horizontal if polar.horizontal == "clockwise" else horizontal
+    down = 0.5 * np.pi - down if polar.vertical == "horizon" else down
     flat = values[:, 2] * np.sin(down)
-    return np.column_stack(
+    return LENGTHS[unit] * np.column_stack(
         [flat * np.cos(turned), flat * np.sin(turned), values[:, 2] * np.cos(down)]
     )
-
-
-def _from_polar(values: Array, place: Position) -> Array:
-    """Return places (N, 3) in mm of polar readings."""
-    assert place.polar is not None
-    rad = np.radians(ANGLES_OF_POLAR[place.polar.unit])
-    xyz = polar_to_xyz(values, rad, place.polar.horizontal, place.polar.vertical)
-    return LENGTHS[place.unit] * xyz
 
 
 def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:
