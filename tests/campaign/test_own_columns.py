@@ -115,6 +115,16 @@ def test_units_separator_and_decimal_sign_are_stated(tracked):
     assert not any("not used" in note for note in found.notes)
 
 
+def test_a_comma_within_a_name_parts_no_columns(tracked):
+    raw, table, expected = tracked
+    named = {"X": "measured, x", "axis 2": "axis, 2"}
+    joints = JOINTS | {"names": [named.get(name, name) for name in OWN]}
+    position = POSITION | {"names": ["measured, x", "Y", "Z"]}
+    columns = COLUMNS | {"separator": ";", "joints": joints, "position": position}
+    own = own_table(table).assign(**table[QUATERNION]).rename(columns=named)
+    assert_same(read_campaign(written(raw, own, columns, sep=";")), expected)
+
+
 def test_a_preamble_a_file_without_header_and_blanks_between_fields(tracked):
     raw, table, expected = tracked
     own = own_table(table).drop(columns="pose").join(table[QUATERNION])

@@ -363,19 +363,20 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
         key = "ball_diameter_mm"
         if campaign.ball_diameter_mm is None:
             allowed = "the diameter of the tooling balls"
-            raise _missing_key(path, key, allowed)
+            raise _wrong_key("the key is missing", path, key, allowed)
         offsets = campaign.p_ee_balls_mm - campaign.p_ee_balls_mm.mean(axis=0, keepdims=True)
         if len(offsets) < 3 or np.linalg.matrix_rank(offsets, tol=1.0) < 2:
             key, stated = "tool.balls_mm", dict(campaign.tool.balls_mm)
             allowed = "at least three balls that are not collinear"
-            raise _unfit_key(path, key, stated, allowed)
+            raise _wrong_key("the key cannot be used", path, key, allowed, stated)
     two = ("joints", "readings")
     apart = any(getattr(campaign.files, key) is not None for key in two)
     needed = ("cmm", "resolver") if touched else two if apart else ("poses",)
     for key in needed:
         name, where = getattr(campaign.files, key), f"{path}: files.{key}"
         if name is None:
-            raise _missing_key(path, f"files.{key}", f"a file name, as the kind is {kind}")
+            allowed = f"a file name, as the kind is {kind}"
+            raise _wrong_key("the key is missing", path, f"files.{key}", allowed)
         try:
             open_file(folder / name, folder).close()
         except FileNotFoundError:
@@ -399,21 +400,14 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
     for key in sorted(mapped - set(needed)):
         allowed = " and ".join(f"columns.{other}" for other in needed)
         allowed = f"{allowed}, as the kind is {kind}"
-        raise _unfit_key(path, f"columns.{key}", key, allowed)
+        raise _wrong_key("the key cannot be used", path, f"columns.{key}", allowed, key)
 
 
-def _missing_key(path: Path, key: str, allowed: str) -> RawDataError:
+def _wrong_key(
+    what: str, path: Path, key: str, allowed: str, value: object | None = None
+) -> RawDataError:
     return RawDataError(
-        "the key is missing",
-        where=f"{path}: {key}",
-        allowed=allowed,
-        remedy=f"set {key} accordingly",
-    )
-
-
-def _unfit_key(path: Path, key: str, value: object, allowed: str) -> RawDataError:
-    return RawDataError(
-        "the key cannot be used",
+        what,
         where=f"{path}: {key}",
         value=value,
         allowed=allowed,
