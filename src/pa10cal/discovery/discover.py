@@ -18,7 +18,7 @@ from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
-from pa10cal.discovery.gates import gated, harmless, limits, unfit
+from pa10cal.discovery.gates import gated, harmed, harmless, limits, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -223,7 +223,7 @@ def with_predicted(found: Verdict) -> Verdict:
         free = replace(found, falls_back=None).with_gaps(partial(after, by_names))
     everywhere = predicting(free)
     # Held-out poses chose nothing of it, and are predicted no worse than by the names alone.
-    if limits(_against(everywhere, free)) is not None:
+    if harmed(_against(everywhere, free)):
         return found
     if away is None or found.holds_nowhere or limits(everywhere) is None:
         return everywhere

@@ -37,7 +37,7 @@ from pa10cal.results.discovery import Unexplained
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.arrivals import ArrivalError
-from pa10cal.terms.effects.effect import Effect, JointEffect
+from pa10cal.terms.effects.effect import Effect, JointEffect, turning_joints
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
@@ -129,12 +129,12 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
         )
         (now,) = (one for one in found.findings if one.effect == finding.effect)
         without = without_names(found, {now: why})
-        if _harmed(found) or not _harmed(without):
+        if harmed(found) or not harmed(without):
             found = without
     return found
 
 
-def _harmed(found: Verdict) -> bool:
+def harmed(found: Verdict) -> bool:
     """Return whether held-out poses are predicted worse than by the calibrated model."""
     held_out = found.trusted_holdout
     return (
@@ -179,13 +179,14 @@ def with_pulls(found: Verdict[S]) -> Verdict[S]:
 
     A cable that pulls a joint like a spring turns it by way of its stiffness in proportion to its
     angle, as a wrong gear ratio does. Only a log of its torque tells them apart. A pull has no
-    name: the map of the joint stands for it.
+    name: the map of the joint stands for it. A joint that slides has none.
     """
+    turning = {f"joint {joint}" for joint in turning_joints(found.context)}
     if found.prepared.torques == "logged":
         return found
     held = {finding.of for finding in found.findings if finding.id == JointErrorMap.id}
     for finding in found.findings:
-        if finding.id == GearRatioError.id and finding.of not in held:
+        if finding.id == GearRatioError.id and finding.of in turning - held:
             others = [one for one in finding.alternatives if one.id != JointErrorMap.id]
             map_of_joint = JointErrorMap(finding.of)
             rivals = [one for one in finding.rivals if one.effect.id != JointErrorMap.id]
@@ -392,8 +393,8 @@ def limits(found: Verdict) -> FallBack | None:
     judged = [np.ones_like(outside)]
     if (unseen := HeldOutPlaces.of(held_out.poses, fitted).unseen) is not None:
         judged.append(unseen)
-    if (harmed := _harmed_campaign(found)) is not None:
-        judged.append(held_out.campaigns[harmed])
+    if (campaign := _harmed_campaign(found)) is not None:
+        judged.append(held_out.campaigns[campaign])
 
     def anywhere(gap: PairedErrors) -> BeforeAfter | None:
         return next((harm for rows in judged if (harm := _harm(gap, rows)) is not None), None)

@@ -345,7 +345,7 @@ def _members(context: CandidateContext, at: FittedModel, poses: Observations) ->
         everywhere_but(soft, context, ()), poses.states, logged=False, weights=True
     )
     others: tuple[Effect, ...] = nameless_effects(context, poses.states, (), logged=False)
-    for other in (*others, *known):
+    for other in filter(lambda each: each.in_sets, (*others, *known)):
         sizes = other.prior_factor * (TOGETHER.sizes if other.bends or other.yields else 1.0)
         for start in other.starts:
             yield Member(other, other, start, sizes)

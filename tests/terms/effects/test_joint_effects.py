@@ -1,6 +1,7 @@
 """Effects at one joint against the forms of the vocabulary, written out once more."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from made_up_poses import context_of, states_of
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
-from pa10cal.terms.effects.joint import moved_along
+from pa10cal.terms.effects.joint import GearRatioError, moved_along
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.effects.effect import JointState
@@ -47,6 +48,18 @@ def test_turns_the_joint_as_the_vocabulary_says(name, of, coordinate, form, at, 
     effect = at(name, of)
     assert effect.coordinates == (coordinate,)
     np.testing.assert_allclose(effect.shift(states, np.array([0.7]))[:, 0], form(states))
+
+
+def test_the_pitch_of_a_rail_moves_along_it(states):
+    rail = [{"prismatic": True, "alpha_deg": 90.0, "limits_m": [0.0, 3.0]}]
+    arm = described(rail + industrial(np.random.default_rng(1), 1))
+    known = SimpleNamespace(arm=arm)
+    first, *others = GearRatioError.everywhere(known)
+    assert (first.of, first.slides, first.coordinates) == ("joint 1", True, ("d_1",))
+    assert not any(each.slides for each in others)
+    assert others[0].coordinates == ("theta_2",)
+    moved_m = first.shift(states, np.array([2e-4]))[:, 0]
+    np.testing.assert_allclose(moved_m, 2e-4 * states.q_rad[:, 0])
 
 
 # Joints that move along with others: which may, what it does to the arm, and that it is found.

@@ -195,6 +195,11 @@ class Effect(Traits):
         return self.of not in _OF_PLACE
 
     @property
+    def in_sets(self) -> bool:
+        """Return whether sets under unknown weights may have it."""
+        return True
+
+    @property
     def by_joint(self) -> int | None:
         """Return the joint, from 1, that moves by it the one where it sits; None without any."""
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects import effect
-from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter
+from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, TermParameter
 
 #: Most that a joint winds up by under what it carries, and why. An assumption: twice the 23 mrad of
 #: the softest arm that was measured, a humanoid's with torque sensors in its joints.
@@ -38,13 +38,31 @@ def most_wound_up(reach_m: float, *, commanded: bool = False) -> tuple[float, st
 
 @dataclass(frozen=True)
 class GearRatioError(effect.JointEffect):
-    """A gear ratio off its nominal value: eps q_j [rad], eps without unit."""
+    """A gear ratio off its nominal value: eps q_j, eps without unit.
 
+    Of a joint that slides it is the pitch of its rack or the lead of its screw that is off.
+    """
+
+    slides: bool = field(default=False, metadata={OPTIONAL: True})  # whether the joint slides
     id = "gear_ratio_error"
     nouns = ("gear ratio", "gear ratios")
     clauses = ("the gear ratio of {at} is off", "the gear ratios of {at} are off")
-    words = "theta_{0.joint} += eps q_{0.joint}"
+    words = "{0.coordinates[0]} += eps q_{0.joint}"
     reported = (TermParameter("eps", "1", 1e-5, plausible=3e-4),)
+
+    @property
+    def in_sets(self) -> bool:
+        # A scale of the instrument looks the same as another pitch, and is in no set.
+        return not self.slides
+
+    @classmethod
+    def everywhere(cls, context: effect.CandidateContext) -> tuple[Self, ...]:
+        slides = context.arm.prismatic.tolist()
+        return tuple(cls(f"joint {k}", each) for k, each in enumerate(slides, start=1))
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return (f"{'d' if self.slides else 'theta'}_{self.joint}",)
 
     def per_unit(self, states: PoseStates) -> Array:
         return states.q_rad[:, self.joint - 1]
