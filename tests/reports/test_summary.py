@@ -85,7 +85,7 @@ def test_a_verdict_says_what_is_open_beside_its_word():
     sure = effect("backlash", "joint 2", {"b": (1e-4, 1e-6)}, [("hysteresis", "joint 2")])
     found = notes(verdict_keys("ambiguous", (sure,), places=("joint 5", None)))
     assert found == (
-        "ambiguous: backlash of joint 2 or hysteresis of joint 2",
+        "ambiguous: backlash of joint 2 (0.49) or hysteresis of joint 2 (0.49)",
         "unexplained: joint 5: made up",
         "unexplained: place not known: made up",
     )

@@ -11,7 +11,7 @@ from pa10cal.input_files import is_file, read_csv
 from pa10cal.reports.errors import headline
 from pa10cal.reports.results_bundle import OUTPUTS, ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
-from pa10cal.results.discovery import VerdictKeys, VerdictRecord
+from pa10cal.results.discovery import NamedEffect, VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.fleet import ChainRecord
 from pa10cal.terms import wording
@@ -73,7 +73,10 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
 
 def notes(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a verdict says beside its word, in one line each."""
-    effects = [each.either for each in verdict.effects_by_share]
+    by_share = verdict.effects_by_share
+    # Where all are named, each is all but certain.
+    sure = verdict.verdict == "named"
+    effects = [each.either if sure else _with_probabilities(each) for each in by_share]
     lead = verdict.explained
     explained = [wording.headline(lead), *wording.sentences(lead)[:1]] if lead and lead.of else []
     named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []
@@ -90,6 +93,13 @@ def notes(verdict: VerdictKeys) -> tuple[str, ...]:
         for (what, remedy), where in alike.items()
     ]
     return (*explained, *named, *unsought, *nameless, *faults)
+
+
+def _with_probabilities(effect: NamedEffect) -> str:
+    """Return an effect and what else is likely, each with its probability."""
+    first = f"{effect.id} of {effect.of} ({effect.probability:.2f})"
+    others = (f"{each.id} of {each.of} ({each.probability:.2f})" for each in effect.likely)
+    return " or ".join((first, *others))
 
 
 def table(campaigns: Sequence[CampaignSummary]) -> str:
