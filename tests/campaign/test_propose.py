@@ -108,6 +108,17 @@ def test_an_arm_is_taken_from_a_folder_of_arms(tmp_path, written):
     assert main(["columns", str(folder / "export.txt"), "--robot", "ours"]) != 0
 
 
+def test_a_joint_that_slides_is_read_in_its_own_unit(tmp_path, written):
+    _, table = tracked(tmp_path, "points", robot="gx4_351s")
+    table = table.rename(
+        columns={f"q{k}_{'mm' if k == 3 else 'deg'}": f"J{k}" for k in range(1, 5)}
+    )
+    content, text, _ = written(table, "--robot", "gx4_351s")
+    assert content["columns"]["poses"]["joints"]["stroke_unit"] == "mm"
+    assert re.search(r"J3 +position of joint 3, in mm$", text, re.MULTILINE)
+    assert re.search(r"J4 +position of joint 4, in deg$", text, re.MULTILINE)
+
+
 def test_a_proposal_shows_nothing_that_a_terminal_obeys(tmp_path, written):
     """And names its columns all the same."""
     _, table = tracked(tmp_path)

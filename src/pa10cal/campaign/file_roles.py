@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.campaign.bounds import in_words
 from pa10cal.campaign.csv_rows import CONTRACT, same_name
@@ -222,12 +223,18 @@ def named_by_text(names: Sequence[str], same: Mapping[str, str]) -> dict[str, st
 _TURN_RAD = 2.0 * np.pi + 0.1
 
 
-def read_as(sniffed: Sniffed, columns: Mapping[str, Any], file: str) -> tuple[str, ...]:
-    """Return a line for every column of a file: what it is read as, or that it is not read."""
+def read_as(
+    sniffed: Sniffed, columns: Mapping[str, Any], file: str, arm: Arm | None
+) -> tuple[str, ...]:
+    """Return a line for every column of a file: what it is read as, or that it is not read.
+
+    Without an arm all joints are taken to turn.
+    """
     model = FileColumns.model_validate(columns)
     count = 0 if model.joints is None else len(model.joints.names)
+    slides = np.zeros(count, dtype=bool) if arm is None else arm.axes_slide
     uses: dict[str, dict[str, None]] = {}
-    for ours, source in model.sources(np.zeros(count, dtype=bool)):
+    for ours, source in model.sources(slides):
         for own in source.names:
             how = in_words(ours) + (f", in {source.unit}" if source.unit else "")
             uses.setdefault(own, {})[how] = None

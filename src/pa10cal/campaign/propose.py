@@ -253,7 +253,9 @@ def _proposal(
         **({} if "kind" in every else {"holdout": {"every": 5}}),
         "columns": {key: columns for key, (_, _, columns) in files.items()},
     }
-    lines = [line for file, log, columns in files.values() for line in read_as(log, columns, file)]
+    lines = [
+        line for file, log, columns in files.values() for line in read_as(log, columns, file, arm)
+    ]
     known = tuple(
         "; ".join((f"{file}: {log.format.title}: {log.format.holds}", *log.notes)).replace("`", "")
         for file, log, _ in files.values()
