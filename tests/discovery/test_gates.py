@@ -15,8 +15,8 @@ from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
 from pa10cal.discovery.gates import gated, holds_zero, reasons_against_none, unfit, with_pulls
 from pa10cal.discovery.lack_of_fit import pure_error_test
-from pa10cal.discovery.refitted import with_findings
 from pa10cal.discovery.rules import NAMES
+from pa10cal.discovery.verdict import with_findings
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import GearRatioError

@@ -392,7 +392,7 @@ class Screen:
                     f"{1e3 * misfit_m:.0f} mm with {named}"
                 )
                 if logged is None:
-                    value = f"nothing fits; with {named} all but {1e3 * misfit_m:.0f} mm does"
+                    value = f"no fit as logged, a misfit of {1e3 * misfit_m:.0f} mm with {named}"
                 first = next(name for name in names if name.endswith(f"_{right_unit}"))
                 what, remedy = f"the joint {quantity} look like", words.set_unit(first, unit, right)
                 if not of.all():

@@ -23,7 +23,6 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
-from pa10cal.discovery.refitted import with_findings, without_names
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
 from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
@@ -35,7 +34,9 @@ from pa10cal.discovery.verdict import (
     in_doubt,
     is_named,
     label_of,
+    with_findings,
     with_likely,
+    without_names,
 )
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
@@ -218,17 +219,18 @@ def with_predicted(found: Verdict) -> Verdict:
         predicted = Predicted(fit, found.train, found.holdout)
         return replace(found, predicted=predicted).with_gaps(partial(after, model))
 
+    within = None if away is None or found.holds_nowhere else away.within
     free = found
-    if not (away is None or found.holds_nowhere):
+    if within is not None:
         free = replace(found, falls_back=None).with_gaps(partial(after, by_names))
     everywhere = predicting(free)
     # Held-out poses chose nothing of it, and are predicted no worse than by the names alone.
     if harmed(_against(everywhere, free)):
         return found
-    if away is None or found.holds_nowhere or limits(everywhere) is None:
+    if within is None or limits(everywhere) is None:
         return everywhere
     return predicting(found).with_gaps(
-        lambda gap: fallen_back(gap, ~away.within.inside(gap.poses.states.q_rad))
+        lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
     )
 
 

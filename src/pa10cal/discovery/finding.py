@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -77,9 +78,9 @@ class Proof(Part):
         return None
 
     @property
+    @abstractmethod
     def evidence(self) -> discovery.Evidence:
         """These as they are written."""
-        raise NotImplementedError
 
 
 class GivesWay(discovery.EvidenceOfSag, Proof):

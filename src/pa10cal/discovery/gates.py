@@ -24,9 +24,17 @@ from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.refitted import instead, no_name, with_findings, without_names
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
-from pa10cal.discovery.verdict import Scorer, Verdict, in_doubt, is_named
+from pa10cal.discovery.verdict import (
+    Scorer,
+    Verdict,
+    in_doubt,
+    instead,
+    is_named,
+    no_name,
+    with_findings,
+    without_names,
+)
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel

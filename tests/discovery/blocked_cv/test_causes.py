@@ -13,7 +13,7 @@ from pa10cal.discovery.blocked_cv.family import Candidate
 from pa10cal.discovery.blocked_cv.refit import weighted_rows
 from pa10cal.discovery.blocked_cv.search import level
 from pa10cal.discovery.blocked_cv.survey import ShapedEffect
-from pa10cal.discovery.refitted import with_findings
+from pa10cal.discovery.verdict import with_findings
 from pa10cal.discovery.verdict_records import verdict_keys, verdict_record
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.stages.discover import verdict_lines

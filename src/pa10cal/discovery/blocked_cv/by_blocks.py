@@ -41,11 +41,15 @@ from pa10cal.discovery.next_poses import (
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.refitted import with_findings
 from pa10cal.discovery.rules import BLOCKS, LINES, MAPS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
-from pa10cal.discovery.verdict import Plan, Scorer, Verdict
+from pa10cal.discovery.verdict import (
+    Plan,
+    Scorer,
+    Verdict,
+    with_findings,
+)
 from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
 from pa10cal.discovery.wobbles import wobbles
 from pa10cal.errors import DiscoveryError
