@@ -39,7 +39,7 @@ from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
 from pa10cal.discovery.together import Together, UnderWeights
-from pa10cal.discovery.verdict import Scorer, Verdict, in_doubt
+from pa10cal.discovery.verdict import Basis, Verdict, in_doubt
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
@@ -53,7 +53,7 @@ from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
 from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
 
-S = TypeVar("S", bound=Scorer)
+S = TypeVar("S", bound=Basis)
 
 
 def with_compliance(found: Verdict[S]) -> Verdict[S]:

@@ -28,11 +28,13 @@ from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.verdict import (
     MAP,
+    Basis,
     Predicted,
     Scorer,
     Verdict,
     in_doubt,
     is_named,
+    is_sought,
     label_of,
     with_findings,
     with_likely,
@@ -66,7 +68,7 @@ class CannotSearch(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class NotSought(Scorer):
+class NotSought(Basis):
     """What judges nothing, where effects cannot be sought: the calibrated model stays as it is."""
 
     calibrated: FittedModel  # the calibrated model
@@ -86,6 +88,11 @@ class NotSought(Scorer):
     def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
         residuals = lack_of_fit(CellResiduals.about(found.baseline, found.train.poses, self.cov))
         return residuals, residuals
+
+    @override
+    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        del effects  # there are none
+        return self.calibrated
 
 
 def not_sought(
@@ -158,7 +165,7 @@ def discover(
     for _ in range(JUDGING.most_carriers):
         # A map is no name: it may well show at one pose.
         carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
-        if not carried:
+        if not (is_sought(found) and carried):
             break
         # One pose is no evidence of what acts in all of them: it is wrong, and the rest decides.
         first, pose = carried[0], str(carried[0].carrier)
@@ -171,12 +178,12 @@ def discover(
             found = without_names(found, reasons, found.train.after.mean_mm)
             break
         found = without
-    if found.method is not None:
+    if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
     return with_likely(with_predicted(with_compliance(found)))
 
 
-def _likelier(found: Verdict, passed: Verdict) -> Verdict:
+def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
     """Return a verdict that has passed the gates, or that about a likelier set that passes them.
 
     Args:
@@ -343,7 +350,7 @@ def with_proposals(found: Verdict[S]) -> Verdict[S]:
     return replace(found, proposed=tuple(_proposals(found)))
 
 
-def _proposals(found: Verdict) -> Iterator[FormulaProposal]:
+def _proposals(found: Verdict[Scorer]) -> Iterator[FormulaProposal]:
     """Yield one formula for everything without a name; else one for each place, where there is."""
     nameless = found.without_name
     if not nameless and not found.over_noise:
@@ -373,7 +380,9 @@ def _proposals(found: Verdict) -> Iterator[FormulaProposal]:
             yield proposal
 
 
-def _chosen(found: Verdict, held: tuple[Effect, ...], forms: list[Form]) -> FormulaProposal | None:
+def _chosen(
+    found: Verdict[Scorer], held: tuple[Effect, ...], forms: list[Form]
+) -> FormulaProposal | None:
     """Return the shortest form that does as well as some effects without a name."""
     if not forms or sum(effect.linear for effect in held) > FORMS.most_parameters:
         return None

@@ -10,7 +10,7 @@ from html import escape
 from typing import Any, ClassVar, Generic, Literal, Self
 
 import numpy as np
-from typing_extensions import TypeVar
+from typing_extensions import TypeIs, TypeVar
 
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
@@ -88,8 +88,8 @@ class Predicted:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Scorer(ABC):
-    """What judged effects in a campaign: it holds what they are fitted by, and fits them anew."""
+class Basis(ABC):
+    """What a verdict rests on: the calibrated model, with the effects that were found."""
 
     # the calibrated model with the effects found, and nothing generic in it
     extended: ModelWithEffects
@@ -104,6 +104,14 @@ class Scorer(ABC):
     @abstractmethod
     def searched_from(self) -> FittedModel:
         """Return the model from which the search set out, whose terms the extended model has."""
+
+    @abstractmethod
+    def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
+        """Return where data and model disagree, before and after."""
+
+    @abstractmethod
+    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
+        """Return the extended model with some of its effects, all else fitted again."""
 
     @property
     def untouched(self) -> FittedModel | None:
@@ -146,56 +154,12 @@ class Scorer(ABC):
         """Return the states of the poses that were judged, of which some averages were fitted."""
         return fitted.states
 
-    @abstractmethod
-    def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
-        """Return where data and model disagree, before and after."""
-
-    # Of what judges effects alone: nothing is fitted anew where none are sought.
-
-    def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> Self:
-        """Return it with the calibrated model and these effects as extended model.
-
-        Each is one of what is known, or one of its alternatives.
-        """
-        raise NotImplementedError
-
-    def fitted_poses(self, campaign: Prepared) -> Observations:
-        """Return the averaged poses of the fit."""
-        raise NotImplementedError
-
-    def gap_on(
-        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
-    ) -> PairedErrors:
-        """Return the gap of the calibrated and the extended model on averaged poses.
-
-        With what is in no model as it was before that model was fitted anew, where it was.
-        """
-        raise NotImplementedError
-
-    def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        """Return the extended model with some of its effects, all else fitted again."""
-        raise NotImplementedError
-
-    def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
-        """Return what short forms are held against in place of some effects without a name.
-
-        Args:
-            held: which of those that it holds.
-            most_poses: so many poses are enough, where there are many; None for all.
-        """
-        raise NotImplementedError
-
-    def likelier(self, found: Verdict[Self]) -> Verdict[Self] | None:
-        """Return the verdict about a likelier set of what gives way; None where there is none."""
-        del found
-        return None
-
-    def next_poses(self, found: Verdict[Self], count: int, random_seed: int) -> Plan:
+    def next_poses(self, found: Verdict[Any], count: int, random_seed: int) -> Plan:
         """Return configurations to measure next, at most so many, drawn with a seed."""
         del found, count, random_seed
         return NOTHING_PLANNED
 
-    def keys(self, found: Verdict[Self]) -> dict[str, Any]:
+    def keys(self, found: Verdict[Any]) -> dict[str, Any]:
         """Return the keys of the verdict's record that this way of judging has, as `search`."""
         del found
         return {"search": None}
@@ -210,7 +174,46 @@ class Scorer(ABC):
         return None
 
 
-S = TypeVar("S", bound=Scorer, default=Scorer, covariant=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scorer(Basis):
+    """What judged effects in a campaign: it holds what they are fitted by, and fits them anew."""
+
+    @abstractmethod
+    def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> Self:
+        """Return it with the calibrated model and these effects as extended model.
+
+        Each is one of what is known, or one of its alternatives.
+        """
+
+    @abstractmethod
+    def fitted_poses(self, campaign: Prepared) -> Observations:
+        """Return the averaged poses of the fit."""
+
+    @abstractmethod
+    def gap_on(
+        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
+    ) -> PairedErrors:
+        """Return the gap of the calibrated and the extended model on averaged poses.
+
+        With what is in no model as it was before that model was fitted anew, where it was.
+        """
+
+    @abstractmethod
+    def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
+        """Return what short forms are held against in place of some effects without a name.
+
+        Args:
+            held: which of those that it holds.
+            most_poses: so many poses are enough, where there are many; None for all.
+        """
+
+    def likelier(self, found: Verdict[Self]) -> Verdict[Self] | None:
+        """Return the verdict about a likelier set of what gives way; None where there is none."""
+        del found
+        return None
+
+
+S = TypeVar("S", bound=Basis, default=Basis, covariant=True)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -453,6 +456,11 @@ class Verdict(Generic[S]):
         return explained_by(effects, before_mm, gap.noise_rms_mm, over)
 
 
+def is_sought(found: Verdict) -> TypeIs[Verdict[Scorer]]:
+    """Return whether effects were sought, so that it can be fitted anew with others."""
+    return isinstance(found.scorer, Scorer)
+
+
 def label_of(effect: Effect, rival: Effect | None) -> str:
     """Return the name of an effect and its rival."""
     name = f"{effect.id} of {effect.of}"
@@ -517,7 +525,7 @@ def no_name(finding: Finding, left_mm: float, why: str) -> Unexplained:
 # How sure it is, and how it is said.
 
 
-def with_likely(found: Verdict[K]) -> Verdict[K]:
+def with_likely(found: Verdict) -> Verdict:
     """Return a verdict whose findings have as alternatives what is likely enough to be listed.
 
     Where more than noise is left without a name, what was tried may all be wrong more often.
