@@ -36,15 +36,20 @@ def promised(results: Path) -> dict[str, tuple[int, float, float, float, float]]
     every = read_pose_table(results / "ingest" / "poses.parquet")
     every = every.drop_duplicates(["kind", "pose", "load_N"])
     fitted = every[every["kind"] == "grid"]
+    model = load_model(results)
+    arrived = [f"s{joint}" for joint in range(1, model.arm.n + 1)]
+    joints = [
+        name
+        for name in map(str, every)
+        if name[:1] == "q" and name.split("_")[0][1:].isdigit() and "_u_" not in name
+    ]
+    if not every[arrived].to_numpy().any():  # as errors are judged: the way from the pose before
+        every = every.sort_values("time_s", kind="stable")
+        moved = every[joints].diff()
+        every[arrived] = np.sign(moved.mask(moved == 0.0).ffill().fillna(0.0).to_numpy())
     table = every[every["kind"] == "holdout"].set_index(["pose", "load_N"])
     rows = table.loc[list(zip(judged.rows.pose, judged.rows.load_N, strict=True))]
-    model = load_model(results)
-    n = model.arm.n
-    q = rows[
-        [name for name in map(str, rows) if name[:1] == "q" and name.split("_")[0][1:].isdigit()]
-    ]
-    q = q[[name for name in q if "_u_" not in name]]
-    arrival = rows[[f"s{joint}" for joint in range(1, n + 1)]].to_numpy(float)
+    q, arrival = rows[joints], rows[arrived].to_numpy(float)
     targets = [name for name in model.frames if name.startswith("target_")] or ["tool"]
     found = [
         model.predict(
