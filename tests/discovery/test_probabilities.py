@@ -135,6 +135,19 @@ def test_the_more_is_left_of_an_error_the_likelier_something_else_makes_it(
     assert PROBABILITIES.unknown <= little <= much <= 1.0
 
 
+@given(st.floats(1.0, 5.0), st.floats(1.0, 5.0))
+def test_the_more_is_left_over_noise_the_less_likely_is_any_name(one, more):
+    def beside(left_mm):  # what it takes over what it leaves is the same
+        return UnknownBeside(np.sqrt(2.0) * left_mm, left_mm, *PROBABILITIES.known_effect)
+
+    little, much = (beside(left_mm).probability(0.01) for left_mm in (0.03, 0.03 * one))
+    assert little <= much
+    assert much <= beside(0.03 * one * more).probability(0.01)
+    most = beside(100.0).probability(0.01)
+    assert most == pytest.approx(beside(1e4).probability(0.01))
+    assert most < 1.0
+
+
 def test_odds_are_those_stated_where_as_much_is_taken_as_is_left():
     taken = UnknownBeside(np.sqrt(2.0), 1.0, odds=3.0, power=0.3)
     assert taken.probability(0.0) == pytest.approx(0.25)

@@ -33,13 +33,15 @@ class UnknownBeside:
     """Something without a name beside an effect: the more is left, the likelier it makes it, too.
 
     What is left over noise of the squared error is made by something that was not tried. Where an
-    effect takes away little of the rest, it may be a part of that.
+    effect takes away little of the rest, it may be a part of that; and where much is left, whatever
+    makes it may look like an effect elsewhere as well.
     """
 
     without_mm: float  # root mean square error without the effect [mm]
     with_mm: float  # and with it [mm]
     odds: float  # of the effect where it takes away as much as is left
     power: float  # of what it takes over what is left, by which these odds grow
+    fall: float = 0.0  # of what is left over noise, by which they fall
     # what it takes of all weighed readings over what is left of these, orientations among them; the
     # larger of that and of what it takes of positions counts
     of_readings: float = 0.0
@@ -48,13 +50,22 @@ class UnknownBeside:
         """Return the probability of something that was not tried; noise errs by a mean [mm]."""
         # Normal errors, alike in three directions, have a mean length of 2 sqrt(2 / pi) sigma.
         noise = 3.0 * np.pi / 2.0 * (0.5 * noise_floor_mm) ** 2
-        ratio = max(over_left(self.without_mm**2, self.with_mm**2, noise), self.of_readings)
-        return float(max(1.0 / (1.0 + self.odds * ratio**self.power), PROBABILITIES.unknown))
+        squares = self.without_mm**2, self.with_mm**2
+        ratio = max(over_left(*squares, noise), self.of_readings)
+        most = PROBABILITIES.most_left_of_noise * noise
+        left = min(left_beyond(self.with_mm**2, noise), most) / noise if noise > 0.0 else 1.0
+        odds = self.odds * ratio**self.power / left**self.fall if left > 0.0 else np.inf
+        return float(max(1.0 / (1.0 + odds), PROBABILITIES.unknown))
+
+
+def left_beyond(squares: float, noise: float) -> float:
+    """Return what is left of squares beyond those of noise, and no less than rounding shows."""
+    return max(squares - noise, PROBABILITIES.left_of_noise * noise)
 
 
 def over_left(without: float, with_it: float, noise: float) -> float:
     """Return what an effect takes of squares over what it leaves beyond those of noise."""
-    left = max(with_it - noise, PROBABILITIES.left_of_noise * noise)
+    left = left_beyond(with_it, noise)
     return max(without - with_it, 0.0) / left if left > 0.0 else np.inf
 
 

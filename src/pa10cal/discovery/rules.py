@@ -255,12 +255,12 @@ class Probabilities:
     unknown: float = 0.01  # probability that nothing that was tried is there (trials)
     # the same where repeats judge and more than noise is left without a name (trials)
     unknown_beside: float = 0.17
-    # where poses held out judge: odds of an effect that takes away as much of the squared error as
-    # is left without a name, and by which power of that ratio they grow (trials)
-    known_effect: tuple[float, float] = (12.0, 0.3)
-    # the same of a joint that gives way (trials)
-    known_sag: tuple[float, float] = (1.3, 1.0)
+    # by blocks: odds of an effect that takes away as much of the squared error as is left, by which
+    # power of that ratio they grow, and of what is left over noise they fall (trials)
+    known_effect: tuple[float, float, float] = (6.0, 0.2, 0.6)
+    known_sag: tuple[float, float] = (1.3, 1.0)  # the same of a joint that gives way (trials)
     left_of_noise: float = 0.01  # part of that of noise that is left at least (computing)
+    most_left_of_noise: float = 100.0  # up to which odds fall (trials)
     # probability of none of these from which an effect has no name (level)
     nameless: float = 0.5
     surely: float = SURE  # probability of the set that holds what is there (level)

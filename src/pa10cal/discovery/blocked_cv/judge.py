@@ -82,7 +82,7 @@ class BlockPrediction(BlockedCrossValidation, Proof):
     @override
     def unknown(self) -> UnknownBeside:
         errors_mm = self.rms_without_mm, self.rms_with_mm
-        return UnknownBeside(*errors_mm, *PROBABILITIES.known_effect, self.over_left)
+        return UnknownBeside(*errors_mm, *PROBABILITIES.known_effect, of_readings=self.over_left)
 
 
 @dataclass(frozen=True)
