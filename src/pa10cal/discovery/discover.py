@@ -18,7 +18,7 @@ from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
-from pa10cal.discovery.gates import gated, harmed, harmless, limits, unfit
+from pa10cal.discovery.gates import beside, gated, harmed, harmless, limits, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -32,7 +32,6 @@ from pa10cal.discovery.verdict import (
     Predicted,
     Scorer,
     Verdict,
-    in_doubt,
     is_named,
     is_sought,
     label_of,
@@ -194,9 +193,7 @@ def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
     if ahead is not None:
         likelier = gated(ahead)
         harmed = likelier.falls_back is not None and passed.falls_back is None
-        named = [in_doubt(likelier, one) for one in likelier.effects if is_named(one.effect)]
-        unlikely = any(one.is_unlikely for one in named)
-        if not (harmed or unlikely or likelier.verdict == "check_the_log"):
+        if not (harmed or likelier.verdict == "check_the_log"):
             return likelier
     return passed
 
@@ -232,21 +229,13 @@ def with_predicted(found: Verdict) -> Verdict:
         free = replace(found, falls_back=None).with_gaps(partial(after, by_names))
     everywhere = predicting(free)
     # Held-out poses chose nothing of it, and are predicted no worse than by the names alone.
-    if harmed(_against(everywhere, free)):
+    if harmed(beside(everywhere, free)):
         return found
     if within is None or limits(everywhere) is None:
         return everywhere
     return predicting(found).with_gaps(
         lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
     )
-
-
-def _against(found: Verdict, without: Verdict) -> Verdict:
-    """Return a verdict whose held-out errors before are those that another one ends with."""
-    if found.holdout is None or without.holdout is None:
-        return found
-    held_out = replace(found.holdout, found_before=without.holdout.found_after)
-    return replace(found, holdout=held_out, falls_back=None)
 
 
 def _without_name(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:

@@ -137,13 +137,21 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
         )
         (now,) = (one for one in found.findings if one.effect == finding.effect)
         without = without_names(found, {now: why})
-        if harmed(found) or not harmed(without):
+        if harmed(found) or not harmed(beside(without, found)):
             found = without
     return found
 
 
+def beside(found: Verdict[S], other: Verdict) -> Verdict[S]:
+    """Return a verdict whose held-out errors before are those that another one ends with."""
+    if found.holdout is None or other.holdout is None:
+        return found
+    held_out = replace(found.holdout, found_before=other.holdout.found_after)
+    return replace(found, holdout=held_out, falls_back=None)
+
+
 def harmed(found: Verdict) -> bool:
-    """Return whether held-out poses are predicted worse than by the calibrated model."""
+    """Return whether held-out poses are predicted worse than before."""
     held_out = found.trusted_holdout
     return (
         held_out is not None

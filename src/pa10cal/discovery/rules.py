@@ -257,7 +257,7 @@ class Probabilities:
     unknown_beside: float = 0.17
     # by blocks: odds of an effect that takes away as much of the squared error as is left, by which
     # power of that ratio they grow, and of what is left over noise they fall (trials)
-    known_effect: tuple[float, float, float] = (6.0, 0.2, 0.6)
+    known_effect: tuple[float, float, float] = (7.0, 0.2, 0.5)
     known_sag: tuple[float, float] = (1.3, 1.0)  # the same of a joint that gives way (trials)
     left_of_noise: float = 0.01  # part of that of noise that is left at least (computing)
     most_left_of_noise: float = 100.0  # up to which odds fall (trials)
