@@ -11,7 +11,14 @@ from made_up_poses import at_joint, measured_poses, nothing
 from pa10cal.arm.chain import Chain, long_links
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.by_repeats import ByRepeats, discover_by_repeats
-from pa10cal.discovery.evidence.problem import EvidenceFit, EvidenceProblem, fit, prepare
+from pa10cal.discovery.evidence.judge import Judgement
+from pa10cal.discovery.evidence.problem import (
+    EvidenceFit,
+    EvidenceProblem,
+    covariance_of,
+    fit,
+    prepare,
+)
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, testable
 from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
@@ -118,6 +125,19 @@ def forced(measured, effects, sizes, problem=None, family=None) -> EndOfSearch:
     family = measured.family if family is None else family
     there = fit(problem, effects, sizes, (0.0, 0.0))
     return ended_at(problem, there, family, np.eye(len(family), dtype=bool))
+
+
+def scored(problem, extended) -> ByRepeats:
+    """Return the scorer as if the search of a campaign had ended with a model."""
+    family = extended.effects
+    found = ended_at(problem, extended, family, np.eye(len(family), dtype=bool))
+    return ByRepeats(
+        problem=problem,
+        start=extended,
+        judgement=Judgement((), (), found),
+        extended=extended,
+        covariance=covariance_of(problem, extended),
+    )
 
 
 def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pose_m=0.0):

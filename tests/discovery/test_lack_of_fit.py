@@ -1,19 +1,13 @@
 """Where model and data disagree is found where it was put, and nowhere where nothing was put."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 
-from made_up_arm import ARM, Missing, harmonic, measure
+from made_up_arm import ARM, Missing, harmonic, measure, scored
 from pa10cal.arm.chain import Chain, long_links
-from pa10cal.discovery.evidence.by_repeats import (
-    channel_tests,
-    compare,
-    evidence_lack_of_fit,
-    model_with,
-)
+from pa10cal.discovery.evidence.by_repeats import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import fit, prepare
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
@@ -163,8 +157,9 @@ def test_the_record_holds_finite_numbers_cell_by_cell(left):
 def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(wave):
     problem, start = wave.problem, wave.start
     extended = fit(problem, (FRICTION, HARMONIC), (1, 1), (0.0, 0.0), start)
-    train = compare(problem, extended, average_repeats(problem.readings))
-    found = errors_by_name(train, None, extended.effects, partial(model_with, problem, extended))
+    scorer = scored(problem, extended)
+    train = scorer.gap_on(average_repeats(problem.readings), 0.0)
+    found = errors_by_name(train, None, extended.effects, scorer.model_with)
     # What takes most away joins first.
     assert list(found.without) == [HARMONIC, FRICTION]
     none, one, both = found.steps
@@ -175,9 +170,9 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(wave):
 
 
 def test_without_effects_there_is_the_baseline_alone(wave):
-    problem, start = wave.problem, wave.start
-    train = compare(problem, start, average_repeats(problem.readings))
-    (step,) = errors_by_name(train, train, (), partial(model_with, problem, start)).steps
+    scorer = scored(wave.problem, wave.start)
+    train = scorer.gap_on(average_repeats(wave.problem.readings), 0.0)
+    (step,) = errors_by_name(train, train, (), scorer.model_with).steps
     assert step.effects == ()
     assert step.holdout == train.before
 

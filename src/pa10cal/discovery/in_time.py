@@ -82,7 +82,7 @@ def _found(rows: _Rows, *, walks: bool) -> TimeFindings:
     if not found.jumps and not found.walk_m:
         return TimeFindings(None, has_drift)
     # Where no effect of time shows, what goes with time is that of the courses.
-    amounts = (rows if has_drift else static).amounts(found)
+    amounts = (rows if has_drift else static).about(found)[1].mean
     found = replace(found, amounts=amounts)
     walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
     all_mm, walk_mm = (
@@ -198,10 +198,6 @@ class _Rows:
         found = copy(self)
         found._with_time = False
         return found
-
-    def amounts(self, wander: Wander) -> Array:
-        """Return the most likely amounts of all courses, in their sizes."""
-        return self.about(wander)[1].mean
 
     def _scan(self, tried: list[Jump], wander: Wander) -> tuple[Array, list[tuple[float, float]]]:
         """Return the greatest log evidence of each as one more jump, with its size and turn."""

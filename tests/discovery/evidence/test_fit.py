@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from made_up_arm import TARGETS_M, Missing, at_joint, measure
-from pa10cal.discovery.evidence.by_repeats import compare
+from made_up_arm import TARGETS_M, Missing, at_joint, measure, scored
 from pa10cal.discovery.evidence.problem import (
     EvidenceFit,
     covariance_of,
@@ -170,10 +169,11 @@ class TestTargetsOffTheirPlaces:
         assert left[1] < 0.5 * left[0]
 
     def test_the_gap_is_taken_with_them(self, moved):
-        with_places = compare(moved.problem, moved.start, moved.held_out)
+        with_places = scored(moved.problem, moved.start).gap_on(moved.held_out, 0.0)
         assert with_places.after.mean_mm < 1.3 * 0.0092
         setup = replace(moved.problem.setup, apparatus_m=1e-9)
-        without = compare(replace(moved.problem, setup=setup), moved.start, moved.held_out)
+        problem = replace(moved.problem, setup=setup)
+        without = scored(problem, moved.start).gap_on(moved.held_out, 0.0)
         assert without.after.mean_mm > 2.0 * with_places.after.mean_mm
 
     def test_nothing_off_changes_nothing(self, moved):

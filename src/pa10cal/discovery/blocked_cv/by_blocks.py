@@ -19,7 +19,6 @@ from pa10cal.discovery.blocked_cv.refit import (
     PartialFits,
     Refit,
     by_campaign,
-    compare,
     refit,
     seen_by_maps,
     with_tilts_shown,
@@ -27,7 +26,7 @@ from pa10cal.discovery.blocked_cv.refit import (
 from pa10cal.discovery.blocked_cv.survey import Survey, survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import PairedErrors, errors_of
+from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
@@ -72,6 +71,7 @@ from pa10cal.terms.effects.joint_error_map import (
 from pa10cal.terms.effects.structure import AxisWobble
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 
@@ -140,7 +140,11 @@ class ByBlocks(Scorer):
     def gap_on(
         self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
     ) -> PairedErrors:
-        found = compare(self.survey, self.extended, poses, noise_floor_mm)
+        survey, after, wander = self.survey, self.extended.fitted(), self.survey.wander
+        poses = complete_about(poses, survey.baseline, after, survey.setup)
+        T_moved = None if wander is None else motion_of_base(wander.motions(poses.states.time_s))
+        calibrated = survey.calibrated or survey.baseline
+        found = gap(poses, calibrated, after, noise_floor_mm, self.seen, T_moved)
         return found if before is None else found.with_nuisances_of(before)
 
     @override
@@ -210,7 +214,22 @@ class ByBlocks(Scorer):
 
     @override
     def likelier(self, found: Verdict[ByBlocks]) -> Verdict[ByBlocks] | None:
-        return about_likelier_set(found)
+        # A calibration knows springs alone, and a search that adds one effect after the other
+        # leaves them what links, bearings and base do. So it is sought anew from the most likely
+        # set, about the weights that go with it, and stays where held-out blocks are predicted
+        # better.
+        survey, extended = self.survey, self.extended
+        if survey.wander or survey.change:
+            return None
+        at, whiteners = extended.at, extended.weights.whiteners()
+        sets = Together.of(at, survey.poses, whiteners, found.context, survey.setup, self.beside)
+        there = sets.holding(extended.model.terms)
+        likeliest = sets.likeliest(there)
+        if sets.giving_way(likeliest.at) == sets.giving_way(there):
+            return None
+        ahead = _searched(found.prepared, _survey_about(found, sets, likeliest))
+        moved = ahead.scorer.survey.wander or ahead.scorer.survey.change
+        return ahead if _better(ahead, found) and not moved else None
 
     @override
     def next_poses(self, found: Verdict[ByBlocks], count: int, random_seed: int) -> Plan:
@@ -419,28 +438,6 @@ def _wobbles(campaign: Prepared, found: judge.SearchOutcome) -> tuple[Effect, ..
 
 
 # Weights that nobody stated: which joints give way is sought anew, together with all else.
-
-
-def about_likelier_set(found: Verdict[ByBlocks]) -> Verdict[ByBlocks] | None:
-    """Return the verdict about the most likely set of springs and effects; None where it is that.
-
-    A calibration knows springs alone, and a search that adds one effect after the other leaves them
-    what links, bearings and base do. So it is sought anew from that set, about the weights that go
-    with it, and stays where held-out blocks are predicted better.
-    """
-    scorer, campaign = found.scorer, found.prepared
-    survey, extended = scorer.survey, scorer.extended
-    if survey.wander or survey.change:
-        return None
-    at, whiteners = extended.at, extended.weights.whiteners()
-    sets = Together.of(at, survey.poses, whiteners, found.context, survey.setup, scorer.beside)
-    there = sets.holding(extended.model.terms)
-    likeliest = sets.likeliest(there)
-    if sets.giving_way(likeliest.at) == sets.giving_way(there):
-        return None
-    ahead = _searched(campaign, _survey_about(found, sets, likeliest))
-    moved = ahead.scorer.survey.wander or ahead.scorer.survey.change
-    return ahead if _better(ahead, found) and not moved else None
 
 
 def _survey_about(found: Verdict[ByBlocks], sets: Together, likeliest: Scored) -> Survey:

@@ -24,16 +24,13 @@ from pa10cal.discovery.blocked_cv.survey import (
     map_columns,
     said_by,
 )
-from pa10cal.discovery.gap import PairedErrors, gap
 from pa10cal.discovery.noise import AS_FOUND, Noise, PoseWeights, Widening, pose_weights, unweighted
 from pa10cal.discovery.other_numbers import COMPUTING
-from pa10cal.discovery.preparation import complete_about
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
-from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
 from pa10cal.results import calibration as records
@@ -47,7 +44,6 @@ from pa10cal.terms.effects.joint_error_map import (
     is_error_map,
 )
 from pa10cal.terms.model import Model
-from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal.terms.term import Report, Term
 
 # Rows weighed by what a model leaves that lacks nothing of the vocabulary.
@@ -322,18 +318,7 @@ def _inverse(information: Array, prior: Array, free: Mask) -> Array:
     return found
 
 
-# How far models are from measured poses: what a fit has seen, and name by name.
-
-
-def compare(
-    campaign: Survey, extended: Refit, poses: Observations, noise_floor_mm: float
-) -> PairedErrors:
-    """Return the gap of calibrated and extended model on measured poses."""
-    after, seen = extended.fitted(), seen_by_maps(campaign, extended.effects)
-    poses, wander = complete_about(poses, campaign.baseline, after, campaign.setup), campaign.wander
-    T_moved = None if wander is None else motion_of_base(wander.motions(poses.states.time_s))
-    before = campaign.calibrated or campaign.baseline
-    return gap(poses, before, after, noise_floor_mm, seen, T_moved)
+# The joint positions that maps have learnt from, and the model with some of its effects.
 
 
 def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage | None:

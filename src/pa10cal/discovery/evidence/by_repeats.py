@@ -122,11 +122,31 @@ class ByRepeats(Scorer):
     def gap_on(
         self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
     ) -> PairedErrors:
-        return compare(self.problem, self.extended, poses, self.judgement.found.fit)
+        problem, searched = self.problem, self.judgement.found.fit
+        poses = preparation.complete_about(poses, problem.baseline, self.extended.at, problem.setup)
+        T_moved = None
+        if (wander := problem.in_time.wander) is not None:
+            # Poses of the fit are averages: the base has moved by the mean of its motions there.
+            single, times_s = problem.readings, poses.states.time_s
+            group = reading_groups(single)
+            of_groups_s = group_means(single.states.time_s, group)
+            if len(of_groups_s) == len(poses) and np.allclose(of_groups_s, times_s):
+                T_moved = motion_of_base(group_means(wander.motions(single.states.time_s), group))
+            else:
+                T_moved = motion_of_base(wander.motions(times_s))
+        floor, after = floor_mm(problem, poses.readings), _exported(problem, self.extended)
+        found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
+        if not any(effect.generic for effect in searched.effects):
+            return found
+        # The model at the end of the search may hold what has no name, too.
+        poses = preparation.complete_about(poses, problem.baseline, searched.at, problem.setup)
+        return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
 
     @override
     def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        return model_with(self.problem, self.extended, effects)
+        problem, extended = self.problem, self.extended
+        sizes = tuple(extended.size_of[effect] for effect in effects)
+        return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
 
     @override
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
@@ -305,45 +325,9 @@ def _with_time(
     return problem, start
 
 
-def compare(
-    problem: EvidenceProblem,
-    extended: EvidenceFit,
-    poses: Observations,
-    searched: EvidenceFit | None = None,
-) -> PairedErrors:
-    """Return the gap of baseline and extended model on averaged poses.
-
-    The model at the end of the search may hold what has no name, too.
-    """
-    poses = preparation.complete_about(poses, problem.baseline, extended.at, problem.setup)
-    floor, after, T_moved = floor_mm(problem, poses.readings), _exported(problem, extended), None
-    if (wander := problem.in_time.wander) is not None:
-        # Poses of the fit are averages: the base has moved by the mean of its motions there.
-        single, times_s = problem.readings, poses.states.time_s
-        group = reading_groups(single)
-        of_groups_s = group_means(single.states.time_s, group)
-        if len(of_groups_s) == len(poses) and np.allclose(of_groups_s, times_s):
-            T_moved = motion_of_base(group_means(wander.motions(single.states.time_s), group))
-        else:
-            T_moved = motion_of_base(wander.motions(times_s))
-    found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
-    if searched is None or not any(effect.generic for effect in searched.effects):
-        return found
-    poses = preparation.complete_about(poses, problem.baseline, searched.at, problem.setup)
-    return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
-
-
 def _exported(problem: EvidenceProblem, found: EvidenceFit) -> FittedModel:
     """Return a fit as the model that is exported, its covariance aside."""
     return replace(found.fitted(), targets_off_m=targets_off_m(problem, found))
-
-
-def model_with(
-    problem: EvidenceProblem, extended: EvidenceFit, effects: tuple[Effect, ...]
-) -> FittedModel:
-    """Return an extended model with some of its effects, all fitted again."""
-    sizes = tuple(extended.size_of[effect] for effect in effects)
-    return _exported(problem, fit(problem, effects, sizes, extended.variances, extended))
 
 
 # Where a fit and the data disagree, tested against pure error.
