@@ -17,8 +17,8 @@ from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import PairedErrors, errors_of, fallen_back, gap
-from pa10cal.discovery.gates import beside, gated, harmed, harmless, limits, unfit
+from pa10cal.discovery.gap import PairedErrors, errors_of, gap
+from pa10cal.discovery.gates import gated, harmed, harmless, limits, only_within, unfit
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -192,8 +192,8 @@ def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
     ahead = found.scorer.likelier(found) if found.weights_assumed else None
     if ahead is not None:
         likelier = gated(ahead)
-        harmed = likelier.falls_back is not None and passed.falls_back is None
-        if not (harmed or likelier.verdict == "check_the_log"):
+        falls_back = likelier.falls_back is not None and passed.falls_back is None
+        if not (falls_back or likelier.verdict == "check_the_log"):
             return likelier
     return passed
 
@@ -229,13 +229,11 @@ def with_predicted(found: Verdict) -> Verdict:
         free = replace(found, falls_back=None).with_gaps(partial(after, by_names))
     everywhere = predicting(free)
     # Held-out poses chose nothing of it, and are predicted no worse than by the names alone.
-    if harmed(beside(everywhere, free)):
+    if harmed(everywhere.trusted_holdout, free.trusted_holdout):
         return found
     if within is None or limits(everywhere) is None:
         return everywhere
-    return predicting(found).with_gaps(
-        lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad))
-    )
+    return only_within(predicting(found), within)
 
 
 def _without_name(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:

@@ -26,6 +26,7 @@ from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import NAMES, PROBABILITIES
 from pa10cal.discovery.verdict import (
+    Basis,
     Scorer,
     Verdict,
     in_doubt,
@@ -52,6 +53,7 @@ from pa10cal.terms.effects.structure import BaseDrift
 from pa10cal.terms.weights import holds_weights
 
 S = TypeVar("S", bound=Scorer)
+B = TypeVar("B", bound=Basis)
 
 #: Grades of the calibration with which `none` is not said.
 NO_COMFORT = ("suspect_input", "not_converged")
@@ -137,26 +139,19 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
         )
         (now,) = (one for one in found.findings if one.effect == finding.effect)
         without = without_names(found, {now: why})
-        if harmed(found) or not harmed(beside(without, found)):
+        held_out = found.trusted_holdout
+        if harmed(held_out) or not harmed(without.trusted_holdout, held_out):
             found = without
     return found
 
 
-def beside(found: Verdict[S], other: Verdict) -> Verdict[S]:
-    """Return a verdict whose held-out errors before are those that another one ends with."""
-    if found.holdout is None or other.holdout is None:
-        return found
-    held_out = replace(found.holdout, found_before=other.holdout.found_after)
-    return replace(found, holdout=held_out, falls_back=None)
-
-
-def harmed(found: Verdict) -> bool:
-    """Return whether held-out poses are predicted worse than before."""
-    held_out = found.trusted_holdout
-    return (
-        held_out is not None
-        and _harm(held_out, np.ones(len(held_out.poses), dtype=bool)) is not None
-    )
+def harmed(held_out: PairedErrors | None, other: PairedErrors | None = None) -> bool:
+    """Return whether held-out poses are predicted worse than before, or than others end with."""
+    if held_out is None:
+        return False
+    if other is not None:
+        held_out = replace(held_out, found_before=other.found_after)
+    return _harm(held_out, np.ones(len(held_out.poses), dtype=bool)) is not None
 
 
 def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:
@@ -392,7 +387,7 @@ def harmless(found: Verdict[S]) -> Verdict[S]:
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _harmless_to_every_campaign(_without_contradicted(found, visited))
     away = limits(found)
-    return found if away is None else replace(_only_within(found, away.within), falls_back=away)
+    return found if away is None else replace(only_within(found, away.within), falls_back=away)
 
 
 def limits(found: Verdict) -> FallBack | None:
@@ -409,8 +404,8 @@ def limits(found: Verdict) -> FallBack | None:
     judged = [np.ones_like(outside)]
     if (unseen := HeldOutPlaces.of(held_out.poses, fitted).unseen) is not None:
         judged.append(unseen)
-    if (campaign := _harmed_campaign(found)) is not None:
-        judged.append(held_out.campaigns[campaign])
+    if (most := _most_harmed(found)) is not None:
+        judged.append(held_out.campaigns[most[0]])
 
     def anywhere(gap: PairedErrors) -> BeforeAfter | None:
         return next((harm for rows in judged if (harm := _harm(gap, rows)) is not None), None)
@@ -474,19 +469,16 @@ def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
     where that does not do, effects go: those without which that campaign is not predicted worse
     and the others best, or else that campaign best.
     """
-    while found.effects and (campaign := _harmed_campaign(found)) is not None:
-        gap = found.trusted_holdout
-        assert gap is not None
-        harm = gap.accuracies(gap.campaigns[campaign])
-        assert harm is not None
+    while found.effects and (most := _most_harmed(found)) is not None:
+        campaign, harm = most
         worse = (
             f"held-out poses of campaign {campaign} are predicted worse, "
             f"{harm.before.rms_mm:.4f} mm rms before and {harm.after.rms_mm:.4f} mm after"
         )
         others = ~found.train.campaigns[campaign]
         within = span_visited(found.train.poses.states.q_rad[others])
-        apart = _only_within(found, within)
-        if _harmed_campaign(apart) is None:
+        apart = only_within(found, within)
+        if _most_harmed(apart) is None:
             why = (
                 f"with the effects {worse}; the extended model is the calibrated one beyond the "
                 "joint positions of the other campaigns"
@@ -498,7 +490,7 @@ def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
     return found
 
 
-def _only_within(found: Verdict[S], within: AngleCoverage) -> Verdict[S]:
+def only_within(found: Verdict[B], within: AngleCoverage) -> Verdict[B]:
     """Return the verdict with the calibrated model's errors beyond some joint positions."""
     return found.with_gaps(
         lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad)),
@@ -513,15 +505,16 @@ def _left_mm(found: Verdict, campaign: str) -> float:
     return summarise(gap.found_after, rows).rms_mm
 
 
-def _harmed_campaign(found: Verdict) -> str | None:
-    """Return the campaign of a group that is predicted worse by most; None where none is."""
-    gap = found.trusted_holdout
-    worse = {}
-    for name, rows in {} if gap is None else gap.campaigns.items():
-        harm = None if gap is None else gap.accuracies(rows)
-        if harm is not None and _is_harmed(found, name):
-            worse[name] = harm.after.rms_mm / harm.before.rms_mm
-    return max(worse, key=worse.__getitem__, default=None)
+def _most_harmed(found: Verdict) -> tuple[str, BeforeAfter] | None:
+    """Return the campaign of a group that is predicted worse by most, and its errors.
+
+    None where none is predicted worse.
+    """
+    if (gap := found.trusted_holdout) is None:
+        return None
+    every = ((name, gap.accuracies(rows)) for name, rows in gap.campaigns.items())
+    worse = [(name, harm) for name, harm in every if harm and _is_harmed(found, name)]
+    return max(worse, key=lambda one: one[1].after.rms_mm / one[1].before.rms_mm, default=None)
 
 
 def _is_harmed(found: Verdict, campaign: str) -> bool:
