@@ -158,7 +158,7 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(wave):
     problem, start = wave.problem, wave.start
     extended = fit(problem, (FRICTION, HARMONIC), (1, 1), (0.0, 0.0), start)
     scorer = scored(problem, extended)
-    train = scorer.gap_on(average_repeats(problem.readings), 0.0)
+    train = scorer.gap_on(average_repeats(problem.readings))
     found = errors_by_name(train, None, extended.effects, scorer.model_with)
     # What takes most away joins first.
     assert list(found.without) == [HARMONIC, FRICTION]
@@ -171,7 +171,7 @@ def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(wave):
 
 def test_without_effects_there_is_the_baseline_alone(wave):
     scorer = scored(wave.problem, wave.start)
-    train = scorer.gap_on(average_repeats(wave.problem.readings), 0.0)
+    train = scorer.gap_on(average_repeats(wave.problem.readings))
     (step,) = errors_by_name(train, train, (), scorer.model_with).steps
     assert step.effects == ()
     assert step.holdout == train.before

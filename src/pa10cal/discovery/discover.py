@@ -78,11 +78,6 @@ class NotSought(Basis):
     def searched_from(self) -> FittedModel:
         return self.calibrated.with_bends()
 
-    @property
-    @override
-    def untouched(self) -> FittedModel:
-        return self.calibrated
-
     @override
     def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
         residuals = lack_of_fit(CellResiduals.about(found.baseline, found.train.poses, self.cov))

@@ -114,11 +114,6 @@ class Basis(ABC):
         """Return the extended model with some of its effects, all else fitted again."""
 
     @property
-    def untouched(self) -> FittedModel | None:
-        """Return the calibrated model where it stays as it is, since nothing was sought."""
-        return None
-
-    @property
     def beside(self) -> Array | None:
         """Return columns (P, b, k + 1) of what is in no model, and last what it comes to.
 
@@ -190,9 +185,7 @@ class Scorer(Basis):
         """Return the averaged poses of the fit."""
 
     @abstractmethod
-    def gap_on(
-        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
-    ) -> PairedErrors:
+    def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
         """Return the gap of the calibrated and the extended model on averaged poses.
 
         With what is in no model as it was before that model was fitted anew, where it was.
@@ -385,8 +378,8 @@ class Verdict(Generic[S]):
     @cached_property
     def model(self) -> FittedModel:
         """Return the calibrated model with the effects found."""
-        if self.scorer.untouched is not None:
-            return self.scorer.untouched
+        if not is_sought(self):
+            return self.scorer.model_with(())
         fitted, away = self.extended.fitted(self.covariance), self.falls_back
         stated, seen = self.prepared.readings.measured.by_stated_targets, self.scorer.seen
         if away is not None and self.predicted is not None and self.holds_nowhere:
@@ -482,7 +475,7 @@ def with_findings(found: Verdict[K], findings: Sequence[Finding]) -> Verdict[K]:
         findings: some of its own, each with its own effect or one of its alternatives.
     """
     scorer = found.scorer.refitted(tuple(each.effect for each in findings), found.findings)
-    held_out, floor_mm = found.prepared.held_out, found.noise_floor_mm
+    held_out = found.prepared.held_out
     reported = [scorer.extended.reported(each.effect, scorer.covariance) for each in findings]
     return replace(
         found,
@@ -491,8 +484,8 @@ def with_findings(found: Verdict[K], findings: Sequence[Finding]) -> Verdict[K]:
             replace(each, x=x, covariance=covariance)
             for each, (x, covariance) in zip(findings, reported, strict=True)
         ),
-        train=scorer.gap_on(scorer.fitted_poses(found.prepared), floor_mm, found.train),
-        holdout=None if held_out is None else scorer.gap_on(held_out, floor_mm, found.holdout),
+        train=scorer.gap_on(scorer.fitted_poses(found.prepared), found.train),
+        holdout=None if held_out is None else scorer.gap_on(held_out, found.holdout),
     )
 
 

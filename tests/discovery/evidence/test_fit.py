@@ -169,11 +169,11 @@ class TestTargetsOffTheirPlaces:
         assert left[1] < 0.5 * left[0]
 
     def test_the_gap_is_taken_with_them(self, moved):
-        with_places = scored(moved.problem, moved.start).gap_on(moved.held_out, 0.0)
+        with_places = scored(moved.problem, moved.start).gap_on(moved.held_out)
         assert with_places.after.mean_mm < 1.3 * 0.0092
         setup = replace(moved.problem.setup, apparatus_m=1e-9)
         problem = replace(moved.problem, setup=setup)
-        without = scored(problem, moved.start).gap_on(moved.held_out, 0.0)
+        without = scored(problem, moved.start).gap_on(moved.held_out)
         assert without.after.mean_mm > 2.0 * with_places.after.mean_mm
 
     def test_nothing_off_changes_nothing(self, moved):

@@ -137,14 +137,12 @@ class ByBlocks(Scorer):
         return self.survey.poses
 
     @override
-    def gap_on(
-        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
-    ) -> PairedErrors:
+    def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
         survey, after, wander = self.survey, self.extended.fitted(), self.survey.wander
         poses = complete_about(poses, survey.baseline, after, survey.setup)
         T_moved = None if wander is None else motion_of_base(wander.motions(poses.states.time_s))
         calibrated = survey.calibrated or survey.baseline
-        found = gap(poses, calibrated, after, noise_floor_mm, self.seen, T_moved)
+        found = gap(poses, calibrated, after, self.remaining.floor_mm, self.seen, T_moved)
         return found if before is None else found.with_nuisances_of(before)
 
     @override
@@ -407,8 +405,8 @@ def _searched(campaign: Prepared, judged: Survey) -> Verdict[ByBlocks]:
         below_detection_limit=found.below_detection_limit,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
-        train=scorer.gap_on(poses, floor_mm),
-        holdout=None if held_out is None else scorer.gap_on(held_out, floor_mm),
+        train=scorer.gap_on(poses),
+        holdout=None if held_out is None else scorer.gap_on(held_out),
         faults_of_rows=(
             *steps_in_time(judged.wander, extended.at, poses, rivals),
             *(() if judged.change is None else (judged.change.fault(judged.baseline, poses),)),

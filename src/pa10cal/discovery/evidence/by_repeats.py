@@ -119,9 +119,7 @@ class ByRepeats(Scorer):
         return average_repeats(campaign.trusted)
 
     @override
-    def gap_on(
-        self, poses: Observations, noise_floor_mm: float, before: PairedErrors | None = None
-    ) -> PairedErrors:
+    def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
         problem, searched = self.problem, self.judgement.found.fit
         poses = preparation.complete_about(poses, problem.baseline, self.extended.at, problem.setup)
         T_moved = None
@@ -273,8 +271,8 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
         not_testable=tuple(one for one in refused if not is_fault(one.effect)),
         indistinguishable=tuple(tuple(family[k] for k in group) for group in groups),
         noise_floor_mm=floor,
-        train=scorer.gap_on(average_repeats(readings), floor),
-        holdout=None if held_out is None else scorer.gap_on(held_out, floor),
+        train=scorer.gap_on(average_repeats(readings)),
+        holdout=None if held_out is None else scorer.gap_on(held_out),
         faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
     )
 
