@@ -13,7 +13,7 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.discovery.blocked_cv.by_blocks import ByBlocks, discover_by_blocks
-from pa10cal.discovery.blocked_cv.survey import Survey, survey
+from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.files.arms import load_arm
@@ -83,13 +83,16 @@ class Surveyed:
 
     @cached_property
     def survey(self) -> Survey:
-        return survey(self.readings, self.baseline, self.setup, torques_logged=False)
+        return Survey.of(self.prepared)
 
     @cached_property
     def discovery(self) -> Verdict[ByBlocks]:
+        return discover_by_blocks(self.prepared)
+
+    @property
+    def prepared(self) -> Prepared:
         held_out = self.held_out if len(self.held_out) else None
-        given = Prepared(self.readings, held_out, self.baseline, self.setup, "masses", False)
-        return discover_by_blocks(given)
+        return Prepared(self.readings, held_out, self.baseline, self.setup, "masses", False)
 
 
 def measured(hidden=Hidden(), seed=20080427, poses=POSES, held_out=HELD_OUT):

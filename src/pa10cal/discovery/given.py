@@ -21,7 +21,7 @@ from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery.blocked_cv.family import computable_shapes
 from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows, with_tilts_shown
-from pa10cal.discovery.blocked_cv.survey import survey
+from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
 from pa10cal.discovery.evidence.problem import covariance_of, prepare, targets_off_m
@@ -107,11 +107,10 @@ def calibrate_with(
         DiscoveryError: when there are too few poses, or too little is repeated.
     """
     campaign = prepared(every, model.with_bends(_bent(effects, model.arm)), setup)
-    logged = campaign.torques == "logged"
     fitted: ModelWithEffects
     readings = campaign.trusted
     if judged_by_blocks(readings):
-        judged = survey(readings, campaign.baseline, setup, torques_logged=logged)
+        judged = Survey.of(campaign)
         chosen = _effects(effects, judged.context)
         rows = weighted_rows(judged, computable_shapes(judged)[0], MAPS.spacings[-1][0])
         rate, whiten = setup.options.error_rate, rows.weights.whiteners()
@@ -124,6 +123,7 @@ def calibrate_with(
         used, covariance = judged.poses, found.covariance
         whitener, off_m = found.weights.whiteners(), np.zeros(0)
     else:
+        logged = campaign.torques == "logged"
         problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
         chosen, whiten = _effects(effects, problem.context), whitener_of(problem.cell_cov)
         at, rate = campaign.baseline, setup.options.error_rate

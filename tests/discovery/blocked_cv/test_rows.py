@@ -21,13 +21,14 @@ from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import (
     BlockedRows,
     ShapedEffect,
+    Survey,
     in_terms_of,
     map_columns,
     said_by,
-    survey,
 )
 from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
 from pa10cal.discovery.noise import unweighted
+from pa10cal.discovery.preparation import Prepared
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.effects.joint import TorqueGain
 from pa10cal.terms.effects.joint_error_map import (
@@ -159,8 +160,8 @@ def test_a_gain_of_logged_torques_is_taken_up_by_the_springs_that_take_the_log(f
     log_Nm = few.poses.states.tau_Nm + friction_Nm
     poses = replace(few.poses, states=replace(few.poses.states, tau_Nm=log_Nm))
     logged, masses = (
-        survey(poses, few.baseline, few.setup, torques_logged=torques_logged).poses.states
-        for torques_logged in (True, False)
+        Survey.of(Prepared(poses, None, few.baseline, few.setup, torques, False)).poses.states
+        for torques in ("logged", "masses")
     )
     gain = TorqueGain("joint 2")
     np.testing.assert_array_equal(gain.per_unit(logged), logged.tau_Nm[:, 1])

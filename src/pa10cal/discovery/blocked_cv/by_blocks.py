@@ -23,7 +23,7 @@ from pa10cal.discovery.blocked_cv.refit import (
     seen_by_maps,
     with_tilts_shown,
 )
-from pa10cal.discovery.blocked_cv.survey import Survey, survey
+from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
@@ -310,13 +310,7 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
     Raises:
         DiscoveryError: when there are too few poses.
     """
-    judged = survey(
-        campaign.trusted,
-        campaign.baseline,
-        campaign.setup,
-        torques_logged=campaign.torques == "logged",
-    )
-    found = _searched(campaign, judged)
+    found = _searched(campaign, Survey.of(campaign))
     tilted = (
         with_tilts_shown(found.scorer.survey, found.scorer.extended) if found.findings else None
     )
@@ -464,13 +458,8 @@ def _survey_about(found: Verdict[ByBlocks], sets: Together, likeliest: Scored) -
 def _survey_from(found: Verdict[ByBlocks], about: FittedModel) -> Survey:
     """Return a survey that sets out from another model than the calibrated one, fitted anew."""
     campaign = found.prepared
-
-    def surveyed(baseline: FittedModel) -> Survey:
-        logged = campaign.torques == "logged"
-        return survey(campaign.trusted, baseline, campaign.setup, torques_logged=logged)
-
-    fitted = refit(surveyed(about), (), (), found.scorer.extended.weights).fitted()
-    return replace(surveyed(fitted), calibrated=campaign.baseline)
+    fitted = refit(Survey.of(campaign, about), (), (), found.scorer.extended.weights).fitted()
+    return replace(Survey.of(campaign, fitted), calibrated=campaign.baseline)
 
 
 def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verdict[ByBlocks]:

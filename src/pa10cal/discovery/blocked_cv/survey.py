@@ -22,7 +22,7 @@ from pa10cal.discovery.linear import (
     with_base_term,
 )
 from pa10cal.discovery.noise import Noise, PoseWeights, noise_of_near_poses, with_torque_noise
-from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
+from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.wander import Wander
 from pa10cal.errors import DiscoveryError
@@ -62,6 +62,40 @@ class Survey:
     calibrated: FittedModel | None = None
     # effects that it begins with, of those that are sought and of others
     begins_with: tuple[Effect, ...] = ()
+
+    @classmethod
+    def of(cls, campaign: Prepared, baseline: FittedModel | None = None) -> Survey:
+        """Make the poses of a campaign's fit ready, orientations and torques as a model has them.
+
+        That is the calibrated model, unless another is given.
+
+        Raises:
+            DiscoveryError: when there are too few poses for blocks.
+        """
+        readings, setup = campaign.trusted, campaign.setup
+        baseline, torques_logged = baseline or campaign.baseline, campaign.torques == "logged"
+        if len(readings) < LEAST_FOR_BLOCKS:
+            raise DiscoveryError(
+                "too few poses to judge effects by blocked cross-validation",
+                where="grid poses",
+                value=len(readings),
+                allowed=f"at least {LEAST_FOR_BLOCKS} poses",
+                remedy="measure more poses, or measure poses repeatedly",
+            )
+        poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
+        poses = complete(poses, baseline, setup)
+        if torques_logged:
+            poses = _as_springs_take_them(poses)
+        context = context_of(poses, baseline, setup)
+        return cls(
+            poses=poses,
+            block=_stretches(poses),
+            baseline=baseline,
+            setup=setup,
+            context=context,
+            torques_logged=torques_logged,
+            lag=attitude_lag(context, poses),
+        )
 
     @property
     def cells(self) -> Observations:
@@ -127,42 +161,6 @@ class Survey:
             change, own = replace(change, amounts=own[:count]), own[count:]
         lag = None if lag is None else replace(lag, amounts=own)
         return replace(self, wander=wander, change=change, lag=lag)
-
-
-def survey(
-    readings: Observations,
-    baseline: FittedModel,
-    setup: MeasurementSetup,
-    *,
-    torques_logged: bool,
-) -> Survey:
-    """Make a campaign ready: the poses of the fit, orientations and torques as the model has them.
-
-    Raises:
-        DiscoveryError: when there are too few poses for blocks.
-    """
-    if len(readings) < LEAST_FOR_BLOCKS:
-        raise DiscoveryError(
-            "too few poses to judge effects by blocked cross-validation",
-            where="grid poses",
-            value=len(readings),
-            allowed=f"at least {LEAST_FOR_BLOCKS} poses",
-            remedy="measure more poses, or measure poses repeatedly",
-        )
-    poses = readings.take(np.argsort(readings.states.time_s, kind="stable"))
-    poses = complete(poses, baseline, setup)
-    if torques_logged:
-        poses = _as_springs_take_them(poses)
-    context = context_of(poses, baseline, setup)
-    return Survey(
-        poses=poses,
-        block=_stretches(poses),
-        baseline=baseline,
-        setup=setup,
-        context=context,
-        torques_logged=torques_logged,
-        lag=attitude_lag(context, poses),
-    )
 
 
 def _stretches(poses: Observations) -> Index:
