@@ -14,7 +14,6 @@ from pa10cal.arrays import Array, Index, drawn
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
-from pa10cal.discovery.blocked_cv.family import computable_shapes
 from pa10cal.discovery.blocked_cv.refit import (
     PartialFits,
     Refit,
@@ -327,8 +326,7 @@ def _better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
 
 def _searched(campaign: Prepared, judged: Survey) -> Verdict[ByBlocks]:
     """Search a survey of a campaign."""
-    shaped, unknown = computable_shapes(judged)
-    found = judge.found_in(judged, shaped)
+    found = judge.found_in(judged)
     for _ in range(LINES.most_rounds):
         more = (*_lines(campaign, found), *_wobbles(campaign, found))
         if not more:
@@ -338,15 +336,14 @@ def _searched(campaign: Prepared, judged: Survey) -> Verdict[ByBlocks]:
             baseline=judged.baseline.bending_as(more),
             begins_with=(*judged.begins_with, *more),
         )
-        shaped, unknown = computable_shapes(judged)
-        found = judge.found_in(judged, shaped)
+        found = judge.found_in(judged)
     fitted, about = found.extended, found.rows.survey
     whiteners, logged = fitted.weights.whiteners(), about.torques_logged
     every = tuple(sought(about.context, about.baseline.model.terms))
     rivals: Mapping[float, tuple[str, ...]] = {}
     change, in_time = change_of(fitted.at, about.poses, whiteners, every, logged=logged), NO_MOTION
     if change is not None:
-        found = judge.found_in(judged.changing(change), shaped)
+        found = judge.found_in(judged.changing(change))
     else:
         # What is named of time already is one explanation among those of a base that moved.
         terms = fitted.at.model.terms
@@ -356,7 +353,7 @@ def _searched(campaign: Prepared, judged: Survey) -> Verdict[ByBlocks]:
         in_time = in_time_of(still, about.poses, whiteners, every, logged=logged, weights=True)
         if in_time.wander is not None:
             rivals = rivals_of_steps(in_time.wander, still, about.poses, whiteners)
-            found = judge.found_in(judged.moving(in_time.wander), shaped)
+            found = judge.found_in(judged.moving(in_time.wander))
     found = judge.with_effects_added(
         found, judge.slow_drift(found.survey, found.holdout_check, found.extended.effects)
     )
@@ -395,7 +392,7 @@ def _searched(campaign: Prepared, judged: Survey) -> Verdict[ByBlocks]:
             *motion_unexplained(in_time, judged.wander, floor_mm),
             *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
         ),
-        not_testable=(*unknown, *found.hidden),
+        not_testable=found.hidden,
         below_detection_limit=found.below_detection_limit,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,

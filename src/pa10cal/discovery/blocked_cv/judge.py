@@ -25,6 +25,7 @@ from pa10cal.discovery.blocked_cv.family import (
     as_good,
     below_detection_limit,
     both_kinds_agree,
+    computable_shapes,
     family,
     surely_worse,
     within_bounds,
@@ -430,7 +431,7 @@ class SearchOutcome:
     nameless: tuple[Effect, ...]  # generic effects that the search chose: not in the model
     tried: tuple[Tried, ...]  # what each candidate not chosen would still gain
     errors_mm: Array  # (P,) position errors of held-out blocks
-    hidden: tuple[Untestable, ...]  # effects that these poses cannot show
+    hidden: tuple[Untestable, ...]  # effects that these data cannot show
     below_detection_limit: tuple[Untestable, ...]
     candidates: int  # how many effects were tried
     least_gain: float  # sum of squares by which one must help at least
@@ -449,9 +450,11 @@ class SearchOutcome:
         return HoldoutCheck(self.survey, self.extended, self.least_gain)
 
 
-def found_in(survey: Survey, shaped: tuple[ShapedEffect, ...]) -> SearchOutcome:
+def found_in(survey: Survey) -> SearchOutcome:
     """Search a survey."""
-    found = _with_nuisance_amounts(_searched(weighted_rows(survey, shaped, MAPS.spacings[-1][0])))
+    shaped, unknown = computable_shapes(survey)
+    found = _searched(weighted_rows(survey, shaped, MAPS.spacings[-1][0]))
+    found = _with_nuisance_amounts(replace(found, hidden=(*unknown, *found.hidden)))
     if survey.context.commanded:
         added = arrivals(survey, found.holdout_check, found.extended.effects)
         found = with_effects_added(found, added)
