@@ -16,9 +16,8 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
-from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.gates import gated, harmed, harmless, limits, only_within, unfit
+from pa10cal.discovery.gates import fitted_instead, gated, harmed, harmless, limits, only_within
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -35,7 +34,6 @@ from pa10cal.discovery.verdict import (
     is_named,
     is_sought,
     label_of,
-    with_findings,
     with_likely,
     without_names,
 )
@@ -410,12 +408,6 @@ def _named(found: Verdict[S], proposal: FormulaProposal) -> Verdict[S] | None:
     ):
         return None
     line = PeriodicError(form.of, float(order))
-    findings: tuple[Finding, ...] = found.findings
-    (of_map,) = (each for each in findings if each.effect == held[0])
-    # A fit takes an effect in the place of one of which it is an alternative.
-    known = replace(of_map, alternatives=(line, *of_map.alternatives))
-    beside = replace(found, findings=tuple(known if each is of_map else each for each in findings))
-    named = replace(of_map, effect=line)
-    tried = with_findings(beside, [named if each is of_map else each for each in findings])
-    now = next(each for each in tried.findings if each.effect == line)
-    return None if any(unfit(now, tried.model)) else harmless(tried)
+    (of_map,) = (each for each in found.findings if each.effect == held[0])
+    tried = fitted_instead(found, of_map, replace(of_map, effect=line))
+    return None if tried is None else harmless(tried)

@@ -91,15 +91,21 @@ def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
         likelier = probability > NAMES.likelier * told.of(finding.effect)
         if not likelier or name_of(best) in taken or name_of(best) not in known:
             continue
-        # A fit takes an effect in the place of one of which it is an alternative.
-        beside = replace(finding, alternatives=(best, *finding.alternatives))
-        tried = replace(found, findings=instead(found, beside))
-        tried = with_findings(tried, instead(found, finding.about(best), finding.effect))
-        now = next(each for each in tried.findings if each.effect == best)
-        as_well = tried.train.after.rms_mm <= NAMES.worse_ratio * found.train.after.rms_mm
-        if as_well and not any(unfit(now, tried.model, tried.states)):
+        tried = fitted_instead(found, finding, finding.about(best))
+        most_mm = NAMES.worse_ratio * found.train.after.rms_mm
+        if tried is not None and tried.train.after.rms_mm <= most_mm:
             found = tried
     return found
+
+
+def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] | None:
+    """Return the verdict fitted anew with a finding in another's place; None if that is unfit."""
+    # A fit takes an effect in the place of one of which it is an alternative.
+    known = replace(old, alternatives=(new.effect, *old.alternatives))
+    tried = replace(found, findings=instead(found, known))
+    tried = with_findings(tried, instead(found, new, old.effect))
+    now = next(each for each in tried.findings if each.effect == new.effect)
+    return None if any(unfit(now, tried.model, tried.states)) else tried
 
 
 def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
@@ -215,9 +221,7 @@ def _alternative(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
             continue
         rest = tuple(one for one in finding.alternatives if one != other)
         stands_in = replace(finding, effect=other, alternatives=rest)
-        tried = with_findings(found, instead(found, stands_in, finding.effect))
-        now = next(one for one in tried.findings if one.effect == other)
-        if not any(unfit(now, tried.model, tried.states)):
+        if (tried := fitted_instead(found, finding, stands_in)) is not None:
             return tried
     return None
 
