@@ -345,6 +345,13 @@ def as_good(squares: Array, than: Array) -> bool:
     return bool(lost.sum() <= standard_error(lost))
 
 
+def surely_helps(gain: Array, least_gain: float, least: float = 0.0) -> bool:
+    """Return whether blocks (B,) gain enough, by two least sums and by more than chance makes."""
+    total = float(gain.sum())
+    by_chance = BLOCKS.standard_errors * standard_error(gain)
+    return total > max(least_gain, least) and total > by_chance
+
+
 def surely_worse(gain: Array) -> bool:
     """Return whether a sum over blocks is below zero by more than its scatter between them."""
     return float(gain.sum()) < -BLOCKS.worse_errors * standard_error(gain)

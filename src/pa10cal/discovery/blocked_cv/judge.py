@@ -27,6 +27,7 @@ from pa10cal.discovery.blocked_cv.family import (
     both_kinds_agree,
     computable_shapes,
     family,
+    surely_helps,
     surely_worse,
     within_bounds,
 )
@@ -363,17 +364,12 @@ class HoldoutCheck:
         By a part of the squared position errors: weights come from the scatter of residuals, so no
         share of noise is taken off.
         """
-        gain = float((before.total - after.total).sum())
-        return gain > BLOCKS.least_share * float(after.kinds[0].sum()) and self.matters(
-            before, after
-        )
+        least = BLOCKS.least_share * float(after.kinds[0].sum())
+        return surely_helps(before.total - after.total, self._least_gain, least)
 
     def matters(self, before: Squares, after: Squares) -> bool:
         """Return whether they come out better by more than chance makes of it."""
-        gain = before.total - after.total
-        return float(gain.sum()) > max(
-            self._least_gain, BLOCKS.standard_errors * standard_error(gain)
-        )
+        return surely_helps(before.total - after.total, self._least_gain)
 
 
 def proof_of(before: Squares, after: Squares) -> BlockPrediction:

@@ -24,6 +24,7 @@ from pa10cal.discovery.blocked_cv.family import (
     both_kinds_agree,
     solve,
     start,
+    surely_helps,
     within_bounds,
 )
 from pa10cal.discovery.blocked_cv.survey import BlockedRows, Products, ShapedEffect
@@ -87,12 +88,8 @@ class Search:
 
     def helps(self, before: Array, after: Array, least_share: float = BLOCKS.least_share) -> bool:
         """Return whether sums of squares (B,) of held-out blocks come down enough."""
-        gain = before - after
-        total = float(gain.sum())
         left_over = max(float(after.sum()) - self.noise, 0.0)
-        return total > max(
-            self.least_gain, least_share * left_over
-        ) and total > BLOCKS.standard_errors * standard_error(gain)
+        return surely_helps(before - after, self.least_gain, least_share * left_over)
 
     def _needs(self, one: Candidate, without: Array, squares: Array) -> bool:
         """Return whether a member is missed: by however little, of a set of what gives way."""
