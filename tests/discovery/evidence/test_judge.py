@@ -25,7 +25,7 @@ def eccentric():
 
 @pytest.fixture(scope="module")
 def eccentric_judged(eccentric):
-    return judge(eccentric.found)
+    return judge(eccentric.found, 0.0)
 
 
 def test_rivals_that_do_as_well_stand_beside_the_name(eccentric_judged):
@@ -43,9 +43,9 @@ def test_a_name_takes_the_place_of_a_map_that_is_no_better(eccentric):
     shape = eccentric.effect(MAP, "joint 2")
     alone = search(eccentric.problem, (shape,), ERROR_RATE, eccentric.start)
     assert alone.fit.effects == (shape,)
-    assert judge(alone).findings[0].effect == shape  # no name in that family
+    assert judge(alone, 0.0).findings[0].effect == shape  # no name in that family
     two = (shape, eccentric.effect("encoder_eccentricity", "joint 2"))
-    (finding,) = judge(forced(eccentric, (shape,), (1,), family=two)).findings
+    (finding,) = judge(forced(eccentric, (shape,), (1,), family=two), 0.0).findings
     assert name(finding.effect) == ("encoder_eccentricity", "joint 2")
 
 
@@ -60,7 +60,7 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
     lost = measure(Missing(turn=turn))
     names = ("gear_ratio_error", "encoder_eccentricity", "backlash")
     family = tuple(effect for effect in lost.family if effect.id in names)
-    judged = judge(search(lost.problem, family, ERROR_RATE, lost.start))
+    judged = judge(search(lost.problem, family, ERROR_RATE, lost.start), 0.0)
     assert word(judged) == "unexplained"
     assert judged.findings == ()
     (place,) = judged.unexplained
@@ -70,7 +70,7 @@ def test_what_sits_nowhere_is_unexplained_all_the_same():
 
 def test_what_chance_does_as_well_is_no_finding(null):
     chance = null.effect("encoder_ellipticity", "joint 1")
-    judged = judge(forced(null, (chance,), (1,)))
+    judged = judge(forced(null, (chance,), (1,)), 0.0)
     assert judged.found.fit.effects == (chance,)
     assert (word(judged), judged.findings) == ("none", ())
 

@@ -32,11 +32,9 @@ from pa10cal.discovery.evidence.search import (
     evidence_about,
     less,
     linearise,
-    threshold,
 )
 from pa10cal.discovery.finding import Finding, Proof, Rival, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
-from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
@@ -228,7 +226,11 @@ class Judgement:
     found: EndOfSearch  # the search, its fit holding every finding and every generic effect
 
 
-def judge(found: EndOfSearch, needed: float = 0.0) -> Judgement:
+#: A full refit with another effect in one's place: that other one, the fit, and its evidence.
+_Refit = tuple[Effect, EvidenceFit, Score]
+
+
+def judge(found: EndOfSearch, needed: float) -> Judgement:
     """Judge what the search found; a name needs so much log evidence."""
     found = _prefer_named(found)
     rivals = {effect: _rivals(found, effect) for effect in found.fit.effects}
@@ -252,7 +254,7 @@ def _prefer_named(found: EndOfSearch) -> EndOfSearch:
         if is_named(effect) or is_fault(effect):
             continue
         named = _linear_scores(found, effect, filter(is_named, found.family))
-        for rival, _ in _as_good(found, _refitted(found, effect, named)):
+        for _, rival, _ in _as_good(found, _refitted(found, effect, named)):
             return _prefer_named(ended_at(found.problem, rival, found.family, found.same))
     return found
 
@@ -264,17 +266,15 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tup
     """
     if effect.generic:
         return (), ()
-    here, members = found.score.log_evidence, found.fit.effects
+    here = found.score.log_evidence
     linear = _linear_scores(found, effect, found.family)
     scores = {each: nats for each, (nats, _) in linear.items()}
     nameless = {each: score for each, score in linear.items() if each.generic}
     refits = _refitted(found, effect, {e: linear[e] for e in linear if e not in nameless})
-    rivals = []
-    for rival, score in (*refits, *_refitted(found, effect, nameless)):
-        (each,) = (one for one in rival.effects if one not in members)
+    for each, _, score in (*refits, *_refitted(found, effect, nameless)):
         scores[each] = score.log_evidence
-    for rival, score in _as_good(found, refits):
-        (each,) = (one for one in rival.effects if one not in members)
+    rivals = []
+    for each, _, score in _as_good(found, refits):
         # A map can always do what a named form of its joint does.
         of_map = is_named(effect) and each.id == MAP
         if not of_map or score.log_evidence >= here - float(np.log(EVIDENCE.odds_over_map)):
@@ -301,26 +301,18 @@ def _linear_scores(
     return {each: (without + gain, size) for each, (gain, size) in zip(others, gains, strict=True)}
 
 
-def _as_good(
-    found: EndOfSearch, refits: Sequence[tuple[EvidenceFit, Score]]
-) -> list[tuple[EvidenceFit, Score]]:
-    """Return the refits that are about as good, best first.
-
-    If a rival is the truth, the chance that it falls behind by more than this is below
-    `missed_rate` for the whole family (Markov, as for the search).
-    """
-    worse = threshold(effects_in(found.family), EVIDENCE.missed_rate)
-    least = found.score.log_evidence - worse
-    return [pair for pair in refits if pair[1].log_evidence >= least]
+def _as_good(found: EndOfSearch, refits: Sequence[_Refit]) -> list[_Refit]:
+    """Return the refits that are about as good, best first."""
+    least = found.score.log_evidence - found.as_good_nats
+    return [each for each in refits if each[2].log_evidence >= least]
 
 
 def _refitted(
     found: EndOfSearch, effect: Effect, linear: Mapping[Effect, tuple[float, int]]
-) -> list[tuple[EvidenceFit, Score]]:
+) -> list[_Refit]:
     """Return full refits with another effect in one's place that come near, best first."""
-    worse = threshold(effects_in(found.family), EVIDENCE.missed_rate)
     kept = less(found.chosen, found.fit.effects.index(effect))
-    least = found.score.log_evidence - worse - EVIDENCE.refit_margin_nats
+    least = found.score.log_evidence - found.as_good_nats - EVIDENCE.refit_margin_nats
     close = [
         (nats, found.family.index(each), size)
         for each, (nats, size) in linear.items()
@@ -332,8 +324,9 @@ def _refitted(
         sizes = (*(size for _, size in kept), size)
         refit = fit(found.problem, effects, sizes, found.score.variances, found.fit)
         own = evidence_about(found.problem, refit, refit.effects)
-        refits.append((refit, own.score(tuple(enumerate(refit.sizes)))))
-    return sorted(refits, key=lambda pair: -pair[1].log_evidence)
+        score = own.score(tuple(enumerate(refit.sizes)))
+        refits.append((found.family[candidate], refit, score))
+    return sorted(refits, key=lambda each: -each[2].log_evidence)
 
 
 def _unexplained(
@@ -373,7 +366,7 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     place = found.fit.effects.index(effect)
     whole = evidence.score(chosen).log_evidence
     without = evidence.score(less(chosen, place)).log_evidence
-    return whole - without < threshold(effects_in(found.family), EVIDENCE.missed_rate)
+    return whole - without < found.as_good_nats
 
 
 def shared_error_mm(problem: EvidenceProblem, variance: float) -> float:

@@ -206,6 +206,15 @@ class EndOfSearch:
         """Return the evidence of the empty set."""
         return self.evidence.score(())
 
+    @property
+    def as_good_nats(self) -> float:
+        """Return by how much less log evidence another set is about as good.
+
+        If a rival is the truth, the chance that it falls behind by more than this is below
+        `missed_rate` for the whole family (Markov, as for the search).
+        """
+        return threshold(effects_in(self.family), EVIDENCE.missed_rate)
+
 
 def threshold(family: int, error_rate: float) -> float:
     """Return the gain in evidence that a name needs: P(any of the family reaches it) <= rate."""
