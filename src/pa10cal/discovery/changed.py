@@ -18,7 +18,7 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.discovery.rules import CHANGE, MOTION
-from pa10cal.discovery.wander import Wander
+from pa10cal.discovery.wander import Wander, between_rows
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
@@ -63,11 +63,6 @@ class Change:
     def fault(self, at: FittedModel, poses: Observations) -> DiagnosedFault:
         """Return it as a fault of the log."""
         assert self.amounts is not None
-        order = np.argsort(poses.states.time_s, kind="stable")
-        time_s, pose = poses.states.time_s[order], poses.pose[order]
-        last = int(np.searchsorted(time_s, self.before_s, side="right")) - 1
-        next_ = int(np.searchsorted(time_s, self.after_s))
-        begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
         later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
         size_mm = linear.rms(linear.error_mm(later.measured, self.shift(at, later)))
         amount_mm = 1e3 * CHANGE.size * self.scale * self.amounts
@@ -100,7 +95,7 @@ class Change:
             )
         if self.rivals:
             what += f"; {' or '.join(self.rivals)} would explain it as well"
-        where = f"between {begin} and {end}"
+        where = between_rows(poses, self.before_s, self.after_s)
         return DiagnosedFault(kind="step_in_time", where=where, what=what, remedy=remedy)
 
 

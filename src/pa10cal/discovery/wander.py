@@ -125,6 +125,16 @@ _REMEDY = (
 )
 
 
+def between_rows(readings: Observations, before_s: float, after_s: float) -> str:
+    """Return in words between which readings something happened, by times that are theirs."""
+    order = np.argsort(readings.states.time_s, kind="stable")
+    time_s, pose = readings.states.time_s[order], readings.pose[order]
+    last = int(np.searchsorted(time_s, before_s, side="right")) - 1
+    next_ = int(np.searchsorted(time_s, after_s))
+    begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
+    return f"between {begin} and {end}"
+
+
 def steps_in_time(
     wander: Wander | None,
     at: FittedModel,
@@ -137,18 +147,13 @@ def steps_in_time(
     """
     if wander is None:
         return ()
-    order = np.argsort(readings.states.time_s, kind="stable")
-    time_s, pose = readings.states.time_s[order], readings.pose[order]
     found = []
     for k, jump in enumerate(wander.jumps):
-        last = int(np.searchsorted(time_s, jump.before_s, side="right")) - 1
-        next_ = int(np.searchsorted(time_s, jump.after_s))
         motion = wander.unit_motions[k]
         size_mm = linear.rms(
             linear.error_mm(readings.measured, linear.by_base(at, readings) @ motion)
         )
         turn_mrad = 1e3 * float(np.linalg.norm(motion[3:]))
-        begin, end = (f"{pose[k]} at {time_s[k]:.10g} s" for k in (last, next_))
         what = f"the instrument or the base moved by {size_mm:.2g} mm and {turn_mrad:.2f} mrad"
         if jump.pause:
             hours = (jump.after_s - jump.before_s) / 3600.0
@@ -156,7 +161,8 @@ def steps_in_time(
         others = rivals.get(jump.time_s, ())
         if others:
             what = f"something changed: {what}, or {' or '.join(others)} does as well"
-        told = {"where": f"between {begin} and {end}", "what": what, "remedy": _REMEDY}
+        where = between_rows(readings, jump.before_s, jump.after_s)
+        told = {"where": where, "what": what, "remedy": _REMEDY}
         at_s = None if others else jump.time_s
         found.append(DiagnosedFault(kind="step_in_time", **told, at_s=at_s))
     return tuple(found)
