@@ -26,7 +26,6 @@ from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
 from pa10cal.discovery.rules import CANDIDATES, FORMS, JUDGING, NOISE
 from pa10cal.discovery.short_forms import FormulaProposal, choose
 from pa10cal.discovery.verdict import (
-    MAP,
     Basis,
     Predicted,
     Scorer,
@@ -44,7 +43,7 @@ from pa10cal.observe.observations import Observations, average_repeats, reading_
 from pa10cal.results.analysis import LackOfFit
 from pa10cal.terms.effects.effect import Effect, joint_of, turning_joints
 from pa10cal.terms.effects.joint import PeriodicError
-from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map
 from pa10cal.terms.forms.catalogue import all_around, forms_at
 from pa10cal.terms.forms.form import Form
 
@@ -392,7 +391,7 @@ def with_lines_named(found: Verdict[S]) -> Verdict[S]:
 def _named(found: Verdict[S], proposal: FormulaProposal) -> Verdict[S] | None:
     """Return the verdict with a line in its map's place; None where it has no name."""
     order, held, form = proposal.form.order, proposal.instead, proposal.form
-    of_one_map = len(held) == 1 and held[0].id == MAP and held[0].of == form.of
+    of_one_map = len(held) == 1 and held[0].id == JointErrorMap.id and held[0].of == form.of
     if form.form != "harmonic" or not of_one_map or found.falls_back is not None:
         return None
     if (

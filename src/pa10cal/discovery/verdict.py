@@ -56,11 +56,9 @@ from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.explained import Explained
 from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
-from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map
 from pa10cal.terms.weights import is_fault
 from pa10cal.terms.wording import sized
-
-MAP = "joint_error_map"
 
 
 @dataclass(frozen=True)
@@ -557,4 +555,4 @@ def word_of(findings: Sequence[Finding], unexplained: Sequence[Unexplained]) -> 
 
 def is_named(effect: Effect) -> bool:
     """Return whether an effect says what is wrong, and not only where."""
-    return not (effect.generic or effect.id == MAP or is_fault(effect))
+    return not (effect.generic or effect.id == JointErrorMap.id or is_fault(effect))

@@ -8,7 +8,7 @@ from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import name_of, steps_told, with_a_name
 from pa10cal.discovery.rules import JUDGING, decisions
-from pa10cal.discovery.verdict import MAP, NOTHING_PLANNED, Plan, Verdict
+from pa10cal.discovery.verdict import NOTHING_PLANNED, Plan, Verdict
 from pa10cal.fit.fitted_model import model_to_plain
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.results.analysis import AnalysisRecord, GapField
@@ -23,6 +23,7 @@ from pa10cal.results.discovery import (
 from pa10cal.results.evaluation import Parameter
 from pa10cal.results.maps import FallsBack
 from pa10cal.results.record import CampaignIdentity
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.wording import wrong
 
 
@@ -30,9 +31,9 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
     """Return the verdict as it is written, and what to measure next."""
     # Maps say where an error is, and not why: they are what has no name, where nothing else is.
     places = found.unexplained or tuple(
-        Unexplained(of=each.of, form=MAP, shared_error_mm=None, why="cause not known")
+        Unexplained(of=each.of, form=JointErrorMap.id, shared_error_mm=None, why="cause not known")
         for each in found.effects
-        if each.id == MAP
+        if each.id == JointErrorMap.id
     )
     scorer = found.scorer
     away, below, holdout = found.falls_back, found.below_detection_limit, found.holdout

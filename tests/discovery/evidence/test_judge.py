@@ -6,7 +6,8 @@ import pytest
 from made_up_arm import ERROR_RATE, Missing, forced, harmonic, measure
 from pa10cal.discovery.evidence.judge import floor_mm, judge, mean_length, shared_error_mm
 from pa10cal.discovery.evidence.search import search
-from pa10cal.discovery.verdict import MAP, word_of
+from pa10cal.discovery.verdict import word_of
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
 
 def word(judged):
@@ -40,7 +41,7 @@ def test_rivals_that_do_as_well_stand_beside_the_name(eccentric_judged):
 
 
 def test_a_name_takes_the_place_of_a_map_that_is_no_better(eccentric):
-    shape = eccentric.effect(MAP, "joint 2")
+    shape = eccentric.effect(JointErrorMap.id, "joint 2")
     alone = search(eccentric.problem, (shape,), ERROR_RATE, eccentric.start)
     assert alone.fit.effects == (shape,)
     assert judge(alone, 0.0).findings[0].effect == shape  # no name in that family

@@ -36,11 +36,12 @@ from pa10cal.discovery.evidence.search import (
 from pa10cal.discovery.finding import Finding, Proof, Rival, carrier_of
 from pa10cal.discovery.linear import left_out, mean_length, position_noise
 from pa10cal.discovery.rules import EVIDENCE
-from pa10cal.discovery.verdict import MAP, is_named, smooth_unknown
+from pa10cal.discovery.verdict import is_named, smooth_unknown
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import reading_groups
 from pa10cal.results.discovery import CrossValidation, EvidenceByRepeats, Unexplained
 from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.weights import is_fault
 
 
@@ -276,7 +277,7 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tup
     rivals = []
     for each, _, score in _as_good(found, refits):
         # A map can always do what a named form of its joint does.
-        of_map = is_named(effect) and each.id == MAP
+        of_map = is_named(effect) and each.id == JointErrorMap.id
         if not of_map or score.log_evidence >= here - float(np.log(EVIDENCE.odds_over_map)):
             rivals.append(each)
     place = found.family.index(effect)
@@ -360,7 +361,7 @@ def _bent(found: EndOfSearch, effect: Effect, unexplained: tuple[Unexplained, ..
     chosen, evidence = found.chosen, found.evidence
     for k, rival in enumerate(found.family):
         there = rival in found.fit.effects
-        if (rival.generic or rival.id == MAP) and rival.of == effect.of and not there:
+        if (rival.generic or rival.id == JointErrorMap.id) and rival.of == effect.of and not there:
             ((_, size),) = evidence.additions(chosen, [k])
             chosen = (*chosen, (k, size))
     place = found.fit.effects.index(effect)
