@@ -16,7 +16,7 @@ from pa10cal.discovery.evidence.problem import EvidenceFit, EvidenceProblem, fit
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.next_poses import (
-    Odds,
+    PairProbability,
     draw_near,
     poses_at_unseen_angles,
     predicted,
@@ -256,15 +256,15 @@ def test_what_is_predicted_is_what_was_measured(ratio):
 
 @pytest.mark.parametrize("p", [0.5, 0.58, 0.9, 0.999])
 def test_expected_information_grows_from_none_to_all_that_is_open(p):
-    odds, nats = Odds(p, 1.0 - p), np.append(0.0, np.geomspace(1e-3, 500.0, 60))
+    odds, nats = PairProbability(p, 1.0 - p), np.append(0.0, np.geomspace(1e-3, 500.0, 60))
     bits = odds.information_bits(nats)
     assert bits[0] == 0.0
     assert np.all(np.diff(bits) >= 0.0)
     assert np.all(np.diff(bits[nats < 10.0]) > 0.0)
     assert np.all(bits <= odds.open_bits + 1e-12)
     assert bits[-1] == pytest.approx(odds.open_bits, rel=1e-4)
-    assert bits == pytest.approx(Odds(1.0 - p, p).information_bits(nats), abs=1e-9)
-    assert Odds(p / 2, (1.0 - p) / 2).information_bits(nats) == pytest.approx(bits / 2)
+    assert bits == pytest.approx(PairProbability(1.0 - p, p).information_bits(nats), abs=1e-9)
+    assert PairProbability(p / 2, (1.0 - p) / 2).information_bits(nats) == pytest.approx(bits / 2)
 
 
 def test_expected_information_is_that_of_many_draws():
@@ -274,7 +274,7 @@ def test_expected_information_is_that_of_many_draws():
     log_odds = np.log(p / (1.0 - p)) + sign * nats + rng.normal(0.0, np.sqrt(2.0 * nats), len(sign))
     first = 1.0 / (1.0 + np.exp(-log_odds))
     left = -(first * np.log2(first) + (1.0 - first) * np.log2(1.0 - first)).mean()
-    odds = Odds(p, 1.0 - p)
+    odds = PairProbability(p, 1.0 - p)
     said = odds.information_bits(np.array(nats))
     assert said == pytest.approx(odds.open_bits - left, abs=3e-3)
     likelier = np.maximum(first, 1.0 - first).mean()
@@ -290,7 +290,10 @@ def test_poses_go_to_the_pair_that_is_open(ratio, found_first):
     )
     after = []
     for first in ((0.5, 0.5), (0.99999, 0.00001)):
-        odds = (Odds(*first), Odds(*(0.5, 0.5) if first[0] > 0.9 else (0.99999, 0.00001)))
+        odds = (
+            PairProbability(*first),
+            PairProbability(*(0.5, 0.5) if first[0] > 0.9 else (0.99999, 0.00001)),
+        )
         asked = dict(zip(pairs, odds, strict=True))
         plan = separating_poses(ratio.problem, found_first.fit, asked, 2)
         assert all(each.can_be_split for each in plan.separations)

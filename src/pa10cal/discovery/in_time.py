@@ -294,9 +294,9 @@ def in_time_of(
 
     Nothing is found where times were not recorded, and where poses are read once and follow each
     other like those of a scan that comes back to no place: what goes with time and with place are
-    then the same. What is found
-    where a joint or the load goes from one side to the other, or a joint moves slowly, is held
-    against errors that go with it: only what these do not take is told of time.
+    then the same. What is found where a joint or the load goes from one side to the other, or a
+    joint moves slowly, is held against errors that go with it: only what these do not take is told
+    of time.
 
     The model has a term of its own for the base; the P single readings are complete, and their
     noise whitened by (P, b, b). Torques may have been logged, those of the weights be known.

@@ -60,7 +60,7 @@ _GRID_NATS = np.append(0.0, np.geomspace(*NEXT_POSES.grid_nats))
 
 
 @dataclass(frozen=True)
-class Odds:
+class PairProbability:
     """How probable an effect found and its rival are, and what more log evidence would say."""
 
     effect: float
@@ -117,7 +117,7 @@ def _entropy_bits(p: Array) -> Array:
 
 
 #: Pairs, the most open first; None for what the verdict has no probability of.
-Rivals = Mapping[Pair, Odds | None]
+Rivals = Mapping[Pair, PairProbability | None]
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
@@ -160,21 +160,21 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
 
 def unresolved(
     effects: Sequence[Finding], not_testable: Sequence[Untestable] = ()
-) -> dict[Pair, Odds | None]:
+) -> dict[Pair, PairProbability | None]:
     """Return what other poses might settle: effects found against their alternatives, first.
 
     Of these the most open first. An effect that is not testable has no rival but the model's own
     parameters, and no probability.
     """
     rivals = {
-        (found.effect, other): Odds(
+        (found.effect, other): PairProbability(
             found.explanations.of(found.effect), found.explanations.of(other)
         )
         for found in effects
         for other in found.alternatives
     }
     by_openness = sorted(rivals, key=lambda pair: -rivals[pair].open_bits)
-    asked: dict[Pair, Odds | None] = {pair: rivals[pair] for pair in by_openness}
+    asked: dict[Pair, PairProbability | None] = {pair: rivals[pair] for pair in by_openness}
     for hidden in not_testable:
         if hidden.by_these_poses and not hidden.effect.generic:
             asked[hidden.effect, None] = None
@@ -202,7 +202,7 @@ def separating_poses(
     if not asked:
         return Plan((), ())
     rivals = list(asked)
-    hidden = Odds(0.5 * NEXT_POSES.hidden, 0.5 * NEXT_POSES.hidden)
+    hidden = PairProbability(0.5 * NEXT_POSES.hidden, 0.5 * NEXT_POSES.hidden)
     odds = [each or hidden for each in asked.values()]
     pool = _pool(problem, random_seed)
     pairs = _separations(problem, found, rivals, predicted(problem, found, pool))
@@ -322,7 +322,6 @@ def _separations(
         for effect, factor in zip(effects, factors, strict=True)
     }
     as_found = {  # (C + N, b, 1) of each effect of the fit, in its own amount
-        # any size is granted to an effect that is not in the fit
         effect: by_effect[effect][..., : effect.linear] @ found.of(effect)[: effect.linear, None]
         for effect in found.effects
     }

@@ -233,7 +233,7 @@ def repeated(readings: Observations) -> int:
     return len(_pairs(readings)[0])
 
 
-def compared(readings: Observations) -> Index:
+def repeat_groups(readings: Observations) -> Index:
     """Return (P,) a number for readings that are compared as repeats, from 0; see `repeated`."""
     same = same_circumstances(readings)
     pairs = len(readings) - len(np.unique(same))
@@ -249,7 +249,7 @@ def compared(readings: Observations) -> Index:
 
 def _pairs(readings: Observations) -> tuple[Index, Index]:
     """Return readings and their next ones of the same circumstances; see `repeated`."""
-    circumstances = compared(readings)
+    circumstances = repeat_groups(readings)
     order = np.lexsort((readings.states.time_s, circumstances))
     pairs = np.flatnonzero(np.diff(circumstances[order]) == 0)
     return order[pairs], order[pairs + 1]
@@ -502,7 +502,7 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> PoseDeviati
 def share_inside(
     fitted: FittedModel, scatter: PoseDeviations, poses: Observations, left: Array | None = None
 ) -> float:
-    """Return how many coordinates of measured positions lie in their 95 % intervals.
+    """Return the share of coordinates of measured positions that lie in their 95 % intervals.
 
     By a model with its covariance, the scatter of single poses, and predicted less measured (P, b).
     """

@@ -19,9 +19,9 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.finding import DiagnosedFault
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import (
-    compared,
     noise_of_repeats,
     pose_weights,
+    repeat_groups,
     whitener_of,
 )
 from pa10cal.discovery.rules import NOISE, ROWS
@@ -174,7 +174,7 @@ def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
 
     Each is judged by the others of its circumstances, or else by the model.
     """
-    left, group = residual(model, readings), compared(readings)
+    left, group = residual(model, readings), repeat_groups(readings)
     alone = np.bincount(group)[group] < 2
     found = _off_repeats(readings, model, left, group)
     if not alone.any():

@@ -191,7 +191,8 @@ class RowsAboutFit:
     noise_mm2: Array  # (P,) square of the position error that noise makes
     # variance of a prediction by the model's covariance, over what these rows make of it
     of_parameters: float
-    axes: float  # how many components of three a position error has none of, as a factor
+    # of a squared error: 3 where one line-of-sight component is measured, else 1
+    components_factor: float
 
     @property
     def by_unknowns(self) -> Array:
@@ -280,4 +281,4 @@ class RowsAboutFit:
         error = data - columns @ mean
         beyond = error**2 - self.of_parameters * variances
         beyond = np.sum(self.to_mm[out] ** 2 * beyond, axis=1)
-        return np.asarray(self.axes * (beyond - self.noise_mm2[out]))
+        return np.asarray(self.components_factor * (beyond - self.noise_mm2[out]))
