@@ -152,11 +152,8 @@ class _HeldOut:
     @classmethod
     def of(cls, model: Fitted, poses: Observations) -> _HeldOut | None:
         """Return the groups of poses; None where these are too few."""
+        poses = poses.thinned_by_pose(FIELD.most_poses)
         _, label = np.unique(poses.pose, return_inverse=True)
-        step = -(-len(poses) // FIELD.most_poses)
-        if step > 1:
-            poses = poses.take(np.flatnonzero(label % step == 0))
-            _, label = np.unique(poses.pose, return_inverse=True)
         first = np.unique(label, return_index=True)[1]
         if len(first) < FIELD.group_poses * FIELD.groups:
             return None

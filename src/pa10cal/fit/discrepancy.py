@@ -62,12 +62,8 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
     Maps of joints stay as they were fitted: what is uncertain of them is in their covariance.
     None where there are too few poses to hold some out.
     """
+    poses = poses.thinned_by_pose(_MOST_POSES)
     _, label = np.unique(poses.pose, return_inverse=True)
-    step = -(-len(poses) // _MOST_POSES)
-    if step > 1:
-        chosen = label % step == 0
-        poses = poses.take(np.flatnonzero(chosen))
-        _, label = np.unique(poses.pose, return_inverse=True)
     count = int(label.max()) + 1
     groups = min(_GROUPS, count // _LEAST_IN_GROUP)
     if groups < 2:

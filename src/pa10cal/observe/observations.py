@@ -68,6 +68,12 @@ class Observations(Generic[M_co]):
         """Return some of the poses."""
         return taken(self, rows)
 
+    def thinned_by_pose(self, most: int) -> Observations[M_co]:
+        """Return every n-th pose, with all its rows: all poses where there are few rows enough."""
+        _, label = np.unique(self.pose, return_inverse=True)
+        step = -(-len(self) // most)
+        return self.take(np.flatnonzero(label % step == 0)) if step > 1 else self
+
     def by_campaign(self) -> dict[str, Observations]:
         """Return the poses of every campaign of a group by its name, each as if it were alone."""
         campaign = self.states.campaign
