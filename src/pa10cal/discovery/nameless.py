@@ -26,7 +26,6 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
-from pa10cal.terms.effects.structure import LateralCompliance
 from pa10cal.terms.field import Nameless
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term, base_frame, tool_frame
@@ -46,7 +45,7 @@ def nameless_effects(
     kinds = [
         kind
         for kind in every_effect()
-        if (kind.sought or kind is LateralCompliance)
+        if kind.sought
         and not (kind.generic or kind.at_knots or kind.falsifies_readings or kind.goes_with_time)
     ]
     known, _ = computable(everywhere_but(kinds, context, held), states, logged=logged, weights=True)

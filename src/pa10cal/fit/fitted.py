@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, long_links
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
@@ -338,10 +338,12 @@ class Fitted:
         """Return the same model on a chain whose long links may bend, as some effects do.
 
         So may the carriages of joints that slide, those of further rows, from 1, and those that
-        already may.
+        already may; where weights are stated any, as axes that tilt are sought there.
         """
-        carriages = (np.flatnonzero(self.arm.prismatic[:-1]) + 1).tolist()
-        every = {*long_links(self.arm), *carriages, *self.model.chain.bends, *rows}
+        every = {*long_links(self.arm), *self.model.chain.bends, *rows}
+        every |= {*(np.flatnonzero(self.arm.prismatic[:-1]) + 1).tolist()}
+        if weights_known(self.arm).origin == "stated":
+            every |= {*range(1, self.arm.n)}
         chain = Chain.of(self.arm, bends=tuple(sorted(every)))
         return replace(self, model=Model(chain, self.model.terms))
 

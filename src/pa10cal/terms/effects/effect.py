@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, Self, TypeGuard
 
 import numpy as np
 
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import ObservedTargets, PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
@@ -128,6 +128,8 @@ class Effect(Traits):
     goes_with_time: ClassVar[bool] = False
     #: Whether searches try it; else it is a name for what another form finds.
     sought: ClassVar[bool] = True
+    #: Whether others look like it under weights that nobody stated: there it is in sets alone.
+    masked_by_weights: ClassVar[bool] = False
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -395,8 +397,15 @@ def classes_in(package: ModuleType, kind: Any) -> tuple[Any, ...]:
 
 
 def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
-    """Return every effect sought, at every place where it may sit, but those that a model has."""
-    return everywhere_but((kind for kind in every_effect() if kind.sought), context, held)
+    """Return every effect sought, at every place where it may sit, but those that a model has.
+
+    One after the other: under weights that nobody stated without what is sought in sets alone.
+    """
+    stated = weights_known(context.arm).origin == "stated"
+    kinds = (
+        each for each in every_effect() if each.sought and (stated or not each.masked_by_weights)
+    )
+    return everywhere_but(kinds, context, held)
 
 
 def everywhere_but(
