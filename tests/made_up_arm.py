@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from made_up_poses import at_joint, measured_poses, nothing
-from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.by_repeats import ByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.judge import Judgement
@@ -73,7 +73,7 @@ def harmonic(joint, order, amplitude_rad, phase_rad=0.0):
 
 def bare_model() -> Model:
     model = baseline(ARM, FLEXIBLE, Tolerances(), tau_ref_Nm=np.full(6, 100.0))
-    return Model(Chain.of(ARM, bends=long_links(ARM)), model.terms)
+    return Model(Chain.of(ARM, bends=tuple(range(1, ARM.n))), model.terms)
 
 
 @dataclass

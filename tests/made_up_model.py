@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from made_up_poses import context_of
-from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import find_start
 from pa10cal.calibration.general.case import general_case
@@ -65,7 +65,7 @@ def fitted(robot, seed, terms=None):
     x = np.concatenate(values)
     root = 1e-7 * rng.normal(size=(len(x) + 6, 3))
     return FittedModel(
-        model=Model(Chain.of(arm, bends=long_links(arm)), terms),
+        model=Model(Chain.of(arm, bends=tuple(range(1, arm.n))), terms),
         x=x,
         T_instr_base=np.eye(4),
         covariance=root @ root.T,

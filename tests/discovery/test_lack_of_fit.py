@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import ARM, Missing, harmonic, measure, scored
-from pa10cal.arm.chain import Chain, long_links
+from pa10cal.arm.chain import Chain
 from pa10cal.discovery.evidence.by_repeats import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.problem import fit, prepare
 from pa10cal.discovery.finding import name_of
@@ -128,7 +128,7 @@ def test_what_the_effect_explains_is_gone_with_it(wavy):
 def test_unlogged_torques_and_temperatures_are_not_made_up(null):
     states = replace(null.readings.states, tau_Nm=np.full((len(null.readings), 6), np.nan))
     readings, rigid = null.readings.with_states(states), baseline(ARM, (), Tolerances())
-    model = Model(Chain.of(ARM, bends=long_links(ARM)), rigid.terms)
+    model = Model(Chain.of(ARM, bends=tuple(range(1, ARM.n))), rigid.terms)
     start = FittedModel(model, np.zeros(len(model.parameters)), null.baseline.T_instr_base)
     problem = prepare(readings, start, null.setup)
     part = evidence_lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0)))
