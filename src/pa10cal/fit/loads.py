@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from pa10cal.arm.chain import BASE, TOOL, Chain
-from pa10cal.arm.description import Arm
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates, StaticLoads, Statics, statics
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.model import Model
@@ -83,7 +83,7 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
     Gravity is along the base's own axes; and what the instrument reads too much, which moves the
     tool in the model, moves no weight: motions of base and tool count for nothing here. Links and
     base carry the weights that the model has found, joints those described: what these differ by
-    is a term of the model.
+    is a term of the model. Without such a term all carry the weights that a log has found.
     """
     return _in_order(_statics_of(model, x, states, payload))
 
@@ -94,10 +94,13 @@ def _statics_of(
     """Yield rows and their static loads, of one campaign and no more than `BLOCK` at once."""
     coordinates = model.chain_coordinates(states, x)
     coordinates[:, model.chain.columns(BASE + TOOL)] = 0.0
+    weights, by_log = [*filter(holds_weights, model.terms)], weights_known(model.chain.arm).by_log
     amounts = sum(
-        (term.amounts(x[model.columns_of(term)]) for term in filter(holds_weights, model.terms)),
+        (term.amounts(x[model.columns_of(term)]) for term in weights),
         np.zeros(4 * model.chain.arm.n + 3),
     )
+    if by_log is not None and not (weights or payload.of_campaigns):
+        amounts = by_log.x
     of = [(np.arange(len(states)), payload)]
     if payload.of_campaigns and states.campaign is not None:
         every = enumerate(payload.of_campaigns)
@@ -109,9 +112,13 @@ def _statics_of(
             if amounts.any():
                 arm, heavier = weighed(model.chain.arm, own, amounts)
                 chain = Chain.of(arm, bends=model.chain.bends)
-                bending = statics(chain, here, load_N, heavier).static_loads
-                bent = {each: getattr(bending, each) for each in ("link_Nm", "link_N", "base_Nm")}
+                under = statics(chain, here, load_N, heavier)
+                bent = {
+                    each: getattr(under.static_loads, each)
+                    for each in ("link_Nm", "link_N", "base_Nm")
+                }
                 found = replace(found, static_loads=replace(found.static_loads, **bent))
+                found = found if weights else under
             yield at, found
 
 

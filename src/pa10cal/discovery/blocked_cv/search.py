@@ -112,7 +112,7 @@ class Search:
 
     def _forward(self, chosen: EffectSet) -> EffectSet:
         """Add what helps most, while anything helps enough."""
-        while others := self.others(chosen):
+        while others := [one for one in self.others(chosen) if not one.effect.takes_a_place]:
             found = chosen.with_each(others)
             for k in np.argsort(found.sum(axis=1)):
                 if not self.helps(chosen.squares, found[k]):

@@ -223,9 +223,7 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
     check_torques(baseline.model, campaign.readings)
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
-    family, refused = testable(
-        problem, start, preparation.sought(problem.context, baseline.model.terms)
-    )
+    family, refused = testable(problem, start, _sought(problem))
     found = search(problem, family, error_rate, start)
     for _ in range(LINES.most_rounds):
         more = _lines(found, error_rate)
@@ -285,6 +283,11 @@ def _lines(found: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
     return gear_lines(at, cells, left, whiten, error_rate, known)
 
 
+def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
+    every = preparation.sought(problem.context, problem.baseline.model.terms)
+    return tuple(effect for effect in every if not effect.takes_a_place)
+
+
 def _with_time(
     readings: Observations, campaign: preparation.Prepared
 ) -> tuple[EvidenceProblem, EvidenceFit]:
@@ -302,7 +305,7 @@ def _with_time(
     moved = moved_between_repeats(poses, left, same_circumstances(poses))
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), (0.0, 0.0))
-    every, found = preparation.sought(problem.context, baseline.model.terms), NO_MOTION
+    every, found = _sought(problem), NO_MOTION
     for _ in range(EVIDENCE.rounds_of_time):
         # A jump in few repeats may leave directions without noise: a little of what is stated.
         stated = problem.readings.measured.stated_covariance

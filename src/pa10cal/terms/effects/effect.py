@@ -128,8 +128,9 @@ class Effect(Traits):
     goes_with_time: ClassVar[bool] = False
     #: Whether searches try it; else it is a name for what another form finds.
     sought: ClassVar[bool] = True
-    #: Whether others look like it under weights that nobody stated: there it is in sets alone.
-    masked_by_weights: ClassVar[bool] = False
+    #: Whether it takes up what several others do, one after the other: it comes in the place of
+    #: another where blocks of poses judge under stated weights, in sets under others, else never.
+    takes_a_place: ClassVar[bool] = False
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -399,12 +400,10 @@ def classes_in(package: ModuleType, kind: Any) -> tuple[Any, ...]:
 def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
     """Return every effect sought, at every place where it may sit, but those that a model has.
 
-    One after the other: under weights that nobody stated without what is sought in sets alone.
+    Under weights that nobody stated without what is sought in sets alone there.
     """
     stated = weights_known(context.arm).origin == "stated"
-    kinds = (
-        each for each in every_effect() if each.sought and (stated or not each.masked_by_weights)
-    )
+    kinds = (each for each in every_effect() if each.sought and (stated or not each.takes_a_place))
     return everywhere_but(kinds, context, held)
 
 

@@ -157,7 +157,7 @@ class LateralCompliance(AtJoint):
     )
     bends = True
     on_link = True
-    masked_by_weights = True
+    takes_a_place = True
     positive = True
     weights_power = -1.0
     # Crossed roller bearings of joints are as stiff as 1e5 N m/rad and more: 1000 N m make 10 mrad.
