@@ -224,12 +224,15 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
     family, refused = testable(problem, start, _sought(problem))
+    lines: tuple[Effect, ...] = ()
     found = search(problem, family, error_rate, start)
     for _ in range(LINES.most_rounds):
         more = _lines(found, error_rate)
         if not more:
             break
-        family = (*family, *more)
+        family, lines = (*family, *more), (*lines, *more)
+        if problem.in_time.wander is not None:  # what it took for time may be the lines
+            problem, start = _with_time(readings, campaign, lines)
         found = search(problem, family, error_rate, start)
     needed = threshold(preparation.effects_in(family), error_rate)
     judgement = judge(found, needed)
@@ -289,9 +292,11 @@ def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
 
 
 def _with_time(
-    readings: Observations, campaign: preparation.Prepared
+    readings: Observations, campaign: preparation.Prepared, lines: tuple[Effect, ...] = ()
 ) -> tuple[EvidenceProblem, EvidenceFit]:
     """Return the problem and its fit with what the readings show of time, where they do.
+
+    Beside all that is sought, and lines of gears that were found.
 
     The noise is that of repeats without what moved between them: running medians show it at first,
     what was found in the second round.
@@ -305,7 +310,7 @@ def _with_time(
     moved = moved_between_repeats(poses, left, same_circumstances(poses))
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), (0.0, 0.0))
-    every, found = _sought(problem), NO_MOTION
+    every, found = (*_sought(problem), *lines), NO_MOTION
     for _ in range(EVIDENCE.rounds_of_time):
         # A jump in few repeats may leave directions without noise: a little of what is stated.
         stated = problem.readings.measured.stated_covariance
