@@ -20,7 +20,7 @@ from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.uncertainty import summarise
 from pa10cal.discovery.finding import Finding, Rival, name_of
-from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back
+from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, trusted
 from pa10cal.discovery.linear import mean_error_of_noise_mm, position_noise, residual_and_jacobian
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import Prepared
@@ -389,7 +389,8 @@ def harmless(found: Verdict[S]) -> Verdict[S]:
     Of a path those at unseen stretches neither.
     """
     visited = span_visited(found.prepared.readings.states.q_rad)
-    found = _harmless_to_every_campaign(_without_contradicted(found, visited))
+    found = _without_harmful(_without_contradicted(found, visited))
+    found = _harmless_to_every_campaign(found)
     away = limits(found)
     return found if away is None else replace(only_within(found, away.within), falls_back=away)
 
@@ -463,6 +464,32 @@ def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[
             f"{harm.after.rms_mm:.4f} mm with it"
         )
         found = without_names(found, dict.fromkeys(of_joints or names, why))
+    return found
+
+
+def _without_harmful(found: Verdict[S]) -> Verdict[S]:
+    """Return the verdict without names of several that held-out poses are predicted better without.
+
+    What is there may do so as well, where the model knows too little of what it hangs on, as the
+    base of an arm tilts under weights that nobody stated.
+    """
+    while len(names := [one for one in found.effects if is_named(one.effect)]) > 1:
+        worse: dict[Finding, BeforeAfter] = {}
+        for name in names:
+            without = found.errors_by_name.without[name.effect]
+            gap = None if found.holdout is None else replace(found.holdout, found_before=without)
+            held_out = trusted(gap, found.prepared.suspected)
+            harm = None if held_out is None else _harm(held_out, np.ones(len(held_out.poses), bool))
+            if harm is not None:
+                worse[name] = harm
+        if not worse:
+            break
+        name = max(worse, key=lambda one: worse[one].after.rms_mm / worse[one].before.rms_mm)
+        why = (
+            f"held-out poses are predicted better without it, {worse[name].before.rms_mm:.4f} mm "
+            f"rms for {worse[name].after.rms_mm:.4f} mm"
+        )
+        found = without_names(found, {name: why})
     return found
 
 

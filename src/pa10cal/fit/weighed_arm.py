@@ -182,8 +182,11 @@ class _Torques:
 
     @classmethod
     def of(cls, arm: Arm, payload: Payload, poses: Observations) -> _Torques:
-        states = poses.states
-        found = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload)
+        states, described = poses.states, arm
+        if arm.weights_known is not None:
+            known = replace(arm.weights_known, by_log=None)
+            described = replace(arm, weights_known=known)
+        found = statics_of(Model(Chain.of(described), ()), np.zeros(0), states, payload)
         rated_Nm = arm.rated_Nm(np.abs(found.torque_Nm).max(axis=0))
         # A load hung elsewhere or of another size, and the tool, are faults of their own.
         load = found.static_loads.by_load * states.load_N[:, None]
@@ -362,14 +365,20 @@ class _Torques:
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))[: 4 * arm.n].reshape(-1, 4)
         mass_kg = arm.mass_kg + mass
         least_kg = np.maximum(mass_kg, 1e-9)
-        com_m = (arm.mass_kg + mass)[:, None] * arm.com_m + moments
+        com_m = ((arm.mass_kg + mass)[:, None] * arm.com_m + moments) / least_kg[:, None]
+        # First moments are about the centres, which are others now.
+        about, links = np.eye(len(x)), np.arange(arm.n)
+        for axis in range(3):
+            about[4 * links + axis + 1, 4 * links] = (arm.com_m - com_m)[:, axis]
+        rest = np.where(np.arange(len(x)) < 4 * arm.n, 0.0, x)
         known = WeightsKnown(
             "logged",
             np.maximum(std[:, 0] / least_kg, 0.0),
             np.maximum(std[:, 1:].max(axis=1) / least_kg, 0.0),
             why,
+            WeighedByLog(rest, about @ covariance @ about.T),
         )
-        return replace(arm, mass_kg=mass_kg, com_m=com_m / least_kg[:, None], weights_known=known)
+        return replace(arm, mass_kg=mass_kg, com_m=com_m, weights_known=known)
 
 
 def _spread(left_Nm: Array) -> Array:
