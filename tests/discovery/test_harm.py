@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.gap import PairedErrors
+from pa10cal.discovery.gap import ErrorsByName, PairedErrors
 from pa10cal.discovery.gates import harmless
 from pa10cal.fit.angles_seen import nothing_seen, span_visited
 from pa10cal.fit.fitted_model import load_model
@@ -94,6 +94,25 @@ def test_a_name_is_contradicted_by_errors_beyond_its_uncertainty(eccentric, fact
     assert (after.effects == ()) == contradicted
     reasons = [place.why for place in after.unexplained]
     assert any("held-out poses contradict it" in why for why in reasons) == contradicted
+
+
+@pytest.mark.parametrize(("factor", "left"), [(0.5, 1), (1.0, 2), (2.0, 2)])
+def test_a_name_without_which_held_out_poses_do_better_goes(monkeypatch, eccentric, factor, left):
+    """Of two names, where without the second errors are those with it times a factor."""
+    found = eccentric.discovery
+    (first,) = found.findings
+    second = replace(first, effect=replace(first.effect, of="joint 5"), alternatives=(), rivals=())
+    after = found.holdout.found_after
+    without = {
+        first.effect: replace(after, distance_mm=2.0 * after.distance_mm),
+        second.effect: replace(after, distance_mm=factor * after.distance_mm),
+    }
+    monkeypatch.setattr(type(found), "errors_by_name", ErrorsByName((), without))
+    done = harmless(replace(found, findings=(first, second)))
+    assert len(done.findings) == left
+    assert first.effect in {each.effect for each in done.findings}
+    why = [place.why for place in done.unexplained if "do better without it" in place.why]
+    assert len(why) == 2 - left
 
 
 def as_group(monkeypatch, found, of_second, factor):

@@ -61,6 +61,19 @@ def test_a_soft_bearing_is_no_wobble(tmp_path):
     assert "axis_wobble" not in {each.id for each in found.effects}
 
 
+@pytest.mark.slow
+def test_an_axis_that_tilts_is_no_link_that_bends_where_weights_are_stated(tmp_path):
+    """As stiff about one line across it as about another."""
+    soft = {"soft": 3e-5, "stiff": 3e-5, "phi": 0.0}
+    campaign = simulated(tmp_path, "soft_bearing", soft, joint=4)
+    found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+    (tilt,) = found.effects
+    assert (tilt.id, tilt.of) == ("lateral_compliance", "joint 4")
+    assert tilt.explanations.of(tilt.effect) > 0.9
+    for each in tilt.parameters.values():
+        assert 0.6 < each.value / 3e-5 < 1.2  # less, as it is expected to be small
+
+
 def test_given_its_size_comes_back_and_held_out_poses_gain(wobbling, tmp_path):
     campaign, wanted = wobbling
     given = CalibrationOptions(effects=(EffectOfPlace(id="axis_wobble", of=f"joint {JOINT}"),))

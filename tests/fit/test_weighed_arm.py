@@ -140,6 +140,35 @@ def test_predictions_go_by_the_masses_that_the_log_has(stated_kg, says, tmp_path
         assert np.all(found.u_parameters_mm > stated.u_parameters_mm)
 
 
+def test_predictions_hold_what_a_log_leaves_of_weights_that_nobody_stated(tmp_path):
+    arm = weighed(described(), BARE, readings())
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 6))
+    true = model_on_springs(ARM, 1.0).predict(q)
+    model = model_on_springs(arm, 1.0)
+    save_model(model, tmp_path / "model.yaml")
+    for found in (model.predict(q), load_model(tmp_path / "model.yaml").predict(q)):
+        off_mm = 1e3 * np.linalg.norm(found.T[:, :3, 3] - true.T[:, :3, 3], axis=1)
+        assert 0.2 < np.sqrt(np.mean(off_mm**2) / np.mean(found.u_parameters_mm**2)) < 2.0
+
+
+@pytest.mark.parametrize("stated_kg", [1.0, 3.0])
+def test_links_and_base_carry_what_the_log_has(stated_kg):
+    """The arm carries 1 kg, and each link weighs 5 % more than stated."""
+    heavier = replace(ARM, mass_kg=1.05 * ARM.mass_kg)
+    tool = {"mass_kg": stated_kg, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]}
+    arm = weighed(described(tool=tool), ARM, readings(heavier))
+    poses, payload = readings(logged=False), described().payload(ARM)
+
+    def moments_Nm(of, kg):
+        model, carried = Model(Chain.of(of), ()), replace(payload, mass_kg=kg)
+        loads = statics_of(model, np.zeros(0), poses.states, carried).static_loads
+        return np.concatenate([loads.base_Nm, loads.link_Nm[:, 1], loads.joint_Nm], axis=1)
+
+    true = moments_Nm(heavier, 1.0)
+    off, before = (moments_Nm(of, stated_kg) - true for of in (arm, ARM))
+    assert np.sqrt(np.mean(off**2)) < 0.2 * np.sqrt(np.mean(before**2))
+
+
 def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():
     stated = np.where(np.arange(6) == 4, 1000.05, ARM.mass_kg)
     arm = weighed(described(), replace(ARM, mass_kg=stated), readings())

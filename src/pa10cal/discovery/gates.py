@@ -1,7 +1,7 @@
-"""Gates of the verdict: what a name must fulfil, and what `none` must, whoever judged.
+"""Gates of the verdict: what a name must fulfil, and what `none` must, after the search.
 
-They are applied once, after the search has ended. An effect that does not pass is no name: the
-model is fitted anew without it, and what it stood for is unexplained.
+An effect that does not pass is no name: the model is fitted anew without it, and what it stood for
+is unexplained.
 """
 
 from __future__ import annotations
@@ -373,14 +373,10 @@ def reasons_against_none(found: Verdict) -> Iterator[str]:
         yield f"the calibration is {found.baseline.grade}"
 
 
-# No harm: held-out poses are never predicted worse for the effects that a model was given.
-#
-# The check comes last and chooses no effect. Where held-out poses are predicted worse than before,
-# be it for the weights of a fit without effects, the extended model is the calibrated one: beyond
-# the joint positions that the fit has visited, or, where that does not do, everywhere. A name that
-# predicts them worse by far more than its own uncertainty allows is contradicted, and is no name.
-# Of a group that holds in every campaign: what helps most of them and harms one is no effect of the
-# arm that they share.
+# No harm: the check comes last and chooses no effect. Where held-out poses are predicted worse than
+# before, be it for the weights of a fit without effects, the extended model is the calibrated one:
+# beyond the joint positions that the fit has visited, or, where that does not do, everywhere. A
+# name that predicts them worse by far more than its own uncertainty allows is contradicted.
 
 
 def harmless(found: Verdict[S]) -> Verdict[S]:
@@ -398,7 +394,7 @@ def harmless(found: Verdict[S]) -> Verdict[S]:
 def limits(found: Verdict) -> FallBack | None:
     """Return what keeps a verdict's model from predicting held-out poses worse; None for nothing.
 
-    Of a path those at unseen stretches neither, and of a group those of no campaign.
+    Of a path those at unseen stretches, and of a group those of each campaign.
     """
     held_out = found.trusted_holdout
     if held_out is None:
@@ -459,37 +455,31 @@ def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[
         ]
         if not names:
             break
-        why = (
-            f"held-out poses contradict it, {harm.before.rms_mm:.4f} mm rms before and "
-            f"{harm.after.rms_mm:.4f} mm with it"
-        )
+        rms_mm = f"{harm.before.rms_mm:.4f} mm rms before and {harm.after.rms_mm:.4f} mm with it"
+        why = f"held-out poses contradict it, {rms_mm}"
         found = without_names(found, dict.fromkeys(of_joints or names, why))
     return found
 
 
 def _without_harmful(found: Verdict[S]) -> Verdict[S]:
-    """Return the verdict without names of several that held-out poses are predicted better without.
+    """Return the verdict without names of several that held-out poses do surely better without.
 
-    What is there may do so as well, where the model knows too little of what it hangs on, as the
-    base of an arm tilts under weights that nobody stated.
+    Such may be there, where what it hangs on is not known: a base tilts under unstated weights.
     """
     while len(names := [one for one in found.effects if is_named(one.effect)]) > 1:
         worse: dict[Finding, BeforeAfter] = {}
         for name in names:
             without = found.errors_by_name.without[name.effect]
             gap = None if found.holdout is None else replace(found.holdout, found_before=without)
-            held_out = trusted(gap, found.prepared.suspected)
-            harm = None if held_out is None else _harm(held_out, np.ones(len(held_out.poses), bool))
-            if harm is not None:
-                worse[name] = harm
+            if (gap := trusted(gap, found.prepared.suspected)) is None:
+                return found
+            harm, _, surely = _worse(gap, np.ones(len(gap.poses), dtype=bool))
+            worse |= {name: harm} if surely and harm is not None else {}
         if not worse:
             break
-        name = max(worse, key=lambda one: worse[one].after.rms_mm / worse[one].before.rms_mm)
-        why = (
-            f"held-out poses are predicted better without it, {worse[name].before.rms_mm:.4f} mm "
-            f"rms for {worse[name].after.rms_mm:.4f} mm"
-        )
-        found = without_names(found, {name: why})
+        name, harm = max(worse.items(), key=lambda one: one[1].after.rms_mm / one[1].before.rms_mm)
+        rms_mm = f"{harm.before.rms_mm:.4f} mm rms for {harm.after.rms_mm:.4f} mm"
+        found = without_names(found, {name: f"held-out poses do better without it, {rms_mm}"})
     return found
 
 
@@ -558,13 +548,17 @@ def _is_harmed(found: Verdict, campaign: str) -> bool:
     def worse(gap: PairedErrors | None) -> tuple[bool, bool]:
         if gap is None or campaign not in gap.campaigns:
             return False, False
-        rows = gap.campaigns[campaign]
-        harm, paired = gap.accuracies(rows), gap.reduction_of(rows)
-        over = harm is not None and _is_over(NAMES.worse_ratio, harm)
-        return over, over and paired.poses > 1 and paired.interval95_mm[1] < 0.0
+        return _worse(gap, gap.campaigns[campaign])[1:]
 
     over, surely = worse(found.trusted_holdout)
     return surely or (over and worse(found.train)[1])
+
+
+def _worse(gap: PairedErrors, rows: Mask) -> tuple[BeforeAfter | None, bool, bool]:
+    """Return errors of configurations (P,), whether they are worse, and by more than chance."""
+    harm, paired = gap.accuracies(rows), gap.reduction_of(rows)
+    over = harm is not None and _is_over(NAMES.worse_ratio, harm)
+    return harm, over, over and paired.poses > 1 and paired.interval95_mm[1] < 0.0
 
 
 def _harm(gap: PairedErrors, rows: Mask) -> BeforeAfter | None:
