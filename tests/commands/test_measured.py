@@ -40,9 +40,9 @@ NAMES = ("iiwa7-free", "iiwa7-0kg", "spoiled")
 PAIR = NAMES[:2]
 
 
-def take(*folders, results):
+def take(*folders, results, code=0):
     words = ["chain", "--campaign-dir", *map(str, folders), "--results", str(results)]
-    assert main(words) == 0
+    assert main(words) == code
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,8 @@ def place(tmp_path_factory):
         (raw / "campaign.yaml").write_text(text.replace("name: irb120-points", f"name: {name}"))
     (folder / "raw/spoiled/poses.csv").write_text("time_s,q9_deg\n1,2\n")
     for name in NAMES:
-        take(folder / "raw" / name, results=folder / "results" / name)
+        code = REFUSED if name == "spoiled" else 0
+        take(folder / "raw" / name, results=folder / "results" / name, code=code)
     take(*(folder / "raw" / name for name in PAIR), results=folder / "results/pair")
     return folder
 
@@ -128,7 +129,8 @@ def test_a_model_that_cannot_be_carried_is_a_row_too(place, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_group_of_which_one_is_refused_is_refused(place, tmp_path):
-    take(*(place / "raw" / name for name in NAMES[1:]), results=tmp_path / "pair")
+    folders = (place / "raw" / name for name in NAMES[1:])
+    take(*folders, results=tmp_path / "pair", code=REFUSED)
     found = read(ChainRecord, tmp_path / "pair/chain.json")
     assert (found.campaign, found.status, found.stage) == ("pair", "refused", "ingest")
     assert "spoiled" in found.message
@@ -138,7 +140,8 @@ def test_a_group_of_which_one_is_refused_is_refused(place, tmp_path):
 def test_a_data_set_of_another_version_is_refused_by_checksum(tmp_path):
     source, raw = write_titan(tmp_path / "titan"), tmp_path / "raw/titan-rail"
     words = ["chain", "--campaign-dir", str(raw), "--results", str(tmp_path / "results")]
-    assert main([*words, "--dataset", "titan-robot-accuracy", "--source", str(source)]) == 0
+    given = ["--dataset", "titan-robot-accuracy", "--source", str(source)]
+    assert main([*words, *given]) == REFUSED
     found = read(ChainRecord, tmp_path / "results/chain.json")
     assert (found.status, found.stage) == ("refused", "import")
     assert "the checksum differs" in found.message

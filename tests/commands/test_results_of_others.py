@@ -271,7 +271,7 @@ def test_readings_do_not_count_twice_from_another_place_either(made, tmp_path, c
         settings = json.dumps({"calibration": {"prior": str(made / "results" / prior)}})
         raw = [str(made / "raw" / folder) for folder in folders]
         words = ["chain", "--campaign-dir", *raw, "--results", str(tmp_path / name)]
-        assert main([*words, "--settings", settings]) == 0
+        assert main([*words, "--settings", settings]) == 2
         assert "the same readings would count twice" in capsys.readouterr().err
 
 

@@ -209,7 +209,7 @@ def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done
     assert (results / "model/model.yaml").is_file()
     text = (raw / "poses.csv").read_text("utf-8").replace("q3_deg", "q9_deg")
     (raw / "poses.csv").write_text(text, "utf-8")
-    assert take(raw, results) == 0
+    assert take(raw, results) == REFUSED
     found = read(ChainRecord, results / "chain.json")
     assert (found.status, found.stage) == ("refused", "ingest")
     assert "q3" in found.message
@@ -222,7 +222,7 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
         raise ZeroDivisionError("oh")
 
     monkeypatch.setattr(readings, "ingest", broken)
-    assert take(EXAMPLE, tmp_path) == 0
+    assert take(EXAMPLE, tmp_path) == REFUSED
     found = read(ChainRecord, tmp_path / "chain.json")
     assert (found.status, found.message) == ("fault", "internal fault: ZeroDivisionError: oh")
 
@@ -267,7 +267,7 @@ ENDS = {
 def test_what_the_machine_ends_leaves_its_reason(tmp_path, monkeypatch, capsys, way):
     end, message = ENDS[way]
     monkeypatch.setattr(readings, "ingest", lambda **_: end())
-    assert take(EXAMPLE, tmp_path) == 0
+    assert take(EXAMPLE, tmp_path) == REFUSED
     found = read(ChainRecord, tmp_path / "chain.json")
     assert (found.campaign, found.status, found.stage) == (EXAMPLE.name, "ended", "ingest")
     assert re.search(message, found.message), found.message

@@ -29,10 +29,10 @@ def chain(
 ) -> None:
     """Take a campaign from raw files to its model, or a group of campaigns, in one go.
 
-    Writes the same files as the single stages, as one of many: a campaign that is refused, or that
-    a fault of the program or the machine ends, stops no other. The stages run in a child, so that
-    `chain.json` states the outcome whatever ends them; files that earlier runs wrote for stages
-    that did not run are removed. A full disk alone ends the command.
+    Writes the same files as the single stages. The stages run in a child, so that `chain.json`
+    states the outcome whatever ends them; files that earlier runs wrote for stages that did not run
+    are removed. The exit code is 2 where the campaign is refused, or a fault of the program or the
+    machine ends it; only a full disk leaves no `chain.json`.
 
     Args:
         campaign_dir: folder of raw files; of a group several.
@@ -45,7 +45,6 @@ def chain(
         pa10cal chain --campaign-dir data/raw/mine --results results/mine
         pa10cal chain --campaign-dir data/raw/may data/raw/june --results results/both
     """
-    import sys
     from functools import partial
 
     from pa10cal.planning.campaign import check_prior
@@ -82,11 +81,12 @@ def chain(
         return
     outcome = said if found.code == 0 else {"status": "ended", "message": found.why}
     _remove(results, *written)
-    print(f"pa10cal chain: {name}: {stage}: {outcome['message']}", file=sys.stderr)
     # Late: where all went well, the child alone has imported what writes records.
     from pa10cal.results.codec import write
+    from pa10cal.running.workflow import StageError
 
     write(ChainRecord(**outcome | {"campaign": name, "stage": stage}), results / file)
+    raise StageError(f"{name}: {stage}: {outcome['message']}")
 
 
 def _walk(
