@@ -202,9 +202,8 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
         if not case.health.repeats:
             texts.append("No pose is repeated often enough to estimate the scatter of readings.")
         if not case.torques_logged:
-            texts.append(
-                "Joint torques were not logged: springs use those of the described masses."
-            )
+            weights = "described or assumed weights"
+            texts.append(f"Joint torques were not logged: springs use those of {weights}.")
         pairs = [
             (*map(display_name, pair.parameters), f"{pair.correlation:+.3f}")
             for pair in case.health.correlated_pairs

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.general import springs
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
+from pa10cal.calibration.load_case import LoadCase
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import average_repeats
@@ -42,13 +45,18 @@ def along(trial):
     return replace(trial, settings=trial.settings.model_copy(update=settings))
 
 
-def calibrated(trial, folder):
-    """Return whether the poses follow a path, and the calibration of the trial."""
+def measured(trial, folder):
+    """Return the campaign of a trial."""
     settings = trial.settings
     robot = robot_of(load_arm(settings.robot), settings)
     effects = make_effects(settings.hidden_effects, robot)
     write_campaign(measure_campaign(trial.name, settings, robot, effects), folder / "raw")
-    campaign = read_campaign(folder / "raw")
+    return read_campaign(folder / "raw")
+
+
+def calibrated(trial, folder):
+    """Return whether the poses follow a path, and the calibration of the trial."""
+    campaign = measured(trial, folder)
     poses, payload = campaign.calibration, campaign.description.payload(campaign.arm)
     path = along_a_path(poses.states.q_rad[np.argsort(poses.states.time_s)])
     used = average_repeats(poses)
@@ -66,6 +74,15 @@ def test_springs_that_are_there_stay(tmp_path, path):
     assert follows is path
     assert 3 in found.springs
     assert 3 not in found.unproven
+
+
+@pytest.mark.slow
+def test_a_note_says_of_which_weights_torques_are(tmp_path):
+    read = measured(trial_of(8), tmp_path)
+    about = read.description, read.arm, read.observations
+    case = LoadCase(*about, "combined", CalibrationOptions(), ())
+    said = "torques were not logged: those of assumed weights are used"
+    assert said in calibrated_record(case).warnings
 
 
 @pytest.mark.slow_but_one_in(2)

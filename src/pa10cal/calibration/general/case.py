@@ -169,7 +169,8 @@ def general_case(
     if judged.grade != "good":
         warnings.append(judged.line)
     if full.torques_from == "masses" and full.springs:
-        warnings.append("torques were not logged: those of the described masses are used")
+        of_weights = "assumed weights" if known.assumed else "the described masses"
+        warnings.append(f"torques were not logged: those of {of_weights} are used")
     if full.unproven:
         of = f"joint{'s' * (len(full.unproven) > 1)} {', '.join(map(str, full.unproven))}"
         warnings.append(
