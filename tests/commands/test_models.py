@@ -23,8 +23,9 @@ from pa10cal.campaign.table import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arms import arm_text
 from pa10cal.fit import compensation, fitted_model, loads
-from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
 from pa10cal.fit.contradictions import of_joints
+from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read
@@ -392,6 +393,19 @@ def test_sides_of_arrival_are_columns_or_an_option(tmp_path, capsys):
     sides[1] = sides[1].removesuffix("1") + "2"
     assert run("predict", tmp_path, sides) == REFUSED
     assert ":2: arrival1 is no direction of arrival" in capsys.readouterr().err
+
+
+def test_effects_that_hold_nowhere_are_said_to_and_no_pose_is_away_for_that(tmp_path, capsys):
+    model = saved(tmp_path)
+    away = replace(model.nominal(), seen=None)
+    model = replace(model, seen=None, falls_back=FallBack(nothing_seen(6), away))
+    save_model(model, tmp_path / "model.yaml")
+    assert run("predict", tmp_path, [f"id,{JOINTS}", "P1,1,2,3,4,5,6"]) == 0
+    said = capsys.readouterr().out
+    assert "1 joint positions, 0 of them away from the poses of the fit; its effects hold" in said
+    assert rows(tmp_path / "out.csv")[0]["inside"] == "true"
+    assert run("compensate", tmp_path, [f"id,{POSE}", f"P1,{HERE}"]) == 0
+    assert "; its effects hold nowhere" in capsys.readouterr().out
 
 
 @pytest.mark.slow

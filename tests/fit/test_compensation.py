@@ -15,7 +15,7 @@ from made_up_model import fitted, fitted_to, postures, vocabulary
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.options import Tolerances
@@ -264,6 +264,18 @@ def test_where_the_model_falls_back_the_commands_are_those_of_what_it_falls_back
     np.testing.assert_allclose(found.q, q, atol=1e-8)
     np.testing.assert_array_equal(found.inside, model.predict(q).inside)
     assert set(found.status) == {"ok"}
+
+
+def test_where_effects_hold_nowhere_inside_is_of_the_calibrated_model():
+    model = fitted("pa10_6ce", 16, vocabulary)
+    q = regular(model, postures(model.arm, 17, 30))
+    seen = AngleCoverage((np.array([[-9.0, 0.5]]), *[np.array([[-9.0, 9.0]])] * 5), (False,) * 6)
+    without = replace(model.nominal(), T_instr_base=np.eye(4), seen=seen)
+    model = replace(model, falls_back=FallBack(nothing_seen(6), without))
+    found = model.predict(q)
+    np.testing.assert_array_equal(found.inside, q[:, 0] <= 0.5)
+    np.testing.assert_allclose(found.T, without.predict(q).T, atol=1e-12)
+    assert 0 < found.inside.sum() < len(q)
 
 
 def test_an_orientation_out_of_reach_is_so_where_the_model_falls_back_too():

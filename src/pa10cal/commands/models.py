@@ -82,6 +82,13 @@ def remarks(
     return f"; not read of {path}: {', '.join(unused)}" if unused else ""
 
 
+def fallen_back(model: FittedModel) -> str:
+    """Return that a model's effects hold nowhere, for the end of a line; else nothing."""
+    if model.falls_back is None or not model.falls_back.within.nowhere:
+        return ""
+    return "; its effects hold nowhere, as held-out poses showed: the calibrated model is used"
+
+
 def predict(
     *,
     model: Path,
@@ -140,7 +147,7 @@ def predict(
     rest = remarks("predict", joints, contradictions.of_joints(fitted, asked.q), asked.unused)
     print(
         f"{out}: {frame} of {fitted.arm.name} at {len(asked.ids)} joint positions, "
-        f"{away} of them away from the poses of the fit{rest}"
+        f"{away} of them away from the poses of the fit{fallen_back(fitted)}{rest}"
     )
 
 
@@ -254,6 +261,7 @@ def compensate(
     outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
     swung = int(np.count_nonzero(found.branch == "other"))
     outcome += f"; {swung} on another branch than the nearest" if swung else ""
+    outcome += fallen_back(fitted)
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}{rest}")
     if write == "cartesian":
         held = controller_columns(found.T_flange_tcp[None], form)

@@ -99,10 +99,13 @@ class Prediction:
         places = dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * self.T[:, :3, 3].T, strict=True))
         return _table({**places, "u_mm": self.u_mm, "inside": self.inside})
 
-    def with_others(self, rows: NDArray[np.bool_], T: Array) -> Prediction:
+    def with_others(
+        self, rows: NDArray[np.bool_], T: Array, inside: NDArray[np.bool_]
+    ) -> Prediction:
         """Return the prediction with other frames T (N, 4, 4) in some of the poses (N,).
 
-        How far they are from those that stood there becomes part of the uncertainty.
+        How far they are from those that stood there becomes part of the uncertainty; `inside` (N,)
+        takes the place of what stood there.
         """
         moved_mm = 1e3 * np.linalg.norm(T[:, :3, 3] - self.T[:, :3, 3], axis=1)
         moved_mm[~rows] = 0.0
@@ -110,7 +113,7 @@ class Prediction:
             np.where(rows[:, None, None], T, self.T),
             np.hypot(self.u_mm, moved_mm),
             np.hypot(self.u_parameters_mm, moved_mm),
-            self.inside & ~rows,
+            inside,
         )
 
 

@@ -334,8 +334,11 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     if model.falls_back is None:
         return found
     away = predicted(model.falls_back.model, given, frame)
-    outside = ~model.falls_back.within.inside(q)
-    return found.with_others(outside, T_base_away(model.falls_back, model) @ away.T)
+    within = model.falls_back.within
+    outside = ~within.inside(q)
+    # Effects that hold nowhere say nothing about where the robot was measured.
+    inside = away.inside if within.nowhere else found.inside & ~outside
+    return found.with_others(outside, T_base_away(model.falls_back, model) @ away.T, inside)
 
 
 def T_base_away(away: FallBack, model: Fitted) -> Array:
