@@ -16,12 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from made_up_model import fitted, fitted_to, postures
 from made_up_pair import campaign, shifted
+from made_up_poses import context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Controller
 from pa10cal.arm.exports import controller_pose
 from pa10cal.campaign.table import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
-from pa10cal.files.arms import arm_text
+from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.fit import compensation, fitted_model, loads
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
 from pa10cal.fit.contradictions import of_joints
@@ -30,6 +31,7 @@ from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read
 from pa10cal.results.comparison import ComparisonRecord
+from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures
@@ -406,6 +408,54 @@ def test_effects_that_hold_nowhere_are_said_to_and_no_pose_is_away_for_that(tmp_
     assert rows(tmp_path / "out.csv")[0]["inside"] == "true"
     assert run("compensate", tmp_path, [f"id,{POSE}", f"P1,{HERE}"]) == 0
     assert "; its effects hold nowhere" in capsys.readouterr().out
+
+
+def with_effect(tmp_path, id, *x):
+    """Save a model with an effect of temperature or time, and return it."""
+    (effect,) = (each for each in candidates(context_of(load_arm("pa10_6ce"))) if each.id == id)
+    model = fitted("pa10_6ce", 3, lambda arm: (*springs(arm), effect))
+    about = fitted_to("c1", temperature_std_C=2.0)
+    model = replace(model, x=np.append(model.x[: -len(x)], x), fitted_to=about)
+    save_model(model, tmp_path / "model.yaml")
+    return model
+
+
+@pytest.mark.parametrize("command", ["predict", "compensate"])
+def test_temperatures_are_a_column_or_an_option(tmp_path, capsys, command):
+    model = with_effect(tmp_path, "thermal_growth", 1.2e-5)
+    names, cells = (JOINTS, "1,2,3,4,5,6") if command == "predict" else (POSE, HERE)
+    wanted = ["x_mm", "y_mm", "z_mm"] if command == "predict" else JOINTS.split(",")
+    lines = [f"id,{names},temperature_C", f"a,{cells},31.5", f"b,{cells},"]
+    assert run(command, tmp_path, lines) == 0
+    said = capsys.readouterr().out
+    assert "which 1 rows do not give: the mean of the fit, 21.5 °C, is taken; u_mm holds" in said
+    found = rows(tmp_path / "out.csv")
+    warm, usual = column(found, *wanted)
+    assert np.abs(warm - usual).max() > 1e-3
+    known, unknown = column(found, "u_mm")[:, 0]
+    assert unknown > known
+    if command == "predict":
+        q = np.radians([1, 2, 3, 4, 5, 6])
+        at = model.predict([q, q, q], temperature_C=[23.5, 19.5, 21.5])
+        apart_mm = 0.5e3 * np.linalg.norm(at.T[0, :3, 3] - at.T[1, :3, 3])
+        assert unknown == pytest.approx(np.hypot(at.u_mm[2], apart_mm), rel=1e-6)
+    assert run(command, tmp_path, lines, "--temperature-C", "31.5") == 0
+    assert "thermal_growth" not in capsys.readouterr().out
+    both = column(rows(tmp_path / "out.csv"), *wanted)
+    np.testing.assert_allclose(both, [warm, warm], atol=1e-8)
+
+
+def test_times_are_a_column_or_an_option_and_without_one_no_base_moves(tmp_path, capsys):
+    model = with_effect(tmp_path, "base_drift", 1e-4, 0.0, 0.0)
+    q, start_s = np.radians([1, 2, 3, 4, 5, 6]), model.model.terms[-1].start_s
+    lines = [f"id,{JOINTS},time_s", f"a,1,2,3,4,5,6,{start_s + 7200}", "b,1,2,3,4,5,6,"]
+    assert run("predict", tmp_path, lines) == 0
+    assert "base_drift needs time_s, which 1 rows do not give" in capsys.readouterr().out
+    later, none = column(rows(tmp_path / "out.csv"), "x_mm", "y_mm", "z_mm")
+    np.testing.assert_allclose(later - none, [0.2, 0.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(model.predict(q).T, model.predict(q, time_s=start_s).T, atol=1e-12)
+    assert run("predict", tmp_path, lines, "--time-s", str(start_s)) == 0
+    assert "base_drift" not in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -306,7 +306,7 @@ def _joint_columns(prismatic: NDArray[np.bool_]) -> dict[str, list[str]]:
 # Nothing of such a list is dropped: a row that cannot be read refuses the file.
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
-_LOAD = "load_N"
+_OF_POSE = ("load_N", "temperature_C", "time_s")
 _MM = 1e-3
 #: Quaternions are written with a few digits; further from length one they are something else.
 _UNIT = 1e-2
@@ -327,6 +327,8 @@ class JointList:
     q: Array
     load_N: Array  # (N,) external loads; nan where none is given
     arrival: Array  # (N, n) direction of arrival of each joint, -1, 0 or 1; nan where not given
+    temperature_C: Array  # (N,) temperatures; nan where none is given
+    time_s: Array  # (N,) times on the campaign's clock; nan where none is given
     unused: tuple[str, ...] = ()  # columns that are not read
 
 
@@ -338,7 +340,9 @@ class TargetList(JointList):
 
 
 def read_joints(path: Path, prismatic: NDArray[np.bool_]) -> JointList:
-    """Read `id,q1_deg,…[,load_N][,arrival1,…]` (`qk_mm` of a joint that slides).
+    """Read `id,q1_deg,…` (`qk_mm` of a joint that slides), and what is given of each pose.
+
+    `load_N`, `temperature_C`, `time_s` and `arrival1`, … may be there, and blank.
 
     Raises:
         RawDataError: naming file and line, when a column is missing or of another arm, or a row
@@ -349,7 +353,7 @@ def read_joints(path: Path, prismatic: NDArray[np.bool_]) -> JointList:
 
 
 def read_targets(path: Path, prismatic: NDArray[np.bool_]) -> TargetList:
-    """Read `id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,…][,arrival1,…]`; seeds may be blank.
+    """Read `id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,q1_deg,…]`, seeds may be blank; others as of joints.
 
     Raises:
         RawDataError: see `read_joints`; also for an orientation that is none, and for metres.
@@ -389,7 +393,7 @@ def _read(
     sides = [f"arrival{joint}" for joint in range(1, len(joints) + 1)]
     others = [name for name in column_names(path) if _JOINT.fullmatch(name) and name not in joints]
     together = () if joints[0] in required else joints
-    raw = read_rows(path, ["id", *required], [_LOAD, *sides], together, repeats=True)
+    raw = read_rows(path, ["id", *required], [*_OF_POSE, *sides], together, repeats=True)
     if others:
         raise RawDataError(
             "a column of another arm, or in another unit",
@@ -398,7 +402,7 @@ def _read(
             allowed=", ".join(joints),
             remedy="give a model of the same arm, or rename the column",
         )
-    raw = raw.finite(required).finite([*together, _LOAD, *sides], may_be_blank=True)
+    raw = raw.finite(required).finite([*together, *_OF_POSE, *sides], may_be_blank=True)
     if raw.quarantined:
         first = min(raw.quarantined, key=lambda row: row.line)
         remedy = "correct the row, or remove it"
@@ -447,8 +451,8 @@ def _read(
     return raw, JointList(
         ids=raw.text_of("id"),
         q=in_radians(q, prismatic),
-        load_N=raw.numbers_of([_LOAD])[:, 0],
         arrival=arrival,
+        **dict(zip(_OF_POSE, raw.numbers_of(_OF_POSE).T, strict=True)),
         unused=raw.unused,
     )
 

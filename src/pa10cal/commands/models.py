@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from pa10cal.errors import ModelError
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from pa10cal.arm.description import Arm
     from pa10cal.arm.exports import Angles
     from pa10cal.arrays import Array
@@ -46,10 +48,23 @@ def doubtful(model: FittedModel) -> bool:
     return bool(model.grade) and model.grade not in UNRESERVED
 
 
+class Stated(NamedTuple):
+    """What is given of poses besides their joint positions, in their rows or to the command."""
+
+    load_N: Array  # (N,)
+    arrival: Array  # (N, n)
+    temperature_C: Array  # (N,) nan where none is given
+    time_s: Array  # (N,) nan where none is given
+
+
 def stated(
-    asked: JointList | TargetList, load_N: float, arrival: tuple[float, ...] | None
-) -> tuple[Array, Array]:
-    """Return loads (N,) and directions of arrival (N, n), the command's where a row gives none.
+    asked: JointList | TargetList,
+    load_N: float,
+    arrival: tuple[float, ...] | None,
+    temperature_C: float | None,
+    time_s: float | None,
+) -> Stated:
+    """Return what is given of each pose: by its row, else by the command.
 
     Raises:
         ModelError: when the command gives another number of directions than one, or one a joint.
@@ -66,8 +81,36 @@ def stated(
             allowed=f"1 number for all joints, or {n}: one a joint",
             remedy="give -1 or 1 for each joint, 0 where it is not known",
         )
-    loads_N = np.where(np.isnan(asked.load_N), load_N, asked.load_N)
-    return loads_N, np.where(np.isnan(asked.arrival), np.array(sides), asked.arrival)
+
+    def or_else(of_row: Array, of_command: ArrayLike | None) -> Array:
+        return of_row if of_command is None else np.where(np.isnan(of_row), of_command, of_row)
+
+    return Stated(
+        load_N=or_else(asked.load_N, load_N),
+        arrival=or_else(asked.arrival, sides),
+        temperature_C=or_else(asked.temperature_C, temperature_C),
+        time_s=or_else(asked.time_s, time_s),
+    )
+
+
+def not_stated(model: FittedModel, given: Stated) -> Iterator[str]:
+    """Yield what is taken where a model depends on a temperature or time that is not given."""
+    import numpy as np
+
+    away = model.falls_back
+    used = away.model if away is not None and away.within.nowhere else model
+    for term in used.model.terms:
+        if term.depends_on is None or not (rows := np.isnan(getattr(given, term.depends_on)).sum()):
+            continue
+        taken = "the base is taken to be where T_instr_base of the model has it"
+        if term.depends_on == "temperature_C":
+            fitted = used.fitted_to
+            if fitted is None or fitted.temperature_C is None:
+                continue
+            taken = f"the mean of the fit, {fitted.temperature_C:.1f} °C, is taken"
+            if fitted.temperature_std_C:
+                taken += f"; u_mm holds its {fitted.temperature_std_C:.1f} K of spread"
+        yield f"{term.id} needs {term.depends_on}, which {rows} rows do not give: {taken}"
 
 
 def remarks(
@@ -97,6 +140,8 @@ def predict(
     frame: str = "flange",
     load_N: float = 0.0,
     arrival: tuple[float, ...] | None = None,
+    temperature_C: float | None = None,
+    time_s: float | None = None,
     force: bool = False,
 ) -> None:
     """Predict the poses of a calibrated robot at any joint positions.
@@ -108,12 +153,16 @@ def predict(
 
     Args:
         model: model.yaml of a calibration, or the results that hold it.
-        joints: joint positions: id,q1_deg,...[,load_N][,arrival1,...] (.csv).
+        joints: joint positions: id,q1_deg,...[,load_N][,arrival1,...][,temperature_C][,time_s]
+            (.csv).
         out: poses to write (.csv).
         frame: flange, tool, or target_<name>.
         load_N: external load [N] of rows that give none.
         arrival: side from which joints arrive, of rows that give none: -1 or 1, the sign of the
             last motion, 0 where it is not known; one for all joints, or one a joint.
+        temperature_C: temperature of rows that give none; by default the mean of the fit.
+        time_s: time on the campaign's clock, of rows that give none, for a base that moved while
+            the campaign lasted; by default the base is where T_instr_base of the model has it.
         force: use a model whose input is suspect, and loads heavier than any that it has seen.
 
     Examples:
@@ -128,11 +177,9 @@ def predict(
 
     fitted = model_in_use(model, force=force)
     asked = read_joints(joints, fitted.arm.axes_slide)
-    loads_N, sides = stated(asked, load_N, arrival)
+    given = stated(asked, load_N, arrival, temperature_C, time_s)
     away = 0
-    blocks = fitted.predict_in_blocks(
-        asked.q, frame=frame, load_N=loads_N, arrival=sides, extrapolate=force
-    )
+    blocks = fitted.predict_in_blocks(asked.q, frame=frame, **given._asdict(), extrapolate=force)
     with whole_file(out) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         for rows, found in blocks:
             columns = {
@@ -149,6 +196,8 @@ def predict(
         f"{out}: {frame} of {fitted.arm.name} at {len(asked.ids)} joint positions, "
         f"{away} of them away from the poses of the fit{fallen_back(fitted)}{rest}"
     )
+    for line in not_stated(fitted, given):
+        print(line)
 
 
 def compensate(
@@ -159,6 +208,8 @@ def compensate(
     frame: str = "flange",
     load_N: float = 0.0,
     arrival: tuple[float, ...] | None = None,
+    temperature_C: float | None = None,
+    time_s: float | None = None,
     write: Literal["joints", "cartesian"] = "joints",
     angles: Literal["ABC", "quaternion", "rpy", "rotation_vector"] | None = None,
     tcp: tuple[float, ...] | None = None,
@@ -175,12 +226,15 @@ def compensate(
     Args:
         model: model.yaml of a calibration, or the results that hold it.
         targets: poses in the robot's base frame: id,x_mm,y_mm,z_mm,qw,qx,qy,qz[,load_N][,q1_deg,
-            ...][,arrival1,...] (.csv).
+            ...][,arrival1,...][,temperature_C][,time_s] (.csv).
         out: joint positions to write (.csv).
         frame: flange, tool, or target_<name>.
         load_N: external load [N] of rows that give none.
         arrival: side from which joints arrive, of rows that give none: -1 or 1, the sign of the
             last motion, 0 where it is not known; one for all joints, or one a joint.
+        temperature_C: temperature of rows that give none; by default the mean of the fit.
+        time_s: time on the campaign's clock, of rows that give none, for a base that moved while
+            the campaign lasted; by default the base is where T_instr_base of the model has it.
         write: joints, or cartesian: beside them the poses to send, in the robot's base frame.
         angles: how the controller writes orientations: ABC (KUKA, deg), quaternion (the default),
             rpy (deg), or rotation_vector (rad).
@@ -224,13 +278,12 @@ def compensate(
     if controller is not None and computes is not None:
         refuse_another_robot(arm, computes, "--controller")
     asked = read_targets(targets, arm.axes_slide)
-    loads_N, sides = stated(asked, load_N, arrival)
+    given = stated(asked, load_N, arrival, temperature_C, time_s)
     found = fitted.compensate(
         asked.T,
         frame=frame,
         seed=asked.q,
-        load_N=loads_N,
-        arrival=sides,
+        **given._asdict(),
         extrapolate=force,
         T_flange_tcp=controller_pose(tcp, form) if tcp else None,
         controller=computes,
@@ -255,7 +308,7 @@ def compensate(
             answers = asked.ids[rows], found.q[rows], arm.axes_slide, of_rows
             file.write(commands_text(*answers, header=first))
     said = [*contradictions.of_targets(fitted, asked.T, asked.q, frame)]
-    said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, loads_N)]
+    said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, given.load_N)]
     rest = remarks("compensate", targets, said, asked.unused)
     words, counts = np.unique(found.status, return_counts=True)
     outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
@@ -263,6 +316,8 @@ def compensate(
     outcome += f"; {swung} on another branch than the nearest" if swung else ""
     outcome += fallen_back(fitted)
     print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}{rest}")
+    for line in not_stated(fitted, given):
+        print(line)
     if write == "cartesian":
         held = controller_columns(found.T_flange_tcp[None], form)
         # Nine decimals, so that rounding is no number that somebody types into a controller.

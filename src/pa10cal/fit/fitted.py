@@ -53,6 +53,8 @@ class FittedTo(Part):
     health: str = ""  # the reason, and what to do, in one sentence
     # external loads of the poses, each once; empty where that is not known
     loads_N: tuple[float, ...] = ()
+    # standard deviation of their temperatures; None where they were not logged
+    temperature_std_C: float | None = Field(None, exclude_if=lambda std_C: std_C is None)
     # what is probably wrong in the input
     suspicions: tuple[InputFinding, ...] = Field((), exclude_if=lambda found: not found)
 
@@ -62,13 +64,15 @@ class FittedTo(Part):
     ) -> FittedTo:
         """Return it of the poses fitted, of a load case and of its health."""
         states, temperature_C = poses.states, float(poses.states.temperature_C.mean())
+        logged = np.isfinite(temperature_C)
         return cls(
             campaign=campaign.name,
             provenance=campaign.provenance,
             calibration=load,
             instrument=" and ".join(poses.measured.kinds),
             poses=len(poses),
-            temperature_C=temperature_C if np.isfinite(temperature_C) else None,
+            temperature_C=temperature_C if logged else None,
+            temperature_std_C=float(states.temperature_C.std()) if logged else None,
             time_s=(float(states.time_s.min()), float(states.time_s.max())),
             grade=health.grade,
             health=health.line,
@@ -83,8 +87,9 @@ class Prediction:
 
     T: Array  # (N, 4, 4) the frame in the robot's base frame [m]
     # (N,) standard uncertainty of its position, as a user meets it, the base being where the fit
-    # puts it: of the parameters, of what the model lacks, and of sides of arrival that are not
-    # given, where the model has lost motion; nan where the model's covariance is not known
+    # puts it: of the parameters, of what the model lacks, and of sides of arrival and temperatures
+    # that are not given, where the model has lost motion or grows; nan where the model's covariance
+    # is not known
     u_mm: Array
     # (N,) the same without what the model lacks: what the noise of the measurement leaves
     u_parameters_mm: Array

@@ -81,8 +81,10 @@ class FittedModel(Fitted):
             load_N: external load, one for all poses or (N,).
             arrival: direction in which each joint arrives, -1 or 1, one for all or (N, m); 0 where
                 it is not known, whose lost motion is then part of `u_mm`.
-            temperature_C: temperature, one or (N,); None for the mean of the fit.
-            time_s: time on the campaign's clock, one or (N,); None for the middle of the fit.
+            temperature_C: temperature, one or (N,); None or nan where it is not known: the mean of
+                the fit is taken, and the spread of its temperatures is then part of `u_mm`.
+            time_s: time on the campaign's clock, one or (N,), for a base that moves with time; None
+                or nan where none is meant: the base is then where `T_instr_base` has it.
             extrapolate: predict also for loads heavier than any that the fit has seen.
 
         Raises:
@@ -100,6 +102,8 @@ class FittedModel(Fitted):
         frame: str = FLANGE,
         load_N: ArrayLike = 0.0,
         arrival: ArrayLike = 0.0,
+        temperature_C: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
         extrapolate: bool = False,
         rows: int = BLOCK,
     ) -> Iterator[tuple[slice, Prediction]]:
@@ -110,7 +114,8 @@ class FittedModel(Fitted):
         Raises:
             ModelError: see `predict`, before anything is predicted.
         """
-        given = states_at(self, self._joints_at(q), load_N, arrival, extrapolate=extrapolate)
+        of_pose = load_N, arrival, temperature_C, time_s
+        given = states_at(self, self._joints_at(q), *of_pose, extrapolate=extrapolate)
         for first in range(0, len(given.q_rad), rows):
             part = slice(first, first + rows)
             here = given.take(np.arange(len(given.q_rad))[part])

@@ -41,17 +41,15 @@ def states_at(
 
     Args:
         q: (N, n) joint positions; `arrival` is of the axes that the controller counts.
+        temperature_C, time_s: nan where they are not given, as in the states returned.
 
     Raises:
         ModelError: when a load is no load, or heavier than any that the fit has seen; when a side
             of arrival is none; or when there are not as many numbers as poses.
     """
     fitted, count = model.fitted_to, len(q)
-    if temperature_C is None:
-        known_C = None if fitted is None else fitted.temperature_C
-        temperature_C = np.nan if known_C is None else known_C
-    if time_s is None:
-        time_s = 0.0 if fitted is None else 0.5 * sum(fitted.time_s)
+    temperature_C = np.nan if temperature_C is None else temperature_C
+    time_s = np.nan if time_s is None else time_s
     every_N = _of_every_pose("load_N", load_N, (count,))
     of_temperature = _of_every_pose("temperature_C", temperature_C, (count,))
     of_time = _of_every_pose("time_s", time_s, (count,))
@@ -163,11 +161,16 @@ class Forward:
     def states(self, given: PoseStates) -> PoseStates:
         """Return states with what their weights do, whatever torques they had.
 
+        A temperature that is not given is the mean of the fit.
+
         Raises:
             ModelError: when the model has springs and the masses that load them are not known.
         """
         whole, payload, q = self.whole, self.whole.payload, given.q_rad
-        of_pose = given.load_N, given.temperature_C, given.time_s
+        temperature_C, fitted = given.temperature_C, whole.fitted_to
+        if fitted is not None and fitted.temperature_C is not None:
+            temperature_C = np.where(np.isnan(temperature_C), fitted.temperature_C, temperature_C)
+        of_pose = given.load_N, temperature_C, given.time_s
         states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *of_pose)
         states, source = with_torques(whole.model, whole.x, states, payload)
         if source == "none" or payload is None:
@@ -262,6 +265,24 @@ class Forward:
             variance[rows] += 0.25 * (apart_mm**2).sum(axis=1)
         return np.sqrt(variance)
 
+    def unknown_temperature_mm(self, given: PoseStates) -> Array:
+        """Return how far temperatures that are not given move the frame's position, (N,).
+
+        They are expected where those of the fit were: the prediction is at their mean, and the
+        standard deviation half the distance between a standard deviation above and below.
+        """
+        found, fitted = np.zeros(len(given)), self.whole.fitted_to
+        rows = np.flatnonzero(np.isnan(given.temperature_C))
+        grows = any(term.depends_on == "temperature_C" for term in self.physical.terms)
+        if not grows or not len(rows) or fitted is None or not fitted.temperature_std_C:
+            return found
+        at, ends = self.states(given.take(rows)), []
+        for away_C in (fitted.temperature_std_C, -fitted.temperature_std_C):
+            warm = replace(at, temperature_C=at.temperature_C + away_C)
+            ends.append(self.T_base_frame(self.states(warm))[:, :3, 3])
+        found[rows] = 0.5e3 * np.linalg.norm(ends[0] - ends[1], axis=1)
+        return found
+
     def _shows_side(self, term: Term, ahead: PoseStates, behind: PoseStates) -> bool:
         """Return whether a term differs between both sides of arrival."""
         x = self.x[self.physical.columns_of(term)]
@@ -327,6 +348,7 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
         end = forward.end(states)
         T, u_parameters_mm = end.T @ forward.T_end_frame, forward.uncertainty_mm(states, end)
         u_parameters_mm = np.hypot(u_parameters_mm, forward.unknown_arrival_mm(states))
+        u_parameters_mm = np.hypot(u_parameters_mm, forward.unknown_temperature_mm(given))
     u_mm = u_parameters_mm
     if model.discrepancy is not None:
         u_mm = np.hypot(u_mm, model.discrepancy.error_at_mm(q))

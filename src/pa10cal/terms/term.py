@@ -84,6 +84,8 @@ class Traits(Protocol):
     shows_torque: ClassVar[bool] = False
     #: In which poses it holds.
     holds: ClassVar[Holds] = "everywhere"
+    #: What of a pose's state, beside joints and loads, it differs with; None for nothing.
+    depends_on: ClassVar[Literal["temperature_C", "time_s"] | None] = None
     #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: of
     #: many parameters four matter in a pose.
     at_knots: ClassVar[bool] = False

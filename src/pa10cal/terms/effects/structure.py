@@ -315,13 +315,15 @@ class BaseDrift(Effect):
     """The base moves along its axes at a constant rate [m/h], counted from the first reading.
 
     In its slow form it moves by a few cosines of the time besides, and stands still before the
-    first and after the last reading, where nothing is known of it.
+    first and after the last reading, where nothing is known of it. In poses of no time (nan) it is
+    where its frame has it.
     """
 
     start_s: float  # time of the first reading
     end_s: float | None = None  # time of the last one; None of a constant rate, which goes on
     waves: int = 0  # cosines along each axis, of half a cycle more each; 0 of a constant rate
     id = "base_drift"
+    depends_on = "time_s"
     clauses = ("the base moved while the campaign lasted",)
     sits = "base"
     coordinates = BASE[:3]
@@ -355,12 +357,13 @@ class BaseDrift(Effect):
         """Return hours since the first reading, then waves, each axis for itself."""
         last_s = np.inf if self.end_s is None else self.end_s
         first_s = -np.inf if self.end_s is None else self.start_s
-        since_s = np.clip(time_in(states, self), first_s, last_s) - self.start_s
+        since_s = np.clip(time_in(states, self), first_s, last_s) - self.start_s  # nan: not given
         courses = [since_s / _SECONDS_AN_HOUR]
         courses += [
             np.cos(np.pi * k * since_s / (last_s - self.start_s)) for k in range(1, self.waves + 1)
         ]
-        return np.asarray(np.stack(courses, axis=1)[:, None, :, None] * np.eye(3)[:, None, :])
+        known = np.nan_to_num(np.stack(courses, axis=1))
+        return np.asarray(known[:, None, :, None] * np.eye(3)[:, None, :])
 
 
 @dataclass(frozen=True)
@@ -371,6 +374,7 @@ class ThermalGrowth(Effect):
     lengths_m: tuple[float, ...]  # their nominal values
     reference_temperature_C: float  # temperature at which lengths are nominal
     id = "thermal_growth"
+    depends_on = "temperature_C"
     clauses = ("the links grow with temperature",)
     sits = "arm"
     positive = True

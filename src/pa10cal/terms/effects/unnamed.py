@@ -174,6 +174,7 @@ class DriftMap(Effect):
 
     span_s: tuple[float, float]  # first and last reading
     id = "drift_map"
+    depends_on = "time_s"
     sits = "base"
     words = "each motion of the base += Legendre polynomials 1 to {0.degrees} of time"
     coordinates = BASE
@@ -201,7 +202,8 @@ class DriftMap(Effect):
         )
 
     def per_unit(self, states: PoseStates) -> Array:
-        values = _degrees(time_in(states, self), self.span_s, self.degrees)
+        # In poses of no time (nan) the base is where its frame has it.
+        values = np.nan_to_num(_degrees(time_in(states, self), self.span_s, self.degrees))
         return np.asarray(np.eye(len(BASE))[:, :, None] * values[:, None, None, :])
 
 
