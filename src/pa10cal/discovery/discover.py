@@ -241,7 +241,8 @@ def _without_name(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     """Return the verdict on a campaign made ready, before its gates."""
-    if wrong_attitudes := attitudes_off(campaign.trusted, campaign.baseline):
+    readings = complete(campaign.trusted, campaign.baseline, campaign.setup)
+    if wrong_attitudes := attitudes_off(readings, campaign.baseline):
         return not_sought(campaign, model, wrong_attitudes)
     if any(is_error_map(term) for term in model.model.terms):
         return not_sought(campaign, model, _HAS_MAPS)

@@ -263,7 +263,7 @@ def complete(poses: Observations, baseline: FittedModel, setup: MeasurementSetup
     """Add to the states of poses what they carry and how they were read."""
     states = poses.states
     if setup.payload is not None:
-        if baseline.model.terms_of("effect", "weight"):
+        if baseline.model.terms_of("effect", "weight", "field"):
             # Such terms need what the arm carries as it stands nominally first.
             rigid = Model(baseline.model.chain, ())
             nominal = statics_of(rigid, np.zeros(0), states, setup.payload)

@@ -161,6 +161,8 @@ class Search:
                 others = [each for each in self.others(chosen) if each.is_named]
                 found = less.with_each(others) if others else np.zeros((0, len(less.squares)))
                 for j in np.flatnonzero(found.sum(axis=1) < best_squares):
+                    if others[j].effect.takes_a_place and as_good(chosen.squares, found[j]):
+                        continue
                     ahead = less.extended(others[j])
                     squares, helps = float(found[j].sum()), self.helps(less.squares, found[j])
                     sound = within_bounds(ahead) and both_kinds_agree(less, ahead)
