@@ -260,9 +260,9 @@ class Probabilities:
     known_effect: tuple[float, float, float] = (7.0, 0.2, 0.5)
     known_sag: tuple[float, float] = (1.3, 1.0)  # the same of a joint that gives way (trials)
     left_of_noise: float = 0.01  # part of that of noise that is left at least (computing)
-    most_left_of_noise: float = 100.0  # up to which odds fall (trials)
-    # probability of none of these, twice that of all names, from which an effect has none (level)
-    nameless: float = 2.0 / 3.0
+    most_left_of_noise: float = 3.0  # up to which odds fall (trials)
+    # probability of none of these from which an effect has no name (level)
+    nameless: float = 0.5
     surely: float = SURE  # probability of the set that holds what is there (level)
     least: float = 0.01  # probability from which an alternative is listed (level)
 
