@@ -111,14 +111,13 @@ def _statics_of(
             found = statics(model.chain, here, load_N, own)
             if amounts.any():
                 arm, heavier = weighed(model.chain.arm, own, amounts)
-                chain = Chain.of(arm, bends=model.chain.bends)
-                under = statics(chain, here, load_N, heavier)
-                bent = {
-                    each: getattr(under.static_loads, each)
-                    for each in ("link_Nm", "link_N", "base_Nm")
-                }
-                found = replace(found, static_loads=replace(found.static_loads, **bent))
-                found = found if weights else under
+                under = statics(Chain.of(arm, bends=model.chain.bends), here, load_N, heavier)
+                if not weights:
+                    found = under
+                else:
+                    parts = ("link_Nm", "link_N", "base_Nm")
+                    bent = {each: getattr(under.static_loads, each) for each in parts}
+                    found = replace(found, static_loads=replace(found.static_loads, **bent))
             yield at, found
 
 
