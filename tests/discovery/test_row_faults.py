@@ -266,3 +266,16 @@ def test_readings_off_one_after_the_other_are_no_single_ones(survey, thrice):
     found = gross_errors(shifted(thrice, WRONG_M, np.arange(2, 45, 3)), survey.baseline)
     assert found.excluded.sum() < 10
     assert not found.accused.any()
+
+
+@pytest.mark.parametrize(
+    ("joints", "times", "are_right"), [([2], 1.0, True), ([2], 5.0, False), ([0, 2], 1.0, False)]
+)
+def test_readings_off_by_what_one_joint_moved_are_right(survey, thrice, joints, times, are_right):
+    """As where it rests now at one side of its lost motion and now at the other."""
+    rows = np.arange(4, 360, 30)
+    moved_rad = np.tile([4e-4, -4e-4], 6) * np.where(np.arange(12) == 5, times, 1.0)
+    q_rad = thrice.states.q_rad.copy()
+    q_rad[rows, np.resize(joints, 12)] -= moved_rad  # not logged
+    found = gross_errors(thrice.with_states(replace(thrice.states, q_rad=q_rad)), survey.baseline)
+    assert found.excluded.any() != are_right

@@ -252,7 +252,31 @@ def _off_repeats(
     else:
         found = exclude_gross_errors(whitener, found.excluded, ROWS.least_noise_share)
     apart, _ = _less_others(left, group, seen, found.excluded)
+    if _of_one_joint(readings, model, apart, found.excluded):
+        return GrossErrors(nobody, nobody, nothing, nothing)
     return replace(found, off_mm=_position_mm(readings, apart))
+
+
+def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out: Mask) -> bool:
+    """Return whether readings (P,) are off their repeats by what one joint moved, alike in size.
+
+    So is one that rests in its lost motion, or in a hysteresis, now at one side and now at the
+    other: its readings are right. By what readings (P, b) are off the others of their group.
+    """
+    rows = np.flatnonzero(out & np.any(apart != 0.0, axis=1))
+    off = readings.take(rows)
+    if len(rows) < ROWS.least_of_a_joint or off.measured.components_seen.sum(axis=1).min() < 3:
+        return False
+    whitener = whitener_of(off.measured.stated_covariance)
+    white = (whitener @ apart[rows, :, None])[:, :, 0]
+    by_joint = whitener @ by_every_joint(model, off)
+    turned = np.einsum("pbj,pb->pj", by_joint, white)
+    turned /= np.maximum(np.sum(by_joint**2, axis=1), np.finfo(float).tiny)
+    left = np.sum((white[:, :, None] - by_joint * turned[:, None, :]) ** 2, axis=(0, 1))
+    joint = int(np.argmin(left))
+    size = np.abs(turned[:, joint])
+    alike = size.max() <= ROWS.of_a_joint_times * np.median(size)
+    return bool(alike and left[joint] <= (1.0 - ROWS.of_a_joint_share) * np.sum(white**2))
 
 
 def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[float, float]]:

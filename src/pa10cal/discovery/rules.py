@@ -404,6 +404,9 @@ class Rows:
     # standard errors by which their tails may be heavier than found (level)
     of_poses_errors: float = 1.6
     most_beyond_share: float = 0.1  # more readings than this part are no gross errors (trials)
+    least_of_a_joint: int = 5  # readings that one joint alone put off are no gross errors (trials)
+    of_a_joint_share: float = 0.95  # it makes this part of their squares (trials)
+    of_a_joint_times: float = 3.0  # and none is so many times the usual size (trials)
     least_noise_share: float = 0.1  # scatter is no less than this part of the noise found (size)
     median_readings: int = 11  # readings over which a median runs (computing)
     # a reading's load is within this part of the difference from the other load (trials)
