@@ -60,6 +60,9 @@ SLIDES = ["stand=carriage", "carriage~a1", "a1~a2", "a2=quill", "quill>ee_link"]
         (SLIDES, ("stand", "ee_link")),
         (["torso~head", *chain("torso", "a1", "a2", "a3", "a4")], ("torso", "a4")),
         (chain("a", "b", "c"), ("a", "c")),
+        ([*chain("base", *"123456"), "3~camera"], ("base", "6")),
+        ([*chain("base", *"123456"), *(f"6~{k}" for k in "789")], ("base", "6")),
+        ([*chain("base", *"123456"), *chain("6", "thumb_hand", "t"), "6~f"], ("base", "6")),
         (
             [*chain("world", "l1", "l2", "l3"), "l3>link_eef", "link_eef>camera"],
             ("world", "link_eef"),
@@ -81,11 +84,22 @@ def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends
             *chain("body", *(f"l{k}" for k in range(7))),
             *chain("body", *(f"r{k}" for k in range(7))),
         ],
+        [*chain("waist", *"123"), *chain("3", *"abcdefg"), *chain("3", *"hijklmn"), "3~head"],
+        [*chain("waist", *"123"), *chain("3", *"abcdefg"), *chain("3", *"hijklmn")],
+        [*chain("base", *"123456"), "4~camera"],
         [*chain("palm", "f1", "f2"), *chain("palm", "g1", "g2")],
         ["a>b"],
         ["a~b"],
     ],
-    ids=["two arms", "a hand", "nothing moves", "one joint"],
+    ids=[
+        "two arms",
+        "torso, arms and head",
+        "torso and arms",
+        "camera on a link",
+        "a hand",
+        "nothing moves",
+        "one joint",
+    ],
 )
 def test_where_no_chain_is_the_arm_its_ends_have_to_be_named(joints):
     with pytest.raises(ArmError, match=r"r\.urdf: which joints are the arm.*--base LINK --tip"):
