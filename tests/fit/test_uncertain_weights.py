@@ -7,7 +7,7 @@ import pytest
 
 from calibrated import general
 from made_up_model import on_springs
-from made_up_poses import at_rest
+from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.files.arms import load_arm
@@ -21,6 +21,7 @@ from pa10cal.fit.weighed_arm import (
 )
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.terms.effects.structure import BaseCompliance, LinkBending
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights
@@ -151,18 +152,48 @@ def test_other_weights_move_torques_as_their_derivative_says():
     )
 
 
-def test_links_and_base_carry_the_weights_found_and_joints_those_described():
-    weights = Weights.about(ARM, weight_sizes(ARM, TOOL))
-    x = 0.5 * np.array(weights.sizes)
-    rigid, nothing = Model(Chain.of(ARM), ()), np.zeros(0)
+def bending():
+    """A model of springs, of what bends and of weights, with its parameters."""
+    payload, arm = TOOL, ARM
+    springs = with_springs(payload)
+    soft = (BaseCompliance("base"), *LinkBending.everywhere(context_of(arm)))
+    weights = Weights.about(arm, weight_sizes(arm, payload))
+    amounts = (
+        0.5
+        * np.array(weights.sizes)
+        * np.random.default_rng(2).uniform(-1.0, 1.0, len(weights.sizes))
+    )
+    x = np.concatenate([springs.x, [2e-6, 3e-6], [4e-6] * (len(soft) - 1), amounts])
+    chain = Chain.of(arm, bends=range(1, arm.n))
+    return Model(chain, (*springs.model.terms, *soft, weights)), x
+
+
+def test_joints_links_and_base_carry_the_weights_found():
+    model, x = bending()
+    weights, rigid, nothing = model.terms[-1], Model(model.chain, ()), np.zeros(0)
     described = statics_of(rigid, nothing, states(), TOOL)
-    loaded = replace(states(), static_loads=described.static_loads)
-    found = statics_of(Model(Chain.of(ARM), (weights,)), x, loaded, TOOL)
-    arm, carried = weighed(ARM, TOOL, weights.amounts(x))
-    heavier = statics_of(Model(Chain.of(arm), ()), nothing, states(), carried)
-    np.testing.assert_allclose(found.torque_Nm, described.torque_Nm)
-    loads, wanted = found.static_loads, heavier.static_loads
-    np.testing.assert_allclose(loads.link_Nm, wanted.link_Nm)
-    np.testing.assert_allclose(loads.link_N, wanted.link_N)
-    np.testing.assert_allclose(loads.base_Nm, wanted.base_Nm)
-    assert np.abs(loads.base_Nm - described.static_loads.base_Nm).max() > 0.5
+    loaded = replace(states(), static_loads=described.static_loads, tau_Nm=described.torque_Nm)
+    arm, carried = weighed(ARM, TOOL, weights.amounts(x[model.columns_of(weights)]))
+    heavier = statics_of(
+        Model(Chain.of(arm, bends=model.chain.bends), ()), nothing, states(), carried
+    )
+    found = model.carried(loaded, x)
+    for part in ("link_Nm", "link_N", "base_Nm"):
+        value, wanted = getattr(found.static_loads, part), getattr(heavier.static_loads, part)
+        np.testing.assert_allclose(value, wanted, atol=1e-9)
+    assert np.abs(found.static_loads.base_Nm - described.static_loads.base_Nm).max() > 0.5
+    # Of torques, as of a tilt of gravity beside them, what goes with one weight alone.
+    np.testing.assert_allclose(found.tau_Nm, heavier.torque_Nm, atol=0.2)
+
+
+def test_the_pose_follows_weights_by_way_of_all_that_gives_way():
+    model, x = bending()
+    loads = statics_of(Model(model.chain, ()), np.zeros(0), states(), TOOL)
+    loaded = replace(states(), static_loads=loads.static_loads, tau_Nm=loads.torque_Nm)
+    jacobian = model.predict_with_jacobian(loaded, x).jacobian
+    for column in range(model.columns_of(model.terms[-1]).start, len(x)):
+        step = 1e-3 * model.scale[column] * np.eye(len(x))[column]
+        moved = model.predict(loaded, x + step) - model.predict(loaded, x - step)
+        np.testing.assert_allclose(
+            moved[:, :3, 3] / (2.0 * step[column]), jacobian[:, :3, column], rtol=1e-5, atol=1e-9
+        )

@@ -21,6 +21,48 @@ from pa10cal.errors import ArmError
 
 
 @dataclass(frozen=True)
+class Hung:
+    """The weights of an arm in P poses, and where they hang; for loads under other weights."""
+
+    # masses beyond each joint, its own link's included, (P, n) [kg], and their first moments about
+    # the base's origin, (P, n, 3) [kg m]
+    mass_kg: Array
+    moment_kg_m: Array
+    # (P, n, 4, 3) such a moment for a unit of each link's mass, at its centre, and of its first
+    # moments about that; (P, 3) for one of the apparatus
+    by_link: Array
+    by_apparatus: Array
+    ends: Array  # (P, n - 1, 4, 4) frames in which the joints beyond each link move
+    gravity_m_s2: Array  # (P, 3) gravity along base axes
+    by_level: Array  # (P, 2, 3) its derivative by two small turns about axes across it
+
+    def with_weights(self, amounts: Array) -> Hung:
+        """Return what hangs with other weights, by columns of `StaticLoads.by_weights`."""
+        n = self.mass_kg.shape[1]
+        of_links, (apparatus_kg, *level) = amounts[: 4 * n].reshape(n, 4), amounts[4 * n :]
+        mass_kg = of_links[:, 0].copy()
+        mass_kg[-1] += apparatus_kg
+        moment = np.einsum("pjkc,jk->pjc", self.by_link, of_links)
+        moment[:, -1] += apparatus_kg * self.by_apparatus
+        return replace(
+            self,
+            mass_kg=self.mass_kg + mass_kg[::-1].cumsum()[::-1],
+            moment_kg_m=self.moment_kg_m + moment[:, ::-1].cumsum(axis=1)[:, ::-1],
+            gravity_m_s2=self.gravity_m_s2 + np.array(level) @ self.by_level,
+        )
+
+    def loads(self) -> tuple[Array, Array, Array]:
+        """Return what links carry (P, n, 3), moments and forces, and the base's moment (P, 3)."""
+        link_Nm, link_N = np.zeros((2, *self.moment_kg_m.shape))
+        gravity, R_ends = self.gravity_m_s2[:, None], self.ends[..., :3, :3]
+        about_ends = self.moment_kg_m[:, 1:] - self.mass_kg[:, 1:, None] * self.ends[..., :3, 3]
+        link_Nm[:, :-1] = np.einsum("pjba,pjb->pja", R_ends, np.cross(about_ends, gravity))
+        link_N[:, :-1] = np.einsum("pjba,pb->pja", R_ends, self.gravity_m_s2)
+        link_N[:, :-1] *= self.mass_kg[:, 1:, None]
+        return link_Nm, link_N, np.cross(self.moment_kg_m[:, 0], self.gravity_m_s2)
+
+
+@dataclass(frozen=True)
 class StaticLoads:
     """What weights bend the structure with in P poses; see `arm.statics`."""
 
@@ -36,6 +78,16 @@ class StaticLoads:
     # gravity
     by_weights: Array
     by_load: Array  # (P, n) derivative of `joint_Nm` by the external load [N m/N]
+    hung: Hung  # the weights that make these loads
+
+    def with_weights(self, amounts: Array) -> StaticLoads:
+        """Return what links and base carry with other weights, by columns of `by_weights`.
+
+        Joints carry what they did: `Weights` has the torques.
+        """
+        hung = self.hung.with_weights(amounts)
+        link_Nm, link_N, base_Nm = hung.loads()
+        return replace(self, link_Nm=link_Nm, link_N=link_N, base_Nm=base_Nm, hung=hung)
 
 
 @dataclass(frozen=True)
@@ -206,31 +258,38 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
         + (found.T_base_rows[..., :3, :3] @ first_moments_kg_m[:, None, :, None])[..., 0]
     )
     moments_kg_m[-1] += payload.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
-    masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1]
-    moments_kg_m = moments_kg_m[::-1].cumsum(axis=0)[::-1]
-    ends = found.T_base_joints[1:]
-    about_ends = moments_kg_m[1:] - masses_kg[1:, :, None] * ends[..., :3, 3]
-    link_Nm, link_N = np.zeros((2, count, n, 3))
-    link_Nm[:, :-1] = np.einsum("jpba,jpb->pja", ends[..., :3, :3], np.cross(about_ends, gravity))
-    down_ends = np.einsum("jpba,b->jpa", ends[..., :3, :3], gravity)
-    link_N[:, :-1] = np.swapaxes(masses_kg[1:, :, None] * down_ends, 0, 1)
+    masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1].T
+    moments_kg_m = np.swapaxes(moments_kg_m[::-1].cumsum(axis=0)[::-1], 0, 1)
     # Gravity changes with two small turns about axes across it, masses sit at their centres.
-    held_kg, moments = masses_kg.T[:, :, None], np.swapaxes(moments_kg_m, 0, 1)
-    turning = np.cross(moments - held_kg * origins, axes)
-    by_gravity = np.where(turns[:, None], turning, -held_kg * axes)
-    by_level = by_gravity @ (g * np.linalg.svd(gravity[None])[2][1:].T)
+    turning = np.cross(moments_kg_m - masses_kg[:, :, None] * origins, axes)
+    by_gravity = np.where(turns[:, None], turning, -masses_kg[:, :, None] * axes)
+    level = g * np.linalg.svd(gravity[None])[2][1:]
     at_centres = by_link.copy()
     at_centres[..., 0] += np.sum(at_centres[..., 1:] * com_m, axis=-1)
+    places = columns.transpose(0, 2, 3, 1).copy()
+    places[:, :, 0] += np.einsum("pjkc,jk->pjc", places[:, :, 1:], com_m)
+    hung = Hung(
+        mass_kg=masses_kg,
+        moment_kg_m=moments_kg_m,
+        by_link=places,
+        by_apparatus=p_base_apparatus,
+        ends=np.swapaxes(found.T_base_joints[1:], 0, 1),
+        gravity_m_s2=np.broadcast_to(gravity, (count, 3)),
+        by_level=np.broadcast_to(level, (count, 2, 3)),
+    )
+    link_Nm, link_N, base_Nm = hung.loads()
     loads = StaticLoads(
         link_Nm=link_Nm,
         link_N=link_N,
-        base_Nm=np.cross(moments_kg_m[0], gravity),
+        base_Nm=base_Nm,
         joint_Nm=torque_Nm,
         down_ee=(gravity / g) @ found.T_base_ee[:, :3, :3],
         by_weights=np.concatenate(
-            [at_centres.reshape(by_mass.shape), by_apparatus[..., None], by_level], axis=2
+            [at_centres.reshape(by_mass.shape), by_apparatus[..., None], by_gravity @ level.T],
+            axis=2,
         ),
         by_load=by_load,
+        hung=hung,
     )
     return Statics(torque_Nm, by_mass, by_load, loads)
 

@@ -28,7 +28,6 @@ from pa10cal.discovery.finding import (
     name_of,
 )
 from pa10cal.discovery.linear import (
-    by_terms,
     cluster_covariance,
     error_mm,
     residual_and_jacobian,
@@ -38,7 +37,7 @@ from pa10cal.discovery.linear import (
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.rules import NAMES, SPRINGS, TORQUES
-from pa10cal.discovery.together import Together, UnderWeights
+from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Basis, Verdict, in_doubt
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -48,10 +47,10 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import CandidateContext, is_effect
+from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
-from pa10cal.terms.weights import WeightStated, fault_candidates, holds_weights
+from pa10cal.terms.weights import WeightStated, fault_candidates
 
 S = TypeVar("S", bound=Basis)
 
@@ -210,7 +209,6 @@ class _LinearProblem:
         """Return whitened columns (N, k) of the unknowns, in sizes, and what is left (N,)."""
         at = self.at
         left, jacobian = residual_and_jacobian(at, self.poses)
-        jacobian = jacobian + self._by_moments(jacobian.shape)
         for term in at.model.terms:
             # A joint that is all but rigid cannot give way the other way round: it is held.
             if is_spring(term) and self.is_rigid(term):
@@ -241,31 +239,6 @@ class _LinearProblem:
         """
         left, jacobian = residual_and_jacobian(self.at, poses)
         return error_mm(poses.measured, left + jacobian @ (self.step * self.sizes))
-
-    def _by_moments(self, shape: tuple[int, ...]) -> Array:
-        """Return what uncertain weights move, (P, b, k), through links and base found to bend."""
-        at, added = self.at, np.zeros(shape)
-        bending = [t for t in filter(is_effect, at.model.terms) if t.bends]
-        if not bending or at.payload is None:
-            return added
-        found = [at.values_of(term) for term in bending]
-
-        def moved(poses: Observations) -> Array:
-            parts = by_terms(at, poses, bending, found)
-            return np.asarray(
-                np.sum([part @ x for part, x in zip(parts, found, strict=True)], axis=0)
-            )
-
-        loads = UnderWeights(at.arm, at.payload, self.poses)
-        of_weight, as_described = np.zeros((len(loads.sizes), *shape[:2])), moved(loads.described)
-        for column, poses in loads.heavier():
-            of_weight[column] = (moved(poses) - as_described) / loads.sizes[column]
-        for term in filter(holds_weights, at.model.terms):
-            own = of_weight[list(term.columns)]
-            if term.held is not None:
-                own = own + np.multiply.outer(np.array(term.by_held), of_weight[term.held])
-            added[:, :, at.model.columns_of(term)] = np.moveaxis(own, 0, 2)
-        return added
 
     def design_effect(self, spring: JointSpring) -> float:
         """Return how much larger the variance of a spring is for poses that err alike.

@@ -17,9 +17,10 @@ from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import stated_wrongly, with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.gates import fitted_instead, gated, harmed, harmless, limits, only_within
+from pa10cal.discovery.gates import fitted_instead, gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.nameless import nameless_effects
+from pa10cal.discovery.no_harm import harmed, harmless, limits, only_within
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of, prepared
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row

@@ -81,9 +81,8 @@ def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> 
     """Return the static loads of an arm in the poses that a model predicts.
 
     Gravity is along the base's own axes; and what the instrument reads too much, which moves the
-    tool in the model, moves no weight: motions of base and tool count for nothing here. Links and
-    base carry the weights that the model has found, joints those described: what these differ by
-    is a term of the model. Without such a term all carry the weights that a log has found.
+    tool in the model, moves no weight: motions of base and tool count for nothing here. Weights are
+    those described where a term of the model says what they differ by, else those of a log.
     """
     return _in_order(_statics_of(model, x, states, payload))
 
@@ -94,31 +93,21 @@ def _statics_of(
     """Yield rows and their static loads, of one campaign and no more than `BLOCK` at once."""
     coordinates = model.chain_coordinates(states, x)
     coordinates[:, model.chain.columns(BASE + TOOL)] = 0.0
-    weights, by_log = [*filter(holds_weights, model.terms)], weights_known(model.chain.arm).by_log
-    amounts = sum(
-        (term.amounts(x[model.columns_of(term)]) for term in weights),
-        np.zeros(4 * model.chain.arm.n + 3),
-    )
-    if by_log is not None and not (weights or payload.of_campaigns):
+    by_log = weights_known(model.chain.arm).by_log
+    amounts = np.zeros(4 * model.chain.arm.n + 3)
+    if by_log is not None and not (payload.of_campaigns or any(map(holds_weights, model.terms))):
         amounts = by_log.x
     of = [(np.arange(len(states)), payload)]
     if payload.of_campaigns and states.campaign is not None:
         every = enumerate(payload.of_campaigns)
         of = [(np.flatnonzero(states.campaign == k), own) for k, own in every]
+    chain = model.chain
     for rows, own in of:
+        if amounts.any():
+            arm, own = weighed(model.chain.arm, own, amounts)
+            chain = Chain.of(arm, bends=model.chain.bends)
         for at in (rows[block] for block in blocks(len(rows))):
-            here, load_N = coordinates[at], states.load_N[at]
-            found = statics(model.chain, here, load_N, own)
-            if amounts.any():
-                arm, heavier = weighed(model.chain.arm, own, amounts)
-                under = statics(Chain.of(arm, bends=model.chain.bends), here, load_N, heavier)
-                if not weights:
-                    found = under
-                else:
-                    parts = ("link_Nm", "link_N", "base_Nm")
-                    bent = {each: getattr(under.static_loads, each) for each in parts}
-                    found = replace(found, static_loads=replace(found.static_loads, **bent))
-            yield at, found
+            yield at, statics(chain, coordinates[at], states.load_N[at], own)
 
 
 def weighed(arm: Arm, payload: Payload, amounts: Array) -> tuple[Arm, Payload]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -17,9 +17,11 @@ from pa10cal.terms.term import (
     Role,
     Term,
     TermParameter,
+    Weighing,
     Yielding,
     identity,
     shows_torque,
+    weighs,
     yields,
 )
 
@@ -141,7 +143,7 @@ class Model:
             velocity of the end over its angular velocity, along base axes.
         """
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
-        moved = self._moved_columns((*terms, *(term for term, _ in self._yielding)))
+        moved = self._moved_columns((*terms, *(t for t, _ in (*self._yielding, *self._bending))))
         return T, list(self._by_terms(terms, points, EndPose(T, screws(moved)), states, x))
 
     def _by_terms(
@@ -153,7 +155,7 @@ class Model:
         x: Array,
     ) -> Iterator[Array]:
         """Yield the derivative of the pose by the parameters of terms, each (P, 6, k')."""
-        carried = self.with_joint_torques(states, x)
+        carried = self.carried(states, x, terms)
         yielding = [term.joint - 1 for term, _ in self._yielding]
         by_torque: Array | None = None
         for term, point in zip(terms, points, strict=True):
@@ -173,7 +175,32 @@ class Model:
                     ]
                     by_torque = np.stack(turned, axis=2)
                 found = found - by_torque @ term.torque_derivative(states, point)[:, yielding]
+            if weighs(term) and self._bending:
+                found = found + self._by_weights(term, end, carried, x)
             yield found
+
+    def _by_weights(self, term: Weighing, end: EndPose, carried: PoseStates, x: Array) -> Array:
+        """Return how the pose follows weights by way of what bends, (P, 6, k)."""
+        found = np.zeros((len(carried), 6, len(term.parameters)))
+        for k, unit in enumerate(np.eye(found.shape[2])):
+            heavier = term.carried(carried, unit)
+            for soft, columns in self._bending:
+                screws = end.screws[:, :, self.chain.columns(soft.coordinates)]
+                more = soft.shift(heavier, x[columns]) - soft.shift(carried, x[columns])
+                found[:, :, k] += (screws @ more[:, :, None])[:, :, 0]
+        return found
+
+    def carried(self, states: PoseStates, x: Array, others: Iterable[Term] = ()) -> PoseStates:
+        """Return the states with what joints carry, and links and base where some term bends them.
+
+        A term of the model, or one of some others.
+        """
+        found = self.with_joint_torques(states, x)
+        if self._bending or any(term.bends for term in others):
+            for term, columns in self._slices:
+                if weighs(term):
+                    found = term.carried(found, x[columns])
+        return found
 
     def with_joint_torques(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""
@@ -234,7 +261,7 @@ class Model:
     def chain_coordinates(self, states: PoseStates, x: Array) -> Array:
         """Return the chain coordinates (P, m) that the terms lead to."""
         coordinates = self.chain.coordinates(states.q_rad)
-        carried = self.with_joint_torques(states, x)
+        carried = self.carried(states, x)
         for term, columns in self._slices:
             if self.kept is None:
                 shift = term.shift(carried, x[columns])
@@ -254,6 +281,10 @@ class Model:
     @cached_property
     def _yielding(self) -> list[tuple[Yielding, slice]]:
         return [(term, columns) for term, columns in self._slices if yields(term)]
+
+    @cached_property
+    def _bending(self) -> list[tuple[Term, slice]]:
+        return [(term, columns) for term, columns in self._slices if term.bends]
 
     @cached_property
     def _slices(self) -> list[tuple[Term, slice]]:

@@ -82,6 +82,10 @@ class Traits(Protocol):
     yields: ClassVar[bool] = False
     #: Whether it shows in the logged torques, as `TorqueTerm`.
     shows_torque: ClassVar[bool] = False
+    #: Whether it says what arm and tool weigh, as `Weighing`.
+    weighs: ClassVar[bool] = False
+    #: Whether links or base bend by it under the weights, in proportion to what they carry.
+    bends: ClassVar[bool] = False
     #: In which poses it holds.
     holds: ClassVar[Holds] = "everywhere"
     #: What of a pose's state, beside joints and loads, it differs with; None for nothing.
@@ -208,6 +212,13 @@ class TorqueTerm(Term, Protocol):
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
 
 
+class Weighing(Term, Protocol):
+    """A term that says what arm and tool weigh."""
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        """Return states in which links and base carry these weights, in place of those they do."""
+
+
 def yields(term: Term) -> TypeGuard[Yielding]:
     """Return whether a term turns a joint under the torque it carries."""
     return term.yields
@@ -216,6 +227,11 @@ def yields(term: Term) -> TypeGuard[Yielding]:
 def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
     """Return whether a term shows in the logged torques."""
     return term.shows_torque
+
+
+def weighs(term: Term) -> TypeGuard[Weighing]:
+    """Return whether a term says what arm and tool weigh."""
+    return term.weighs
 
 
 def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self, TypeGuard
 import numpy as np
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import PoseStates
+from pa10cal.arm.statics import PoseStates, StaticLoads
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.results.record import HALF_WIDTH_95, FaultKind
@@ -56,8 +56,8 @@ class Weights(TorqueOnly):
     """Masses, first moments and level as unknowns about what is described.
 
     For torques that were calculated from the masses described: the joints carry those torques and,
-    beyond them, what the weights differ by. It moves the arm by way of the springs alone. Its
-    `torque_Nm` is what the calculated torques have too much, hence its minus sign.
+    beyond them, what the weights differ by; so do links and base. It moves the arm by way of what
+    gives way. Its `torque_Nm` is what the calculated torques have too much, hence its minus sign.
     """
 
     n: int  # joints of the arm
@@ -74,6 +74,7 @@ class Weights(TorqueOnly):
     u_scale: float = field(default=0.0, metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
+    weighs: ClassVar[bool] = True
     acts_on_joint: ClassVar[bool] = False  # calculated torques do not have it
     falsifies_log: ClassVar[bool] = False  # it plays a part wherever torques are calculated
 
@@ -139,7 +140,11 @@ class Weights(TorqueOnly):
         return (role,) * len(self.columns)
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        return np.asarray(-(self._by_weights(states) @ self.amounts(x)))
+        return np.asarray(-(self._loads(states).by_weights @ self.amounts(x)))
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        """Return states in which links and base carry these weights, in place of those they do."""
+        return replace(states, static_loads=self._loads(states).with_weights(self.amounts(x)))
 
     def amounts(self, x: Array) -> Array:
         """Return by how much each weight is more than described, (4 n + 3,)."""
@@ -150,17 +155,17 @@ class Weights(TorqueOnly):
         return amounts
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
-        every = self._by_weights(states)
+        every = self._loads(states).by_weights
         by_weights: Array = every[:, :, list(self.columns)]
         if self.held is not None:
             by_weights = by_weights + every[:, :, self.held, None] * np.array(self.by_held)
         return -by_weights
 
-    def _by_weights(self, states: PoseStates) -> Array:
-        """Return the derivative of the torques by every weight, (P, n, 4 n + 3).
+    def _loads(self, states: PoseStates) -> StaticLoads:
+        """Return what weights do in some poses.
 
         Raises:
-            CalibrationError: when what weights do was not computed for these poses.
+            CalibrationError: when that was not computed for these poses.
         """
         if states.static_loads is None:
             raise CalibrationError(
@@ -169,7 +174,7 @@ class Weights(TorqueOnly):
                 allowed="poses of an arm whose masses are known",
                 remedy="describe the masses",
             )
-        return states.static_loads.by_weights
+        return states.static_loads
 
     def report(self, x: Array) -> Report:
         return report_as_solved(self.parameters, x)
@@ -187,7 +192,7 @@ class Weights(TorqueOnly):
 
 def holds_weights(term: Term) -> TypeGuard[Weights]:
     """Return whether a term holds weights of which something is unknown."""
-    return "weight" in term.roles
+    return term.weighs
 
 
 # Faults of a log as terms: what a whole log is wrong by, reported and never named as an effect.

@@ -114,8 +114,6 @@ class Effect(Traits):
     most_rad: ClassVar[tuple[float, str] | None] = None
     #: Power of the weights with which its reported parameters go: -1 of a compliance.
     weights_power: ClassVar[float] = 0.0
-    #: Whether the structure bends by it under the weights.
-    bends: ClassVar[bool] = False
     #: Whether it moves what its joint sits on, so that the link before it is to bend in a chain.
     on_link: ClassVar[bool] = False
     #: Whether the instrument reads falsely by it, and the robot has nothing of it.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pa10cal.discovery.gap import ErrorsByName, PairedErrors
-from pa10cal.discovery.gates import harmless
+from pa10cal.discovery.no_harm import harmless
 from pa10cal.fit.angles_seen import nothing_seen, span_visited
 from pa10cal.fit.fitted_model import load_model
 
