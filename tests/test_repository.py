@@ -48,6 +48,7 @@ FLOOR = {
     "results",
     "settings_reading",
     "options",
+    "rules",
     "yaml_file",
 }
 

@@ -129,6 +129,13 @@ def calibration_rules() -> str:
     return _sections(SECTIONS)
 
 
+def shared_rules() -> str:
+    """Return the same of `rules.py`."""
+    from pa10cal.rules import SECTIONS
+
+    return _sections(SECTIONS)
+
+
 def _sections(sections: Mapping[str, Any]) -> str:
     parts = []
     for name, of in sections.items():
@@ -160,6 +167,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "formats": formats,
     "rules": rules,
     "calibration_rules": calibration_rules,
+    "shared_rules": shared_rules,
 }
 _MARK = re.compile(r"<!-- generated: (\w+) -->")
 

@@ -15,12 +15,12 @@ from benchmarks.planned import as_designed, command, simulated_model, true_frame
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.exports import urdf_text
 from pa10cal.calibration.options import EffectOfPlace
-from pa10cal.fit.compensation import SINGULAR
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.fit.rigid import best_rigid_model, rigid_part
 from pa10cal.frame.rigid_fit import fit_rigid
 from pa10cal.observe.observations import average_repeats
+from pa10cal.rules import COMMANDS
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions
 from pa10cal_lab.simulated import as_read
@@ -160,7 +160,7 @@ def test_poses_sent_to_a_nominal_controller_bring_the_true_tool_to_its_targets(s
     ok = (found.status == "ok") & (commanded.status == "ok")
     # Beside a stretched elbow and the like a calibrated arm, a little shorter than the one as
     # designed, may not come to a target without swinging to another branch.
-    beside = smallest_motion(model.arm, q) < 2.0 * SINGULAR
+    beside = smallest_motion(model.arm, q) < 2.0 * COMMANDS.singular
     assert beside.mean() < 0.15
     assert ok[~beside].all()
     T_instr_wanted = model.T_instr_base @ wanted

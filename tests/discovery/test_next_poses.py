@@ -28,8 +28,9 @@ from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
+from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.options import DiscoveryOptions
+from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import Effect, candidates
 
 ARM = load_arm("pa10_6ce")
@@ -311,7 +312,7 @@ def test_poses_go_to_the_pair_that_is_open(ratio, found_first):
 
 def test_suggested_poses_take_joints_to_angles_not_seen(nothing_hidden):
     survey = nothing_hidden.survey
-    seen = angles_seen(survey.poses.states.q_rad, np.full(6, FINE_ORDER))
+    seen = angles_seen(survey.poses.states.q_rad, np.full(6, ANGLES.fine_order))
     found = poses_at_unseen_angles(survey, seen, 5)
     assert len(found) == 5
     for pose in found:

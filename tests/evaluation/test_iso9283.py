@@ -12,11 +12,12 @@ from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.evaluation import iso9283
 from pa10cal.evaluation.holdout import held_out_errors
-from pa10cal.evaluation.iso9283 import LEAST_REPEATS, iso9283_record, repeatability
+from pa10cal.evaluation.iso9283 import iso9283_record, repeatability
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import average_repeats
 from pa10cal.observe.points import Distance
+from pa10cal.rules import COMPARED
 from pa10cal.terms.model import Model
 
 CAMPAIGN = SimpleNamespace(name="mine", provenance="made up", robot="pa10_6ce")
@@ -82,9 +83,9 @@ def test_says_whether_joints_arrived_from_one_side(arrival, alone):
 
 
 def test_says_why_there_is_none():
-    every, models = repeated(LEAST_REPEATS - 1)
+    every, models = repeated(COMPARED.least_repeats - 1)
     found = iso9283_record(CAMPAIGN, "combined", every, models, np.eye(3))
-    assert found.note == f"no configuration has {LEAST_REPEATS} repeats"
+    assert found.note == f"no configuration has {COMPARED.least_repeats} repeats"
     assert found.accuracy is found.repeatability is None
     assert iso9283_record(CAMPAIGN, "combined", every, {}, np.eye(3)).note is not None
     blind = SimpleNamespace(measured=SimpleNamespace(directional=Distance.directional))
@@ -92,9 +93,9 @@ def test_says_why_there_is_none():
 
 
 def test_a_configuration_of_which_no_target_was_seen_every_time_is_left_out():
-    places_m = np.ones((2 * LEAST_REPEATS, 2, 3))
+    places_m = np.ones((2 * COMPARED.least_repeats, 2, 3))
     places_m[0, 0], places_m[1, 1] = np.nan, np.nan  # of the first, each target once
-    places_m[LEAST_REPEATS, 0] = np.nan  # of the second, one target once
+    places_m[COMPARED.least_repeats, 0] = np.nan  # of the second, one target once
     seen = SimpleNamespace(directional=True, measures_pose=False, places_m=places_m)
-    code = np.repeat([0, 1], LEAST_REPEATS)
+    code = np.repeat([0, 1], COMPARED.least_repeats)
     assert iso9283._repeated(SimpleNamespace(measured=seen), code).tolist() == [1]

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn_examples import examples
-from pa10cal.fit.angles_seen import FINE_ORDER, LEAST_POSES, WITHIN_RAD, angles_seen
+from pa10cal.fit.angles_seen import angles_seen
+from pa10cal.rules import ANGLES
 
 TURN = 2.0 * np.pi
 
@@ -13,7 +14,7 @@ TURN = 2.0 * np.pi
 def counted(angle, around):
     """How many angles lie close by, on the circle."""
     apart = np.abs(np.mod(around - angle + np.pi, TURN) - np.pi)
-    return int(np.sum(apart <= WITHIN_RAD))
+    return int(np.sum(apart <= ANGLES.within_rad))
 
 
 @examples(60)
@@ -24,9 +25,9 @@ def counted(angle, around):
 def test_an_angle_is_seen_where_enough_poses_lie_close_by(poses, asked):
     # Gathered, so that some angles are seen at all.
     around = np.concatenate([np.array(poses) / 10.0, np.array(poses)])
-    seen = angles_seen(around[:, None], np.array([FINE_ORDER]))
+    seen = angles_seen(around[:, None], np.array([ANGLES.fine_order]))
     for angle in asked:
-        wanted = counted(angle, around) >= LEAST_POSES
+        wanted = counted(angle, around) >= ANGLES.least_poses
         edge = any(
             counted(angle + nudge, around) != counted(angle, around) for nudge in (-1e-9, 1e-9)
         )
@@ -38,14 +39,14 @@ def test_an_angle_is_seen_where_enough_poses_lie_close_by(poses, asked):
 @given(st.integers(-3, 3), st.floats(-3.0, 3.0))
 def test_whole_turns_make_no_difference(turns, angle):
     around = np.linspace(-0.1, 0.4, 200)
-    seen = angles_seen(around[:, None], np.array([FINE_ORDER]))
+    seen = angles_seen(around[:, None], np.array([ANGLES.fine_order]))
     here, there = (seen.inside(np.array([[a]]))[0] for a in (angle, angle + turns * TURN))
-    assert here == there or counted(angle, around) == LEAST_POSES
+    assert here == there or counted(angle, around) == ANGLES.least_poses
 
 
 def test_all_joints_must_keep_to_what_was_seen():
     q_rad = np.column_stack([np.linspace(0.0, 1.0, 300), np.linspace(-0.1, 0.1, 300)])
-    seen = angles_seen(q_rad, np.full(2, FINE_ORDER))
+    seen = angles_seen(q_rad, np.full(2, ANGLES.fine_order))
     asked = np.array([[0.5, 0.0], [0.5, 0.5], [1.5, 0.0], [0.5 + TURN, -TURN]])
     assert seen.inside(asked).tolist() == [True, False, False, True]
     assert seen.each(asked)[1].tolist() == [True, False]
@@ -63,13 +64,13 @@ def test_a_sliding_joint_has_seen_its_span():
 
 
 def test_too_few_poses_have_seen_nothing():
-    seen = angles_seen(np.zeros((LEAST_POSES - 1, 1)), np.array([FINE_ORDER]))
+    seen = angles_seen(np.zeros((ANGLES.least_poses - 1, 1)), np.array([ANGLES.fine_order]))
     assert not seen.inside(np.zeros((1, 1)))[0]
 
 
 def test_coarser_maps_have_learnt_from_poses_farther_apart_and_no_map_from_the_span():
     q_rad = np.tile(np.radians(np.arange(0.0, 60.0, 2.0))[:, None], (1, 3))
-    seen = angles_seen(q_rad, np.array([FINE_ORDER, 5.0, 0.0]))
+    seen = angles_seen(q_rad, np.array([ANGLES.fine_order, 5.0, 0.0]))
     between = np.radians([[30.5, 30.5, 30.5], [30.5, 62.0, 30.5], [30.5, 30.5, 62.0]])
     assert seen.each(between).tolist() == [
         [False, True, True],

@@ -9,12 +9,12 @@ from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses, ranging
-from pa10cal.frame.rigid_fit import LEVER_M
 from pa10cal.frame.target_problem import (
     first_of_least,
     least_misfit_of_distances,
     least_misfit_of_targets,
 )
+from pa10cal.rules import FRAMES
 
 
 @pytest.mark.parametrize("changed", ["nothing", "sign", "coupling", "order"])
@@ -31,7 +31,7 @@ def test_what_is_left_at_least_is_less_than_what_a_fit_leaves(tmp_path, changed)
     poses = hand_eye_from_poses(T, raw.T_instr_target)
     places_m, R = raw.T_instr_target[:, None, :3, 3], raw.T_instr_target[:, :3, :3]
     of_poses = least_misfit_of_targets(T, places_m, R)
-    assert 0.0 <= of_poses <= np.hypot(poses.scatter_m, LEVER_M * poses.scatter_rad)
+    assert 0.0 <= of_poses <= np.hypot(poses.scatter_m, FRAMES.lever_m * poses.scatter_rad)
     points = least_misfit_of_targets(T, raw.p_instr_m)
     assert 0.0 <= points <= hand_eye_from_points(T, raw.p_instr_m).scatter_m + 1e-6
     distances = least_misfit_of_distances(T, raw.d_m)

@@ -12,7 +12,6 @@ from by_commands import calibrated, evaluate
 from mended import describe, simulated
 from pa10cal.campaign.read import read_campaign
 from pa10cal.observe.order import (
-    NEIGHBOURS,
     HeldOutPlaces,
     along_a_path,
     spread_of,
@@ -21,6 +20,7 @@ from pa10cal.observe.order import (
 from pa10cal.reports.errors import headline
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.evaluation import BETWEEN, UNSEEN
+from pa10cal.rules import ORDER
 
 COUNT = 400
 
@@ -84,7 +84,7 @@ def test_every_fifth_row_of_a_path_becomes_stretches_and_it_is_said(folder, tmp_
     q = found.calibration.states.q_rad
     unseen = found.held_out.states.q_rad[places.unseen]
     away = np.linalg.norm(unseen[:, None] - q, axis=2).min(axis=1)
-    assert away.min() > NEIGHBOURS * spread_of(q)
+    assert away.min() > ORDER.neighbours * spread_of(q)
     assert places.unseen.sum() > 0.5 * len(found.held_out)
     assert places.between.sum() >= 8
     assert not (places.unseen & places.between).any()

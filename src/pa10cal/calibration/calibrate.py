@@ -211,7 +211,7 @@ def check_torques(model: Model, observations: Observations) -> None:
 
 # Levenberg-Marquardt on a calibration problem, from one start and from several.
 
-#: Why the solver stopped, by its status; `p` is the precision asked for.
+#: Why the solver stopped, by its status; `p` is the precision asked for (format).
 _REASONS = {
     0: "the largest number of steps was reached (calibration.max_iterations)",
     1: "the gradient of the cost is zero within {p:g}",
@@ -301,7 +301,8 @@ def _polish(
         step[free] = lstsq(matrix / size, -residuals(z), lapack_driver="gelsy")[0] / size
         length = float(np.linalg.norm(step))
         ahead = np.clip(z + step, *ends)
-        if not length < 0.5 * last or np.sum(residuals(ahead) ** 2) > cost * (1.0 + FIT.no_worse):
+        worse = np.sum(residuals(ahead) ** 2) > cost * (1.0 + FIT.no_worse)
+        if not length < FIT.shrinks_share * last or worse:
             break
         z, last = ahead, length
     return z

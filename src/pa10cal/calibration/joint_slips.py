@@ -234,7 +234,7 @@ def _screws(
             error(log.with_change(_Change("joint_coupling", pair, middle + part * step))) ** 2
             for part in (-1.0, 0.0, 1.0)
         )
-        if np.isfinite([below, here, above]).all() and below + above > 2.0 * here:
+        if np.isfinite([below, here, above]).all() and (below + above) / 2.0 > here:
             best = middle + 0.5 * step * (below - above) / (below + above - 2.0 * here)
             pitch_mm = float(f"{1e3 * 2.0 * np.pi * best:.4g}")  # as it is told
             yield _Change("joint_coupling", pair, 1e-3 * pitch_mm / (2.0 * np.pi))

@@ -144,6 +144,7 @@ def _times_cross(matrices: Array, turns: Array) -> Array:
 
 # The base frame in the paper's parameters: origin and body-fixed rotations of the instrument.
 
+#: Each has a scale of a millimetre or milliradian (unit).
 _PARAMETERS = (
     *(TermParameter(f"base_p_cmm_{axis}", "m", 1e-3) for axis in "xyz"),
     *(TermParameter(f"gamma_{axis}", "rad", 1e-3) for axis in "xyz"),

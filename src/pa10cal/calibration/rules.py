@@ -183,6 +183,9 @@ class Unknowns:
     determined_share: float = 0.1
     # random postures at which it is found what no pose determines, in the paper's model (computing)
     paper_postures: int = 60
+    # a parameter takes part in a direction that is not identified by this part of the largest there
+    # (chosen)
+    mostly_share: float = 0.5
     no_part: float = 1e-6  # part of a parameter in another that is none (computing)
     no_row: float = 1e-9  # rows of a pose that are none (computing)
     same_length: float = 1e-9  # lengths of two arms that are the same [m, rad] (computing)
@@ -255,6 +258,7 @@ class Fit:
     # digit (computing)
     full_precision: float = 1e-13
     polishing_steps: int = 8  # such steps at most (computing)
+    shrinks_share: float = 0.5  # each is shorter than this part of the one before (computing)
     # distance from a bound to which a start is moved, in scales (computing)
     inside_scales: float = 1e-3
     # distance from a bound that counts as being on it, in scales (computing)

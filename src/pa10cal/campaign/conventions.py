@@ -18,9 +18,10 @@ from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
 from pa10cal.campaign.own_columns import Polar, RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
 from pa10cal.campaign.raw_rows import ANGLES_OF_POLAR
-from pa10cal.frame.rigid_fit import LEVER_M, Located
+from pa10cal.frame.rigid_fit import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
+from pa10cal.rules import FRAMES
 
 EulerSequence = Literal["xyz", "XYZ", "zyx", "ZYX", "zyz", "ZYZ"]
 
@@ -244,11 +245,15 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
             turn = attitude_scatter(axes @ R_read if right else -axes @ R_mirrored, R)
             # The plainest of equals: fewest axes exchanged, fewest signs.
             plain = (list(order) != [0, 1, 2], sum(sign < 0.0 for sign in signs))
-            tried.append((round(left_m + LEVER_M * turn, 3), plain, left_m, turn, order, signs))
+            tried.append(
+                (round(left_m + FRAMES.lever_m * turn, 3), plain, left_m, turn, order, signs)
+            )
     _, plain, left_m, turn, order, signs = min(tried)
     if plain == (False, 0) or turn > AGREES_RAD:
         return None
-    if read_m + LEVER_M * attitude_scatter(R_read, R) < NEARER * (left_m + LEVER_M * turn):
+    if read_m + FRAMES.lever_m * attitude_scatter(R_read, R) < NEARER * (
+        left_m + FRAMES.lever_m * turn
+    ):
         return None
     turned = tuple(column for column, k in enumerate(order) if signs[k] < 0.0)
     held = ", ".join(f"{'-' if signs[k] < 0.0 else ''}{'xyz'[k]}" for k in order)

@@ -42,11 +42,12 @@ from pa10cal.discovery.verdict import Basis, Verdict, in_doubt
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.fit.weighed_arm import EDGE, errors_of_logs, scatter_about, weight_sizes
+from pa10cal.fit.weighed_arm import errors_of_logs, scatter_about, weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.rules import MASSES
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.joint import JointCompliance, most_wound_up
 from pa10cal.terms.joint_spring import JointSpring, is_spring
@@ -376,7 +377,7 @@ def _rows(
     of_faults = [fault.per_unit(states) @ fault.prior_factor for fault in faults]
     columns = np.concatenate([known, *of_faults], axis=2)
     noise_Nm, x = scatter_about(columns, left_Nm, TORQUES.reweighted, TORQUES.least_noise_Nm)
-    off_Nm = np.clip(left_Nm - columns @ x, -EDGE * noise_Nm, EDGE * noise_Nm)
+    off_Nm = np.clip(left_Nm - columns @ x, -MASSES.edge * noise_Nm, MASSES.edge * noise_Nm)
     white, data = columns / noise_Nm[:, None], (columns @ x + off_Nm) / noise_Nm
     # Loads and poses come in turn: a half by lot has its part of each.
     drawn = np.random.default_rng(0).permutation(len(poses))

@@ -141,14 +141,14 @@ def common_ratio(found: Sequence[SpectralLine]) -> float | None:
     """
     orders = np.array([line.order for line in found])
     octaves = np.log2(orders)
-    orders = orders[np.abs(orders - 2.0 ** np.round(octaves)) > 2.0 * RIPPLE.same_order]
+    orders = orders[np.abs(orders - 2.0 ** np.round(octaves)) > RIPPLE.of_a_division]
     if len(orders) < 2:
         return None
     ratios = np.arange(RIPPLE.ratios[0], RIPPLE.ratios[1], RIPPLE.ratio_step)
     multiple = np.maximum(np.round(orders / ratios[:, None]), 1.0)
     reach = RIPPLE.same_order + RIPPLE.same_ratio * multiple
     near = np.abs(orders - multiple * ratios[:, None]) < reach
-    chance = np.minimum(2.0 * reach.mean(axis=1) / ratios, 1.0)
+    chance = np.minimum(reach.mean(axis=1) / (ratios / 2.0), 1.0)
     log_p = np.log(np.maximum(bdtrc(near.sum(axis=1) - 1.0, len(orders), chance), COMPUTING.tiny))
     best = int(np.argmin(log_p))
     if -log_p[best] < np.log(len(ratios) / RIPPLE.false_rate):

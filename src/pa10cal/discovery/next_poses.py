@@ -39,7 +39,7 @@ from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.discovery.wander import TimeFindings
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import WITHIN_RAD, AngleCoverage
+from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, greedy_order
@@ -48,6 +48,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import end_travel, move_shares
 from pa10cal.results.discovery import Separation as ExpectedSeparation
 from pa10cal.results.discovery import SuggestedPose
+from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 
@@ -132,7 +133,7 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
     end = room.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
-    room_m = np.maximum(0.5 * (highest - lowest), NEXT_POSES.box_margin_m)
+    room_m = np.maximum((highest - lowest) / 2.0, NEXT_POSES.box_margin_m)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
     constraints = {
         "near the measured poses": room.end_within(room.Box(lowest - room_m, highest + room_m)),
@@ -532,7 +533,7 @@ def poses_at_unseen_angles(
     except DiscoveryError:
         return ()
     new = ~seen.each(q_rad) & np.array(seen.turns)
-    place = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * WITHIN_RAD)).astype(np.intp)
+    place = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * ANGLES.within_rad)).astype(np.intp)
     load_N = float(measured.cells.states.load_N.min())
     coupling = measured.baseline.arm.coupling
     chosen: list[SuggestedPose] = []

@@ -411,7 +411,7 @@ def pose_weights(residual: Array, dof: float, measured: Instrument) -> PoseWeigh
     """
     stated, seen = measured.stated_covariance, measured.components_seen
     rows = int(seen.sum())
-    inflate = rows / max(rows - dof, 0.5 * rows)
+    inflate = rows / max(rows - dof, NOISE.least_left_share * rows)
     covariance = stated.copy()
     for _, kind in measured.component_kinds:
         here = seen[:, kind]
@@ -481,7 +481,7 @@ def scatter_of(at: FittedModel, poses: Observations, left: Array) -> PoseDeviati
         return float(value) / len(left), sizes * by_size / len(left)
 
     of_kinds = {  # half the mean square of each
-        name: max(0.5 * float(np.mean(left[:, kind][seen[:, kind]] ** 2)), NOISE.variances[0])
+        name: max(float(np.mean(left[:, kind][seen[:, kind]] ** 2)) / 2.0, NOISE.variances[0])
         for name, kind in poses.measured.component_kinds
     }
     start = np.log(np.concatenate([np.full(at.arm.n, NOISE.first_variance), [*of_kinds.values()]]))

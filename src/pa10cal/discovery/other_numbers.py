@@ -1,4 +1,4 @@
-"""Numbers of discovery that no verdict hangs on: what to measure next, pictures, steps of fits.
+"""Numbers of discovery that no verdict hangs on: fields, what to measure next, steps of fits.
 
 Those on which it does stand in `discovery/rules.py`; one page of the documentation has them all.
 """
@@ -10,6 +10,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array
+
+
+@dataclass(frozen=True)
+class Field:
+    """What is predicted without a name."""
+
+    # knots of a map, which stays as it was fitted to all poses: beside finer ones poses held out do
+    # not judge what else is fitted (measured)
+    most_knots: int = 100
+    standard_errors: float = 2.0  # standard errors over groups by which poses must gain (level)
+    least_gain: float = 0.05  # part of their squares that poses held out must gain (size)
+    most_loss: float = 0.02  # part of their squares that whole regions may lose (measured)
+    groups: int = 10  # groups that are held out in turn (computing)
+    group_poses: int = 4  # poses a group at least (statistics)
+    lengths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6)  # in the spread of poses (computing)
+    # the same of a rough one; any longer one differs by its size alone (measured)
+    rough_length: float = 1.6
+    # sizes of a displacement, over the scatter of a row: lowest, highest [m], count (computing)
+    sizes_m: tuple[float, float, int] = (1e-7, 0.1, 61)
+    most_places: int = 100  # places that it goes through (computing)
+    most_poses: int = 2000  # poses that it is fitted to (computing)
+    least_scatter: float = 1e-12  # of squares, which a fit through all rows leaves (computing)
+    least_joint_part: float = 0.01  # joints that less of it goes with are not told (told)
+    # plausible sizes of an effect without a name: none, at first, at most (9 mrad of tilt) (size)
+    sizes: tuple[float, float, float] = (1e-3, 0.1, 30.0)
+    size_steps: tuple[int, int] = (20, 300)  # steps of expectation to them, and in all (computing)
+    settled: float = 1e-3  # change of a variance, in its logarithm, at the last one (computing)
 
 
 @dataclass(frozen=True)
@@ -106,6 +133,7 @@ class Computing:
     least_weight: float = 1e-12  # least weight of a line, in the largest (computing)
 
 
+FIELD = Field()
 NEXT_POSES = NextPoses()
 PLACES = Places()
 COMPUTING = Computing()

@@ -33,6 +33,7 @@ from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, average_groups
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import FaultKind
+from pa10cal.rules import SCATTER
 
 
 @dataclass(frozen=True)
@@ -241,12 +242,12 @@ def _off_repeats(
         return GrossErrors(out, out & beyond, times, nothing)
 
     stated = readings.measured.stated_covariance
-    found = exclude_gross_errors(whitener_of(stated), nobody, robust_weights.LEAST_STATED)
+    found = exclude_gross_errors(whitener_of(stated), nobody, SCATTER.least_stated)
     try:
         apart, _ = _less_others(left, group, seen, found.excluded)
         plain = np.where(found.excluded[:, None], left - apart, left)
         noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
-        whitener = whitener_of(noise.cov + robust_weights.LEAST_STATED**2 * stated)
+        whitener = whitener_of(noise.cov + SCATTER.least_stated**2 * stated)
     except (DiscoveryError, np.linalg.LinAlgError):
         pass
     else:
@@ -330,7 +331,7 @@ def _beyond_tails(
             # Zero is what nothing else was seen of.
             seen = robust_weights.components_seen(readings, at) & (white[:, at] != 0.0)
             bulk = white[:, at][seen & (usual & ~beyond)[:, None]]
-            limit = robust_weights.Tails.of(bulk).largest(robust_weights.ACCUSED_RATE)
+            limit = robust_weights.Tails.of(bulk).largest(SCATTER.accused_rate)
             found |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
         if not (found & ~beyond).any() or found.mean() > ROWS.most_beyond_share:
             break
@@ -361,7 +362,7 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
         return np.zeros(len(off), dtype=bool)
     most = np.convolve(off[order], window, mode="same") - off[order] > ROWS.neighbours
     together = np.zeros(len(off), dtype=bool)
-    together[order] = np.convolve(most & off[order], window, mode="same") > 0.5
+    together[order] = np.convolve(most & off[order], window, mode="same") >= 1.0
     return together & off
 
 

@@ -3,8 +3,9 @@
 Where it is from, in brackets: `level`, a probability or odds that were chosen; `statistics`, what
 theory says; `size`, what parts of robots and instruments are like; `trials`, what parted right from
 wrong on simulated campaigns, which no measured robot has fixed; `measured`, what did so on measured
-robots; `vocabulary`, which effects there are; `safety`, room for the arm; `told`, how much is
-printed; `computing`, time and rounding alone.
+robots; `chosen`, a plausible round number, which no study on record has fixed; `vocabulary`, which
+effects there are; `safety`, room for the arm; `told`, how much is printed; `computing`, time and
+rounding alone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pydantic import JsonValue
 from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
-from pa10cal.discovery.other_numbers import COMPUTING, NEXT_POSES, PLACES
+from pa10cal.discovery.other_numbers import COMPUTING, FIELD, NEXT_POSES, PLACES
 from pa10cal.results.record import SURE
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ class Noise:
     # least part of the readings that are repeats, where blocks of poses could be held out instead
     # (trials)
     least_repeated_share: float = 0.25
+    # part of the readings that residuals stand for at least, however many parameters (chosen)
+    least_left_share: float = 0.5
     # repeats from any side are compared where they are so many times those from one side (trials)
     any_side_ratio: float = 2.0
     same_pose: float = 2e-3  # poses nearer than this in every joint are the same [rad, m] (size)
@@ -158,6 +161,7 @@ class Blocks:
     median_errors: float = 1.2533
     # part of the squared error that parameters may take up by chance (statistics)
     most_by_chance: float = 0.9
+    chance_shares: float = 2.0  # times its share of them that a parameter takes up so (chosen)
     lag_rad: float = 1e-4  # what orientations are expected to lag by [rad] (size)
     told_share: float = 0.5  # joints are told that lag by this part of the largest lag (trials)
     # rows are left out where no more than this part of them was seen (computing)
@@ -475,6 +479,8 @@ class Ripple:
     background_steps: int = 2048
     most_lines: int = 12  # lines that are looked at (computing)
     same_order: float = 0.5  # lines this near are one [cycles a turn] (computing)
+    # lines this near to a power of two are of a sensor's divisions [cycles a turn] (chosen)
+    of_a_division: float = 1.0
     # at a multiple k of a ratio they are k times as near [cycles a turn] (computing)
     same_ratio: float = 0.02
     ratio_step: float = 0.04  # steps of ratio tried for the greatest common divisor (computing)
@@ -490,33 +496,6 @@ class Ripple:
     arc_poses: int = 2  # poses that each must have (statistics)
     # a torque that varies by less than this part of the largest one is constant (computing)
     varying_share: float = 1e-3
-
-
-@dataclass(frozen=True)
-class Field:
-    """What is predicted without a name."""
-
-    # knots of a map, which stays as it was fitted to all poses: beside finer ones poses held out do
-    # not judge what else is fitted (measured)
-    most_knots: int = 100
-    standard_errors: float = 2.0  # standard errors over groups by which poses must gain (level)
-    least_gain: float = 0.05  # part of their squares that poses held out must gain (size)
-    most_loss: float = 0.02  # part of their squares that whole regions may lose (measured)
-    groups: int = 10  # groups that are held out in turn (computing)
-    group_poses: int = 4  # poses a group at least (statistics)
-    lengths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6)  # in the spread of poses (computing)
-    # the same of a rough one; any longer one differs by its size alone (measured)
-    rough_length: float = 1.6
-    # sizes of a displacement, over the scatter of a row: lowest, highest [m], count (computing)
-    sizes_m: tuple[float, float, int] = (1e-7, 0.1, 61)
-    most_places: int = 100  # places that it goes through (computing)
-    most_poses: int = 2000  # poses that it is fitted to (computing)
-    least_scatter: float = 1e-12  # of squares, which a fit through all rows leaves (computing)
-    least_joint_part: float = 0.01  # joints that less of it goes with are not told (told)
-    # plausible sizes of an effect without a name: none, at first, at most (9 mrad of tilt) (size)
-    sizes: tuple[float, float, float] = (1e-3, 0.1, 30.0)
-    size_steps: tuple[int, int] = (20, 300)  # steps of expectation to them, and in all (computing)
-    settled: float = 1e-3  # change of a variance, in its logarithm, at the last one (computing)
 
 
 @dataclass(frozen=True)
@@ -566,7 +545,6 @@ ROWS = Rows()
 RIPPLE = Ripple()
 LINES = Lines()
 WOBBLES = Wobbles()
-FIELD = Field()
 FORMS = Forms()
 
 #: All of them, by what they decide.

@@ -46,14 +46,13 @@ from pa10cal.observe.observations import (
 from pa10cal.observe.order import HeldOutPlaces, with_arrivals
 from pa10cal.results import evaluation as results
 from pa10cal.results.record import CampaignIdentity
+from pa10cal.rules import COMPARED
 from pa10cal.terms.joint_spring import nominal
 from pa10cal.terms.of_campaign import motion_of_base
 
 #: Kinds of poses that are repeated.
 _KINDS = ("grid", "holdout")
 UNCALIBRATED, EXTENDED = "uncalibrated", "extended"
-#: A carried model with errors larger than those of the nominal arm by this factor is worse.
-_WORSE = 1.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +252,7 @@ def said_of_worse(models: Mapping[str, results.HeldOutModel], from_: str) -> str
     worse = [
         f"{name} {model.rms_mm:.3f} mm rms"
         for name, model in models.items()
-        if model.rms_mm > _WORSE * nominal_mm
+        if model.rms_mm > COMPARED.worse_ratio * nominal_mm
     ]
     if not worse:
         return ""
@@ -296,10 +295,6 @@ def summary(record: results.HoldoutRecord, *, springs: bool) -> str:
         count = max(part.configurations for part in models.values())
         told.append(f"{words}{' ' * bool(words)}({count}): mean/peak {errors}")
     return f"held out {'; '.join(told)}"
-
-
-#: More points than this are listed pose by pose only.
-_MOST_POINTS = 500
 
 
 def poses_for_model(
@@ -352,7 +347,7 @@ def held_out_errors(
         per_load=summarise_by_load(found, held_out.states.load_N),
         per_point={
             str(label): summarise(found, held_out.pose == label)
-            for label in (labels if len(labels) <= _MOST_POINTS else ())
+            for label in (labels if len(labels) <= COMPARED.most_points else ())
         },
         tool_twist=twist,
         inside=errors(None if extrapolated is None else ~extrapolated),
@@ -393,12 +388,6 @@ def constant_tool_twist(R_predicted: Array, R_measured: Array) -> results.ToolTw
 # A campaign in which instrument or base moved suddenly: a base for every part of it, one tool. The
 # search in time (`discovery.in_time`) looks at what the carried model leaves of the calibration
 # poses; held-out poses have no part in it.
-
-#: Calibration poses of a part, and components seen in them, from which on it has its own base.
-_LEAST_POSES = 10
-_LEAST_COMPONENTS = 30
-#: Unknowns of base and tool that were fitted to the poses: so many degrees of freedom less.
-_FRAMES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,7 +430,7 @@ def steps_elsewhere(
     states, torques = with_torques(model.model, model.x, readings.states, setup.payload)
     poses = complete(readings.with_states(states), model, setup)
     at = replace(model, model=with_base_term(model), x=np.concatenate([model.x, np.zeros(6)]))
-    left, fitted = residual(at, poses), float(_FRAMES)
+    left, fitted = residual(at, poses), float(COMPARED.of_frames)
     group = same_circumstances(poses)
     if np.bincount(group).max() > 1:  # then repeats show the noise
         left = left - group_means(left, group)[group]
@@ -523,5 +512,7 @@ def _enough(readings: Observations, cuts_s: Sequence[float]) -> list[bool]:
     for k in range(len(cuts_s) + 1):
         here = np.unique(group[part == k], return_index=True)[1]
         components = int(seen[part == k][here].sum())
-        found.append(len(here) >= _LEAST_POSES and components >= _LEAST_COMPONENTS)
+        found.append(
+            len(here) >= COMPARED.own_base_poses and components >= COMPARED.own_base_components
+        )
     return found

@@ -18,9 +18,9 @@ from pa10cal.arrays import Array
 from pa10cal.observe.observations import Observations, measured_as_poses, reading_groups
 from pa10cal.results import evaluation as results
 from pa10cal.results.record import CampaignIdentity
+from pa10cal.rules import COMPARED
 
-#: Repeats of a configuration below which its scatter says too little; the standard has 30.
-LEAST_REPEATS = 5
+#: Millimetres in a metre (unit).
 _MM = 1e3
 
 
@@ -60,7 +60,7 @@ def iso9283_record(
     if not every.measured.directional:
         note = "a distance alone shows neither the position nor the orientation attained"
     elif not any(map(len, chosen.values())):
-        note = f"no configuration has {LEAST_REPEATS} repeats"
+        note = f"no configuration has {COMPARED.least_repeats} repeats"
     about = {"campaign": campaign.name, "provenance": campaign.provenance}
     if note is not None:
         return results.Iso9283Record(**about, calibration=calibration, note=note)
@@ -85,7 +85,7 @@ def _repeated(single: Observations, code: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the configurations with enough repeats that all see one target at least."""
     if not len(code) or not single.measured.directional:
         return np.zeros(0, dtype=np.intp)
-    enough = np.flatnonzero(np.bincount(code) >= LEAST_REPEATS)
+    enough = np.flatnonzero(np.bincount(code) >= COMPARED.least_repeats)
     if single.measured.measures_pose:
         return enough
     seen = np.isfinite(single.measured.places_m)

@@ -28,15 +28,12 @@ from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.rules import COMPARED
 
-#: Models are said to differ where chance leaves so much in fewer than one of a hundred pairs.
-LEAST_CHANCE = 0.01
 #: Fields of an arm that make its layout; the others do not move a rigid arm.
 _LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
 _FRAMES = ("T_base_row1", "T_row_n_ee")
 _OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
-#: Nominal rows closer than this are the same [m, rad]: a file may have been written with 12 digits.
-_SAME = 1e-9
 
 
 def compare_models(
@@ -83,7 +80,7 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
             mine, theirs = (np.asarray(getattr(arm, name), dtype=float) for arm in (one, other))
             differs += [
                 f"{name} of row {row + 1}: {mine[row]:g} and {theirs[row]:g}"
-                for row in np.flatnonzero(~(np.abs(mine - theirs) <= _SAME))
+                for row in np.flatnonzero(~(np.abs(mine - theirs) <= COMPARED.same))
             ]
         differs += [name for name in _FRAMES if not _same(getattr(one, name), getattr(other, name))]
     if differs:
@@ -114,7 +111,7 @@ def _same(mine: object, theirs: object) -> bool:
     if mine is None or theirs is None:
         return mine is theirs
     one, other = np.asarray(mine, dtype=float), np.asarray(theirs, dtype=float)
-    return np.allclose(one, other, rtol=_SAME, atol=_SAME, equal_nan=True)
+    return np.allclose(one, other, rtol=COMPARED.same, atol=COMPARED.same, equal_nan=True)
 
 
 def _about(model: FittedModel, other: FittedModel, name: str) -> results.ComparedModel:
@@ -147,7 +144,7 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
     )
     # Turns of the tool count from the orientation that their own fit began with; the frames show
     # the whole.
-    began_alike = np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=_SAME)
+    began_alike = np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=COMPARED.same)
     rows = []
     for key in dict.fromkeys((*mine, *theirs)):
         term, of, parameter, unit = key
@@ -155,7 +152,9 @@ def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRow
         difference = y - x if began_alike or (of, unit) != ("tool", "rad") else np.nan
         # A parameter that no pose determines stays where it began, and one at the end of its range
         # there: their uncertainties are rounding.
-        determined = u > _SAME * max(scale, abs(x)) and v > _SAME * max(size, abs(y))
+        determined = u > COMPARED.same * max(scale, abs(x)) and v > COMPARED.same * max(
+            size, abs(y)
+        )
         rows.append(
             {
                 "term": term,
@@ -196,7 +195,7 @@ def _judged(
             "whether the models agree cannot be judged: the covariance is missing of "
             f"{' and of '.join(without)}; {apart}"
         )
-    agree = flange.chance >= LEAST_CHANCE
+    agree = flange.chance >= COMPARED.least_chance
     verdict = (
         "the models agree within their uncertainty"
         if agree
@@ -216,11 +215,11 @@ def _judged(
 
 # How far apart two fitted models put a frame of the robot, and how far they should.
 
-#: Postures compared, and the seed of their draw.
+#: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
-#: Steps along the range of a joint in which angles seen by both are looked for.
+#: Steps along the range of a joint in which angles seen by both are looked for (computing).
 _STEPS = 3601
-#: Refinements of base and tool: each squares what is left of a wrong one.
+#: Refinements of base and tool: each squares what is left of a wrong one (computing).
 _REFINED = 6
 
 
@@ -285,7 +284,8 @@ def _compared_frame(
         expected_m, chance_m = _expected(by_place, 1e-3 * left_mm)
         expected_rad, chance_rad = _expected(by_turn, np.radians(left_deg))
         expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
-        chance = min(1.0, 2.0 * min(chance_m, chance_rad))
+        chances = chance_m, chance_rad
+        chance = min(1.0, len(chances) * min(chances))
     return results.ComparedFrame(
         rms_mm=_rms(apart_mm),
         peak_mm=float(apart_mm.max()),
@@ -366,9 +366,6 @@ def _expected(noise: Array, left: Array) -> tuple[float, float]:
 
 # One arm over campaigns: its parameters with intervals, and what moved from each to the next.
 
-#: Terms of more parameters are curves, which a figure of their own shows.
-_MOST = 24
-
 
 def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRecord:
     """Return the parameters of an arm over two campaigns or more, in order of time.
@@ -442,7 +439,7 @@ def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftR
         for model, name in zip(models, names, strict=True)
         for term, parameter, value, std in model.every_reported()
         if std > 0.0
-        and len(term.parameters) <= _MOST
+        and len(term.parameters) <= COMPARED.most_parameters
         and (term.holds == "campaign" or {"base", "tool", "weight"}.isdisjoint(term.roles))
     ]
     return results.DriftRows.model_validate(rows)

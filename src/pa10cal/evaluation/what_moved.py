@@ -35,16 +35,10 @@ from pa10cal.fit.problem import gain_along, widened
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.comparison import MovedThing, WhatMoved
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.rules import MOVED
 from pa10cal.terms.of_campaign import small_motion
 from pa10cal.terms.term import Term, TermParameter
 
-#: What a frame may have moved by, in its unit.
-_MOTIONS = (1.0, 10.0, 100.0, 1000.0)
-#: A parameter whose differences are expected to be larger than this many scales is not identified.
-_OPEN = 15.0
-#: A hypothesis is an alternative where its evidence is lower by less than the logarithm of the
-#: number of hypotheses over this.
-_LISTED = 0.03
 _PLACES = (BASE_MOVED, TOOL_MOVED)
 _VERDICTS = {JOINT_ZERO: "joint_zero_moved", STIFFNESS: "stiffness_changed"}
 
@@ -76,7 +70,7 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     # Chi-square of the arm's differences along directions that both fits identify.
     scale = np.array([parameter.scale for parameter in found.parameters])
     values, vectors = np.linalg.eigh(found.covariance[:arm, :arm] / np.outer(scale, scale))
-    seen = (values > 0.0) & (values < _OPEN**2)
+    seen = (values > 0.0) & (values < MOVED.open_scales**2)
     along = vectors[:, seen].T @ (found.by[:arm] / scale)
     square, dof = float(np.sum(along**2 / values[seen])), int(np.count_nonzero(seen))
     mine, theirs = (
@@ -133,7 +127,7 @@ def _thing(
         without = widened(without, other.directions)
     gains = {(h.kind, h.of): gain_along(without, h.directions, h.sizes)[0] for h in possible}
     known = {(one.what.kind, one.what.of) for one in moved}
-    least = max(gains[what.kind, what.of] - np.log(len(possible) / _LISTED), 0.0)
+    least = max(gains[what.kind, what.of] - np.log(len(possible) / MOVED.listed), 0.0)
     named = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}
     alternatives = tuple(
         f"{named.get(kind, '')}{of}"
@@ -180,7 +174,7 @@ def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
         if len(columns):
             directions = np.zeros((count, len(columns)))
             directions[columns, np.arange(len(columns))] = UNIT
-            frames.append(Hypothesis(kind, kind, columns, directions, _MOTIONS))
+            frames.append(Hypothesis(kind, kind, columns, directions, MOVED.motions))
     return (*padded, *frames)
 
 
@@ -189,7 +183,7 @@ def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
 # Springs are taken to the same reference torque, tools to the whole orientation; departures that
 # one model holds at zero are held in the other too.
 
-#: A millimetre and a milliradian.
+#: A millimetre and a milliradian (unit).
 UNIT = 1e-3
 
 

@@ -18,18 +18,12 @@ from scipy.spatial import cKDTree
 
 from pa10cal.arrays import Array
 from pa10cal.results import maps
+from pa10cal.rules import ANGLES
 from pa10cal.terms.field import embedded
 
-#: Poses that must lie within so much of an angle [rad], where a map holds waves of 25 a turn:
-#: these are ten times as long. Of coarser maps proportionally more.
-WITHIN_RAD = float(np.radians(1.25))
-FINE_ORDER = 25.0
-LEAST_POSES = 5
-#: Gaps between neighbours, in their mean, that still count as visited: one in 150 is longer.
-USUAL_GAPS = 5.0
-#: However densely a joint was seen, what was fitted holds so much further [rad].
-REACH_RAD = 2.0 * WITHIN_RAD
 _TURN = 2.0 * np.pi
+#: A distance that is none [m] (computing).
+_NO_DISTANCE_M = 1e-9
 
 
 @dataclass(frozen=True)
@@ -89,15 +83,15 @@ def span_visited(q_rad: Array) -> AngleCoverage:
     """Return the positions of every joint that poses (P, n) have visited, gaps as usual bridged.
 
     Beyond them nothing that depends on a joint's angle was fitted. A gap is usual up to
-    `USUAL_GAPS` times the mean distance of neighbours, or twice `REACH_RAD`; half of that is added
-    at both ends.
+    `ANGLES.usual_gaps` times the mean distance of neighbours, or twice `ANGLES.reach_rad`; half of
+    that is added at both ends.
     """
     stretches = []
     for q in q_rad.T:
         angle = np.sort(q)
         spacing = float(angle[-1] - angle[0]) / max(len(angle) - 1, 1)
-        reach = max(0.5 * USUAL_GAPS * spacing, REACH_RAD)
-        begins = np.concatenate([[True], np.diff(angle) > 2.0 * reach])
+        reach = max(ANGLES.usual_gaps * spacing / 2.0, ANGLES.reach_rad)
+        begins = np.concatenate([[True], np.diff(angle) / 2.0 > reach])
         starts = angle[begins] - reach
         ends = angle[np.append(begins[1:], True)] + reach
         stretches.append(np.column_stack([starts, ends]))
@@ -120,7 +114,7 @@ def angles_seen(q_rad: Array, order: Array | None = None) -> AngleCoverage:
     order = np.zeros(q_rad.shape[1]) if order is None else order
     return AngleCoverage(
         tuple(
-            _stretches(q, WITHIN_RAD * FINE_ORDER / finest)
+            _stretches(q, ANGLES.within_rad * ANGLES.fine_order / finest)
             if finest
             else np.array([[q.min(), q.max()]])
             for q, finest in zip(q_rad.T, order, strict=True)
@@ -133,10 +127,10 @@ def _stretches(angle_rad: Array, within_rad: float) -> Array:
     """Return the stretches (m, 2) of a turn in which enough angles lie close by."""
     once = np.sort(np.mod(angle_rad, _TURN))
     around = np.concatenate([once - _TURN, once, once + _TURN])
-    more = LEAST_POSES - 1
+    more = ANGLES.least_poses - 1
     first, last = around[:-more], around[more:]
     # From `last` on back, and from `first` on ahead, all of these poses are within reach.
-    close = last - first <= 2.0 * within_rad
+    close = (last - first) / 2.0 <= within_rad
     low, high = last[close] - within_rad, first[close] + within_rad
     if not len(low):
         return np.zeros((0, 2))
@@ -205,7 +199,7 @@ class Discrepancy:
         """
         distance_m = self.distance_of(q)
         variance = np.interp(distance_m, self.distance_m, self.error_mm**2)
-        beyond = np.maximum(distance_m / max(float(self.distance_m[-1]), 1e-9), 1.0)
+        beyond = np.maximum(distance_m / max(float(self.distance_m[-1]), _NO_DISTANCE_M), 1.0)
         return np.asarray(np.sqrt(variance) * beyond)
 
     def near(self, q: Array) -> NDArray[np.bool_]:

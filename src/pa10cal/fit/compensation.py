@@ -29,37 +29,27 @@ from pa10cal.fit.forward import (
     states_at,
 )
 from pa10cal.fit.loads import blocks
+from pa10cal.rules import COMMANDS
 
-#: A pose counts as reached within this [m, rad]; what a search leaves is far less.
-REACHED = 1e-6
-#: Fewer than six joints cannot turn a frame in all directions: an orientation as near as a
-#: calibrated arm comes to one of the arm as designed counts as reached [rad]. So does one of any
-#: arm where its model falls back.
-_NEAR_RAD = 0.02
-#: Smallest motion of the frame, over the reach of the arm or [rad], for a radian (or the reach) of
-#: the joints together, below which a pose is near a singularity.
-SINGULAR = 0.005
-#: A search ends at steps or differences of this [m, rad], and below the second at no gain.
-_DONE, _SETTLED = 1e-12, 1e-10
-_LARGEST_STEP_RAD = 0.35
-#: Joint positions beyond a limit by less are at it [rad, m].
+#: A search ends at steps or differences of this [m, rad], and below the second at no gain, which
+#: leaves less than the third of a difference (computing).
+_DONE, _SETTLED, _GAIN = 1e-12, 1e-10, 0.7
+#: Its longest step [rad], and one that is none; its least and largest damping (computing).
+_LARGEST_STEP_RAD, _NO_STEP, _LEAST_DAMPING, _MOST_DAMPING = 0.35, 1e-300, 1e-15, 1e-2
+#: What places beyond limits, and those beyond reach or not found, come after all others by
+#: (computing).
+_OUTSIDE, _AWAY = 1e4, 1e6
+#: Joint positions beyond a limit by less are at it [rad, m] (computing).
 _AT_LIMIT = 1e-9
-#: A branch of the arm as designed that is further from the pose is out of its reach [m].
-_NEARLY = 0.02
-#: Where a seed was given, its branch is kept although the calibrated arm misses the pose on it by
-#: less than this [m, rad]: a command may be a little off, and must not swing the arm round.
-_KEPT = 2e-3
-#: Postures from which a pose is searched where nothing better is known.
-_DRAWN = 48
-_FIRST_BLOCK, _LARGEST_BLOCK = 4, 512
-#: Joint positions of neighbouring poses that differ by more are no path [rad].
-_JUMP_RAD = 0.3
+#: Postures from which a pose is searched where nothing better is known; and rows that are searched
+#: at once (computing).
+_DRAWN, _FIRST_BLOCK, _LARGEST_BLOCK = 48, 4, 512
 _TURN = 2.0 * np.pi
 
 
 #: A search goes down at most so many steps, and so many without a gain of a third: by the geometry
 #: alone, whose derivative is off by some parts in a hundred and takes six steps for ten digits, and
-#: exactly, for what is then within so much [m, rad].
+#: exactly, for what is then within so much [m, rad] (computing).
 _BY_GEOMETRY, _EXACT, _CLOSE = (30, 4), (40, 6), 1e-2
 
 
@@ -127,13 +117,13 @@ def _judged(
     lever = np.where(arm.axes_slide, arm.reach_m, 1.0)
     J = arm.coupling.by_axes(forward.by_joints(forward.states(given), terms=False)[1])
     sizes = np.linalg.svd(J * lever / np.repeat([arm.reach_m, 1.0], 3)[:, None])[1]
-    status[sizes[:, -1] < SINGULAR] = "near_singular"
+    status[sizes[:, -1] < COMMANDS.singular] = "near_singular"
     beyond = ((q < low - _AT_LIMIT) | (q > high + _AT_LIMIT)).any(axis=1)
     status[beyond] = "outside_limits"
     near = _reached(arm, off_m, off_rad)
     if model.falls_back is not None:
         # Between what holds inside and outside there is a step, part of the uncertainty.
-        near |= (1e3 * off_m < found.u_parameters_mm) & (off_rad < _NEAR_RAD)
+        near |= (1e3 * off_m < found.u_parameters_mm) & (off_rad < COMMANDS.near_rad)
     status[~near] = "unreachable"
     off_mm, off_deg = 1e3 * off_m, np.degrees(off_rad)
     # The controller works out the flange from the pose and its TCP, and the joints from the flange
@@ -175,8 +165,9 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
         R = T[:, :3, :3]
         turned = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
         handed = np.einsum("pi,pi->p", np.cross(R[:, :, 0], R[:, :, 1]), R[:, :, 2])
-        wrong = ~np.isfinite(T).all(axis=(1, 2)) | ~(turned < 1e-6) | ~(handed > 0.0)
-        wrong |= ~(np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1) < 1e-6)
+        wrong = ~np.isfinite(T).all(axis=(1, 2)) | ~(handed > 0.0)
+        wrong |= ~(turned < COMMANDS.of_rotation)
+        wrong |= ~(np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1) < COMMANDS.of_rotation)
     if not right or wrong.any():
         raise ModelError(
             "not a pose",
@@ -214,8 +205,8 @@ def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, ND
 
 def _reached(arm: Arm, off_m: Array, off_rad: Array) -> NDArray[np.bool_]:
     """Return which differences (N,) of position and orientation count as none."""
-    near_rad = REACHED if len(arm.axes_slide) >= 6 else _NEAR_RAD
-    return np.asarray((off_m < REACHED) & (off_rad < near_rad))
+    near_rad = COMMANDS.reached if len(arm.axes_slide) >= 6 else COMMANDS.near_rad
+    return np.asarray((off_m < COMMANDS.reached) & (off_rad < near_rad))
 
 
 def _middle(model: Fitted) -> Array:
@@ -244,7 +235,7 @@ class _InverseSearch:
         self._turns = arm.coupling.turns(arm.prismatic)
         self._wide = (self._high - self._low >= _TURN) & ~self._slides
         # An arm of fewer than six joints reaches the position first.
-        of_attitude = 1.0 if len(self._slides) >= 6 else 1e-3
+        of_attitude = 1.0 if len(self._slides) >= 6 else COMMANDS.attitude_share
         self._weight = np.repeat([1.0 / arm.reach_m, of_attitude], 3)
         self.branches = branches_of(arm) if len(self._slides) == arm.n else None
 
@@ -278,7 +269,7 @@ class _InverseSearch:
         if len(short):
             states = self._states(q[short], short)
             off = pose_difference(self._forward.T_base_frame(states), self._T[short])
-            good[short] = np.abs(off).max(axis=1) < _KEPT
+            good[short] = np.abs(off).max(axis=1) < COMMANDS.kept
         for rank in range(1, found.shape[1]):
             rows = np.flatnonzero(~good & ~beside[np.arange(len(q)), order[:, rank]])
             if len(rows):
@@ -297,7 +288,7 @@ class _InverseSearch:
         ends = Chain.of(self._arm).forward(found.reshape(-1, self._arm.n))[:, :3, 3]
         wanted = np.repeat(T_base_flange[:, :3, 3], found.shape[1], axis=0)
         off_m = np.linalg.norm(ends - wanted, axis=1).reshape(found.shape[:2])
-        return self._coupling.to_axes(found), np.asarray(off_m >= _NEARLY)
+        return self._coupling.to_axes(found), np.asarray(off_m >= COMMANDS.nearly_m)
 
     def along(self, seeds: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Search from the seed, or from the row before, in blocks that grow on a smooth path.
@@ -315,13 +306,13 @@ class _InverseSearch:
             found = self._turned_near(found, starts)
             done &= self._inside(found)
             before = np.vstack([starts[:1], found[:-1]])
-            jumps = none & (np.abs(found - before).max(axis=1) > _JUMP_RAD)
+            jumps = none & (np.abs(found - before).max(axis=1) > COMMANDS.jump_rad)
             jumps[:1] = False
             right = int(np.argmax(np.append(~done | jumps, True)))
             if right == 0:
                 found[0], right = self._from_drawn(rows[0], starts[0], found[0]), 1
                 done[0] = True
-                other[row] = np.abs(found[0] - starts[0]).max() > _JUMP_RAD
+                other[row] = np.abs(found[0] - starts[0]).max() > COMMANDS.jump_rad
             q[rows[:right]] = found[:right]
             last = found[right - 1 : right]
             size = min(2 * size, _LARGEST_BLOCK) if right == len(rows) else max(right, 1)
@@ -365,7 +356,7 @@ class _InverseSearch:
             off = pose_difference(T, self._T[rows[open_]])
             size = np.linalg.norm(off * self._weight, axis=1)
             better = size < best[open_]
-            slow[open_] = np.where(size < 0.7 * best[open_], 0, slow[open_] + 1)
+            slow[open_] = np.where(size < _GAIN * best[open_], 0, slow[open_] + 1)
             kept = open_[better]
             found[kept], best[kept] = q[kept], size[better]
             off_m, off_rad = (np.linalg.norm(part, axis=1) for part in (off[:, :3], off[:, 3:]))
@@ -389,16 +380,16 @@ class _InverseSearch:
         lever = np.where(self._slides, self._arm.reach_m, 1.0)
         J = J * self._weight[:, None] * lever
         e = off * self._weight
-        damping = np.minimum(np.einsum("pi,pi->p", e, e), 1e-2)[:, None, None]
+        damping = np.minimum(np.einsum("pi,pi->p", e, e), _MOST_DAMPING)[:, None, None]
         by_pose = np.swapaxes(J, 1, 2) @ e[..., None]
         if J.shape[2] > 6:
-            inner = J @ np.swapaxes(J, 1, 2) + (damping + 1e-15) * np.eye(6)
+            inner = J @ np.swapaxes(J, 1, 2) + (damping + _LEAST_DAMPING) * np.eye(6)
             step = (np.swapaxes(J, 1, 2) @ np.linalg.solve(inner, e[..., None]))[..., 0]
         else:
-            inner = np.swapaxes(J, 1, 2) @ J + (damping + 1e-15) * np.eye(J.shape[2])
+            inner = np.swapaxes(J, 1, 2) @ J + (damping + _LEAST_DAMPING) * np.eye(J.shape[2])
             step = np.linalg.solve(inner, by_pose)[..., 0]
         largest = np.abs(step).max(axis=1, keepdims=True)
-        step *= np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
+        step *= np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, _NO_STEP))
         return np.asarray(step * lever)
 
     def _nearest(
@@ -417,7 +408,7 @@ class _InverseSearch:
             reference = seeds[row] if seeded[row] else reference
             near = self._turned_near(found[row], reference)
             far = ((near - reference) ** 2).sum(axis=1)
-            order[row] = np.argsort(far + 1e4 * ~self._inside(near) + 1e6 * beside[row])
+            order[row] = np.argsort(far + _OUTSIDE * ~self._inside(near) + _AWAY * beside[row])
             other[row] = order[row, 0] != np.argmin(far)
             starts[row] = near[order[row, 0]]
             found[row] = near
@@ -454,6 +445,6 @@ class _InverseSearch:
         if not done.any():
             return otherwise
         far: Array = (
-            ((found - reference) ** 2).sum(axis=1) + 1e4 * ~self._inside(found) + 1e6 * ~done
+            ((found - reference) ** 2).sum(axis=1) + _OUTSIDE * ~self._inside(found) + _AWAY * ~done
         )
         return np.asarray(found[np.argmin(far)])

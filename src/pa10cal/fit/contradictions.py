@@ -17,18 +17,9 @@ from pa10cal.arrays import Array
 from pa10cal.fit.fitted import Compensation, Fitted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import T_flange_frame, pose_difference
+from pa10cal.rules import LISTS
 
 _TURN = 2.0 * np.pi
-#: Shares of the rows for which the reading taken fails, and for which the other one holds.
-_FEW, _MOST, _NEARLY_ALL = 0.1, 0.5, 0.8
-#: Of so many rows, joints that turn by so much as radians hardly move as degrees.
-_ROWS, _WIDE_RAD = 10, 1.0
-#: Seeds further from their targets than this part of the reach contradict them.
-_FAR = 0.5
-#: Seeds are those of a nominal program: the right reading brings them so much nearer, as medians.
-_NEARER = 0.2
-#: Below these no other reading is looked for [of the reach, rad].
-_NEAR, _ALIKE_RAD = 0.05, float(np.radians(20.0))
 _REACHED = ("ok", "near_singular")
 
 
@@ -39,9 +30,9 @@ def of_joints(model: Fitted, q: Array) -> Iterator[str]:
         return
     # A program that keeps to a few degrees about zero is within a fit that came through there.
     to_joints = model.arm.coupling.to_joints
-    beyond = model.inside(to_joints(q)).mean() <= _FEW
-    hardly_moves = len(q) >= _ROWS and np.median(np.ptp(as_radians, axis=0)) > _WIDE_RAD
-    if (beyond or hardly_moves) and model.inside(to_joints(as_radians)).mean() > _MOST:
+    beyond = model.inside(to_joints(q)).mean() <= LISTS.few_share
+    hardly_moves = len(q) >= LISTS.rows and np.median(np.ptp(as_radians, axis=0)) > LISTS.wide_rad
+    if (beyond or hardly_moves) and model.inside(to_joints(as_radians)).mean() > LISTS.most_share:
         as_degrees = "beyond the angles of the fit" if beyond else "hardly a motion"
         yield (
             f"{_columns(model)}: the joint positions look like radians under columns in degrees: "
@@ -65,26 +56,27 @@ def of_targets(model: Fitted, T: Array, seed: Array, frame: str) -> Iterator[str
 
     off_m, off_rad = away(seed, T)
     as_radians = _read_as_radians(model, seed)
-    if as_radians is not None and np.median(off_m) > _NEAR * reach_m:
+    if as_radians is not None and np.median(off_m) > LISTS.near_share * reach_m:
         other_m = np.median(away(as_radians, T)[0])
-        if other_m < _NEARER * np.median(off_m):
+        if other_m < LISTS.nearer_share * np.median(off_m):
             yield (
                 f"{_columns(model)}: the seeds look like radians under columns in degrees: they "
                 f"are {1e3 * np.median(off_m):.0f} mm from their targets as degrees and "
                 f"{1e3 * other_m:.0f} mm as radians; multiply them by 57.29578 if so"
             )
             return
-    far = off_m > _FAR * reach_m
-    if far.mean() > _MOST:
+    far = off_m > LISTS.far_share * reach_m
+    if far.mean() > LISTS.most_share:
+        far_mm = 1e3 * LISTS.far_share * reach_m
         yield (
             f"{_columns(model)}: {far.sum()} of {len(far)} seeds contradict their targets: at "
             f"these joint positions the {frame} is more than half the reach "
-            f"({500 * reach_m:.0f} mm) from the target; check the units and the order of the "
+            f"({far_mm:.0f} mm) from the target; check the units and the order of the "
             "joints, the frame, and that targets are in the robot's base frame"
         )
-    elif np.median(off_rad) > _ALIKE_RAD:
+    elif np.median(off_rad) > LISTS.alike_rad:
         other_rad = np.median(away(seed, _scalar_last(T))[1])
-        if other_rad < _NEARER * np.median(off_rad):
+        if other_rad < LISTS.nearer_share * np.median(off_rad):
             yield (
                 f"{_ORDER}: at the seeds the {frame} is turned by {np.degrees(other_rad):.1f}° "
                 f"from the targets so, and by {np.degrees(np.median(off_rad)):.0f}° as given; "
@@ -97,11 +89,11 @@ def of_answers(
 ) -> Iterator[str]:
     """Yield what contradicts targets (N, 4, 4) in what became of them, as where few are reached."""
     good = _good(found)
-    if good.mean() >= _MOST:
+    if good.mean() >= LISTS.most_share:
         return
     other = model.compensate(_scalar_last(T), frame=frame, load_N=load_N, extrapolate=True)
     reached = _good(other)
-    if reached.mean() >= max(_NEARLY_ALL, 2.0 * good.mean()):
+    if reached.mean() >= max(LISTS.nearly_all_share, LISTS.times_as_many * good.mean()):
         yield (
             f"{_ORDER}: {reached.sum()} of {len(T)} targets are then reached within the angles of "
             f"the fit, and {good.sum()} as given; {_RENAMED}"

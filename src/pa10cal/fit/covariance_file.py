@@ -19,19 +19,15 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import Fitted
 from pa10cal.input_files import UnfitFileError, open_file, reason
+from pa10cal.rules import LISTS
 
-#: No covariance has more than this: that of eight thousand parameters. Maps of twelve joints, with
-#: the finest waves that were ever found, have half of them.
-MOST_BYTES = 512_000_000
 #: What reads the header of an array, by the version of its format.
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-_UNIX = 3  # in the headers of a zip file
-#: Of a correlation matrix: how unlike its transpose, and how far below zero the eigenvalues of one
-#: may lie that was solved with directions that the poses hardly identify.
-_SYMMETRIC_WITHIN, _EIGENVALUES_ABOVE = 1e-3, -1e-3
+#: In the headers of a zip file (format).
+_UNIX, _MODE = 3, 0o644 << 16
 _WRITE_AGAIN = "write the model again, or remove the file to go without uncertainties"
 #: What numpy and zipfile raise of files that are none: a header is a Python expression.
 _UNREADABLE = (
@@ -56,7 +52,7 @@ def write_covariance(model: Fitted, path: Path) -> None:
     with ZipFile(path, "w") as file:
         for name, array in (("names", np.array(names)), ("covariance", covariance)):
             member = ZipInfo(f"{name}.npy")
-            member.create_system, member.external_attr = _UNIX, 0o644 << 16
+            member.create_system, member.external_attr = _UNIX, _MODE
             content = BytesIO()
             np.lib.format.write_array(content, array, version=(1, 0), allow_pickle=False)
             file.writestr(member, content.getvalue())
@@ -99,11 +95,11 @@ def _read(file: BinaryIO) -> Array:
         ValueError, KeyError, BadZipFile: when there is none.
     """
     size = os.fstat(file.fileno()).st_size
-    if size > MOST_BYTES:
+    if size > LISTS.most_bytes:
         raise ValueError("it is too large")
     with ZipFile(file) as archive:
         of = archive.getinfo("covariance.npy")
-        if of.file_size > MOST_BYTES:
+        if of.file_size > LISTS.most_bytes:
             raise ValueError("it is too large, unpacked")
         content = BytesIO(archive.read(of))
     version = np.lib.format.read_magic(content)
@@ -155,7 +151,7 @@ def checked_covariance(covariance: Array, size: int, where: str) -> Array:
     # A parameter that is held has none; then it goes with no other.
     std = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     correlation = covariance / std / std[:, None]
-    if np.abs(correlation - correlation.T).max(initial=0.0) > _SYMMETRIC_WITHIN:
+    if np.abs(correlation - correlation.T).max(initial=0.0) > LISTS.symmetric_within:
         raise ModelError(
             "a covariance that is not symmetric",
             where=place,
@@ -163,7 +159,7 @@ def checked_covariance(covariance: Array, size: int, where: str) -> Array:
             remedy=_WRITE_AGAIN,
         )
     held = covariance[variance == 0.0]
-    if (held != 0.0).any() or np.linalg.eigvalsh(correlation)[0] < _EIGENVALUES_ABOVE:
+    if (held != 0.0).any() or np.linalg.eigvalsh(correlation)[0] < LISTS.eigenvalues_above:
         raise ModelError(
             "correlations that no random numbers have",
             where=place,

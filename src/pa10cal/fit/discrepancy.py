@@ -29,31 +29,13 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import along_a_path
+from pa10cal.rules import LACK
 from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import base_frame, fixed
 
-#: Groups held out in turn, and the poses that a group has at least.
-_GROUPS, _LEAST_IN_GROUP = 10, 2
-#: Stretches of a path that are held out together.
-_STRETCHES = 5
-#: Poses that are looked at, and those of them that distances are taken to, at most.
-_MOST_POSES, _MOST_PLACES = 2000, 300
-#: Steps by distance, and the errors that each stands on at least.
-_STEPS, _LEAST_ERRORS = 6, 12
-#: Of poses held out singly, this part counts as near: those farther from others are few.
-_NEAR = 0.98
-#: Poses that joints apart by this would separate are taken at one place, and how many pairs say
-#: enough of noise.
-_PAIR_RAD, _LEAST_PAIRS = 0.01, 20
-#: Poses whose residual is so many times the usual one count less in the fit of the others.
-_FAR = 3.0
-#: Median of the square of a normal deviate.
-_MEDIAN_SQUARE = 0.4549
-#: A joint counts as if it moved the end by this part of what the farthest one does, at least.
-_LEAST_LEVER = 0.1
-#: Along a line of sight one of three components is measured.
-_COMPONENTS = 3.0
+#: A weight and a variance [m², rad²] that are none (computing).
+_TINY, _NO_VARIANCE = 1e-300, 1e-24
 
 
 def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
@@ -62,17 +44,17 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
     Maps of joints stay as they were fitted: what is uncertain of them is in their covariance.
     None where there are too few poses to hold some out.
     """
-    poses = poses.thinned_by_pose(_MOST_POSES)
+    poses = poses.thinned_by_pose(LACK.most_poses)
     _, label = np.unique(poses.pose, return_inverse=True)
     count = int(label.max()) + 1
-    groups = min(_GROUPS, count // _LEAST_IN_GROUP)
+    groups = min(LACK.groups, count // LACK.least_in_group)
     if groups < 2:
         return None
     rows, lever_m = RowsAboutFit.of(model, poses), levers_m(model.model, model.x, poses.states)
     turns = ~model.arm.prismatic
     points = embedded(poses.states.q_rad, lever_m, turns)
-    rows = rows.with_noise_of_pairs(points, label, _PAIR_RAD * float(lever_m.max()))
-    places = well_spread(points, _MOST_PLACES)
+    rows = rows.with_noise_of_pairs(points, label, LACK.pair_rad * float(lever_m.max()))
+    places = well_spread(points, LACK.most_places)
     rng = np.random.default_rng(0)
     distance_m, square_mm2 = [], []
     for number, fold in enumerate(held_out_in_turn(points, label, poses.states, groups, rng)):
@@ -84,7 +66,7 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
             distance_m.append(cKDTree(points[stays]).query(points[out])[0])
             square_mm2.append(rows.beyond_parameters_mm2(out))
         if number == 0:
-            near_m = float(np.quantile(np.concatenate(distance_m), _NEAR))
+            near_m = float(np.quantile(np.concatenate(distance_m), LACK.near_share))
     steps_m, mean_mm2 = _by_distance(np.concatenate(distance_m), np.concatenate(square_mm2))
     return Discrepancy(
         q=poses.states.q_rad[places],
@@ -105,7 +87,7 @@ def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
     at = model.chain_coordinates(states, x)
     moved_m = end_pose_with_screws(chain, at, columns).screws[:, :3, columns]
     lever_m = np.sqrt(np.mean(np.sum(moved_m**2, axis=1), axis=0))
-    return np.asarray(np.maximum(lever_m, _LEAST_LEVER * lever_m.max()))
+    return np.asarray(np.maximum(lever_m, LACK.least_lever_share * lever_m.max()))
 
 
 def held_out_in_turn(
@@ -127,7 +109,7 @@ def places_of(q: Array, time_s: Array, groups: int, rng: np.random.Generator) ->
     Along a path the next row tells nearly all of a row.
     """
     if along_a_path(q[np.argsort(time_s, kind="stable")]):
-        return stretches_of(time_s, _STRETCHES * groups) % groups
+        return stretches_of(time_s, LACK.stretches * groups) % groups
     return np.asarray(rng.permutation(len(q)) % groups)
 
 
@@ -148,7 +130,7 @@ def stretches_of(time_s: Array, groups: int) -> Index:
 def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
     """Return mean distances of steps (m,), rising, and mean squares there that never fall."""
     order = np.argsort(distance_m, kind="stable")
-    steps = max(min(_STEPS, len(order) // _LEAST_ERRORS), 1)
+    steps = max(min(LACK.steps, len(order) // LACK.least_errors), 1)
     parts = np.array_split(order, steps)
     means_m = np.array([distance_m[part].mean() for part in parts])
     means_mm2 = np.array([square_mm2[part].mean() for part in parts])
@@ -161,11 +143,11 @@ def _weights(measured: Instrument, residual: Array, variance: Array) -> Array:
     seen, weight = measured.components_seen, np.zeros_like(residual)
     for _, kind in measured.component_kinds:
         own = residual[:, kind][seen[:, kind]]
-        usual = np.median(own**2) / _MEDIAN_SQUARE if len(own) else 1.0
-        total = np.maximum(variance[:, kind], max(usual, 1e-24))
+        usual = np.median(own**2) / LACK.median_square if len(own) else 1.0
+        total = np.maximum(variance[:, kind], max(usual, _NO_VARIANCE))
         weight[:, kind] = np.where(seen[:, kind], 1.0 / np.sqrt(total), 0.0)
     size = np.sqrt(((weight * residual) ** 2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
-    weight *= np.minimum(1.0, _FAR * np.median(size) / np.maximum(size, 1e-300))[:, None]
+    weight *= np.minimum(1.0, LACK.far * np.median(size) / np.maximum(size, _TINY))[:, None]
     return weight
 
 
@@ -238,11 +220,11 @@ class RowsAboutFit:
         times = np.maximum(axes / 3.0, 1.0)
         to_mm = np.zeros_like(weight)
         to_mm[:, places] = (
-            np.where(seen[:, places], 1e3 / np.maximum(weight[:, places], 1e-300), 0.0)
+            np.where(seen[:, places], 1e3 / np.maximum(weight[:, places], _TINY), 0.0)
             / np.sqrt(times)[:, None]
         )
         noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
-        single = _COMPONENTS if len(places) == 1 else 1.0
+        single = LACK.components if len(places) == 1 else 1.0
         found = cls(data, left, weight, columns, sizes, free, of_field, to_mm, noise, 1.0, single)
         if model.covariance is None:
             return found
@@ -252,7 +234,7 @@ class RowsAboutFit:
             "pbk,kl,pbl->", moved, model.covariance[np.ix_(known, known)], moved, optimize=True
         )
         every_mm2 = float(np.sum(to_mm**2 * found.found(found.every, columns)[1]))
-        return replace(found, of_parameters=min(float(own) / max(every_mm2, 1e-300), 1.0))
+        return replace(found, of_parameters=min(float(own) / max(every_mm2, _TINY), 1.0))
 
     def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> RowsAboutFit:
         """Return the rows with the noise that nearest neighbours show, where it is the smaller.
@@ -264,7 +246,7 @@ class RowsAboutFit:
         away_m, at = map(np.asarray, cKDTree(points).query(points, k=2))
         other = at[:, 1]
         near = (away_m[:, 1] < within_m) & (label != label[other])
-        if np.count_nonzero(near) < _LEAST_PAIRS:
+        if np.count_nonzero(near) < LACK.least_pairs:
             return self
         error_mm = self.to_mm * self.data
         half = 0.5 * ((error_mm - error_mm[other]) ** 2).sum(axis=1)[near]

@@ -21,10 +21,12 @@ from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Term, shows_torque, yields
 
 #: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
-#: fine as those of a gear they are good to nine digits.
+#: fine as those of a gear they are good to nine digits (computing).
 _STEP = 1e-6
-#: How much heavier than the heaviest load of the fit a load may be: rounding of a unit.
+#: How much heavier than the heaviest load of the fit a load may be: rounding of a unit (computing).
 _SAME_LOAD = 1.0 + 1e-6
+#: Turns smaller than this have no axis [rad] (computing).
+_NO_TURN_RAD = 1e-9
 
 
 def states_at(
@@ -262,7 +264,7 @@ class Forward:
                 arrival[:, joint] = side
                 ends.append(self.T_base_frame(self.states(replace(at, arrival=arrival))))
             apart_mm = 1e3 * (ends[0] - ends[1])[:, :3, 3]
-            variance[rows] += 0.25 * (apart_mm**2).sum(axis=1)
+            variance[rows] += 0.5**2 * (apart_mm**2).sum(axis=1)
         return np.sqrt(variance)
 
     def unknown_temperature_mm(self, given: PoseStates) -> Array:
@@ -280,7 +282,7 @@ class Forward:
         for away_C in (fitted.temperature_std_C, -fitted.temperature_std_C):
             warm = replace(at, temperature_C=at.temperature_C + away_C)
             ends.append(self.T_base_frame(self.states(warm))[:, :3, 3])
-        found[rows] = 0.5e3 * np.linalg.norm(ends[0] - ends[1], axis=1)
+        found[rows] = 1e3 * 0.5 * np.linalg.norm(ends[0] - ends[1], axis=1)
         return found
 
     def _shows_side(self, term: Term, ahead: PoseStates, behind: PoseStates) -> bool:
@@ -378,8 +380,8 @@ def pose_difference(T: Array, T_wanted: Array) -> Array:
     size = np.linalg.norm(sin, axis=1)
     angle = np.arctan2(size, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
     # Half a turn has no axis to be read off like this: any will do to leave it.
-    sin[(size < 1e-9) & (angle > 1.0)] = [1e-9, 0.0, 0.0]
-    scale = np.where(angle > 1e-9, angle / np.maximum(size, 1e-9), 1.0)
+    sin[(size < _NO_TURN_RAD) & (angle > 1.0)] = [_NO_TURN_RAD, 0.0, 0.0]
+    scale = np.where(angle > _NO_TURN_RAD, angle / np.maximum(size, _NO_TURN_RAD), 1.0)
     return np.hstack([T_wanted[:, :3, 3] - T[:, :3, 3], scale[:, None] * sin])
 
 
@@ -388,7 +390,7 @@ def pose_difference(T: Array, T_wanted: Array) -> Array:
 # A map has hundreds of knots, and every one of them moves every pose a little. In B-splines only
 # four do: 10 000 poses then take a second, and no matrix of poses by knots is made.
 
-#: Poses whose covariances of parameters are gathered at once.
+#: Poses whose covariances of parameters are gathered at once (computing).
 _AT_ONCE = 1000
 
 

@@ -8,12 +8,10 @@ import numpy as np
 from scipy.linalg import qr
 
 from pa10cal.arrays import Array
+from pa10cal.rules import PARAMETERS
 from pa10cal.terms.term import TermParameter
 
-#: Singular values below this part of the largest belong to directions without any effect: exact
-#: null directions come out near 1e-16, the weakest real ones above 1e-6.
-NULL_RATIO = 1e-9
-#: Rows that are factorised at once.
+#: Rows that are factorised at once (computing).
 _QR_ROWS = 50_000
 
 
@@ -44,7 +42,7 @@ def identify(jacobian: Array, scale: Array) -> Identifiability:
     _, values, right = np.linalg.svd(triangle_of(jacobian * scale))
     full = np.zeros(len(scale))
     full[: len(values)] = values
-    rank = int(np.count_nonzero(full > NULL_RATIO * full[0]))
+    rank = int(np.count_nonzero(full > PARAMETERS.null_ratio * full[0]))
     return Identifiability(full, rank, right[rank:].T, float(full[0] / full[rank - 1]))
 
 
@@ -67,7 +65,7 @@ def unidentified_directions(
     directions = []
     for column, pivot in zip(basis.T, order[:count], strict=True):
         weights = column * scale / scale[pivot]
-        members = np.flatnonzero(np.abs(column) > 1e-6)
+        members = np.flatnonzero(np.abs(column) > PARAMETERS.no_part)
         ranked = sorted(members, key=lambda k: (k != pivot, -abs(column[k])))
         directions.append({parameters[k].name: float(weights[k]) for k in ranked})
     return tuple(directions)
@@ -79,5 +77,7 @@ def not_identifiable(
     """Return the names of the parameters that take part in a null direction."""
     share = np.linalg.norm(identifiability.null_space, axis=1)
     return frozenset(
-        parameter.name for parameter, part in zip(parameters, share, strict=True) if part > 1e-6
+        parameter.name
+        for parameter, part in zip(parameters, share, strict=True)
+        if part > PARAMETERS.no_part
     )

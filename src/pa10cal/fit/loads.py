@@ -12,17 +12,17 @@ from pa10cal.arm.chain import BASE, TOOL, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates, StaticLoads, Statics, statics
 from pa10cal.arrays import Array, Index
+from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 
 S = TypeVar("S", Statics, StaticLoads)
 
-#: Poses that are worked out at once: statics and predictions take kilobytes a pose for a moment.
+#: Poses that are worked out at once: statics and predictions take kilobytes a pose for a moment
+#: (computing).
 BLOCK = 10_000
 
-#: Part of its described mass that a link has at least.
-_LEAST_MASS_SHARE = 0.01
 
 #: Where the torques of poses come from: a log, the masses described, or they are not known.
 TorqueSource = Literal["logged", "masses", "none"]
@@ -118,7 +118,7 @@ def weighed(arm: Arm, payload: Payload, amounts: Array) -> tuple[Arm, Payload]:
     assert arm.mass_kg is not None
     assert arm.com_m is not None
     of_links = amounts[: 4 * arm.n].reshape(arm.n, 4)
-    mass_kg = np.maximum(arm.mass_kg + of_links[:, 0], _LEAST_MASS_SHARE * arm.mass_kg)
+    mass_kg = np.maximum(arm.mass_kg + of_links[:, 0], MASSES.least_drawn_share * arm.mass_kg)
     heavy = mass_kg > 0.0
     com_m = arm.com_m.copy()
     com_m[heavy] += of_links[heavy, 1:] / mass_kg[heavy, None]

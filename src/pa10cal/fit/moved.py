@@ -15,6 +15,7 @@ from pa10cal.arrays import Array
 from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.problem import GaussianPrior, Problem, gain_along, widened
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.rules import MOVED
 from pa10cal.terms.effects.effect import is_effect
 from pa10cal.terms.term import Term
 
@@ -28,14 +29,7 @@ JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR, EVERYTHING = (
 )
 #: Frames that each campaign has of its own.
 BASE_MOVED, TOOL_MOVED = "base", "tool"
-#: Probability allowed of a name where nothing moved.
-ERROR_RATE = 0.01
-#: Sizes of a motion, in the tolerance of the parameter or this part of a windup.
-_SIZES = (1.0, 10.0)
-_SOFTER = 0.3
-#: An arm whose model lacks something departs by more than its noise, by such factors of variance.
-_FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
-_OF_FACTORS = tuple(float(np.sqrt(factor - 1.0)) for factor in _FACTORS)
+_OF_FACTORS = tuple(float(np.sqrt(factor - 1.0)) for factor in MOVED.factors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +85,7 @@ def hypotheses(
     def single(kind: str, of: str, column: int, size: float) -> Hypothesis:
         directions = np.zeros((count, 1))
         directions[column] = size
-        return Hypothesis(kind, of, np.array([column]), directions, _SIZES)
+        return Hypothesis(kind, of, np.array([column]), directions, MOVED.sizes)
 
     for term in terms:
         columns = np.arange(first, first + len(term.parameters))
@@ -106,7 +100,7 @@ def hypotheses(
         elif "windup" in term.roles:
             rigid += columns.tolist()
             windup = int(columns[term.roles.index("windup")])
-            found.append(single(STIFFNESS, term.of, windup, _SOFTER * float(x[windup])))
+            found.append(single(STIFFNESS, term.of, windup, MOVED.softer_share * float(x[windup])))
         elif is_effect(term):
             directions = np.zeros((count, term.linear))
             directions[columns[: term.linear]] = term.prior_factor
@@ -133,7 +127,7 @@ def sought(
     """
     known = {(each.what.kind, each.what.of) for each in before if each.what.kind != MODEL_ERROR}
     left = [each for each in possible if (each.kind, each.of) not in known]
-    least = float(np.log(len(possible) / ERROR_RATE))
+    least = float(np.log(len(possible) / MOVED.error_rate))
     found: list[MovedPart] = []
     while left:
         gains = [gain_along(disagreed, each.directions, each.sizes) for each in left]
@@ -153,15 +147,9 @@ def sought(
 # states and what the earlier model was found to lack, or larger by some factor: were it found from
 # the residuals of so few readings, whatever moved would count as noise, and nothing be found.
 
-#: Probability that the zero of some joint moved, and that something else did: a crash loses zeros.
-_ZERO_MOVED, _OTHER_MOVED = 0.05, 0.005
-#: By which factors noise may be larger than expected, and how fast that gets less likely.
-_LOUDER, _LOUDER_POWER = np.array([1.0, 1.5, 2.2, 3.3, 5.0, 8.0, 12.0]), 8.0
-#: Axes of a position error; the finest uncertainty of a reading [m, rad]; and the part of the
-#: largest below which a direction of base and tool is none.
-_AXES, _FINEST_M, _SAME = 3.0, 1e-9, 1e-9
-#: Readings that each further departure takes at least, beyond two.
-_READINGS_EACH = 3
+#: The finest uncertainty of a reading [m, rad]; and the part of the largest below which a direction
+#: of base and tool is none (computing).
+_FINEST_M, _SAME = 1e-9, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +183,7 @@ class Misfit:
         covariance = problem.stated_covariance + _FINEST_M**2 * np.eye(seen.shape[1])
         if lacks is not None:
             error_m = 1e-3 * lacks.error_at_mm(problem.observations.states.q_rad)
-            variance = float(np.mean(error_m**2)) / _AXES
+            variance = float(np.mean(error_m**2)) / MOVED.axes
             for kind, columns in problem.observations.measured.component_kinds:
                 lever_m = lacks.lever_m.max() if kind.startswith("attitude") else 1.0
                 np.einsum("pii->pi", covariance)[:, columns] += variance / lever_m**2
@@ -215,8 +203,8 @@ class Misfit:
 
         Every size, and every level of the noise, counts with its probability.
         """
-        weights = 1.0 / (np.square(_LOUDER)[:, None] + self.known)
-        likely = -_LOUDER_POWER * np.log(_LOUDER)
+        weights = 1.0 / (np.square(MOVED.louder)[:, None] + self.known)
+        likely = -MOVED.louder_power * np.log(MOVED.louder)
         found = 0.5 * np.sum(np.log(weights) - weights * self.data**2, axis=1)
         if directions.size:
             columns = self.rows @ directions
@@ -246,12 +234,12 @@ def smallest_set(misfit: Misfit, possible: Sequence[Hypothesis]) -> tuple[MovedP
     sets: list[tuple[Hypothesis, ...]] = [(), *((each,) for each in possible)]
     if count >= whole.directions.shape[1]:
         sets.append((whole,))
-    if count >= 2 * _READINGS_EACH:
+    if count >= 2 * MOVED.readings_each:
         single = [each for each in possible if each.directions.shape[1] == 1]
         sets += combinations(single, 2)
     values = [posterior(parts) for parts in sets]
     best, value = sets[int(np.argmax(values))], max(values)
-    while 1 < len(best) < count // _READINGS_EACH:
+    while 1 < len(best) < count // MOVED.readings_each:
         more = [(*best, each) for each in possible if each not in best]
         values = [posterior(parts) for parts in more]
         if max(values) <= value:
@@ -262,7 +250,7 @@ def smallest_set(misfit: Misfit, possible: Sequence[Hypothesis]) -> tuple[MovedP
 
 def _log_prior(each: Hypothesis, possible: Sequence[Hypothesis], zeros: int) -> float:
     zero = each.kind == JOINT_ZERO
-    share, count = (_ZERO_MOVED, zeros) if zero else (_OTHER_MOVED, len(possible) - zeros)
+    share, count = (MOVED.zero_moved, zeros) if zero else (MOVED.other_moved, len(possible) - zeros)
     return float(np.log(share / count))
 
 

@@ -12,6 +12,7 @@ from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import ROW_FIELDS, Arm, Controller, WeighedByLog, WeightsKnown
 from pa10cal.arrays import Array
+from pa10cal.rules import LISTS
 
 _CONVENTIONS = {
     "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
@@ -19,8 +20,6 @@ _CONVENTIONS = {
     "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
     "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
 }
-#: Of the axes of a frame: what sums of products of digits that a file keeps may come to.
-_ROTATION_WITHIN = 1e-6
 
 
 def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
@@ -141,7 +140,7 @@ def pose_from_plain(value: Any, name: str) -> Array:
 def rotation_from_plain(value: Any, name: str) -> Array:
     """Return a rotation (3, 3); refuse what is none (ValueError)."""
     R = finite(value, name).reshape(3, 3)
-    if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_WITHIN or np.linalg.det(R) < 0.0:
+    if np.abs(R @ R.T - np.eye(3)).max() > LISTS.rotation_within or np.linalg.det(R) < 0.0:
         raise ValueError(f"{name} has no rotation: its columns are axes of length one")
     return R
 

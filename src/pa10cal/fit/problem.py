@@ -17,6 +17,7 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+from pa10cal.rules import PARAMETERS
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Role, TermParameter
 
@@ -135,10 +136,11 @@ class Problem:
 
 # What is thought possible of every unknown, before anything was measured.
 
-#: Standard deviation thought possible of the model's own parameters, in their scale: wide enough
-#: to leave every direction that the data determine alone, and to settle those that they do not.
-_POSSIBLE_SCALES = 30.0
-_POSSIBLE: dict[Role, float] = {"windup": 3e-2, "cubic": 3.0, "base": 1.0}
+_POSSIBLE: dict[Role, float] = {
+    "windup": PARAMETERS.windup_rad,
+    "cubic": PARAMETERS.cubic,
+    "base": PARAMETERS.base,
+}
 
 
 def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
@@ -150,7 +152,7 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
     scale = np.array([each.scale for each in (*model.parameters, *targets)])
     of_target: Role = "target"
     roles = (*model.roles, *(of_target for _ in targets))
-    usual = (1.0 if role in ("weight", "field") else _POSSIBLE_SCALES for role in roles)
+    usual = (1.0 if role in ("weight", "field") else PARAMETERS.possible_scales for role in roles)
     each = zip(roles, scale.tolist(), usual, strict=True)
     return np.array([_POSSIBLE.get(role, size * times) for role, size, times in each])
 
@@ -161,7 +163,7 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
 # directions: those in which something moved. Evidence decides, in closed form: about the fit all
 # is linear and Gaussian.
 
-#: Part of a variance that nothing else explains; keeps the precision finite.
+#: Part of a variance that nothing else explains; keeps the precision finite (computing).
 _JITTER = 1e-9
 
 

@@ -14,9 +14,10 @@ from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, Fitted
 from pa10cal.fit.forward import T_flange_frame, pose_difference, predicted
 from pa10cal.observe.observations import Observations
 from pa10cal.options import Tolerances
+from pa10cal.rules import PARAMETERS
 from pa10cal.terms.term import link_departures
 
-#: Kinds of link parameters, their factor to the unit of the table, and that unit.
+#: Kinds of link parameters, their factor to the unit of the table, and that unit (unit).
 _KINDS = {
     "theta": (np.degrees(1.0), "deg"),
     "d": (1e3, "mm"),
@@ -26,13 +27,8 @@ _KINDS = {
 }
 _WHATS = ("nominal", "departure", "calibrated", "u")
 
-
-#: A radian of orientation counts as so much of position in the fit of a rigid model [m].
-_LEVER_M = 0.1
-#: Directions of the link parameters that move measured poses by a smaller part than this of what
-#: the strongest does stay as calibrated.
-_DETERMINED = 1e-3
-_STEPS = 20
+#: Steps to the nearest rigid model, and one so small that it is the last (computing).
+_STEPS, _ARRIVED = 20, 1e-6
 
 
 @dataclass(frozen=True)
@@ -103,8 +99,8 @@ def best_rigid_model(model: Fitted, observations: Observations) -> RigidPart:
     """Return the rigid geometry that is nearest to a fitted model over measured poses and loads.
 
     Least squares over all link parameters of the position of the tool (or first target) and of its
-    orientation, at a lever of 0.1 m. Base and tool stay those of the model, as do directions of
-    the link parameters that these poses do not determine.
+    orientation, at a lever of `PARAMETERS.rigid_lever_m`. Base and tool stay those of the model, as
+    do directions of the link parameters that these poses do not determine.
 
     Raises:
         ModelError: when the model has springs and the weights that load them are not known.
@@ -115,7 +111,7 @@ def best_rigid_model(model: Fitted, observations: Observations) -> RigidPart:
     links = link_departures(model.arm, Tolerances())
     columns = part.chain.columns(links.coordinates)
     scale = np.array([parameter.scale for parameter in links.parameters])
-    weight = np.repeat([1.0, _LEVER_M], 3)
+    weight = np.repeat([1.0, PARAMETERS.rigid_lever_m], 3)
     at = part._at(q)
     departures = np.zeros(len(scale))
     for _ in range(_STEPS):
@@ -125,10 +121,10 @@ def best_rigid_model(model: Fitted, observations: Observations) -> RigidPart:
         moved[:, :3] += np.cross(moved[:, 3:], arm_m, axis=1)
         rows = (moved * weight[:, None] * scale).reshape(-1, len(scale))
         off = (pose_difference(T, T_wanted) * weight).ravel()
-        step = np.linalg.lstsq(rows, off, rcond=_DETERMINED)[0]
+        step = np.linalg.lstsq(rows, off, rcond=PARAMETERS.determined_share)[0]
         departures += scale * step
         at[:, columns] += scale * step
-        if np.abs(step).max() < 1e-6:
+        if np.abs(step).max() < _ARRIVED:
             break
     coordinates = part.coordinates.copy()
     coordinates[columns] += departures

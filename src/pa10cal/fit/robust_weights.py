@@ -19,19 +19,13 @@ from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import Problem, Rows
 from pa10cal.observe.observations import Observations, reading_groups
+from pa10cal.rules import SCATTER
 
-#: Change of a scatter, relative to its size, that counts as none.
+#: Change of a scatter, relative to its size, that counts as none (computing).
 _SAME_SCATTER = 1e-3
-#: Share of undisturbed poses that weigh less than fully.
-_TAIL = 1e-3
-#: Probability that any pose is suspected in a campaign without a wrong one.
-_ERROR_RATE = 0.01
-#: Readings for each unknown from which on typical residuals are about as large as their errors.
-_ENOUGH = 2.0
-#: Smallest uncertainty of a reading [m, rad], so that exact ones have a finite weight.
+#: Smallest uncertainty of a reading [m, rad], so that exact ones have a finite weight (computing).
 _FINEST = 1e-12
-#: Intervals of 95 % are this many standard uncertainties to either side.
-_HALF_WIDTH_95 = float(ndtri(0.975))
+_HALF_WIDTH_95 = float(ndtri(SCATTER.below_half_width))
 
 
 @dataclass(frozen=True)
@@ -77,7 +71,9 @@ class ExcessScatter:
             for kind, size in self.size.items()
             if size > 0.0
         ]
-        return float(stdtrit(min(found), 0.975)) / _HALF_WIDTH_95 if found else 1.0
+        return (
+            float(stdtrit(min(found), SCATTER.below_half_width)) / _HALF_WIDTH_95 if found else 1.0
+        )
 
 
 @dataclass(frozen=True)
@@ -101,7 +97,7 @@ def weighted_rows(
     distance = np.sqrt(np.sum(white**2, axis=1))
     weights: Array = np.ones(len(distance))
     if robust:
-        enough = problem.readings >= _ENOUGH * rows.jacobian.shape[2]
+        enough = problem.readings >= SCATTER.enough * rows.jacobian.shape[2]
         limit = _limit(problem, distance, scatter.stated_part if enough else 1.0)
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
@@ -127,7 +123,7 @@ def suspect_beyond(seen: NDArray[np.bool_]) -> Array:
     Args:
         seen: (P, b) which components were seen.
     """
-    square = chdtri(np.maximum(seen.sum(axis=1), 1), _ERROR_RATE / len(seen))
+    square = chdtri(np.maximum(seen.sum(axis=1), 1), SCATTER.error_rate / len(seen))
     return np.asarray(np.sqrt(square), dtype=np.float64)
 
 
@@ -147,7 +143,8 @@ def _limit(problem: Problem, distance: Array, least: float) -> Array:
     """
     seen, at = problem.distinct_numbers_seen
     numbers = np.maximum(seen, 1)
-    limits, medians = np.sqrt(np.asarray(chdtri(numbers, _TAIL))), np.asarray(chdtri(numbers, 0.5))
+    limits = np.sqrt(np.asarray(chdtri(numbers, SCATTER.tail)))
+    medians = np.asarray(chdtri(numbers, 0.5))
     typical = np.sqrt(_median(distance**2 / medians[at]))
     return np.asarray(limits[at] * min(1.0, max(typical, least)))
 
@@ -179,7 +176,7 @@ def first_scatter(problem: Problem, rows: Rows) -> ExcessScatter:
     found, stated = {}, {}
     for kind, columns in problem.observations.measured.component_kinds:
         seen = problem.components_seen[:, columns]
-        found[kind] = _median(np.abs(rows.residual[:, columns][seen])) / 0.6745
+        found[kind] = _median(np.abs(rows.residual[:, columns][seen])) / SCATTER.median_size
         stated[kind] = float(np.sqrt(variances[:, columns][seen].mean()))
     return ExcessScatter(found, stated, dict.fromkeys(found, 0.0))
 
@@ -220,18 +217,10 @@ def refreshed(
 # How far residuals lie outside what their own distribution makes: the heaviness of right data's
 # tails is read off the bulk, where a few wrong readings do not show.
 
-#: Probability that any of many right deviates, whatever their tails, is called wrong.
-ACCUSED_RATE = 1e-4
-#: Part of the deviates inside the two quantiles whose ratio tells how heavy the tails are.
-_INNER, _OUTER = 0.5, 0.95
-#: Degrees of freedom from which on tails count as those of the normal distribution.
-_NORMAL_DOF = 200.0
-_DOF = np.geomspace(1.5, _NORMAL_DOF, 60)
-_RATIOS = stdtrit(_DOF, 0.5 + 0.5 * _OUTER) / stdtrit(_DOF, 0.5 + 0.5 * _INNER)
-#: Standard errors by which the ratio of quantiles may be larger than it was found, and its relative
-#: standard error times the root of the number of deviates.
-_SURELY = 2.0
-_ERROR_OF_RATIO = 1.4
+#: Degrees of freedom whose ratio is worked out (computing).
+_DOF = np.geomspace(1.5, SCATTER.normal_dof, 60)
+#: Their outer quantiles over the inner ones (computing).
+_RATIOS = stdtrit(_DOF, 0.5 + 0.5 * SCATTER.outer) / stdtrit(_DOF, 0.5 + 0.5 * SCATTER.inner)
 
 
 @dataclass(frozen=True)
@@ -244,7 +233,7 @@ class Tails:
     count: int  # deviates behind it
 
     @staticmethod
-    def of(deviates: Array, surely: float = _SURELY) -> Tails:
+    def of(deviates: Array, surely: float = SCATTER.surely_errors) -> Tails:
         """Return the distribution of deviates (N,).
 
         Args:
@@ -252,29 +241,25 @@ class Tails:
         """
         sizes = np.abs(deviates)
         if not len(sizes):
-            return Tails(0.0, _NORMAL_DOF, 0)
-        inner, outer = np.quantile(sizes, [_INNER, _OUTER])
+            return Tails(0.0, SCATTER.normal_dof, 0)
+        inner, outer = np.quantile(sizes, [SCATTER.inner, SCATTER.outer])
         if inner == 0.0:
-            return Tails(0.0, _NORMAL_DOF, len(sizes))
-        ratio = outer / inner * (1.0 + surely * _ERROR_OF_RATIO / np.sqrt(len(sizes)))
+            return Tails(0.0, SCATTER.normal_dof, len(sizes))
+        ratio = outer / inner * (1.0 + surely * SCATTER.error_of_ratio / np.sqrt(len(sizes)))
         dof = float(np.interp(-ratio, -_RATIOS, _DOF))
-        scale = inner / ndtri(0.5 + 0.5 * _INNER)
+        scale = inner / ndtri(0.5 + 0.5 * SCATTER.inner)
         return Tails(float(scale), dof, len(sizes))
 
     def largest(self, rate: float, count: int | None = None) -> float:
         """Return the size that the largest of so many deviates exceeds with this probability."""
         count = max(self.count, 1) if count is None else count
         quantile = -float(stdtrit(self.dof, 0.5 * rate / count))
-        bulk = float(stdtrit(self.dof, 0.5 + 0.5 * _INNER)) / float(ndtri(0.5 + 0.5 * _INNER))
+        upper = 0.5 + 0.5 * SCATTER.inner
+        bulk = float(stdtrit(self.dof, upper)) / float(ndtri(upper))
         return self.scale * quantile / bulk
 
 
 # Readings held out of a fit that are far from where it predicts them, whatever it lacks.
-
-#: Another reading confirms one where they differ by less than this part of how far it is off.
-_CONFIRMED = 0.3
-#: Scatter is no less than this part of what is stated: rounding is none.
-LEAST_STATED = 1e-3
 
 
 def far_from_prediction(
@@ -296,10 +281,10 @@ def far_from_prediction(
     for _, at in poses.measured.component_kinds:
         seen = components_seen(poses, at)
         of_fitted, own = usual[:, at][components_seen(fitted, at)], white[:, at][seen]
-        scale = max(Tails.of(of_fitted).scale, Tails.of(own).scale, LEAST_STATED)
+        scale = max(Tails.of(of_fitted).scale, Tails.of(own).scale, SCATTER.least_stated)
         white[:, at] /= scale
         limit = Tails.of(np.concatenate([white[:, at][seen], of_fitted / scale])).largest(
-            ACCUSED_RATE, int(seen.sum())
+            SCATTER.accused_rate, int(seen.sum())
         )
         far |= np.abs(np.where(seen, white[:, at], 0.0)).max(axis=1, initial=0.0) > limit
     return far & ~confirmed(poses, left, np.flatnonzero(far)), white
@@ -321,7 +306,7 @@ def confirmed(readings: Observations, left: Array, rows: Index) -> Mask:
         others = others[others != row]
         both = seen[others] & seen[row]
         apart = np.linalg.norm(np.where(both, left[others] - left[row], 0.0), axis=1)
-        near[row] = bool(np.any(apart <= _CONFIRMED * np.linalg.norm(left[row])))
+        near[row] = bool(np.any(apart <= SCATTER.confirmed_share * np.linalg.norm(left[row])))
     return near
 
 
@@ -334,10 +319,6 @@ def by_stated(readings: Observations, values: Array) -> Array:
 def components_seen(readings: Observations, at: slice) -> Mask:
     """Return which of some components of readings were seen."""
     return np.asarray(readings.measured.components_seen[:, at])
-
-
-#: Scatters of a distance between two targets beyond which it is another one.
-_SAME_DISTANCE = 5.0
 
 
 def keep_their_distances(places_m: Array) -> Mask:
@@ -353,5 +334,5 @@ def keep_their_distances(places_m: Array) -> Mask:
     off_m = np.abs(apart_m - np.nanmedian(apart_m, axis=1, keepdims=True))
     usual_m = MEDIAN_TO_SIGMA * np.nanmedian(off_m, axis=1, keepdims=True)
     seen = np.isfinite(off_m)
-    same = np.where(seen, off_m, 0.0) <= _SAME_DISTANCE * usual_m
+    same = np.where(seen, off_m, 0.0) <= SCATTER.same_distance * usual_m
     return np.asarray(same.all(axis=0) & seen.any(axis=0))

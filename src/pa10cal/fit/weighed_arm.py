@@ -17,45 +17,19 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import CENTRE, DRIVES, Payload, PoseStates, with_assumed_weights
-from pa10cal.arrays import Array
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.loads import statics_of
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 from pa10cal.terms.weights import Weights, WeightSizes, holds_weights
 
-#: Masses that a drawing program exports where nobody gave any [kg].
-_PLACEHOLDERS = (0.0, 1.0)
-#: A total that differs by more from the sum of the parts contradicts them.
-_TOTAL_OFF = 0.25
-#: Scale of a joint's logged torque, friction and zero, of its rated torque, that may be.
-GAIN, _FRICTION, _ZERO = 0.05, 0.03, 0.01
-#: How far weights of any kind may be from their usual size, in that.
-_ANY = 1e3
-#: A link is stated wrongly where logged torques want it other than stated by so many standard
-#: uncertainties ...
-_OFF = 5.0
-#: ... and explains them better than chance or another cause allows, by so much log evidence.
-_NATS = 12.0
-#: A mass is contradicted by so many standard uncertainties of what is stated and logged together.
-_DIFFERS = 4.0
-_REWEIGHTED = 4
-#: Scatter about weights of any kind, of the torques logged, above which those are not of weights.
-_SCATTER = 0.3
-#: Correlation of logged with calculated torques below which their signs or gravity are off.
-_FOLLOWS = 0.8
-#: Torques are resolved to no better than this part of the largest.
-_RESOLVED = 1e-4
-_MEDIAN_TO_SIGMA = 1.4826
-#: A reading with a gross error weighs no more than one so many times the scatter off.
-EDGE = 4.0
-#: A link weighs at least this part of what is described or assumed.
-_LEAST_PART = 1e-3
-#: Poses that are looked at, spread over all.
-_MOST_POSES = 400
+#: Times that scatter is found anew; a mass and a size that are none (computing).
+_REWEIGHTED, _NO_MASS_KG, _NO_SIZE = 4, 1e-9, 1e-12
 
 
 def weighed_arm(
@@ -85,7 +59,7 @@ def weighed_arm(
     if not np.linalg.norm(payload.gravity_m_s2):
         return arm
     poses = average_repeats(grid)
-    some = np.linspace(0, len(poses) - 1, min(len(poses), _MOST_POSES)).astype(int)
+    some = np.linspace(0, len(poses) - 1, min(len(poses), MASSES.most_poses)).astype(int)
     poses = poses.take(np.unique(some))
     rows = _Torques.of(arm, payload, poses)
     if not rows.of_weights:
@@ -123,7 +97,7 @@ def _not_meant(arm: Arm, total_kg: float | None) -> str:
     """Return why stated masses cannot be meant; empty where they can, or where there are none."""
     if arm.mass_kg is None:
         return ""
-    if np.isin(arm.mass_kg, _PLACEHOLDERS).all():
+    if np.isin(arm.mass_kg, MASSES.placeholders_kg).all():
         return (
             "the masses of the links are all 0 or 1 kg, as a drawing program exports them where "
             "none were given: they are treated as not known"
@@ -138,7 +112,9 @@ def _not_meant(arm: Arm, total_kg: float | None) -> str:
                 "as not known"
             )
     sum_kg = float(arm.mass_kg.sum())
-    if total_kg is not None and abs(sum_kg - total_kg) > _TOTAL_OFF * max(sum_kg, total_kg):
+    if total_kg is not None and abs(sum_kg - total_kg) > MASSES.total_off_share * max(
+        sum_kg, total_kg
+    ):
         return (
             f"masses.total_kg is {total_kg:g} kg, and the masses of the links add up to "
             f"{sum_kg:.4g} kg: both are treated as not known"
@@ -146,15 +122,19 @@ def _not_meant(arm: Arm, total_kg: float | None) -> str:
     return ""
 
 
-def errors_of_logs(torque_Nm: Array, rated_Nm: Array, arrival: Array, gain: float = GAIN) -> Array:
+def errors_of_logs(
+    torque_Nm: Array, rated_Nm: Array, arrival: Array, gain: float = MASSES.gain
+) -> Array:
     """Return what logged torques are usually off by, each at its size, (P, n, 3 n).
 
     Scales of joints, their friction and their zeros, by the torques of the weights and the
     directions of arrival (P, n), and rated torques (n,).
     """
     each = np.eye(len(rated_Nm))
-    zeros = np.broadcast_to(_ZERO * rated_Nm[:, None] * each, (*torque_Nm.shape, len(rated_Nm)))
-    friction_Nm = _FRICTION * (rated_Nm * arrival)[:, :, None] * each
+    zeros = np.broadcast_to(
+        MASSES.zero_share * rated_Nm[:, None] * each, (*torque_Nm.shape, len(rated_Nm))
+    )
+    friction_Nm = MASSES.friction_share * (rated_Nm * arrival)[:, :, None] * each
     return np.concatenate([gain * torque_Nm[:, :, None] * each, friction_Nm, zeros], axis=2)
 
 
@@ -191,7 +171,7 @@ class _Torques:
         # A load hung elsewhere or of another size, and the tool, are faults of their own.
         load = found.static_loads.by_load * states.load_N[:, None]
         # A scale of the torques is one of weights that nobody stated.
-        gain = GAIN if arm.weights_known is None else 0.0
+        gain = MASSES.gain if arm.weights_known is None else 0.0
         usual = errors_of_logs(found.torque_Nm, rated_Nm, states.arrival, gain)
         left_Nm = states.tau_Nm - found.torque_Nm
         return cls(
@@ -207,7 +187,7 @@ class _Torques:
     def of_weights(self) -> bool:
         """Return whether weights of some kind, or their opposite, make such torques."""
         noise_Nm = np.sqrt(np.mean(self._noise_Nm**2))
-        return bool(noise_Nm < _SCATTER * np.sqrt(np.mean(self.logged_Nm**2)))
+        return bool(noise_Nm < MASSES.scatter_share * np.sqrt(np.mean(self.logged_Nm**2)))
 
     @property
     def follow(self) -> bool:
@@ -215,7 +195,7 @@ class _Torques:
         calculated_Nm = self.logged_Nm - self.left_Nm
         along = float(np.sum(calculated_Nm * self.logged_Nm))
         size = np.linalg.norm(calculated_Nm) * np.linalg.norm(self.logged_Nm)
-        return bool(along > _FOLLOWS * size)
+        return bool(along > MASSES.follows * size)
 
     def weighed(self) -> Arm:
         """Return the arm with the weights that its torques have, of one that states none."""
@@ -247,13 +227,13 @@ class _Torques:
                     opened = known.copy()
                     opened[columns] = np.maximum(wide, known[columns])
                     x, _, left = self._solve(opened)
-                    off = np.abs(x[columns]) / np.maximum(sizes[columns], 1e-12)
-                    if off.max() > _OFF:
+                    off = np.abs(x[columns]) / np.maximum(sizes[columns], _NO_SIZE)
+                    if off.max() > MASSES.off_errors:
                         tried.append((left, link, part, columns, opened))
             if not tried:
                 break
             left, link, part, columns, opened = min(tried, key=lambda each: each[0])
-            if before - left < 2.0 * _NATS:
+            if (before - left) / 2.0 < MASSES.needed_nats:
                 break
             known, before = opened, left
             said.append((link, part, columns))
@@ -293,7 +273,7 @@ class _Torques:
         assert arm.mass_kg is not None
         stated_kg = np.append(arm.mass_kg, tool_kg)
         sizes = weight_sizes(arm, self.payload).columns(arm)
-        opened, said, furthest = sizes, "", _DIFFERS
+        opened, said, furthest = sizes, "", MASSES.differs_errors
         for k in np.flatnonzero(stated_kg > 0.0):
             tried = sizes.copy()
             tried[4 * k] = max(float(stated_kg.max()), sizes[4 * k])
@@ -326,7 +306,7 @@ class _Torques:
         every = Gaussian.of(white, data)
         x, least = every.mean, self._least(sizes, count)
         for _ in range(_REWEIGHTED):
-            clipped = white @ x + np.clip(data - white @ x, -EDGE, EDGE)
+            clipped = white @ x + np.clip(data - white @ x, -MASSES.edge, MASSES.edge)
             x = every.taken_of(white.T @ clipped)
             if (x < least).any():
                 from scipy.optimize import lsq_linear  # late: it takes long to load
@@ -334,7 +314,7 @@ class _Torques:
                 root = every.lower.T
                 wanted = np.linalg.solve(root.T, white.T @ clipped)
                 x = lsq_linear(root, wanted, (least, np.inf), method="bvls").x
-        off = np.clip(data - white @ x, -EDGE, EDGE)
+        off = np.clip(data - white @ x, -MASSES.edge, MASSES.edge)
         covariance = every.covariance[:own, :own] * np.outer(sizes, sizes)
         return x[:own] * sizes, covariance, float(off @ off + x @ x)
 
@@ -343,7 +323,7 @@ class _Torques:
         least, mass_kg = np.full(count, -np.inf), self.arm.mass_kg
         assert mass_kg is not None
         at = 4 * np.flatnonzero((mass_kg > 0.0) & (sizes[: 4 * self.arm.n : 4] > 0.0))
-        least[at] = -(1.0 - _LEAST_PART) * mass_kg[at // 4] / sizes[at]
+        least[at] = -(1.0 - MASSES.least_share) * mass_kg[at // 4] / sizes[at]
         return least
 
     @cached_property
@@ -351,10 +331,10 @@ class _Torques:
         """Return the scatter (n,) of logged torques about weights of any kind."""
         bare = replace(self.arm, mass_kg=None, com_m=None, weights_known=None)
         sizes = weight_sizes(with_assumed_weights(bare), self.payload).columns(self.arm)
-        sizes = np.maximum(sizes, 1e-3 * sizes.max())
+        sizes = np.maximum(sizes, MASSES.least_of_largest * sizes.max())
         columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
-        least_Nm = _RESOLVED * max(float(np.abs(self.logged_Nm).max()), 1.0)
-        return scatter_about(_ANY * columns, self.left_Nm, _REWEIGHTED, least_Nm)[0]
+        least_Nm = MASSES.resolved_share * max(float(np.abs(self.logged_Nm).max()), 1.0)
+        return scatter_about(MASSES.any_sizes * columns, self.left_Nm, _REWEIGHTED, least_Nm)[0]
 
     def _with(self, x: Array, covariance: Array, why: str) -> Arm:
         """Return the arm with other weights, and their uncertainty."""
@@ -364,7 +344,7 @@ class _Torques:
         mass, moments = x[: 4 * arm.n : 4], x[: 4 * arm.n].reshape(-1, 4)[:, 1:]
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))[: 4 * arm.n].reshape(-1, 4)
         mass_kg = arm.mass_kg + mass
-        least_kg = np.maximum(mass_kg, 1e-9)
+        least_kg = np.maximum(mass_kg, _NO_MASS_KG)
         com_m = ((arm.mass_kg + mass)[:, None] * arm.com_m + moments) / least_kg[:, None]
         # First moments are about the centres, which are others now.
         about, links = np.eye(len(x)), np.arange(arm.n)
@@ -383,8 +363,8 @@ class _Torques:
 
 def _spread(left_Nm: Array) -> Array:
     """Return the scatter (n,) of each joint, from its median."""
-    spread = _MEDIAN_TO_SIGMA * np.median(np.abs(left_Nm), axis=0)
-    return np.asarray(np.maximum(spread, 1e-3 * spread.max()))
+    spread = MEDIAN_TO_SIGMA * np.median(np.abs(left_Nm), axis=0)
+    return np.asarray(np.maximum(spread, MASSES.least_of_largest * spread.max()))
 
 
 # How far the weights of an arm may be from those described, and a model that has them unknown.
@@ -396,35 +376,23 @@ def _spread(left_Nm: Array) -> Array:
 
 F = TypeVar("F", bound=Fitted)
 
-#: Standard uncertainty of the mass of a tool that is stated, relative, and of its centre, per axis
-#: [m].
-TOOL_MASS = 0.12
-TOOL_COM_M = 0.02
-#: A tool of unknown mass weighs some part of the arm, and sits so far from the flange [m].
-UNKNOWN_TOOL_MASS = 0.1
-UNKNOWN_TOOL_COM_M = 0.1
-#: Standard uncertainty of the direction of gravity in the base frame [rad].
-LEVEL_RAD = 1e-3
-#: The same of an arm of which no weights are stated: nobody levelled it for them.
-LEVEL_ASSUMED_RAD = 5e-3
-
 
 def weight_sizes(arm: Arm, payload: Payload) -> WeightSizes:
     """Return how far the weights of an arm and its tool may be from those described."""
     if payload.known:
-        tool_kg, com_m = payload.mass_kg, payload.com_u_m or TOOL_COM_M
-        size_kg = TOOL_MASS * tool_kg
+        tool_kg, com_m = payload.mass_kg, payload.com_u_m or MASSES.tool_com_m
+        size_kg = MASSES.tool_share * tool_kg
     else:
         total_kg = 0.0 if arm.mass_kg is None else float(arm.mass_kg.sum())
-        tool_kg = size_kg = UNKNOWN_TOOL_MASS * total_kg
-        com_m = UNKNOWN_TOOL_COM_M
+        tool_kg = size_kg = MASSES.unknown_tool_share * total_kg
+        com_m = MASSES.unknown_tool_com_m
     known = weights_known(arm)
     return WeightSizes(
         link_mass=known.mass,
         link_com_m=known.com_m,
         payload_kg=size_kg,
         payload_kg_m=tool_kg * com_m,
-        level_rad=LEVEL_ASSUMED_RAD if known.assumed else LEVEL_RAD,
+        level_rad=MASSES.level_assumed_rad if known.assumed else MASSES.level_rad,
     )
 
 

@@ -20,33 +20,16 @@ from scipy.special import chdtri
 from pa10cal.arrays import Array, Mask
 from pa10cal.frame import knocked_targets
 from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.rules import BASE_MOTION
 
 Form = Literal["still", "walk", "each"]
 
-#: A motion is believed where it makes the readings more probable by so many nats.
-_NEEDED = 5.0
-#: Probability that any reading of good ones is left out.
-_ERROR_RATE = 0.01
-#: Times between readings, over the usual one, that a walk goes by.
-_STEPS = (0.05, 50.0)
-_ROUNDS = 2
-#: Sizes of motions are found from no more readings than about this, evenly chosen.
-_MOST_FOR_SIZES = 600
-_MOST_PLACES = 30
-_SAME_M = 1e-9
-#: Sizes of motions over the noise of a reading that are tried, in logarithms.
-_SIZES = (-9.0, 12.0)
-#: Targets thinner than this part of their length are in line.
-_IN_LINE = 0.02
-#: Share of the configurations that must show a turn, or a pair, for it to be looked for.
-_MOSTLY = 0.5
-#: Products of a configuration's readings worse conditioned than this do not show its motion.
-_CONDITION = 1e6
-#: Motions smaller than this are none [m, rad].
-_NOTHING = 1e-12
-#: An instrument nearer to the targets is taken to be this far off, where its turn is judged by
-#: their shift [m].
-_NEAR_M = 1.0
+#: Sizes of motions are found so many times, from no more readings than about this, evenly chosen,
+#: to so much of their logarithm and of the evidence (computing).
+_ROUNDS, _MOST_FOR_SIZES, _ARRIVED = 2, 600, {"xatol": 0.05, "fatol": 0.02}
+#: Steps to the places of targets, where these move by less than the second [m]; and motions that
+#: are none [m, rad] (computing).
+_MOST_PLACES, _SAME_M, _NOTHING = 30, 1e-9, 1e-12
 
 
 @dataclass(frozen=True)
@@ -136,9 +119,9 @@ class _Readings:
         b_m = np.nanmean(p_m, axis=0)
         about_m = b_m.mean(axis=0)
         seen = np.isfinite(p_m[..., 0])
-        turns = _share(seen, lambda pattern: _not_in_line(b_m[pattern])) >= _MOSTLY
+        turns = _share(seen, lambda pattern: _not_in_line(b_m[pattern])) >= BASE_MOTION.mostly_share
         modes = by_small_motion(b_m - about_m)[..., : 6 if turns else 3]
-        return cls(np.clip(between / usual, *_STEPS), p_m, u_m, about_m, modes)
+        return cls(np.clip(between / usual, *BASE_MOTION.steps), p_m, u_m, about_m, modes)
 
     @property
     def components(self) -> int:
@@ -179,7 +162,7 @@ class _Readings:
         # Of one target nothing tells motions of each configuration from noise.
         forms: list[Form] = ["walk", "each"] if self.p_m.shape[1] > 1 else ["walk"]
         moving = max((_moving(fewer, form) for form in forms), key=lambda fit: fit.evidence)
-        if moving.evidence <= still.evidence + _NEEDED:
+        if moving.evidence <= still.evidence + BASE_MOTION.needed_nats:
             return _still(self)
         return self.again(moving)
 
@@ -194,7 +177,7 @@ class _Readings:
         left = np.nan_to_num(self.p_m - fit.places_m - _moved(self.modes, fit.motion))
         # Readings that agree better than stated are no reason to reject one within its uncertainty.
         square = np.sum(left**2 * self.weight, axis=2) / max(fit.variance, 1.0)
-        limit = chdtri(3, _ERROR_RATE / max(int(self.seen.sum()), 1))
+        limit = chdtri(3, BASE_MOTION.error_rate / max(int(self.seen.sum()), 1))
         furthest = square == square.max(axis=1, keepdims=True)
         found: Mask = (square > limit) & furthest
         return found
@@ -210,7 +193,7 @@ class _Readings:
         left = np.nan_to_num(self.p_m - fit.places_m)
         pulled = np.einsum("kxa,pkx->pa", self.modes, self.weight * left)
         whole: Mask = np.asarray(self.seen.any(axis=1))
-        whole[whole] = np.linalg.cond(self.own[whole]) < _CONDITION
+        whole[whole] = np.linalg.cond(self.own[whole]) < BASE_MOTION.condition
         if not whole.any():
             return np.zeros_like(motion), np.zeros_like(cov)
         shown = np.linalg.solve(self.own[whole], pulled[whole][..., None])[..., 0]
@@ -233,16 +216,18 @@ class _Readings:
         may come of an instrument that turns where it stands.
         """
         seen = self.seen
-        if _share(seen, lambda pattern: pattern.sum() > 1) < _MOSTLY:
+        if _share(seen, lambda pattern: pattern.sum() > 1) < BASE_MOTION.mostly_share:
             shift2 = float(np.mean(np.sum(fit.motion**2, axis=1)))
-            return shift2 / (2.0 * max(float(np.linalg.norm(self.about_m)), _NEAR_M) ** 2)
+            return shift2 / (
+                2.0 * max(float(np.linalg.norm(self.about_m)), BASE_MOTION.near_m) ** 2
+            )
         square, count = knocked_targets.misfits(self.p_m, self.u_m, fit.places_m)
         noise = float(square.sum() / max(count.sum(), 1))
         rows = seen.sum(axis=1) > 1
         arms = by_small_motion(fit.places_m - self.about_m)[..., 3:]
         by_turn = np.einsum("kxa,pkx,kxb->pab", arms, self.weight[rows], arms, optimize=True)
         left = np.nan_to_num(self.p_m - fit.places_m - _moved(self.modes, fit.motion))[rows]
-        inverse = np.linalg.pinv(by_turn, rcond=_IN_LINE**2, hermitian=True)
+        inverse = np.linalg.pinv(by_turn, rcond=BASE_MOTION.in_line**2, hermitian=True)
         pulled = np.einsum("kxa,pkx->pa", arms, self.weight[rows] * left)
         turn = np.einsum("pab,pb->pa", inverse, pulled)
         expected = 0.5 * noise * float(np.mean(np.trace(inverse, axis1=1, axis2=2)))
@@ -262,7 +247,7 @@ def _not_in_line(b_m: Array) -> bool:
     if len(b_m) < 3:
         return False
     thickness = np.linalg.svd(b_m - b_m.mean(axis=0), compute_uv=False)
-    return bool(thickness[1] > _IN_LINE * thickness[0])
+    return bool(thickness[1] > BASE_MOTION.in_line * thickness[0])
 
 
 @dataclass(frozen=True)
@@ -310,7 +295,7 @@ def _moving(readings: _Readings, form: Form) -> _Fit:
     x = np.zeros(free + 1)
 
     def taken(x: Array) -> tuple[Array, float]:
-        sizes, noise = np.split(np.clip(x, *_SIZES), [free])
+        sizes, noise = np.split(np.clip(x, *BASE_MOTION.sizes), [free])
         return units * np.exp(np.repeat(sizes, 3)), float(np.exp(2.0 * noise[0]))
 
     for _ in range(_ROUNDS):
@@ -320,7 +305,7 @@ def _moving(readings: _Readings, form: Form) -> _Fit:
             return -_solve(readings, form, *taken(x), places_m).evidence
 
         simplex = np.vstack([x, x - np.eye(len(x))])
-        options: Any = {"xatol": 0.05, "fatol": 0.02, "initial_simplex": simplex}
+        options: Any = {**_ARRIVED, "initial_simplex": simplex}
         x = minimize(unlikely, x, method="Nelder-Mead", options=options).x
         fit = _placed(readings, form, *taken(x), places_m)
     return fit

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import LEVER_M, Located, by_small_motion
+from pa10cal.frame.rigid_fit import Located, by_small_motion
 from pa10cal.frame.target_problem import (
     TargetProblem,
     mean_turn,
@@ -30,12 +30,13 @@ from pa10cal.frame.target_problem import (
     turns_by_positions,
 )
 from pa10cal.numerics import least_squares
+from pa10cal.rules import FRAMES
 
-#: The null space depends a little on the solution, so it is found again there.
+#: The null space depends a little on the solution, so it is found again there (computing).
 PASSES = 2
-#: Part of the cost that makes no difference between two starts.
+#: Part of the cost that makes no difference between two starts (computing).
 _ROUGHLY = 1e-4
-#: Steps after which starts are compared, how many of them go on, and by how many steps.
+#: Steps after which starts are compared, how many of them go on, and by how many steps (computing).
 _FIRST_STEPS, _MOST_STARTS, _MORE_STEPS = 5, 2, 25
 
 
@@ -145,7 +146,7 @@ def _linearise(
         by_target = (unit[:, None] @ problem.by_places)[:, 0]
         by_step = problem.root_weight[:, None] * np.hstack([unit, by_target])
     if orientations:
-        root = LEVER_M * np.sqrt(problem.weights)
+        root = FRAMES.lever_m * np.sqrt(problem.weights)
         of_turns = by_step[3 * rows :].reshape(orientations, 3, -1)
         of_turns[:, :, 3:6] = root[:, None, None] * np.eye(3)
         of_turns[:, :, -3:] = root[:, None, None] * problem.R_base
@@ -157,7 +158,7 @@ def _linearise(
     return least_squares.Linearised(by_step, np.concatenate(residual).ravel())
 
 
-#: A start turned by less than this from where another led, leads there too [rad].
+#: A start turned by less than this from where another led, leads there too [rad] (computing).
 _SAME_RAD = 0.5
 _NOWHERE_M = np.finfo(float).tiny
 
@@ -362,20 +363,24 @@ def _rms(residuals: Array, weights: Array) -> float:
     return float(np.sqrt(np.average((residuals**2).sum(axis=1), weights=weights)))
 
 
+#: Part of a direction of motion of unit length that is none (computing).
+_NO_MOTION = 1e-6
+
+
 def _said(direction: Array, names: Sequence[str]) -> str:
     """Describe a direction of the targets: all positions (3 B), then any orientation."""
     places, turn = direction[: 3 * len(names)].reshape(-1, 3), direction[3 * len(names) :]
     parts = []
-    if len(names) > 1 and np.abs(places - places[0]).max() < 1e-6:
+    if len(names) > 1 and np.abs(places - places[0]).max() < _NO_MOTION:
         parts.append(f"all targets along {least_squares.axis_text(places[0])}")
     else:
-        moved = np.linalg.norm(places, axis=1) > 1e-6
+        moved = np.linalg.norm(places, axis=1) > _NO_MOTION
         named = zip(names, places, strict=True)
         parts += [
             f"{k} along {least_squares.axis_text(p)}"
             for (k, p), far in zip(named, moved, strict=True)
             if far
         ]
-    if len(turn) and np.linalg.norm(turn) > 1e-6:
+    if len(turn) and np.linalg.norm(turn) > _NO_MOTION:
         parts.append(f"{names[0]} about {least_squares.axis_text(turn)}")
     return " with ".join(parts)

@@ -19,24 +19,11 @@ from scipy.special import chdtri
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
 from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.rules import KNOCKS
 
-#: Half the gain in squares that a step needs, in nats, and readings on either side of it.
-_NEEDED = 20.0
-_EITHER_SIDE = 5
-#: Another target explains a step as well where it is worse by less than this.
-_AS_WELL = 12.0
-#: A step counts from so many standard deviations of a reading, stated or found, the larger.
-_LEAST = 1.0
-#: A reading is expected in the median of so many around it of the same target, and is far off it
-#: from so many times the usual distance.
-_AROUND = 11
-_FAR_OFF = 8.0
-#: Readings further off than this many standard deviations count as this far.
-_FAR = 5.0
-#: Directions that rigid motions move less than this part are left to noise.
-_RANK = 1e-6
-#: Probability that any configuration of good readings is left out.
-_ERROR_RATE = 0.01
+#: Directions that rigid motions move less than this part are left to noise; and a size that is
+#: none (computing).
+_RANK, _TINY = 1e-6, 1e-300
 
 
 @dataclass(frozen=True)
@@ -57,14 +44,14 @@ def wrong_by_themselves(p_m: Array, u_m: Array) -> Mask:
     off_m = np.full(p_m.shape, np.nan)
     for k in range(p_m.shape[1]):
         seen = np.isfinite(p_m[:, k, 0])
-        around = median_filter(p_m[seen, k], size=(_AROUND, 1), mode="nearest")
+        around = median_filter(p_m[seen, k], size=(KNOCKS.around, 1), mode="nearest")
         off_m[seen, k] = p_m[seen, k] - around
     usual = MEDIAN_TO_SIGMA * np.nanmedian(np.abs(off_m), axis=0)
     size = np.linalg.norm(off_m / np.maximum(usual, np.nan_to_num(u_m)), axis=2)
-    far: Mask = np.asarray(size > _FAR_OFF * np.sqrt(3.0))
+    far: Mask = np.asarray(size > KNOCKS.far_off * np.sqrt(3.0))
     together = np.flatnonzero(far.sum(axis=1) > 1)
     square, count = misfits(p_m[together], u_m[together], np.nanmedian(p_m, axis=0))
-    far[together[square < _FAR_OFF**2 * count]] = False
+    far[together[square < KNOCKS.far_off**2 * count]] = False
     return far
 
 
@@ -83,7 +70,7 @@ def wrong_in_shape(p_m: Array, u_m: Array) -> Mask:
     usual = float(np.median(square[shown] / chdtri(count[shown], 0.5)))
     variance = max(usual, 1.0)
     off = np.zeros(len(p_m), dtype=bool)
-    off[shown] = square[shown] > variance * chdtri(count[shown], _ERROR_RATE / shown.sum())
+    off[shown] = square[shown] > variance * chdtri(count[shown], KNOCKS.error_rate / shown.sum())
     for row in np.flatnonzero(off):
         wrong[row] = np.isfinite(p_m[row, :, 0])
         if (alone := _the_wrong_one(p_m[row], u_m[row], places_m, variance)) is not None:
@@ -100,8 +87,8 @@ def _the_wrong_one(p_m: Array, u_m: Array, places_m: Array, variance: float) -> 
     without[range(len(seen)), seen] = np.nan
     square, count = misfits(without, np.broadcast_to(u_m, without.shape), places_m)
     best, second = np.argsort(square)[:2]
-    right = square[best] <= variance * chdtri(max(int(count[best]), 1), _ERROR_RATE)
-    if not right or square[second] - square[best] < 2.0 * _AS_WELL * variance:
+    right = square[best] <= variance * chdtri(max(int(count[best]), 1), KNOCKS.error_rate)
+    if not right or (square[second] - square[best]) / 2.0 < KNOCKS.as_well_nats * variance:
         return None
     return int(seen[best])
 
@@ -152,14 +139,14 @@ def knocks(p_m: Array, u_m: Array) -> Knock | None:
     """Return the clearest step of one target against the others; None without any."""
     shape, across, rows = _shape(p_m, u_m)
     count = len(shape)
-    if count < 2 * _EITHER_SIDE + 1 or not shape.shape[1]:
+    if count < 2 * KNOCKS.either_side + 1 or not shape.shape[1]:
         return None
     sigma = _scale(shape)
     middle = np.median(shape, axis=0)
     spread = np.maximum(MEDIAN_TO_SIGMA * np.median(np.abs(shape - middle), axis=0), sigma)
-    clipped = np.clip(shape - middle, -_FAR * spread, _FAR * spread)
+    clipped = np.clip(shape - middle, -KNOCKS.far_errors * spread, KNOCKS.far_errors * spread)
     summed = np.cumsum(clipped, axis=0)
-    first = np.arange(_EITHER_SIDE, count - _EITHER_SIDE + 1)
+    first = np.arange(KNOCKS.either_side, count - KNOCKS.either_side + 1)
     before = summed[first - 1] / first[:, None]
     after = (summed[-1] - summed[first - 1]) / (count - first)[:, None]
     scaled = np.sqrt(first * (count - first) / count)[:, None] * (after - before) / sigma
@@ -167,13 +154,16 @@ def knocks(p_m: Array, u_m: Array) -> Knock | None:
     best = gains.max(axis=1)
     k, at = int(best.argmax()), int(first[gains[best.argmax()].argmax()])
     moved = np.median(shape[at:], axis=0) - np.median(shape[:at], axis=0)
-    within = across[k] @ np.linalg.pinv(across[k], rcond=1e-3) @ moved
-    shift_m = np.linalg.lstsq(across[k], within, rcond=1e-3)[0]
+    within = across[k] @ np.linalg.pinv(across[k], rcond=KNOCKS.follows_share) @ moved
+    shift_m = np.linalg.lstsq(across[k], within, rcond=KNOCKS.follows_share)[0]
     said_m = float(np.nanmedian(u_m))
     size_m = float(np.linalg.norm(shift_m)) * said_m
-    if 0.5 * best[k] < _NEEDED or size_m < _LEAST * max(sigma, 1.0) * said_m:
+    if (
+        best[k] / 2.0 < KNOCKS.needed_nats
+        or size_m < KNOCKS.least_errors * max(sigma, 1.0) * said_m
+    ):
         return None
-    as_well = tuple(int(j) for j in np.flatnonzero(best > best[k] - 2.0 * _AS_WELL))
+    as_well = tuple(int(j) for j in np.flatnonzero(best > best[k] - 2.0 * KNOCKS.as_well_nats))
     return Knock(as_well, int(rows[at]), size_m)
 
 
@@ -206,4 +196,4 @@ def _scale(shape: Array) -> float:
 def _directions(across: Array) -> Array:
     """Return an orthonormal basis of where a target's place moves the shape."""
     left, sizes, _ = np.linalg.svd(across, full_matrices=False)
-    return np.asarray(left[:, sizes > 1e-3 * max(sizes.max(), 1e-300)])
+    return np.asarray(left[:, sizes > KNOCKS.follows_share * max(sizes.max(), _TINY)])

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
+from pa10cal.rules import FRAMES
 
 # The difference of two poses as six numbers, and its derivative.
 #
@@ -17,10 +18,6 @@ from pa10cal.errors import CalibrationError
 # is 2 sin(angle / 2), the chord of the angle, so that the sum of squares is the one that
 # orthogonal Procrustes minimises in closed form; it is smooth, and departs from the angle by
 # angle^3 / 24.
-
-
-#: How far from the target an error of orientation counts as the error of position it makes there.
-LEVER_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -66,11 +63,9 @@ def by_small_motion(arms: Array) -> Array:
     return by_motion
 
 
-#: A set thinner than this part of its length counts as lying on one line.
-RANK_TOLERANCE = 1e-6
-#: The weighted fit stops when no component moves further than this (lengths and radians).
-STEP_TOLERANCE = 1e-13
-MAX_ITERATIONS = 50
+#: The weighted fit stops when no component moves further than this (lengths and radians); its
+#: most steps; and what is none of the columns of a linear problem (computing).
+STEP_TOLERANCE, MAX_ITERATIONS, NO_COLUMN = 1e-13, 50, 1e-9
 
 
 @dataclass(frozen=True)
@@ -174,7 +169,7 @@ def _refuse_lines(offsets: Array, where: str) -> None:
     """Refuse point sets about their mean (..., k, 3) that do not span a plane."""
     spread = np.linalg.svd(offsets, compute_uv=False)
     spread = np.concatenate([spread, np.zeros((*spread.shape[:-1], 2))], axis=-1)
-    thin = spread[..., 1] <= RANK_TOLERANCE * spread[..., 0]
+    thin = spread[..., 1] <= FRAMES.in_line * spread[..., 0]
     if np.any(thin):
         rank = int(np.any(spread[thin][0] > 0.0))
         raise CalibrationError(
@@ -216,7 +211,7 @@ class Located:
     @property
     def misfit_m(self) -> float:
         """Return the root mean square of what is left, turns as far as they move the target."""
-        return float(np.hypot(self.scatter_m, LEVER_M * (self.scatter_rad or 0.0)))
+        return float(np.hypot(self.scatter_m, FRAMES.lever_m * (self.scatter_rad or 0.0)))
 
     @property
     def T_ee_targets(self) -> Array:
@@ -265,17 +260,6 @@ def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> Located:
 # orientation, and the remaining motion of the model is as large as the measured one, whatever they
 # are.
 
-#: Rows below which nothing is judged, and from which an unknown target can be allowed for too in
-#: the equation of distances.
-LEAST_ROWS = 8
-ROWS_FOR_TARGET = 34
-#: Part of the model's motion that the measurement must explain to be judged, and the motion's
-#: least size [m].
-EXPLAINED = 0.5
-LEAST_MOTION_M = 0.02
-#: Positions whose extent across their line is a smaller part of that along it determine no scale.
-LEAST_BREADTH = 0.05
-
 
 def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
     """Return how far the nominal model moves for one unit that the target was measured to.
@@ -283,16 +267,16 @@ def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
     Positions (N, 3) of one target should be in metres, as the model's poses (N, 4, 4) are. None
     where the rows do not determine the scale, such as positions along one line.
     """
-    if len(p_m) < LEAST_ROWS:
+    if len(p_m) < FRAMES.scale_rows:
         return None
     extent_m = np.linalg.svd(p_m - p_m.mean(axis=0), compute_uv=False)
-    if extent_m[1] < LEAST_BREADTH * extent_m[0]:
+    if extent_m[1] < FRAMES.least_breadth * extent_m[0]:
         return None
     # x = S p + s - R u, linear in the general matrix S, in s and in the target's place u.
     of_S = np.kron((p_m - p_m.mean(axis=0))[:, None, :], np.eye(3)).reshape(-1, 9)
     others = np.concatenate([np.tile(np.eye(3), (len(p_m), 1, 1)), T_base_ee[:, :3, :3]], axis=2)
     found = _explained(T_base_ee[:, :3, 3].ravel(), of_S, others.reshape(-1, 6))
-    if found is None or found[1] < LEAST_MOTION_M:
+    if found is None or found[1] < FRAMES.least_motion_m:
         return None
     # Of positions in one plane a third singular value is nought.
     return float(np.linalg.svd(found[0].reshape(3, 3), compute_uv=False)[1])
@@ -303,15 +287,15 @@ def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
 
     See `scale_of_points`; the distances are those of one target from a fixed point.
     """
-    if len(d_m) < LEAST_ROWS:
+    if len(d_m) < FRAMES.scale_rows:
         return None
     # |x|^2 = k^2 d^2 + 2 x.c - |c|^2 for a target at the origin, and with its products elsewhere.
     x, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
     others = [x, np.ones((len(x), 1))]
-    if len(d_m) >= ROWS_FOR_TARGET:
+    if len(d_m) >= FRAMES.rows_for_target:
         others += [np.einsum("pji,pj->pi", R, x), R.reshape(-1, 9)]
     found = _explained((x**2).sum(axis=1), d_m[:, None] ** 2, np.hstack(others))
-    if found is None or found[1] < LEAST_MOTION_M**2 or found[0][0] <= 0.0:
+    if found is None or found[1] < FRAMES.least_motion_m**2 or found[0][0] <= 0.0:
         return None
     return float(np.sqrt(found[0][0]))
 
@@ -319,10 +303,10 @@ def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
 def _explained(values: Array, by_these: Array, by_others: Array) -> tuple[Array, float] | None:
     """Return what explains that part of values which others leave, and that part's rms; or None."""
     together = np.column_stack([values, by_these])
-    together = together - by_others @ np.linalg.lstsq(by_others, together, rcond=1e-9)[0]
+    together = together - by_others @ np.linalg.lstsq(by_others, together, rcond=NO_COLUMN)[0]
     rest, columns = together[:, 0], together[:, 1:]
-    solved = np.asarray(np.linalg.lstsq(columns, rest, rcond=1e-9)[0], dtype=float)
+    solved = np.asarray(np.linalg.lstsq(columns, rest, rcond=NO_COLUMN)[0], dtype=float)
     remaining = rest - columns @ solved
-    if remaining @ remaining > (1.0 - EXPLAINED) * (rest @ rest):
+    if remaining @ remaining > (1.0 - FRAMES.explained_share) * (rest @ rest):
         return None
     return solved, float(np.sqrt(np.mean(rest**2)))

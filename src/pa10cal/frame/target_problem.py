@@ -15,16 +15,15 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index, drawn, nearest_rotation, taken
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import LEVER_M
+from pa10cal.frame.rigid_fit import NO_COLUMN
 from pa10cal.numerics import least_squares
+from pa10cal.rules import FRAMES
 
 #: Poses that are needed to fit a base frame, and distances to find a fixed point.
-_NEEDED_POSES = (3, "poses to fit a base frame to", "base frame")
-_NEEDED_DISTANCES = (4, "distances to find the fixed point", "fixed point")
-#: Poses, and distances, that choose between starts.
+_NEEDED_POSES = (FRAMES.base_poses, "poses to fit a base frame to", "base frame")
+_NEEDED_DISTANCES = (FRAMES.point_distances, "distances to find the fixed point", "fixed point")
+#: Poses, and distances, that choose between starts (computing).
 _MOST_POSES, _MOST_DISTANCES = 100, 300
-#: Root mean square spread across a line that positions must have to determine a rotation.
-LEAST_SPREAD_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,9 @@ def turns_by_positions(problem: TargetProblem) -> list[Array]:
     columns, x_base_m = _by_positions(problem)
     root, off = columns[:, 0, 9:10], columns[:, 0, :9:3]
     spread = np.linalg.svd(off, compute_uv=False)
-    if spread[1] <= max(least_squares.OPEN * spread[0], LEAST_SPREAD_M * np.linalg.norm(root)):
+    if spread[1] <= max(
+        least_squares.OPEN * spread[0], FRAMES.least_spread_m * np.linalg.norm(root)
+    ):
         return []
     stated = problem.in_base(problem.p_ee_stated_m)
     stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
@@ -150,7 +151,7 @@ def _by_positions(problem: TargetProblem) -> tuple[Array, Array]:
     off = root * (
         problem.p_instr_m - np.average(problem.p_instr_m, axis=0, weights=root[:, 0] ** 2)
     )
-    columns = np.zeros((len(off), 3, 12 + problem.p_ee_stated_m.size))
+    columns = np.zeros((len(off), 3, 9 + 3 + problem.p_ee_stated_m.size))
     for row in range(3):
         columns[:, row, row:9:3] = off
         columns[:, row, 9 + row] = root[:, 0]
@@ -158,9 +159,10 @@ def _by_positions(problem: TargetProblem) -> tuple[Array, Array]:
     return columns, root * problem.p_base_m[problem.seen[0]]
 
 
-#: Starts put the target of distances this far from its stated place, either way along each axis.
+#: Starts put the target of distances this far from its stated place, either way along each axis
+#: (computing).
 _ASIDE_M = 0.2
-#: Unknowns of the equation that is linear in products of target and point.
+#: Unknowns of the equation that is linear in products of target and point (computing).
 _PRODUCTS = 16
 
 
@@ -197,7 +199,7 @@ def _by_products(x: Array, R: Array, d_m: Array) -> tuple[Array, Array]:
 
 
 def _solved(columns: Array, values: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(columns, values, rcond=1e-9)[0], dtype=np.float64)
+    return np.asarray(np.linalg.lstsq(columns, values, rcond=NO_COLUMN)[0], dtype=np.float64)
 
 
 def turn_by_orientations(problem: TargetProblem, R_instr_target: Array) -> Array:
@@ -221,8 +223,9 @@ def mean_turn(weights: Array, turns: Array) -> Array:
 
 # What is left at least.
 
-#: Part by which what is left at least may be off by rounding.
-SURELY = 1.001
+#: Part by which what is left at least may be off by rounding; and part of the trace of its normal
+#: equations that keeps them regular (computing).
+SURELY, _REGULAR = 1.001, 1e-12
 
 
 def first_of_least(
@@ -261,7 +264,7 @@ def least_misfit_of_targets(
         for axis, across in np.ndindex(3, 3):
             turns[:, axis, across, axis:9:3] = R_instr_target[:, :, across]
             turns[:, axis, across, unknowns + across :: 3] = -R[:, axis]
-        turns *= LEVER_M / np.sqrt(2.0)
+        turns *= FRAMES.lever_m / np.sqrt(2.0)
         columns = np.vstack([np.pad(columns, ((0, 0), (0, 9))), turns.reshape(-1, unknowns + 9)])
         values = np.concatenate([values, np.zeros(9 * len(p_m))])
     return float(np.sqrt(_left(columns, values) / rows))
@@ -279,6 +282,6 @@ def least_misfit_of_distances(T_base_ee: Array, d_m: Array) -> float:
 def _left(columns: Array, values: Array) -> float:
     """Return the sum of squares that a linear problem leaves."""
     normal = columns.T @ columns
-    normal.flat[:: len(normal) + 1] += 1e-12 * np.trace(normal)
+    normal.flat[:: len(normal) + 1] += _REGULAR * np.trace(normal)
     solved = np.linalg.solve(normal, columns.T @ values)
     return float(np.sum((values - columns @ solved) ** 2))

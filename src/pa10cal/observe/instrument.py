@@ -24,10 +24,8 @@ from pa10cal.arrays import Array, Index, Mask, Rows, homogeneous, taken
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe import quantities
+from pa10cal.rules import READINGS
 from pa10cal.terms.term import TermParameter
-
-#: Repeats that differ by less than this [m or rad] are the same numbers.
-_SAME = 1e-9
 
 #: How the base is found before any calibration, as `seed/base_frame.json` has it.
 LocatingMethod = Literal[
@@ -215,7 +213,7 @@ class Instrument(ABC):
         equal = {}
         for kind, columns in self.component_kinds:
             of_kind = np.abs(difference[:, columns][seen[:, columns]])
-            equal[kind] = bool(len(of_kind)) and float(np.median(of_kind)) < _SAME
+            equal[kind] = bool(len(of_kind)) and float(np.median(of_kind)) < READINGS.same
         return () if all(equal.values()) else tuple(kind for kind in equal if equal[kind])
 
     @property

@@ -22,6 +22,7 @@ from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Comparison, Deviations, Misfit, Start, Words
+from pa10cal.rules import READINGS
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import TermParameter
 
@@ -56,7 +57,7 @@ class Joined(Instrument):
         "The error of a pose is that of its own instrument.",
         "Arrows: of the target of the pose's own instrument.",
     )
-    least_rows: ClassVar[int] = 24
+    least_rows: ClassVar[int] = READINGS.distance_rows
 
     def __len__(self) -> int:
         return len(self.campaign)
@@ -336,7 +337,8 @@ def _size(columns: slice) -> int:
 
 #: Between the name of a campaign and the label of a pose.
 _OF_CAMPAIGN = "/"
-#: One campaign begins so long after the one before it has ended [s]: clocks are their own.
+#: One campaign begins so long after the one before it has ended [s]: clocks are their own
+#: (computing).
 _APART_S = 3600.0
 
 

@@ -16,6 +16,7 @@ from pa10cal.arrays import Array, Index, Rows, taken
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import BaseTargets, Instrument, group_means
 from pa10cal.observe.pose import Pose
+from pa10cal.rules import READINGS
 
 M = TypeVar("M", bound=Instrument)
 M_co = TypeVar("M_co", bound=Instrument, default=Instrument, covariant=True)
@@ -107,9 +108,6 @@ class Observations(Generic[M_co]):
 
 
 # Repeats of the same pose and load: their mean, and how much single readings scatter about it.
-
-#: Degrees of freedom below which the scatter of repeats says too little about six components.
-LEAST_DOF = 12
 
 
 def average_repeats(single: Observations[M], cuts_s: Sequence[float] = ()) -> Observations[M]:
@@ -203,7 +201,7 @@ def with_repeat_scatter(
     """
     code = reading_groups(single)
     dof = len(single) - len(np.unique(code))
-    if dof < LEAST_DOF:
+    if dof < READINGS.least_dof:
         return poses
     T = single.measured.T_instr_target
     mean = average_repeats(single).measured.T_instr_target[code]

@@ -22,22 +22,9 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+from pa10cal.rules import ORDER
 
-#: Rank correlation with time from which on the order goes with a joint or a load.
-ORDERED = 0.9
-#: Part of the variance of the rank in time that must lie between readings of the same pose and load
-#: for these to show time, whatever the order goes with.
-_AGAIN = 0.01
-#: Moves from one pose to the next, in those between any two, that are small: time then goes with
-#: the joint's angle, in pieces.
-_SMALL_MOVES = 0.3
-#: Part of the rows on either side that a place of a joint or load must sort rightly, in the mean of
-#: both sides, to part them as a time does; and rows beside that time that are looked at alone.
-_PARTS = 0.95
-_NEAR = 15
-#: Rows below which no order is one.
-_LEAST_ROWS = 8
-#: Poses whose frames are worked out at once: they take kilobytes each.
+#: Poses whose frames are worked out at once: they take kilobytes each (computing).
 _MOST_AT_ONCE = 10_000
 
 
@@ -82,13 +69,13 @@ def goes_with(
     Readings are single ones of one campaign.
     """
     states = every.states
-    if len(every) < _LEAST_ROWS or measured_again(every):
+    if len(every) < ORDER.least_rows or measured_again(every):
         return ()
     time = _ranks(states.time_s)
     found = []
     for driver in drivers(states, prismatic):
         correlation = _correlation(time, _ranks(driver.of(states)))
-        if abs(correlation) > ORDERED:
+        if abs(correlation) > ORDER.ordered:
             found.append((driver, correlation))
     return tuple(found)
 
@@ -114,21 +101,14 @@ def with_time_validity(
     return every.with_states(states), (f"{why}: no step, drift or wander is sought",)
 
 
-#: Joint positions no farther apart than this are one place [rad, m]: robots come back to a command
-#: within a tenth of it, and nothing that an arm errs by differs over it.
-_ONE_PLACE = 1e-3
-#: With more pairs a reading than this the robot stood still, and did not come back.
-_MOST_PAIRS = 30
-
-
 def with_places(every: Observations) -> Observations:
     """Return readings, those that were taken at one place under one label, whatever theirs were."""
     _, first, pose = np.unique(every.pose, return_index=True, return_inverse=True)
     places = cKDTree(every.states.q_rad[first])
-    near = places.count_neighbors(places, _ONE_PLACE, p=np.inf)
-    if near <= len(first) or near > _MOST_PAIRS * len(first):
+    near = places.count_neighbors(places, ORDER.one_place, p=np.inf)
+    if near <= len(first) or near > ORDER.most_pairs * len(first):
         return every
-    pairs = places.query_pairs(_ONE_PLACE, p=np.inf, output_type="ndarray")
+    pairs = places.query_pairs(ORDER.one_place, p=np.inf, output_type="ndarray")
     place = np.arange(len(first))
     np.minimum.at(place, pairs.max(axis=1), pairs.min(axis=1))
     return replace(every, pose=every.pose[first][place][pose.ravel()])
@@ -146,7 +126,7 @@ def measured_again(every: Observations) -> bool:
     time = _ranks(every.states.time_s)
     middle = np.bincount(group, time) / np.bincount(group)
     within = float(np.mean((time - middle[group]) ** 2))
-    return within > _AGAIN * float(np.var(time))
+    return within > ORDER.again_share * float(np.var(time))
 
 
 def _campaign(states: PoseStates) -> Index:
@@ -165,7 +145,7 @@ def slow_joints(states: PoseStates) -> Mask:
     q_rad = states.q_rad[np.lexsort((states.time_s, _campaign(states)))]
     steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
     spread = np.median(np.abs(q_rad - np.median(q_rad, axis=0)), axis=0)
-    return np.asarray(steps < _SMALL_MOVES * spread)
+    return np.asarray(steps < ORDER.small_moves * spread)
 
 
 def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -> Iterator[Parting]:
@@ -176,12 +156,15 @@ def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -
     """
     order = np.argsort(states.time_s, kind="stable")
     middle = int(np.searchsorted(states.time_s[order], time_s))
-    near = order[max(middle - _NEAR, 0) : middle + _NEAR]
+    near = order[max(middle - ORDER.near_rows, 0) : middle + ORDER.near_rows]
     for driver in drivers(states, prismatic):
         value = driver.of(states)
         rank = _correlation(_ranks(value[near]), _ranks(states.time_s[near]))
-        ordered = len(near) >= _LEAST_ROWS and abs(rank) > ORDERED
-        for rows, least in ((order, _PARTS), (near, 0.0 if ordered else _PARTS)):
+        ordered = len(near) >= ORDER.least_rows and abs(rank) > ORDER.ordered
+        for rows, least in (
+            (order, ORDER.parted_share),
+            (near, 0.0 if ordered else ORDER.parted_share),
+        ):
             at = _parted_at(value[rows], states.time_s[rows] > time_s, least)
             if at is not None:
                 yield Parting(driver, at)
@@ -201,7 +184,7 @@ def _parted_at(value: Array, after: Mask, least: float) -> float | None:
         return None
     apart = np.abs(below_after - below_before)[ends]  # twice the mean part sorted rightly, less one
     best = int(np.argmax(apart))
-    if 0.5 * (1.0 + apart[best]) < least:
+    if (1.0 + apart[best]) / 2.0 < least:
         return None
     return float(0.5 * (sorted_value[ends[best]] + sorted_value[ends[best] + 1]))
 
@@ -216,16 +199,6 @@ def _correlation(a: Array, b: Array) -> float:
 # Directions of arrival from the order of poses, where no approach was logged, or a wrong one.
 
 M = TypeVar("M", bound=Instrument)
-
-#: A joint that turned less [rad, or m of a prismatic joint] has not moved.
-_STOOD_STILL = 1e-4
-#: One that turned less [rad, m] has not left the place where its controller had stopped it.
-_STAYED = 2e-3
-#: Part of the configurations that must have a time of their own for times to give an order.
-_OWN_TIMES = 0.95
-#: Directions that must be known to say that all of a joint are reversed, and how many must be.
-_LEAST_ARRIVALS = 30
-_NEARLY_ALWAYS = 0.85
 
 
 def with_arrivals(every: Observations[M], arm: Arm | None = None) -> tuple[Observations[M], bool]:
@@ -273,9 +246,9 @@ def reversed_joints(every: Observations) -> NDArray[np.bool_]:
     known = (logged != 0.0) & (ordered != 0.0)
     times = known.sum(axis=0)
     agree = np.sum(known & (logged == ordered), axis=0) / np.maximum(times, 1)
-    judged = times >= _LEAST_ARRIVALS
-    wrong = judged & (agree < 1.0 - _NEARLY_ALWAYS)
-    right = judged & (agree > _NEARLY_ALWAYS)
+    judged = times >= ORDER.least_arrivals
+    wrong = judged & (agree < 1.0 - ORDER.nearly_always)
+    right = judged & (agree > ORDER.nearly_always)
     return wrong if right.sum() > wrong.sum() else none
 
 
@@ -287,17 +260,17 @@ def _by_order(every: Observations) -> tuple[Array, Array, Array] | None:
     import pandas as pd  # late: few campaigns need it
 
     states = every.states
-    if len(np.unique(states.time_s)) < _OWN_TIMES * len(every):
+    if len(np.unique(states.time_s)) < ORDER.own_times_share * len(every):
         return None
     campaign = _campaign(states)
     in_time = np.lexsort((states.time_s, campaign))
     of_campaign = pd.DataFrame(states.q_rad[in_time]).groupby(campaign[in_time])
     moved = of_campaign.diff().to_numpy()
-    last = pd.DataFrame(np.sign(moved)).mask(np.abs(moved) < _STOOD_STILL)
+    last = pd.DataFrame(np.sign(moved)).mask(np.abs(moved) < ORDER.stood_still)
     direction = last.groupby(campaign[in_time]).ffill().fillna(0.0)
     arrival, move_from_previous, share = np.zeros((3, *states.arrival.shape))
     arrival[in_time] = direction.to_numpy()
-    move_from_previous[in_time] = np.where(np.abs(moved) < _STAYED, 0.0, np.sign(moved))
+    move_from_previous[in_time] = np.where(np.abs(moved) < ORDER.stayed, 0.0, np.sign(moved))
     share[in_time] = move_shares(moved)
     return arrival, np.nan_to_num(move_from_previous), share
 
@@ -306,7 +279,7 @@ def move_shares(moved: Array) -> Array:
     """Return moves (P, n) over that of the joint that went furthest; 0 where none is known."""
     known = np.nan_to_num(moved)
     furthest = np.abs(known).max(axis=1, initial=0.0)
-    return np.asarray(known / np.where(furthest > _STAYED, furthest, np.inf)[:, None])
+    return np.asarray(known / np.where(furthest > ORDER.stayed, furthest, np.inf)[:, None])
 
 
 def end_travel(arm: Arm, q_rad: Array, share: Array) -> Array:
@@ -323,7 +296,7 @@ def end_travel(arm: Arm, q_rad: Array, share: Array) -> Array:
 
 def like_a_scan(poses: Observations) -> bool:
     """Return whether poses follow each other so closely that time and place go together."""
-    return float(slow_joints(poses.states).mean()) > 0.5
+    return float(slow_joints(poses.states).mean()) > ORDER.scan_share
 
 
 def spread_over_time(poses: Observations, most: int) -> Index:
@@ -340,13 +313,6 @@ def spread_over_time(poses: Observations, most: int) -> Index:
 # out (block cross-validation: Roberts et al., Ecography 40, 2017). A scan, above, follows places
 # without being dense.
 
-#: Poses nearer to each other than this part of the spread of all of them are neighbours.
-NEIGHBOURS = 0.03
-#: Stretches of a path that are held out, and the part of what is held out that goes singly.
-_STRETCHES, _SINGLY = 5, 0.1
-#: Of held-out poses whose neighbours were mostly fitted, fewer than this part count as these.
-_FEW = 0.1
-
 
 def spread_of(q: Array) -> float:
     """Return the root mean square distance of joint positions (P, n) from their mean [rad, m]."""
@@ -356,8 +322,8 @@ def spread_of(q: Array) -> float:
 def along_a_path(q: Array) -> bool:
     """Return whether joint positions (P, n), in order of time, follow each other along a path."""
     moves = np.linalg.norm(np.diff(q, axis=0), axis=1)
-    moves = moves[moves > _STOOD_STILL]
-    return bool(len(moves)) and float(np.median(moves)) < NEIGHBOURS * spread_of(q)
+    moves = moves[moves > ORDER.stood_still]
+    return bool(len(moves)) and float(np.median(moves)) < ORDER.neighbours * spread_of(q)
 
 
 def stretches_held_out(count: int, held: int) -> Index:
@@ -366,9 +332,11 @@ def stretches_held_out(count: int, held: int) -> Index:
     Most go in stretches of equal length, the last one at the end of the path. Others go singly, out
     of what stays: they show the error between measured places.
     """
-    singly, away = round(_SINGLY * held), np.zeros(count, dtype=bool)
-    parts = np.array_split(np.arange(count), _STRETCHES)
-    for part, out in zip(parts, np.array_split(np.arange(held - singly), _STRETCHES), strict=True):
+    singly, away = round(ORDER.singly_share * held), np.zeros(count, dtype=bool)
+    parts = np.array_split(np.arange(count), ORDER.stretches)
+    for part, out in zip(
+        parts, np.array_split(np.arange(held - singly), ORDER.stretches), strict=True
+    ):
         away[part[len(part) - len(out) :]] = True
     rest = np.flatnonzero(~away)
     away[rest[np.linspace(0, len(rest) - 1, singly + 2).round().astype(np.intp)[1:-1]]] = True
@@ -396,12 +364,12 @@ class HeldOutPlaces:
         q, away = fitted[0], held_out[0]
         if not len(q) or not len(away):
             return cls()
-        beside = np.asarray(cKDTree(q).query(away)[0] < NEIGHBOURS * spread_of(q))
+        beside = np.asarray(cKDTree(q).query(away)[0] < ORDER.neighbours * spread_of(q))
         time_s = np.concatenate([fitted[1], held_out[1]])
         path = along_a_path(np.concatenate([q, away])[np.argsort(time_s, kind="stable")])
-        if not path and np.mean(beside) < 0.5:
+        if not path and np.mean(beside) < ORDER.beside_share:
             return cls()
-        if np.mean(beside) >= 1.0 - _FEW:
+        if np.mean(beside) >= 1.0 - ORDER.few_share:
             beside[:] = True
         return cls(*(rows if rows.any() else None for rows in (~beside, beside)))
 

@@ -33,12 +33,14 @@ from pa10cal.observe.quantities import (
     covariance_of,
     places_of,
 )
+from pa10cal.rules import READINGS
 from pa10cal.terms.term import TermParameter
 
 _SHARED = "shared_cov_{}{}"
 #: Columns of the table of poses that hold a target: its place, its covariance, and touches.
 _PLACE = re.compile(r"ball(\w+)_x_mm")
 _OF_PLACE = "ball{}_c{{}}{{}}_mm2"
+#: Of the components of a place (unit).
 _SCALE = np.full(3, MM)
 #: The name of a target may be any word but the `u` of an uncertainty.
 _COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
@@ -70,7 +72,7 @@ class Points(Instrument):
     )
     several_targets: ClassVar[bool] = True
     sees_base: ClassVar[bool] = True
-    least_rows: ClassVar[int] = 12
+    least_rows: ClassVar[int] = READINGS.point_rows
     _of_all: ClassVar[tuple[str, ...]] = ("names", "p_ee_stated_m")
 
     def averaged(self, code: Index) -> Self:
@@ -303,7 +305,7 @@ class Distance(Instrument):
 
     component_kinds: ClassVar[tuple[tuple[str, slice], ...]] = (("distance", slice(0, 1)),)
     directional: ClassVar[bool] = False
-    least_rows: ClassVar[int] = 24
+    least_rows: ClassVar[int] = READINGS.distance_rows
     _of_all: ClassVar[tuple[str, ...]] = ("name", "p_ee_stated_m", "p_instr_point_m")
     kind: ClassVar[str] = "distance"
     locates_by: ClassVar[LocatingMethod] = "ranging"

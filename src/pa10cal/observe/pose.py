@@ -20,13 +20,10 @@ from pa10cal.frame.target_problem import least_misfit_of_targets
 from pa10cal.observe import quantities
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points
+from pa10cal.rules import READINGS
 
 RAW_PLACE = ("x_mm", "y_mm", "z_mm")
 RAW_QUATERNION = ("qw", "qx", "qy", "qz")
-#: An orientation without a stated uncertainty is as certain as targets this far apart make it [m].
-_TARGET_SPREAD_M = 0.1
-#: A quaternion's length may differ from one by so much.
-_LENGTH_TOLERANCE = 0.01
 
 _PLACE = ("ee_x_mm", "ee_y_mm", "ee_z_mm")
 _QUATERNION = ("ee_qw", "ee_qx", "ee_qy", "ee_qz")
@@ -63,7 +60,7 @@ class Pose(Instrument):
     measures_pose: ClassVar[bool] = True
     sees_base: ClassVar[bool] = True
     uses_lines: ClassVar[bool] = True
-    least_rows: ClassVar[int] = 8
+    least_rows: ClassVar[int] = READINGS.pose_rows
 
     @classmethod
     def of(cls, T_instr_target: Array, cov: Array) -> Pose:
@@ -99,7 +96,7 @@ class Pose(Instrument):
         T = T_instr_ee.copy()
         for place_m in list(stated.targets_m.values())[:1]:
             T[:, :3, 3] += T[:, :3, :3] @ place_m
-        u_rad = stated.attitude_rad or stated.uncertainty_m / _TARGET_SPREAD_M
+        u_rad = stated.attitude_rad or stated.uncertainty_m / READINGS.target_spread_m
         cov = np.diag(np.repeat([stated.uncertainty_m**2, u_rad**2], 3))
         return Pose.of(T, np.broadcast_to(cov, (len(T), 6, 6)))
 
@@ -244,7 +241,7 @@ class Pose(Instrument):
         cls, columns: quantities.RawColumns, values: Array
     ) -> Iterable[quantities.Unusable]:
         length = np.linalg.norm(values[:, 3:], axis=1)
-        off = np.abs(length - 1.0) >= _LENGTH_TOLERANCE
+        off = np.abs(length - 1.0) >= READINGS.of_length
         found = (f"length {value:.4g}" for value in length[off])
         return (quantities.Unusable(off, "the quaternion is not of unit length", found),)
 
@@ -275,7 +272,7 @@ def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array
     turning = 2.0 * np.concatenate([-vector[:, :, None], by_vector], axis=2)
     stated = turning @ (u[:, :, None] ** 2 * np.swapaxes(turning, 1, 2))
     unstated = np.isnan(u.sum(axis=1))
-    assumed = (u_place_m / _TARGET_SPREAD_M) ** 2 * np.eye(3)
+    assumed = (u_place_m / READINGS.target_spread_m) ** 2 * np.eye(3)
     return np.where(unstated[:, None, None], assumed, stated)
 
 
@@ -289,9 +286,6 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 # Tooling balls, located by touches: they give the pose of the end-effector.
-
-#: Balls nearer to one line than this do not show a turn about it.
-_COLLINEAR_MM = 1.0
 
 
 @dataclass(frozen=True)
@@ -343,7 +337,7 @@ class Touched(Pose):
         """
         names = tuple(stated.targets_m)
         p_ee_mm = np.array([*stated.targets_m.values()]).reshape(-1, 3) / quantities.MM
-        if np.linalg.matrix_rank(p_ee_mm - p_ee_mm.mean(axis=0), tol=_COLLINEAR_MM) < 2:
+        if np.linalg.matrix_rank(p_ee_mm - p_ee_mm.mean(axis=0), tol=READINGS.collinear_mm) < 2:
             raise CalibrationError(
                 "these balls do not give an orientation",
                 where="targets",

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Mask, Rows, taken
-from pa10cal.frame.rigid_fit import LEVER_M, by_small_motion
+from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.rules import FRAMES
 
 
 @dataclass(frozen=True)
@@ -147,12 +148,15 @@ class Misfit:
     @property
     def size_m(self) -> Array:
         """Return the largest misfit of each pose (P,), a turn as far as it moves a target."""
-        return np.asarray(np.hypot(np.nanmax(self.length_m, axis=1), LEVER_M * self.turn_rad))
+        return np.asarray(
+            np.hypot(np.nanmax(self.length_m, axis=1), FRAMES.lever_m * self.turn_rad)
+        )
 
 
 # Targets carried by the end of the chain, and targets in the table of poses.
 
 AXES = "xyz"
+#: A millimetre in metres (unit).
 MM = 1e-3
 
 

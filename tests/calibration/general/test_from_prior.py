@@ -22,9 +22,9 @@ from pa10cal.discovery.discover import discover
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit import moved
 from pa10cal.fit.moved import Misfit
 from pa10cal.fit.problem import GaussianPrior, disagreement, gain_along, widened
+from pa10cal.rules import MOVED
 from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.structure import BaseDrift
@@ -253,8 +253,8 @@ def test_the_evidence_of_few_readings_is_that_of_the_likelihood_over_sizes_and_n
     rows, known = rng.normal(size=(7, 3)), rng.uniform(0.0, 2.0, 7)
     misfit = Misfit(rng.normal(size=7), rows, known)
     directions = np.array([size * np.eye(3)[:, :2] for size in (1.0, 10.0)])
-    levels = moved._LOUDER
-    likely = levels**-moved._LOUDER_POWER / np.sum(levels**-moved._LOUDER_POWER)
+    levels, power = np.array(MOVED.louder), MOVED.louder_power
+    likely = levels**-power / np.sum(levels**-power)
 
     def density(along):
         moves = rows @ along @ along.T @ rows.T

@@ -352,6 +352,7 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
 # parameters that it would give alone, in the unknowns of the group. Directions that it does not
 # determine stay where the group has them, within the reach of the unknowns, and count for nothing.
 
+#: Of a parameter, as it is shown, and the factor to it (unit).
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 
 

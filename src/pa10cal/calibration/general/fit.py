@@ -17,10 +17,11 @@ from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.rules import FIT, UNKNOWNS
-from pa10cal.fit.identifiability import NULL_RATIO, Identifiability, triangle_of
+from pa10cal.fit.identifiability import Identifiability, triangle_of
 from pa10cal.fit.problem import GaussianPrior, Problem, Rows, Solution
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
+from pa10cal.rules import PARAMETERS
 
 _STILL = "predictions stand still along directions that the poses hardly identify"
 
@@ -286,13 +287,13 @@ def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifi
     _, found, right = np.linalg.svd(beyond)
     size = np.zeros(len(right))
     size[: len(found)] = found
-    identified = size > max(1.0, NULL_RATIO * size[0])
+    identified = size > max(1.0, PARAMETERS.null_ratio * size[0])
     rank = known + int(np.count_nonzero(identified))
     part = np.abs(right[~identified])
     mostly = np.linalg.norm(part, axis=0) > np.linalg.norm(
         right[identified].T / size[identified], axis=1
     )
-    mostly |= np.any(part > 0.5 * part.max(axis=1, keepdims=True), axis=0)
+    mostly |= np.any(part > UNKNOWNS.mostly_share * part.max(axis=1, keepdims=True), axis=0)
     null_space = np.zeros((len(scale), len(part)))
     null_space[others] = np.linalg.qr(
         (right[~identified] * mostly * reach_of_others / scale[others]).T

@@ -189,7 +189,7 @@ class _Waves:
             assert spectrum is not None
             sizes = spectrum.sizes_rad(self.orders) / scatter
             if before and spectrum == before[k].spectrum:
-                sizes[2.0 * self.orders > before[k].knots] = COMPUTING.no_waves_rad
+                sizes[self.orders > before[k].knots / 2] = COMPUTING.no_waves_rad
             found.append(sizes)
         return np.concatenate(found)
 

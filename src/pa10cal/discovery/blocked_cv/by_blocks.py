@@ -488,7 +488,8 @@ def _motion_aside(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     without = replace(scorer, survey=replace(survey, wander=None))
     still = with_findings(replace(found, scorer=without), found.findings)
     components = max(int(survey.poses.measured.components_seen.sum()), 1)
-    by_chance = min(2.0 * len(found.extended.x) / components, BLOCKS.most_by_chance)
+    by_chance = BLOCKS.chance_shares * len(found.extended.x) / components
+    by_chance = min(by_chance, BLOCKS.most_by_chance)
     least_mm = np.sqrt(1.0 - by_chance) / NAMES.worse_ratio * found.train.after.rms_mm
     return found if still.train.after.rms_mm > least_mm else still
 

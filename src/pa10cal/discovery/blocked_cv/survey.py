@@ -26,13 +26,14 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, 
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.discovery.wander import Wander
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import FINE_ORDER, AngleCoverage, angles_seen
+from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
+from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, harmonics_at_knots
 from pa10cal.terms.term import Term
@@ -105,7 +106,7 @@ class Survey:
     @property
     def angles_seen(self) -> AngleCoverage:
         """Return the joint positions that the poses visit, fine enough for any map."""
-        order = np.where(self.context.arm.prismatic, 0.0, FINE_ORDER)
+        order = np.where(self.context.arm.prismatic, 0.0, ANGLES.fine_order)
         return angles_seen(self.poses.states.q_rad, order)
 
     def moving(self, wander: Wander) -> Survey:
