@@ -79,7 +79,9 @@ def bounds_in(tree):
             if isinstance(side, ast.BinOp) and isinstance(side.op, ast.Mult | ast.Div):
                 of_turns = ast.unparse(side.right) == "np.pi"
                 sides += [side.left] * (not of_turns) + [side.right] * isinstance(side.op, ast.Mult)
-            elif isinstance(side, ast.Constant) and type(side.value) is float:
+            elif isinstance(side, ast.Constant) and (
+                type(side.value) is float or (type(side.value) is int and side.value > 6)
+            ):  # a pose has six components
                 yield side
 
 
@@ -122,6 +124,7 @@ def test_numbers_that_bound_something_stand_on_a_page(path):
         "inflate = rows / max(rows - dof, 0.5 * rows)",
         "by_chance = min(2.0 * count / rows, most)",
         "near = far[size < 1e-3 * largest]",
+        "enough = len(rows) >= 10",
     ],
 )
 def test_a_number_that_bounds_something_is_found(line):
