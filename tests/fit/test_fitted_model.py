@@ -23,6 +23,7 @@ from pa10cal.fit.forward import MapMotion, position_covariance
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots
+from pa10cal.terms.effects.structure import ToolSag
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures, tool_frame
 
@@ -124,6 +125,24 @@ def test_targets_hang_on_the_flange():
     np.testing.assert_allclose(model.predict(q, frame="target_B").T[:, :3, 3], b, atol=1e-15)
     first = model.predict(q, frame="target_A").T
     np.testing.assert_array_equal(model.predict(q, frame="tool").T, first)
+
+
+def test_a_target_goes_with_a_tool_that_gives_way_and_the_flange_does_not():
+    model = fitted("ur10", 6, lambda arm: (*links_only(arm), ToolSag("tool")))
+    model = replace(model, targets_m=np.array([0.0, 0.1, 0.2]), target_names=("A",))
+    sag = model.model.columns_of(model.model.terms[-1])
+    stiff = replace(model, x=np.where(np.arange(len(model.x)) == sag.start, 0.0, model.x))
+    q = postures(model.arm, 5)
+    np.testing.assert_array_equal(model.predict(q).T, stiff.predict(q).T)
+    for frame in ("target_A", "tool"):
+        moved = (
+            model.predict(q, frame=frame).T[:, :3, 3] - stiff.predict(q, frame=frame).T[:, :3, 3]
+        )
+        R = model.predict(q).T[:, :3, :3]
+        across = np.einsum("pji,j->pi", R, [0.0, 0.0, -1.0]) * [1.0, 1.0, 0.0]
+        wanted = model.x[sag.start] * np.einsum("pij,pj->pi", R, across)
+        np.testing.assert_allclose(moved, wanted, atol=1e-9)
+    assert np.abs(moved).max() > 1e-6
 
 
 def moved_place(model, drawn, q, frame):

@@ -139,15 +139,20 @@ class Forward:
         # Of a group `tool` is that of the first campaign that measured poses.
         tools = model.tools
         own = tools.get(frame) or next(iter(tools.values()), None)
-        moving = [
-            term
-            for term in model.model.terms
-            if term.of != "instrument"
-            and not term.falsifies_log
-            and (term not in tools.values() or term is own)
-        ]
-        chosen = model.model.parameter_indices(*moving)
         on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
+
+        def moves(term: Term) -> bool:
+            """Return whether a term moves the frame in the base."""
+            if term.of == "instrument" or term.falsifies_log:
+                return False
+            if on_tool:
+                return term not in tools.values() or term is own
+            # Targets are placed in the flange, and go with a tool that gives way.
+            of_tool = bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
+            return not of_tool or not (term.constant or frame == FLANGE)
+
+        moving = [term for term in model.model.terms if moves(term)]
+        chosen = model.model.parameter_indices(*moving)
         T = np.eye(4)
         if on_tool:
             campaign = "" if own is None else own.name
@@ -320,7 +325,7 @@ class Forward:
         Returns:
             (N, 6, k) velocity of its origin over its angular velocity, along base axes.
         """
-        by_x = self.physical.jacobian_at(states, self.x, end, without=() if self.on_tool else TOOL)
+        by_x = self.physical.jacobian_at(states, self.x, end)
         by_base = end.screws[:, :, self.physical.chain.columns(BASE)]
         return self.at_frame(end, np.concatenate([by_x, by_base], axis=2))
 
@@ -334,10 +339,7 @@ class Forward:
         return own
 
     def _coordinates(self, states: PoseStates) -> Array:
-        at = self.physical.chain_coordinates(states, self.x)
-        if not self.on_tool:
-            at[:, self.physical.chain.columns(TOOL)] = 0.0
-        return at
+        return self.physical.chain_coordinates(states, self.x)
 
 
 def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:

@@ -106,17 +106,8 @@ class Model:
             lambda: self.jacobian_at(states, x, EndPose(T, screws(self._own_columns))),
         )
 
-    def jacobian_at(
-        self, states: PoseStates, x: Array, end: EndPose, without: tuple[str, ...] = ()
-    ) -> Array:
-        """Return the derivative of the pose by x, (P, 6, k), where the end and its screws are.
-
-        Coordinates `without` are held, so that what moves them moves nothing.
-        """
-        if without:
-            screws = end.screws.copy()
-            screws[:, :, self.chain.columns(without)] = 0.0
-            end = EndPose(end.T, screws)
+    def jacobian_at(self, states: PoseStates, x: Array, end: EndPose) -> Array:
+        """Return the derivative of the pose by x, (P, 6, k), where the end and its screws are."""
         jacobian = np.empty((len(states), 6, len(x)))
         terms, slices = zip(*self._slices, strict=True) if self._slices else ((), ())
         by_terms = self._by_terms(terms, [x[columns] for columns in slices], end, states, x)
