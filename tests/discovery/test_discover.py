@@ -100,6 +100,13 @@ def test_a_large_effect_is_named_whatever_the_instrument(campaign, instrument, h
     assert abs(found.value - true) < max(4.0 * found.std, 0.05 * true)
     assert verdict.holdout.after.mean_mm < 0.5 * verdict.holdout.before.mean_mm
     assert verdict.train.after.mean_mm < 1.2 * verdict.noise_floor_mm
+    assert_certain(verdict, verdict.holdout.poses)
+
+
+def assert_certain(verdict, poses):
+    """Nothing that no reading can tell, as how a base is turned, is in what predictions promise."""
+    u_mm = verdict.model.predict(poses.states.q_rad, frame="tool").u_mm
+    assert float(np.median(u_mm)) < 1.0
 
 
 def test_where_all_axes_are_parallel_the_height_of_a_target_stays_as_stated(campaign):
@@ -132,6 +139,7 @@ def test_where_poses_are_repeated_repeats_are_the_judge(campaign, instrument):
     assert verdict.prepared.torques == "masses"
     assert verdict.scorer.problem.torque is None
     assert names(verdict) == [(ECCENTRIC["id"], ECCENTRIC["of"])]
+    assert_certain(verdict, verdict.train.poses)
     assert all(
         entry.why == "the torques were not logged"
         for entry in verdict.not_testable

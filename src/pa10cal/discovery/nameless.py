@@ -18,6 +18,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
+from pa10cal.discovery.linear import held_of_base
 from pa10cal.discovery.other_numbers import FIELD
 from pa10cal.discovery.preparation import computable
 from pa10cal.fit.discrepancy import RowsAboutFit
@@ -128,9 +129,11 @@ def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -
 
 
 def _departures(model: Fitted) -> tuple[Term, ...]:
-    """Return departures of links, base and tool beside those of a model."""
+    """Return departures of links, base and tool beside those of a model; the base where it may."""
     links = [term for term in model.model.terms if term.constant and term.of == "links"]
-    return (*links, base_frame(), tool_frame())
+    base = base_frame()
+    free = zip(base.parameters, held_of_base(model), strict=True)
+    return (*links, base.only({one.name for one, held in free if not held}), tool_frame())
 
 
 def _nameless(

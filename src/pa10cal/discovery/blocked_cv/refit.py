@@ -239,6 +239,8 @@ class _NormalFit:
         self.middle = np.zeros(len(sizes))
         self.middle[: len(own.x)] = own.x
         self.middle[targets] = own.targets_m
+        self._held_with_base = np.zeros(len(sizes), dtype=bool)
+        self._held_with_base[first - 6 : first] = linear.held_of_base(survey.calibrated or own)
         # Physical range of every parameter.
         self.bounds = Bounds.of((*self._model.parameters, *measured.target_parameters))
 
@@ -278,10 +280,12 @@ class _NormalFit:
     def covariance(self, normal: Array, free: Mask) -> Array:
         """Return the covariance of all unknowns (k, k), zero of those that are not free.
 
-        Coordinates of targets of which the poses say nothing are held one by one, as calibrations
-        hold them as stated: where all axes are parallel the height of one is that of the base.
+        The base is held where the calibration held it. Coordinates of targets of which the poses
+        say nothing are held one by one, as calibrations hold them as stated: where all axes are
+        parallel the height of one is that of the base.
         """
-        free, covariance = free.copy(), _inverse(normal, self.prior, free)
+        free = free & ~self._held_with_base
+        covariance = _inverse(normal, self.prior, free)
         sizes2 = 1.0 / np.diag(self.prior)[self._targets]
         while len(sizes2):
             open_to = np.diag(covariance)[self._targets] / sizes2

@@ -14,6 +14,7 @@ from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
     by_every_joint,
+    held_of_base,
     residual,
     residual_and_jacobian,
     residual_then_jacobian,
@@ -434,12 +435,20 @@ def fit(
 
 
 def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
-    """Return the covariance (k, k) that data and expected sizes leave of all parameters."""
+    """Return the covariance (k, k) that data and expected sizes leave of all parameters.
+
+    Zero of the base where the calibration held it.
+    """
     weighed = _Weighed(problem, found.effects, found.sizes, found.variances, found.at)
-    information = weighed.equations(found.x).normal
+    free = np.ones(len(found.x), dtype=bool)
+    base = found.at.model.columns_of(found.at.model.terms[-1])
+    free[base] = ~held_of_base(problem.baseline)
+    own = np.ix_(free, free)
+    information = weighed.equations(found.x).normal[own]
     size = 1.0 / np.sqrt(np.diag(information))
-    inverse: Array = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)
-    return inverse
+    covariance = np.zeros((len(free), len(free)))
+    covariance[own] = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)
+    return covariance
 
 
 def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
