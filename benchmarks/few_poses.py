@@ -243,7 +243,7 @@ def base_and_tool(folder: Path, prior: FittedModel) -> FittedModel:
     """Return the earlier model with base and tool fitted anew."""
     from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.discovery.preparation import setup_of
-    from pa10cal.evaluation.holdout import placed
+    from pa10cal.evaluation.in_parts import placed
     from pa10cal.interface import read_campaign
     from pa10cal.options import DiscoveryOptions
 
@@ -258,7 +258,8 @@ def with_changes(folder: Path, prior: FittedModel, joints: list[int]) -> FittedM
     from pa10cal.calibration.general.case import fitted
     from pa10cal.calibration.general.fit import fit
     from pa10cal.calibration.general.other_campaign import prior_of
-    from pa10cal.calibration.general.problem import choose_unknowns, with_unknown_frames
+    from pa10cal.calibration.general.problem import with_unknown_frames
+    from pa10cal.calibration.general.unknowns import choose_unknowns
     from pa10cal.fit.loads import with_torques
     from pa10cal.interface import read_campaign
     from pa10cal.observe.observations import average_repeats

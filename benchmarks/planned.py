@@ -21,8 +21,10 @@ from pa10cal.fit.forward import pose_difference
 from pa10cal.interface import calibrate
 from pa10cal.observe.kinds import TrackerKind, instruments
 from pa10cal.options import DiscoveryOptions
+from pa10cal.pose_plan.expected import covariance_of, expected_rows, rms_mm
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.pose_plan.plan import PlanSetup, covariance_of, instrument_named, plan_poses, rms_mm
+from pa10cal.pose_plan.plan import plan_poses
+from pa10cal.pose_plan.setup import PlanSetup, instrument_named
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.campaign import SimulatedCampaign, simulate_campaign
 from pa10cal_lab.cell.effects.effect import JointState, with_added
@@ -124,7 +126,7 @@ class Cell:
     def expected_mm(self, q: Array, tested: Array, options: PlanOptions) -> float:
         """Return the tool's expected standard uncertainty over tested poses, rms."""
         setup = PlanSetup(self.arm, instrument_named(self.instrument), options)
-        rows = setup.expect(np.concatenate([q, tested]), CalibrationOptions())
+        rows = expected_rows(setup, np.concatenate([q, tested]), CalibrationOptions())
         return rms_mm(rows.tool[len(q) :], covariance_of(rows.white[: len(q)]))
 
     def simulated_mm(self, q: Array, tests: list[Array], seed: int) -> list[float]:

@@ -22,12 +22,12 @@ from pa10cal.calibration.general.placed import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.datasets.importing import import_campaigns, write_campaigns
 from pa10cal.datasets.readers import dataset_named
-from pa10cal.discovery.noise import share_inside
+from pa10cal.discovery.pose_scatter import share_inside
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.verdict_records import verdict_keys
-from pa10cal.evaluation.holdout import poses_for_model
+from pa10cal.evaluation.model_errors import poses_for_model
 from pa10cal.fit.angles_seen import angles_seen
-from pa10cal.observe.order import with_arrivals
+from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.options import DiscoveryOptions
 
 NAMES = ("ur10-a", "ur10-c")

@@ -11,15 +11,11 @@ from made_up_poses import at_joint, measured_poses, nothing
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, PoseStates, statics
 from pa10cal.discovery.evidence.by_repeats import ByRepeats, discover_by_repeats
+from pa10cal.discovery.evidence.candidates import split_testable
+from pa10cal.discovery.evidence.fit import EvidenceFit, covariance_of, fit
 from pa10cal.discovery.evidence.judge import Judgement
-from pa10cal.discovery.evidence.problem import (
-    EvidenceFit,
-    EvidenceProblem,
-    covariance_of,
-    fit,
-    prepare,
-)
-from pa10cal.discovery.evidence.search import EndOfSearch, ended_at, testable
+from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
+from pa10cal.discovery.evidence.search import EndOfSearch, ended_at
 from pa10cal.discovery.linear import moved_base
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.discovery.verdict import Verdict
@@ -99,7 +95,7 @@ class Measured:
 
     @cached_property
     def family(self) -> tuple[Effect, ...]:
-        return testable(self.problem, self.start, self.every)[0]
+        return split_testable(self.problem, self.start, self.every)[0]
 
     @cached_property
     def found(self) -> EndOfSearch:

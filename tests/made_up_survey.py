@@ -18,8 +18,8 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.pose import Pose
 from pa10cal_lab.cell.campaign import measure_campaign, robot_of
 from pa10cal_lab.cell.effects.effect import JointsEffect

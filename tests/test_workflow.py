@@ -241,7 +241,7 @@ def test_settings_figures_and_the_robot_are_inputs_and_words_are_none(checkout):
     assert jobs["evaluate"] == jobs["pictures"] == 1
     assert not {"ingest", "base_frame", "montecarlo"} & set(jobs)
 
-    (checkout.place / "src/pa10cal/figures/campaign/where.py").write_text("LINE = 1\n")
+    (checkout.place / "src/pa10cal/figures/campaign/residuals.py").write_text("LINE = 1\n")
     assert set(planned(checkout("-n", "figures")[1])) == {"pictures", "figures", "total"}
 
     # The campaign's own description of its robot is an input once it is there.

@@ -1,4 +1,4 @@
-"""Arrays by what they hold."""
+"""Array types, homogeneous transforms, choices of rows, and rows of records of arrays."""
 
 from __future__ import annotations
 
@@ -11,58 +11,64 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
+Rows = Index | Mask | slice
+Record = TypeVar("Record")
+
+#: Factor from the median absolute normal error to its standard deviation, 1 / Φ⁻¹(3/4).
+MEDIAN_TO_SIGMA = 1.4826
 
 
 def homogeneous(R: Array, p: Array) -> Array:
-    """Return the poses (..., 4, 4) of rotations (..., 3, 3) and places (..., 3)."""
+    """Return the transforms (..., 4, 4) of rotations (..., 3, 3) and positions (..., 3)."""
     T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
     return T
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """Return the proper rotations (..., 3, 3) nearest to matrices."""
+    """Return the proper rotations (..., 3, 3) nearest to matrices in the Frobenius norm."""
     U, _, Vt = np.linalg.svd(matrix)
     U[..., 2] *= np.linalg.det(U @ Vt)[..., None]
     return np.asarray(U @ Vt)
 
 
 def spread(count: int, most: int) -> Index:
-    """Return so many of `count` rows at most, spread over all of them."""
+    """Return at most `most` of `count` row numbers, evenly spread, rising."""
     return np.linspace(0, count - 1, min(count, most)).astype(np.intp)
 
 
 def drawn(count: int, most: int) -> Index:
-    """Return so many of `count` rows at most, drawn at random, the same each time, rising.
+    """Return at most `most` of `count` row numbers, drawn with a fixed seed, rising.
 
-    Not every n-th: rows may alternate.
+    They are not every n-th: rows may alternate between two kinds of pose.
     """
     return np.sort(np.random.default_rng(0).permutation(count)[:most])
 
 
-Rows = Index | Mask | slice
-R = TypeVar("R")
-
-#: Median of the size of a normal error to its standard deviation, 1 / Φ⁻¹(3/4).
-MEDIAN_TO_SIGMA = 1.4826
-
-
-def taken(record: R, rows: Rows, *of_all: str) -> R:
-    """Return a record of what has one entry a pose, with some of the poses.
+def take_rows(record: Record, rows: Rows, *of_all: str) -> Record:
+    """Return the record with only these rows of every per-pose field.
 
     Args:
-        record: a dataclass of arrays, of records of such, or of what can `take` rows itself.
-        of_all: names of fields that belong to all poses together, and stay.
+        record: a dataclass. A field is an array of one entry a pose, a record of such arrays, an
+            object with a method `take(rows)`, or None, which stays None.
+        of_all: names of fields that belong to all poses together and stay as they are. Every
+            field that is a number or a text must be among them. They are not passed on to
+            records within.
+
+    Raises:
+        TypeError: when a field is none of these.
     """
     known: Any = record
-    some = {}
+    chosen = {}
     for field in fields(known):
         value = getattr(known, field.name)
         if value is None or field.name in of_all:
             continue
         if isinstance(value, np.ndarray):
-            some[field.name] = value[rows]
+            chosen[field.name] = value[rows]
+        elif hasattr(value, "take"):
+            chosen[field.name] = value.take(rows)
         else:
-            some[field.name] = value.take(rows) if hasattr(value, "take") else taken(value, rows)
-    whole: R = replace(known, **some)
-    return whole
+            chosen[field.name] = take_rows(value, rows)
+    result: Record = replace(known, **chosen)
+    return result

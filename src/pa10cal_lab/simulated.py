@@ -22,7 +22,7 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import calibrate
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
-from pa10cal.calibration.general.problem import Unknowns, choose_unknowns
+from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
 from pa10cal.campaign import read
@@ -112,7 +112,7 @@ def payload_of_individual(individual: Robot) -> Payload | None:
 
 
 def draw_by_unknowns(
-    arm: Arm, plan: TrackerOptions, unknowns: Unknowns, rng: np.random.Generator
+    arm: Arm, plan: TrackerOptions, unknowns: ChosenUnknowns, rng: np.random.Generator
 ) -> Robot:
     """Draw an individual that departs by no parameter but those that a model holds.
 
@@ -130,7 +130,7 @@ def draw_by_unknowns(
     free = draw_individual(arm, plan, rng)
     T_ee_target, targets = free.T_ee_target.copy(), free.targets
     if instruments()[plan.instrument].measures_pose:
-        sought = set(unknowns.frame_names)
+        sought = {each.name for frame in unknowns.frames for each in frame.parameters}
         held = [f"tool_{axis}" not in sought for axis in "xyz"]
         T_ee_target[:3, 3][held] = 0.0
     else:
@@ -393,7 +393,7 @@ def _touched_scores(seed: int, options: CalibrationOptions) -> dict[str, float]:
 class _Scores(NamedTuple):
     """Scores of the campaigns of one case."""
 
-    unknowns: Unknowns  # parameters sought and left out, and names of all that were scored
+    unknowns: ChosenUnknowns  # parameters sought and left out, and names of all that were scored
     names: tuple[str, ...]
     parameters: Array  # (C, k) scores, nan where one had no interval
     predictions: Array  # (C, m) scores

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pa10cal.calibration.accuracy import HeldOut, gram
 from pa10cal.calibration.fit_summary import FitSummary, poses_needed
-from pa10cal.calibration.health import RIGID, GradeEvidence
+from pa10cal.calibration.grade_evidence import GradeEvidence
+from pa10cal.calibration.health import RIGID
 from pa10cal.calibration.health import health as health_of
-from pa10cal.calibration.uncertainty import HeldOut, gram
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Solution

@@ -11,8 +11,8 @@ from mended import QUATERNION, describe, mend, simulated
 from pa10cal.campaign import csv_rows, text_lines
 from pa10cal.campaign.bounds import bound_of
 from pa10cal.campaign.csv_rows import read_rows
-from pa10cal.campaign.nominal_fit import exchanged, not_rigid, stated_shape
 from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.target_labels import exchanged, not_rigid, stated_shape
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm
 

@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from made_up_sightings import sighted
-from pa10cal.campaign.headerless import label_endings
 from pa10cal.campaign.own_columns import TargetOfRow
 from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.row_targets import label_endings
 from pa10cal.errors import Pa10calError
 
 Q = [f"J{j}" for j in range(1, 7)]

@@ -18,9 +18,9 @@ from made_up_model import fitted, fitted_to, postures
 from made_up_pair import campaign, shifted
 from made_up_poses import context_of
 from pa10cal.arm.chain import Chain
+from pa10cal.arm.controller_poses import controller_pose
 from pa10cal.arm.description import Controller
-from pa10cal.arm.exports import controller_pose
-from pa10cal.campaign.table import commands_text
+from pa10cal.campaign.pose_lists import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.fit import compensation, fitted_model, loads

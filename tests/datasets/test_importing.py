@@ -16,13 +16,11 @@ import pytest
 from made_up_datasets import MADE_UP, SERIES_A, SERIES_C, edit, write_irb120
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.raw_rows import Quarantined
+from pa10cal.datasets.data_set import ImportedCampaign, Published
+from pa10cal.datasets.fetching import fetch, sha256
 from pa10cal.datasets.importing import (
-    ImportedCampaign,
-    Published,
     description,
-    fetch,
     import_campaigns,
-    sha256,
     table_bytes,
     write_campaigns,
 )

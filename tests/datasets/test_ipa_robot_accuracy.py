@@ -202,7 +202,7 @@ def test_real_campaigns_are_split_by_time(real, name):
 
 
 def test_the_real_files_are_the_pinned_ones(ipa_data):
-    from pa10cal.datasets.importing import differing_files
+    from pa10cal.datasets.fetching import differing_files
 
     dataset = DATASET
     sums = {name: dataset.published.sha256[name] for name in dataset.files}

@@ -10,7 +10,7 @@ from pa10cal.discovery.finding import DiagnosedFault, fault_of, faults_of_input,
 from pa10cal.discovery.preparation import effects_in
 from pa10cal.discovery.verdict import is_named
 from pa10cal.results.calibration import InputFinding
-from pa10cal.terms.effects.structure import BaseDrift
+from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.term import TermParameter
 from pa10cal.terms.weights import FaultText, LogFault, is_fault
 

@@ -11,11 +11,11 @@ from made_up_poses import shifted
 from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
 from pa10cal.discovery.gap import beside_motion
+from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
 from pa10cal.discovery.noise import same_circumstances, unweighted
 from pa10cal.discovery.preparation import Prepared
-from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.wander import motion_unexplained
 from pa10cal.terms.effects.effect import candidates
 

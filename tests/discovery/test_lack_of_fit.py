@@ -8,7 +8,8 @@ import pytest
 from made_up_arm import ARM, Missing, harmonic, measure, scored
 from pa10cal.arm.chain import Chain
 from pa10cal.discovery.evidence.by_repeats import channel_tests, evidence_lack_of_fit
-from pa10cal.discovery.evidence.problem import fit, prepare
+from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
 from pa10cal.discovery.lack_of_fit import drift, mean, periodogram

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pa10cal.discovery.motor_ripple import JointSeries, agreement, common_ratio, lines, witnesses
+from pa10cal.discovery.joint_series import JointSeries, agreement
+from pa10cal.discovery.motor_ripple import common_ratio, lines, witnesses
 
 NOISE_RAD = 40e-6
 ERROR_RAD = 280e-6
@@ -104,8 +105,8 @@ def test_campaigns_of_one_joint_are_one_witness():
 def test_a_line_that_shows_where_the_joint_stood_still_is_none_of_the_motor():
     joint = series("none", ripple_rad=0.0, poses=4000)
     every = [100.0 * order for order in (3, 7, 11)]
-    left = joint.left_rad + 30e-6 * np.cos(np.outer(joint.q_rad, every)).sum(axis=1)
-    divided = replace(joint, left_rad=left, torque_Nm=0 * left)
+    left = joint.residual_rad + 30e-6 * np.cos(np.outer(joint.q_rad, every)).sum(axis=1)
+    divided = replace(joint, residual_rad=left, torque_Nm=0 * left)
     for stated in (np.nan, 100.0):
         assert witnesses([[divided]], np.array([stated])) == (None,)
 

@@ -11,19 +11,20 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.room import PosturePoints
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
-from pa10cal.discovery.evidence import search as repeats
-from pa10cal.discovery.evidence.problem import EvidenceFit, EvidenceProblem, fit, prepare
+from pa10cal.discovery.evidence.candidates import split_testable
+from pa10cal.discovery.evidence.fit import EvidenceFit, fit
+from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.next_poses import (
     PairProbability,
     draw_near,
     poses_at_unseen_angles,
-    predicted,
     separating_poses,
     unresolved,
 )
 from pa10cal.discovery.other_numbers import NEXT_POSES
+from pa10cal.discovery.predicted_rows import predicted
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
 from pa10cal.errors import DiscoveryError
@@ -84,7 +85,7 @@ def measure(tmp_path_factory):
         setup = setup_of(found.description, ARM, options, DiscoveryOptions())
         problem = prepare(found.calibration, model.with_bends(), setup)
         start = fit(problem, (), (), (0.0, 0.0))
-        shown, refused = repeats.testable(problem, start, candidates(problem.context))
+        shown, refused = split_testable(problem, start, candidates(problem.context))
         return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
 
     return measured

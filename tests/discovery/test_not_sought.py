@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from made_up_arm import measure
-from pa10cal.discovery.discover import attitudes_off, discover, too_little
+from pa10cal.discovery.discover import discover
 from pa10cal.discovery.evidence.by_repeats import evidence_lack_of_fit
 from pa10cal.discovery.gap import errors_of
 from pa10cal.discovery.noise import same_circumstances
+from pa10cal.discovery.not_sought import orientations_off, too_few_poses
 from pa10cal.discovery.verdict_records import analysis_record, extended_record, verdict_record
 from pa10cal.observe.observations import reading_groups
 from pa10cal.stages.discover import verdict_lines
@@ -52,7 +53,7 @@ def once(made):
     ],
 )
 def test_what_too_small_a_campaign_lacks_is_said(made, some, why, remedy):
-    found = too_little(some(made), made.baseline)
+    found = too_few_poses(some(made), made.baseline)
     assert (found is None) == (why is None)
     if found is not None:
         assert why in found.why
@@ -61,11 +62,11 @@ def test_what_too_small_a_campaign_lacks_is_said(made, some, why, remedy):
 
 def test_orientations_of_another_convention_are_said(made):
     readings = made.readings
-    assert attitudes_off(readings, made.baseline) is None
+    assert orientations_off(readings, made.baseline) is None
     T = readings.measured.T_instr_target.copy()
     T[:, :3, :3] = T[:, :3, :3].transpose(0, 2, 1)
     inverted = replace(readings, measured=replace(readings.measured, T_instr_target=T))
-    assert "deg off those of the calibrated model" in attitudes_off(inverted, made.baseline).why
+    assert "deg off those of the calibrated model" in orientations_off(inverted, made.baseline).why
     found = discover(inverted, made.baseline, made.setup)
     assert (found.verdict, found.effects) == ("not_sought", ())
     assert "the sense of qw, qx, qy, qz" in found.remedy
@@ -79,7 +80,7 @@ def found(made):
 class TestVerdict:
     def test_it_is_the_calibrated_model(self, made, found):
         assert found.verdict == "not_sought"
-        assert found.why == too_little(once(made), made.baseline).why
+        assert found.why == too_few_poses(once(made), made.baseline).why
         assert found.model is made.baseline
         assert found.effects == found.next_poses(3).poses == ()
         assert found.holdout is None

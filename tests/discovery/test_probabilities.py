@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pa10cal.discovery.finding import Explanations, Finding, Rival, UnknownBeside
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
-from pa10cal.terms.effects.structure import BaseDrift
+from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.effects.unnamed import DirectionMap
 
 SURE = 1.0 - PROBABILITIES.unknown

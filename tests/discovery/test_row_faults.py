@@ -8,22 +8,22 @@ import pytest
 from made_up_arm import forced
 from made_up_poses import shifted
 from made_up_survey import observe
-from pa10cal.campaign.nominal_fit import EXCHANGED
 from pa10cal.campaign.raw_rows import quarantined
 from pa10cal.campaign.read import wrong_rows
 from pa10cal.campaign.screens import OFF_REPEATS
+from pa10cal.campaign.target_labels import EXCHANGED
 from pa10cal.discovery import discover as search
-from pa10cal.discovery.evidence.judge import confirm
+from pa10cal.discovery.evidence.confirmation import confirm
+from pa10cal.discovery.exchanged_loads import loads_exchanged
+from pa10cal.discovery.gross_errors import gross_errors
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import (
-    gross_errors,
     held_out_faults,
     influential_pose,
-    loads_exchanged,
     of_wrong_row,
     row_faults,
 )
-from pa10cal.fit.robust_weights import Tails
+from pa10cal.fit.tails import Tails
 from pa10cal.observe.pose import Touched
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.discovery import Unexplained

@@ -19,15 +19,9 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
-from pa10cal.evaluation.holdout import (
-    Evaluation,
-    constant_tool_twist,
-    held_out_errors,
-    held_out_record,
-    said_of_parts,
-    transfer_record,
-    worth_cutting,
-)
+from pa10cal.evaluation.holdout import Evaluation, held_out_record, said_of_parts, transfer_record
+from pa10cal.evaluation.in_parts import worth_cutting
+from pa10cal.evaluation.model_errors import constant_tool_twist, held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
@@ -227,7 +221,7 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
 
     found, still = record(Extended(model, steps_s=(step_s,))), record(Extended(model))
     assert [part.poses + part.held_out for part in found.parts] == [KNOCKED_AT, POSES - KNOCKED_AT]
-    whole = Evaluation(every, models, None, setup).judge(elsewhere=True)
+    whole = Evaluation(every, models, None, setup).judge_elsewhere()
     assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
     assert still.by_parts is still.parts is None
 
@@ -260,7 +254,7 @@ def judged_with_map(carried, knots):
     half = np.array([[-np.pi, 0.0]])
     seen = AngleCoverage((half, *[np.array([[-10.0, 10.0]])] * 5), (False,) * 6)
     extended = Extended(longer, seen)
-    return Evaluation(every, {"linear": model}, extended, setup).judge(elsewhere=True)
+    return Evaluation(every, {"linear": model}, extended, setup).judge_elsewhere()
 
 
 def test_all_models_are_judged_apart_where_the_source_saw_no_such_angle(carried):
@@ -290,7 +284,7 @@ def test_what_has_no_name_and_harms_elsewhere_leaves_the_effects_there(carried, 
         covariance=None,
     )
     models = {"off": off}
-    found = Evaluation(every, models, Extended(longer, None), setup).judge(elsewhere=True)
-    alone = Evaluation(every, {"right": model}, None, setup).judge(elsewhere=True)
+    found = Evaluation(every, models, Extended(longer, None), setup).judge_elsewhere()
+    alone = Evaluation(every, {"right": model}, None, setup).judge_elsewhere()
     assert found["extended"].rms_mm == pytest.approx(alone["right"].rms_mm, rel=1e-9)
     assert found["extended"].rms_mm < 0.9 * found["off"].rms_mm

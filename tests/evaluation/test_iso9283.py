@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.evaluation import iso9283
-from pa10cal.evaluation.holdout import held_out_errors
 from pa10cal.evaluation.iso9283 import iso9283_record, repeatability
+from pa10cal.evaluation.model_errors import held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import average_repeats

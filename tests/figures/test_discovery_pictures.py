@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import by_joint, where
+from pa10cal.figures.campaign import by_joint, gap_by_step, residuals
 from pa10cal.figures.campaign.by_joint import highest_told
 from pa10cal.figures.registry import NothingToShowError
 
@@ -42,7 +42,7 @@ def test_discovery_names_what_the_spoiled_campaign_hides(named):
 
 class TestBreakdown:
     def test_shows_both_fits_beside_the_floor_and_the_joint_stands_out(self, named):
-        found, axes = named.analysis, where.draw_where_breakdown(named).axes
+        found, axes = named.analysis, residuals.draw_where_breakdown(named).axes
         floor, before, after = (line.get_ydata() for line in axes[0].lines[:3])
         np.testing.assert_allclose(floor, [part.floor_mm for part in found.before.by_load])
         np.testing.assert_allclose(before, [part.rms_mm for part in found.before.by_load])
@@ -58,7 +58,7 @@ class TestBreakdown:
             (named, f"{named.analysis.before.pure_error.F:.0f} before (p < 0.001)"),
             (results, "before (p = "),
         ):
-            texts = texts_of(where.draw_where_breakdown(source))
+            texts = texts_of(residuals.draw_where_breakdown(source))
             assert any(text.startswith("F, variance") and said in text for text in texts)
 
     def test_a_temperature_that_was_not_logged_has_no_slope(self, changed, named):
@@ -67,7 +67,7 @@ class TestBreakdown:
                 drift["with_temperature_mm"] = None
 
         for source, bars in ((named, 4), (changed(unlogged), 2)):
-            assert len(where.draw_where_breakdown(source).axes[4].containers) == bars
+            assert len(residuals.draw_where_breakdown(source).axes[4].containers) == bars
 
     def test_a_campaign_without_repeats_and_directions_says_so(self, changed):
         def once(fit):
@@ -75,7 +75,7 @@ class TestBreakdown:
             for joint in fit["by_joint"]:
                 joint["arrivals"] = []
 
-        texts = texts_of(where.draw_where_breakdown(changed(once)))
+        texts = texts_of(residuals.draw_where_breakdown(changed(once)))
         assert "no direction was logged" in texts
         assert any(text.startswith("No pose was repeated") for text in texts)
 
@@ -107,7 +107,7 @@ class TestTorque:
 class TestGapByStep:
     def test_a_row_a_name_with_its_errors(self, named):
         found = named.analysis
-        texts = texts_of(where.draw_gap_by_step(named))
+        texts = texts_of(gap_by_step.draw_gap_by_step(named))
         assert {"calibrated model", "+ transmission error\n   joint 2"} <= set(texts)
         for step in found.naming:
             for errors in (step.train, step.holdout):
@@ -116,7 +116,7 @@ class TestGapByStep:
         assert found.naming[1].holdout.mean_mm < 0.3 * found.naming[0].holdout.mean_mm
 
     def test_one_row_where_nothing_was_named(self, results):
-        axes = where.draw_gap_by_step(results).axes[0]
+        axes = gap_by_step.draw_gap_by_step(results).axes[0]
         assert [label.get_text() for label in axes.get_yticklabels()] == ["calibrated model"]
 
     def test_without_held_out_poses(self, changed):
@@ -124,7 +124,7 @@ class TestGapByStep:
             for step in record["naming"]:
                 step["holdout"] = None
 
-        texts = texts_of(where.draw_gap_by_step(changed(of_record=none)))
+        texts = texts_of(gap_by_step.draw_gap_by_step(changed(of_record=none)))
         assert "poses fitted" in texts
         assert not any("held-out" in text for text in texts)
 

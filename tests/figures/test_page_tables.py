@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from pa10cal.figures.campaign.where import tabulate_suspected_outliers
+from pa10cal.figures.campaign.residuals import tabulate_suspected_outliers
 from pa10cal.figures.draw import draw_all, of_campaign
 from pa10cal.figures.table import write_table
 from pa10cal.reports.accuracy import accuracy, parameters, reductions_grid

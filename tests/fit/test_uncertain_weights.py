@@ -13,7 +13,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
 from pa10cal.fit.loads import statics_of, weighed, with_torques
-from pa10cal.fit.weighed_arm import (
+from pa10cal.fit.uncertain_weights import (
     open_unknowns,
     unknown_tool,
     weight_sizes,

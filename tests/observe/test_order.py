@@ -10,18 +10,15 @@ import pytest
 from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
+from pa10cal.observe.arrivals import end_travel, move_shares, reversed_joints, with_arrivals
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
-    end_travel,
     goes_with,
     like_a_scan,
     measured_again,
-    move_shares,
     partings,
-    reversed_joints,
     slow_joints,
-    with_arrivals,
     with_places,
     with_time_validity,
 )

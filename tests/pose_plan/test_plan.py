@@ -11,7 +11,8 @@ from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
 from pa10cal.pose_plan.options import PlanOptions
-from pa10cal.pose_plan.plan import PlanSetup, path_length, plan_poses, short_path
+from pa10cal.pose_plan.plan import plan_poses
+from pa10cal.pose_plan.setup import PlanSetup
 
 FEW = {"candidates": 150, "effects": 0.0}
 
@@ -83,14 +84,6 @@ def test_loads_show_springs_and_there_are_candidates_for_every_pose():
     assert loaded.expected.springs
     of_loaded, of_once = (plan.expected.parameters["windup_2"].std for plan in (loaded, once))
     assert of_loaded < of_once
-
-
-def test_a_short_path_is_no_longer_than_the_order_given():
-    for seed in range(5):
-        q = np.random.default_rng(seed).normal(size=(30, 6))
-        order = short_path(q)
-        assert sorted(order) == list(range(30))
-        assert path_length(q[order]) < 0.7 * path_length(q)
 
 
 @pytest.mark.slow_but_one_in(9)

@@ -3,7 +3,7 @@ import pytest
 
 from made_up_parameters import solved_parameters
 from made_up_poses import states_of
-from pa10cal.arm.statics import reported_name
+from pa10cal.arm.joint_stiffness import reported_name
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances

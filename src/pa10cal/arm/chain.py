@@ -34,8 +34,8 @@ def roll_pitch_yaw(R: Array) -> Array:
     """
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     yaw = np.arctan2(R[1, 0], R[0, 0])
-    left = Rotation.from_euler("xyz", [0.0, pitch, yaw]).as_matrix().T @ R
-    roll = np.arctan2(left[2, 1] - left[1, 2], left[1, 1] + left[2, 2])
+    about_x = Rotation.from_euler("xyz", [0.0, pitch, yaw]).as_matrix().T @ R
+    roll = np.arctan2(about_x[2, 1] - about_x[1, 2], about_x[1, 1] + about_x[2, 2])
     return np.array([roll, pitch, yaw])
 
 
@@ -271,7 +271,7 @@ def long_links(arm: Arm) -> tuple[int, ...]:
 
 
 def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Array], Array]:
-    """Carry the frame along the chain, telling `note` of it before every motion.
+    """Compute the end frame of the chain, calling `note` with the frame before every motion.
 
     The frame is kept as its three axes, each (3, P): a rotation then touches two of them.
     """
@@ -280,7 +280,7 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
     origin = np.zeros((3, count))
     values = np.ascontiguousarray(coordinates.T)
     moves = values.any(axis=1)
-    # Most coordinates are the same in every pose: one sine serves all.
+    # Most coordinates are the same in every pose: their sine is computed once.
     same = moves & (values == values[:, :1]).all(axis=1)
     varies = np.flatnonzero(moves & ~same)
     first = values[:, 0] if count else np.zeros(len(values))
@@ -311,7 +311,7 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
 
 
 def _placed(frame: list[Array], origin: Array, T: Array) -> tuple[list[Array], Array]:
-    """Carry a frame, given by its axes and origin, over a constant one."""
+    """Compose a frame, given by its axes and origin, with a constant one."""
     axes = np.concatenate(frame).reshape(3, -1)
     moved = (T[:3].T @ axes).reshape(4, 3, -1)
     return [*moved[:3]], origin + moved[3]
@@ -352,9 +352,9 @@ _POSTURES, _SEED = 300, 20080427
 
 
 def mean_distance(first: Arm, other: Arm) -> tuple[float, float, float]:
-    """Return how far the ends of two arms of as many joints are apart over all postures.
+    """Return the difference of the end poses of two arms with equally many joints.
 
-    These are the mean [m], the largest [m], and the largest angle between them [rad].
+    Over random postures: mean and largest distance [m], and largest angle [rad].
     """
     low, high = first.limits_rad.T
     q = np.random.default_rng(_SEED).uniform(low, high, (_POSTURES, first.n))
@@ -383,10 +383,10 @@ def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
 
 
 def moved_frames(chain: Chain, coordinates: Array, T_base_frames: Array) -> tuple[Array, Array]:
-    """Return other frames that the joints carry along, moved from nominal, and the flange.
+    """Return other frames fixed to the links, as calibration moves them, and the flange (4, 4).
 
-    They are given in the base as designed, (n, 4, 4), and so placed that their joints' axes, in
-    their own axes, are as they were; see `carried_frames`.
+    Frame k of `T_base_frames` (n, 4, 4) is fixed, by its pose in the nominal arm, to the frame that
+    joint k carries along; see `carried_frames`.
     """
     designed, _ = carried_frames(chain, chain.nominal)
     calibrated, T_base_flange = carried_frames(chain, coordinates)

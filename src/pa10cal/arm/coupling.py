@@ -1,4 +1,4 @@
-"""Joints that follow from what a controller counts: C of q = C c, axes c to joints q.
+"""Coupled joints: positions q = C c of joints by the axes c that a controller counts.
 
 Most controllers count every joint by itself. Some log joint 3 to the horizontal (FANUC,
 parallelograms), turn a wrist's last joint by its gears, or raise a quill as it turns; and one motor
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index
 
-#: A determinant below this says that two joints are one.
+#: Determinant below which C of the joints with an axis counts as singular.
 _ONE_JOINT = 1e-6
 
 
@@ -28,7 +28,7 @@ class CoupledJoint:
     joint: int
     by: int
     factor: float  # how far, in radians or metres of the joint a radian or metre of that axis
-    follows: bool = False  # whether it has no axis of its own
+    follows: bool = False  # whether the joint has no axis of its own
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Coupling:
 
     @property
     def none(self) -> bool:
-        """Return whether the controller counts what the joints are at."""
+        """Return whether every joint is an axis of its own."""
         return not self.joints
 
     @cached_property
@@ -59,18 +59,18 @@ class Coupling:
 
     @cached_property
     def inverse(self) -> Array:
-        """Return what takes joints to axes, (m, n): zero for joints without an axis."""
+        """Return the matrix (m, n) of c by q, with zeros for joints without an axis."""
         back = np.zeros((len(self.own), self.n))
         back[:, self.own] = np.linalg.inv(self.matrix[self.own])
         return back
 
     @property
     def singular(self) -> bool:
-        """Return whether two joints would be one: some axes move none of the arm."""
+        """Return whether some motion of the axes moves no joint that has an axis."""
         return bool(abs(np.linalg.det(self.matrix[self.own])) < _ONE_JOINT)
 
     def leads(self, joint: int) -> CoupledJoint | None:
-        """Return what a joint, from 0, follows alone: one that is coupled to none itself."""
+        """Return the coupling of a joint, from 0, that only follows an uncoupled one; else None."""
         entries = [each for each in self.joints if each.joint == joint + 1]
         if len(entries) != 1 or not entries[0].follows:
             return None
@@ -94,7 +94,7 @@ class Coupling:
         return u_axes if self.none else np.sqrt(u_axes**2 @ self.matrix.T**2)
 
     def beside_joints(self, of_axes: Array) -> Array:
-        """Return what is known of each axis (P, m) by joints (P, n), nan where there is no axis."""
+        """Return values of axes (P, m) by joints (P, n), nan for joints without an axis."""
         if len(self.own) == self.n:
             return of_axes
         known = np.full((len(of_axes), self.n), np.nan)
@@ -102,7 +102,7 @@ class Coupling:
         return known
 
     def arrivals(self, of_axes: Array) -> Array:
-        """Return the side from which each joint (P, n) arrives: without an axis, as its motor."""
+        """Return the direction of arrival of each joint, (P, n), from those of the axes (P, m)."""
         if len(self.own) == self.n:
             return of_axes
         sides = np.sign(of_axes @ self.matrix.T)
@@ -119,7 +119,7 @@ class Coupling:
     def axis_ranges(self, limits: Array) -> Array:
         """Return the widest range of every axis (m, 2) whose limits (m, 2) are those of its joint.
 
-        They may be meant of the axis as well, which counts what its joint is at and others.
+        Stated limits may be meant for the axis itself: the range includes these too.
         """
         if self.none:
             return limits
@@ -129,10 +129,10 @@ class Coupling:
         return np.column_stack([np.minimum(low, limits[:, 0]), np.maximum(high, limits[:, 1])])
 
     def turns(self, prismatic: NDArray[np.bool_]) -> Array:
-        """Return by how much axes change (m, m) for a whole turn of each joint that has one.
+        """Return the changes of the axes (m, m) by a full turn of each joint with an axis.
 
-        The pose stays. Zero of joints that slide, and of those whose turn moves others otherwise
-        than by whole turns.
+        These leave the pose unchanged. They are zero for joints that slide, and for those whose
+        turn moves another joint by other than full turns.
         """
         shifts = 2.0 * np.pi * self.inverse.T[self.own]
         moved = self.to_joints(shifts) if not self.none else shifts

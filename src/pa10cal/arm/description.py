@@ -16,7 +16,7 @@ from pa10cal.errors import ArmError
 # How well the weights of an arm are known.
 #
 # An arm described without masses still sags under its weight. It gets masses and centres assumed
-# from its lengths alone (`statics.with_assumed_weights`), with uncertainties as wide as they are
+# from its lengths alone (`arm.assumed_weights`), with uncertainties as wide as they are
 # unknown, so that all that needs torques and moments works for it. What its poses then show is
 # stiffness over weight.
 

@@ -1,20 +1,29 @@
-"""A calibrated arm for other programs: URDF, a user's own URDF, poses to send."""
+"""A calibrated arm as URDF: of its chain alone, or a user's own URDF with calibrated origins."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames
-from pa10cal.arm.urdf_reading import MOVING, UrdfJoint, as_comment, origin_of, parse_urdf, read_tree
-from pa10cal.arrays import Array, homogeneous
+from pa10cal.arm.urdf_reading import (
+    MOVING,
+    UrdfJoint,
+    UrdfTree,
+    as_comment,
+    origin_of,
+    parse_urdf,
+    read_tree,
+)
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError, visible
+
+#: How far a URDF and the description of its arm may differ [m, rad]: its numbers may be rounded.
+_SAME = 1e-5
+FLANGE = "flange"
 
 
 def urdf_text(
@@ -90,13 +99,6 @@ def _joint(
     return joint
 
 
-# A user's own URDF with the origins of a calibrated arm; all else in it stays.
-
-#: How far a URDF and the description of its arm may differ [m, rad]: its numbers may be rounded.
-_SAME = 1e-5
-FLANGE = "flange"
-
-
 @dataclass(frozen=True)
 class UrdfSource:
     """The URDF that an arm came from."""
@@ -134,68 +136,88 @@ def patched_urdf(
     """
     tree = read_tree(source.text, source.where)
     _, _, path = tree.path(source.base, source.tip)
+    # Position of each joint with all axes at zero: that of a follower is the offset of its mimicry.
+    at_zero = {name: leader.offset for name, leader in tree.leaders(path).items()}
+    T_base = _link_poses(tree, source.base, at_zero)
     joints = [joint for joint in path if joint.kind in MOVING]
-    # All joints at zero, and those that follow one where they are then.
-    at = {name: leader.offset for name, leader in tree.leaders(path).items()}
-    T_root = {tree.root: np.eye(4)}
-    for joint in tree.below(tree.root):
-        T_root[joint.child] = T_root[joint.parent] @ joint.origin_at(at.get(joint.name, 0.0))
-    T_base = {link: np.linalg.inv(T_root[source.base]) @ T for link, T in T_root.items()}
-    own = np.array([T_base[joint.child] for joint in joints])
-    _refuse_another_arm(source, chain, joints, own, T_base[source.tip])
-    moved, T_base_flange = moved_frames(chain, coordinates, own)
-    placed_at = {joint.child: T for joint, T in zip(joints, moved, strict=True)}
+    T_base_joints = np.array([T_base[joint.child] for joint in joints])
+    _refuse_another_arm(source, chain, joints, T_base_joints, T_base[source.tip])
+    moved, T_base_flange = moved_frames(chain, coordinates, T_base_joints)
+    wanted = {joint.child: T for joint, T in zip(joints, moved, strict=True)}
     if path[-1].kind == "fixed":
-        placed_at[path[-1].child] = T_base_flange
+        wanted[path[-1].child] = T_base_flange
     origins, T = {}, T_base[path[0].parent]
     for joint in path:
-        if joint.child in placed_at:
-            off = np.linalg.inv(joint.origin_at(0.0)) @ joint.origin_at(at.get(joint.name, 0.0))
-            origins[joint.name] = np.linalg.inv(T) @ placed_at[joint.child] @ np.linalg.inv(off)
-            T = placed_at[joint.child]
+        if joint.child in wanted:
+            motion = np.linalg.inv(joint.origin_at(0.0)) @ joint.origin_at(
+                at_zero.get(joint.name, 0.0)
+            )
+            origins[joint.name] = np.linalg.inv(T) @ wanted[joint.child] @ np.linalg.inv(motion)
+            T = wanted[joint.child]
         else:
             T = T @ joint.origin_at(0.0)
     file = parse_urdf(source.text, comments=True)
-    for element in file.robot.findall("joint"):
-        if element.get("name") in origins:
-            origin = element.find("origin")
-            if origin is None:
-                origin = ElementTree.Element("origin")
-                origin.tail = element.text
-                element.insert(0, origin)
-            origin.attrib.update(origin_of(origins[str(element.get("name"))]))
-    taken = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
-
-    def add_fixed(parent: str, name: str, T: Array) -> str:
-        """Add a link and the fixed joint that carries it; return the link's name."""
-        link, joint = (
-            word if word not in taken else f"{word}_pa10cal" for word in (name, f"to_{name}")
-        )
-        taken.update((link, joint))
-        _joint(file.robot, joint, "fixed", parent, link, T).tail = "\n"
-        file.robot[-2].tail = "\n  "
-        return link
-
+    _write_origins(file.robot, origins)
+    used = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
     # The flange, where the tip is not its link, and further links fixed to it.
     T_tip_flange, flange = np.linalg.inv(T) @ T_base_flange, source.tip
     if flange != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
-        flange = add_fixed(source.tip, FLANGE, T_tip_flange)
+        flange = _add_fixed(file.robot, source.tip, FLANGE, T_tip_flange, used)
     for name, T_flange_link in frames.items():
-        add_fixed(flange, name, T_flange_link)
+        _add_fixed(file.robot, flange, name, T_flange_link, used)
     return file.text(*comments)
 
 
+def _link_poses(tree: UrdfTree, base: str, positions: Mapping[str, float]) -> dict[str, Array]:
+    """Return the poses (4, 4) of all links in `base`; joints without a position are at zero."""
+    T_root = {tree.root: np.eye(4)}
+    for joint in tree.below(tree.root):
+        T = joint.origin_at(positions.get(joint.name, 0.0))
+        T_root[joint.child] = T_root[joint.parent] @ T
+    return {link: np.linalg.inv(T_root[base]) @ T for link, T in T_root.items()}
+
+
+def _write_origins(robot: ElementTree.Element, origins: Mapping[str, Array]) -> None:
+    """Set the origins of joints to poses (4, 4), by the joints' names."""
+    for element in robot.findall("joint"):
+        name = element.get("name", "")
+        if name not in origins:
+            continue
+        origin = element.find("origin")
+        if origin is None:
+            origin = ElementTree.Element("origin")
+            origin.tail = element.text
+            element.insert(0, origin)
+        origin.attrib.update(origin_of(origins[name]))
+
+
+def _add_fixed(robot: ElementTree.Element, parent: str, name: str, T: Array, used: set[str]) -> str:
+    """Add a link and the fixed joint that carries it at pose T; return the link's name.
+
+    Names that are in use get a suffix; those added count as used from then on.
+    """
+    link, joint = (word if word not in used else f"{word}_pa10cal" for word in (name, f"to_{name}"))
+    used.update((link, joint))
+    _joint(robot, joint, "fixed", parent, link, T).tail = "\n"
+    robot[-2].tail = "\n  "
+    return link
+
+
 def _refuse_another_arm(
-    source: UrdfSource, chain: Chain, joints: list[UrdfJoint], own: Array, T_base_tip: Array
+    source: UrdfSource,
+    chain: Chain,
+    joints: list[UrdfJoint],
+    T_base_joints: Array,
+    T_base_tip: Array,
 ) -> None:
-    """Refuse a URDF whose joint axes or tip are not those of the chain as designed."""
+    """Refuse a URDF whose joint axes or tip differ from those of the nominal chain."""
     off = np.inf
     if len(joints) == chain.arm.n:
         designed, T_base_flange = carried_frames(chain, chain.nominal)
         axes = np.array([joint.axis for joint in joints])
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        along = np.einsum("kij,kj->ki", own[:, :3, :3], axes)
-        beside = np.cross(own[:, :3, 3] - designed[:, :3, 3], designed[:, :3, 2])
+        along = np.einsum("kij,kj->ki", T_base_joints[:, :3, :3], axes)
+        beside = np.cross(T_base_joints[:, :3, 3] - designed[:, :3, 3], designed[:, :3, 2])
         beside[chain.arm.prismatic] = 0.0
         differences = (along - designed[:, :3, 2], beside, T_base_tip - T_base_flange)
         off = max(float(np.abs(difference).max()) for difference in differences)
@@ -208,96 +230,3 @@ def _refuse_another_arm(
             allowed=f"the URDF from which {chain.arm.name} was imported",
             remedy="import the arm again from this URDF, or give the one it came from",
         )
-
-
-# Poses as the controllers of robots write them.
-
-#: A, B, C of KUKA turn about z, the new y, the new x; roll, pitch, yaw about fixed x, y, z (W, P, R
-#: of Fanuc); a rotation vector is that of Universal Robots.
-Angles = Literal["ABC", "quaternion", "rpy", "rotation_vector"]
-#: Columns of an orientation, and it as numbers (..., 3 or 4) and back, by how it is written.
-_ORIENTATION: dict[
-    str, tuple[tuple[str, ...], Callable[[Rotation], Array], Callable[[Array], Rotation]]
-] = {
-    "ABC": (
-        ("A_deg", "B_deg", "C_deg"),
-        lambda R: R.as_euler("ZYX", degrees=True),
-        lambda turn: Rotation.from_euler("ZYX", turn, degrees=True),
-    ),
-    "quaternion": (
-        ("qw", "qx", "qy", "qz"),
-        lambda R: R.as_quat(canonical=True, scalar_first=True),
-        lambda turn: Rotation.from_quat(turn, scalar_first=True),
-    ),
-    "rpy": (
-        ("roll_deg", "pitch_deg", "yaw_deg"),
-        lambda R: R.as_euler("ZYX", degrees=True)[:, ::-1],
-        lambda turn: Rotation.from_euler("ZYX", turn[::-1], degrees=True),
-    ),
-    "rotation_vector": (
-        ("rx_rad", "ry_rad", "rz_rad"),
-        lambda R: R.as_rotvec(),
-        lambda turn: Rotation.from_rotvec(turn),
-    ),
-}
-#: Quaternions are written with a few digits; further from length one they are something else.
-_UNIT_LENGTH = 1e-2
-
-
-def controller_columns(T: Array, angles: Angles) -> dict[str, Array]:
-    """Return poses (N, 4, 4) [m] in the form of a controller.
-
-    Args:
-        angles: `ABC`, intrinsic z-y-x in degrees; `quaternion`, scalar first; `rpy`, roll, pitch
-            and yaw about fixed axes x, y, z in degrees; `rotation_vector`, axis times angle [rad].
-
-    Returns:
-        `x_mm`, `y_mm`, `z_mm` and the orientation's columns, (N,) each.
-
-    Raises:
-        ArmError: when there are no such angles.
-    """
-    columns, written, _ = _orientation(angles)
-    with warnings.catch_warnings():
-        # At B = ±90 degrees A and C are not unique; one pair is as good as another.
-        warnings.simplefilter("ignore")
-        turned = written(Rotation.from_matrix(T[:, :3, :3]))
-    values = np.column_stack([1e3 * T[:, :3, 3], turned])
-    return dict(zip(("x_mm", "y_mm", "z_mm", *columns), values.T, strict=True))
-
-
-def controller_pose(values: Sequence[float], angles: Angles) -> Array:
-    """Return the pose (4, 4) [m] that a controller writes so; see `controller_columns`.
-
-    Raises:
-        ArmError: when there are no such angles, or not as many numbers as they need.
-    """
-    columns, _, read = _orientation(angles)
-    names = ("x_mm", "y_mm", "z_mm", *columns)
-    found = np.asarray(values, dtype=float)
-    wrong = found.shape != (len(names),) or not np.isfinite(found).all()
-    if not wrong and angles == "quaternion":
-        wrong = abs(float(np.linalg.norm(found[3:])) - 1.0) > _UNIT_LENGTH
-    if wrong:
-        raise ArmError(
-            "not the pose of a tool in the flange",
-            where="tcp",
-            value=list(values),
-            allowed=" ".join(names),
-            remedy=f"give {len(names)} numbers as the controller shows its TCP",
-        )
-    return homogeneous(read(found[3:]).as_matrix(), 1e-3 * found[:3])
-
-
-def _orientation(
-    angles: str,
-) -> tuple[tuple[str, ...], Callable[[Rotation], Array], Callable[[Array], Rotation]]:
-    if angles not in _ORIENTATION:
-        raise ArmError(
-            "unknown angle convention",
-            where="angles",
-            value=angles,
-            allowed=", ".join(get_args(Angles)),
-            remedy="choose those of your controller",
-        )
-    return _ORIENTATION[angles]

@@ -15,14 +15,14 @@ import numpy as np
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arrays import Array, Mask
 
-#: Directions shorter than this have none [m].
+#: Shorter vectors have no direction [m].
 _NOWHERE_M = 1e-12
-#: Joint positions are chosen as files have them [deg, mm].
+#: Decimals of joint positions, as files have them [deg, mm].
 _DECIMALS = 3
 #: Postures drawn at once, a power of two as Sobol's sequence needs, and how often at most.
 _AT_ONCE = 2**14
 _MOST_DRAWS = 60
-#: After so many draws of which nothing is left, nothing will be.
+#: Draws without any admissible posture after which drawing ends.
 _HOPELESS = 6
 
 
@@ -62,7 +62,7 @@ class PosturePoints:
         return len(self.T_base_ee)
 
 
-#: Where postures may be: says which of P postures keep to it, (P,).
+#: A constraint returns which of P postures satisfy it, (P,).
 Constraint = Callable[[PosturePoints], Mask]
 
 
@@ -176,17 +176,16 @@ def facing(p_base_instrument: Array, axis_ee: Array, most_rad: float) -> Constra
 
 
 def admissible(at: PosturePoints, constraints: Sequence[Constraint]) -> tuple[Mask, list[int]]:
-    """Return which postures (P,) keep to all constraints, and how many each one removed.
+    """Return which postures (P,) satisfy all constraints, and how many each one removed.
 
-    Each, in this order, removes from what those before it left.
+    Constraints apply in this order: each removes from those that the ones before it admitted.
     """
     allowed = np.ones(len(at), dtype=np.bool_)
     removed = []
     for constraint in constraints:
-        left = at.take(allowed)
-        kept = constraint(left)
-        removed.append(int((~kept).sum()))
-        allowed[np.flatnonzero(allowed)[~kept]] = False
+        satisfied = constraint(at.take(allowed))
+        removed.append(int((~satisfied).sum()))
+        allowed[np.flatnonzero(allowed)[~satisfied]] = False
     return allowed, removed
 
 
@@ -195,8 +194,8 @@ class Candidates:
     """Poses that could be measured."""
 
     q: Array  # (N, n) joint positions [rad, or m of a prismatic joint]
-    drawn: int  # how many were drawn
-    # how many of these each constraint removed, by what states it
+    drawn: int  # number of poses drawn
+    # number of poses that each constraint removed, by its name
     removed: dict[str, int]
 
 
@@ -208,12 +207,12 @@ def draw_within(
     wanted: int,
     random_seed: int,
 ) -> Candidates:
-    """Draw poses by Sobol's sequence, and keep those within all constraints.
+    """Draw poses by Sobol's sequence until enough satisfy all constraints.
 
     Args:
         ranges: least and largest positions of the axes, (m,) each [rad, m].
-        constraints: the quickest first, by what states them.
-        wanted: N at most; fewer where hardly any pose keeps to the constraints.
+        constraints: by name, the quickest first.
+        wanted: N; fewer are returned where hardly any pose satisfies the constraints.
     """
     low, high = ranges
     unit, coupling = np.where(chain.arm.axes_slide, 1e-3, np.radians(1.0)), chain.arm.coupling

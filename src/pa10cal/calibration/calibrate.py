@@ -1,15 +1,10 @@
-"""The calibration of one load case, from measured poses to parameters with uncertainties."""
+"""The paper's calibration of poses: parameters of the arm with uncertainties, on two levels."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import lstsq
-from scipy.optimize import least_squares
 
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
@@ -17,13 +12,13 @@ from pa10cal.calibration.general.problem import check_enough
 from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import FIT
+from pa10cal.calibration.two_level_solver import solve
 from pa10cal.calibration.uncertainty import propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import Identifiability, identify, not_identifiable
-from pa10cal.fit.problem import Problem, Rows, Solution
-from pa10cal.numerics.least_squares import Bounds
+from pa10cal.fit.problem import Problem, Solution
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
@@ -32,19 +27,19 @@ from pa10cal.terms.term import yields
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated model."""
+    """A solved two-level problem of k parameters and N poses."""
 
-    level: TwoLevel  # the problem that was solved
+    level: TwoLevel  # the problem
     solution: Solution  # the best of all starts
-    starts: tuple[Solution, ...]  # where every start ended, in order
+    starts: tuple[Solution, ...]  # solutions from all starts, in order
     terms: Array  # (r, k) tolerance rows
     inner_poses: tuple[str, ...]  # labels of the poses of the inner level
     problem: Problem  # the same on one level, about the base frame found
-    jacobian: Array  # (N, 6, k + 6) of its rows by all unknowns, base frame included
-    identifiability: Identifiability  # of these
+    jacobian: Array  # (N, 6, k + 6) of its rows by all unknowns, six motions of the base the last
+    identifiability: Identifiability  # of all these unknowns
     # names of the parameters that take part in directions that the data do not identify
     not_identifiable: frozenset[str]
-    # (k + 6, k + 6) of parameters and of six small motions of the base, along its own axes
+    # (k + 6, k + 6) of the parameters and of six small motions of the base along its own axes
     covariance: Array
 
     @property
@@ -59,12 +54,16 @@ class Calibration:
 
     @property
     def starts_agreeing(self) -> int:
-        """Return how many starts ended at the best cost."""
+        """Return the number of starts that ended at the best cost."""
         best = self.solution.cost
         return sum(start.cost <= best * (1.0 + FIT.same_cost) for start in self.starts)
 
     def model(self, payload: Payload | None) -> FittedModel:
-        """Return the fitted model; no payload where none is known."""
+        """Return the fitted model.
+
+        Args:
+            payload: what the arm carries; None where it is not known.
+        """
         return FittedModel(
             model=self.level.model,
             x=self.solution.x,
@@ -86,8 +85,8 @@ def calibrate(
 
     Args:
         model: chain and terms, the base frame not among them.
-        readings: single readings behind the averaged poses; their scatter about the model is the
-            noise. None leaves the covariances that the poses came with.
+        readings: single readings that were averaged to the poses; their scatter about the model is
+            the noise. None: the covariances of the poses are.
         u_apparatus_m: standard uncertainty of a target's place on the apparatus, per axis.
 
     Raises:
@@ -103,21 +102,19 @@ def calibrate(
     terms = tolerance_rows(level, starts[0], options)
     solutions = [solve(level, start, terms, options.max_iterations) for start in starts]
     best = min(solutions, key=lambda solution: (not solution.converged, solution.cost))
+    # The null space depends on the parameters: its rows are computed anew until they stay.
     for _ in range(FIT.null_space_passes):
-        before, terms = terms, tolerance_rows(level, best.x, options)
-        if before.shape == terms.shape:  # do they weigh the same directions equally?
-            squares = before.T @ before
-            apart = np.abs(squares - terms.T @ terms).max(initial=0.0)
-            if apart <= FIT.same_span * np.abs(squares).max(initial=1.0):
-                terms = before
-                break
+        new_terms = tolerance_rows(level, best.x, options)
+        if _weigh_alike(terms, new_terms):
+            break
+        terms = new_terms
         again = solve(level, best.x, terms, options.max_iterations)
         best = replace(again, iterations=best.iterations + again.iterations)
     at_solution = level.rows(best.x)
-    whole = level.one_level(at_solution.T_instr_base)
-    jacobian = whole.rows(np.concatenate([best.x, np.zeros(6)])).jacobian
-    in_rows = (level.weights[:, None] * jacobian).reshape(-1, len(whole.scale))
-    identifiability = identify(in_rows, whole.scale)
+    one_level = level.one_level(at_solution.T_instr_base)
+    jacobian = one_level.rows(np.concatenate([best.x, np.zeros(6)])).jacobian
+    weighted = (level.weights[:, None] * jacobian).reshape(-1, len(one_level.scale))
+    identifiability = identify(weighted, one_level.scale)
     noise = observations
     if readings is not None:
         noise = with_own_scatter(observations, readings, model, best.x)
@@ -127,10 +124,10 @@ def calibrate(
         starts=tuple(solutions),
         terms=terms,
         inner_poses=poses,
-        problem=whole,
+        problem=one_level,
         jacobian=jacobian,
         identifiability=identifiability,
-        not_identifiable=not_identifiable(identifiability, whole.parameters)
+        not_identifiable=not_identifiable(identifiability, one_level.parameters)
         & {parameter.name for parameter in model.parameters},
         covariance=propagate(
             at_solution, noise, level.inner_rows, terms, level.r_max_m, u_apparatus_m
@@ -138,34 +135,45 @@ def calibrate(
     )
 
 
-def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOptions) -> Array:
-    """Return where linear springs lead, with a little of the cubic part.
+def _weigh_alike(rows: Array, others: Array) -> bool:
+    """Return whether tolerance rows (r, k) have the same normal matrix as others."""
+    if rows.shape != others.shape:
+        return False
+    squares = rows.T @ rows
+    difference = np.abs(squares - others.T @ others).max(initial=0.0)
+    return bool(difference <= FIT.same_span * np.abs(squares).max(initial=1.0))
 
-    Straight from nominal geometry a stiff, nearly linear spring can end as an all but cubic one,
-    a minimum too, but not the lowest.
+
+def _from_linear_springs(level: TwoLevel, start: Array, options: CalibrationOptions) -> Array:
+    """Return the solution with linear springs, with a small cubic share, as a start.
+
+    From nominal geometry a stiff, nearly linear spring can end at a local minimum in which it is
+    almost purely cubic.
     """
     model = level.model
-    shares = model.having("cubic")
-    if not shares.any():
+    cubic = model.having("cubic")
+    if not cubic.any():
         return start
     linear = replace(level, model=model.without("cubic"))
-    rows = tolerance_rows(linear, start[~shares], options)
-    ahead = np.full(len(start), FIT.cubic_share)
-    ahead[~shares] = solve(linear, start[~shares], rows, options.max_iterations, FIT.good_enough).x
-    return ahead
+    rows = tolerance_rows(linear, start[~cubic], options)
+    solution = solve(linear, start[~cubic], rows, options.max_iterations, FIT.good_enough)
+    new_start = np.full(len(start), FIT.cubic_share)
+    new_start[~cubic] = solution.x
+    return new_start
 
 
 def pull_beyond_bounds(calibration: Calibration) -> Array:
-    """Return how far beyond its bound each held parameter would go, over its uncertainty, (k,).
+    """Return the step beyond its bound of each held parameter, over its uncertainty, (k,).
 
     Zero for parameters that are not held. Noise alone makes this about 1 where the true value
     lies near the bound; a missing effect makes it large.
     """
     level, solution = calibration.level, calibration.solution
-    at = level.rows(solution.x)
+    at_solution = level.rows(solution.x)
     scale = level.model.scale
-    rows = np.concatenate([at.jacobian.reshape(-1, len(scale)), calibration.terms]) * scale
-    target = np.concatenate([-at.residual.ravel(), -calibration.terms @ solution.x])
+    jacobian = at_solution.jacobian.reshape(-1, len(scale))
+    rows = np.concatenate([jacobian, calibration.terms]) * scale
+    target = np.concatenate([-at_solution.residual.ravel(), -calibration.terms @ solution.x])
     step = np.linalg.lstsq(rows, target, rcond=None)[0] * scale
     std = np.sqrt(np.diag(calibration.covariance)[: len(step)])
     pull = np.divide(np.abs(step), std, out=np.zeros_like(step), where=std > 0)
@@ -175,8 +183,8 @@ def pull_beyond_bounds(calibration: Calibration) -> Array:
 def tolerance_rows(level: TwoLevel, x: Array, options: CalibrationOptions) -> Array:
     """Return the tolerance rows W (r, k) of paper equation (2), at parameters x; W x are residuals.
 
-    As printed they act on every departure and so pull identified parameters towards nominal. Their
-    use is to fix directions that the data do not identify: on the null space they do no more.
+    As printed in the paper they act on every departure, and so pull identified parameters towards
+    nominal. On the null space they only fix the directions that the data do not identify.
     """
     on_residual = options.epsilon_acts_on == "residual"
     weight = options.epsilon if on_residual else float(np.sqrt(options.epsilon))
@@ -207,105 +215,6 @@ def check_torques(model: Model, observations: Observations) -> None:
                 remedy="log the torques, or remove the joint from calibration.flexible_joints "
                 "(an empty list calibrates a rigid arm)",
             )
-
-
-# Levenberg-Marquardt on a calibration problem, from one start and from several.
-
-#: Why the solver stopped, by its status; `p` is the precision asked for (format).
-_REASONS = {
-    0: "the largest number of steps was reached (calibration.max_iterations)",
-    1: "the gradient of the cost is zero within {p:g}",
-    2: "the cost fell by less than {p:g} of itself",
-    3: "the steps became smaller than {p:g} of the parameters",
-    4: "cost and steps changed by less than {p:g} of themselves",
-}
-
-
-def solve(
-    level: TwoLevel,
-    x_start: Array,
-    terms: Array,
-    max_iterations: int,
-    precision: float = FIT.full_precision,
-) -> Solution:
-    """Minimise the data rows plus the tolerance terms from one start.
-
-    Steps are those of scipy's Levenberg-Marquardt in trust-region form, kept inside the physical
-    range of the parameters; what ends at a bound is put on it, and the rest takes its last digits
-    from Gauss-Newton steps.
-
-    Args:
-        x_start: (k,) start, inside the physical range.
-        terms: (r, k) tolerance rows; `terms @ x` are residuals.
-        precision: relative changes at which it has arrived.
-    """
-    scale, bounds = level.model.scale, Bounds.of(level.parameters)
-    lower, upper = bounds.lower / scale, bounds.upper / scale
-
-    @lru_cache(maxsize=1)  # one inner solve serves residuals and derivative of a step
-    def linearise(z: bytes) -> Rows:
-        return level.rows(np.frombuffer(z) * scale)
-
-    def residuals(z: Array) -> Array:
-        rows = linearise(z.tobytes()).residual.ravel()
-        return np.concatenate([rows, terms @ (z * scale)])
-
-    def jacobian(z: Array) -> Array:
-        rows = linearise(z.tobytes()).jacobian.reshape(-1, len(z))
-        return np.concatenate([rows, terms]) * scale
-
-    result = least_squares(
-        residuals,
-        np.clip(x_start / scale, lower + FIT.inside_scales, upper - FIT.inside_scales),
-        jacobian,
-        bounds=(lower, upper),
-        method="trf",
-        x_scale="jac",
-        ftol=precision,
-        xtol=precision,
-        gtol=precision,
-        max_nfev=max_iterations,
-    )
-    at_lower = (result.x - lower < FIT.near_bound_scales) & (result.grad > 0)
-    at_upper = (upper - result.x < FIT.near_bound_scales) & (result.grad < 0)
-    at_bound = at_lower | at_upper
-    z = np.where(at_lower, lower, np.where(at_upper, upper, result.x))
-    z = _polish(z, residuals, jacobian, ~at_bound, (lower, upper))
-    return Solution(
-        x=z * scale,
-        at_bound=at_bound,
-        cost=float(np.sum(residuals(z) ** 2)),
-        iterations=int(result.nfev),
-        converged=bool(result.status > 0),
-        reason=_REASONS[result.status].format(p=precision),
-    )
-
-
-def _polish(
-    z: Array,
-    residuals: Callable[[Array], Array],
-    jacobian: Callable[[Array], Array],
-    free: NDArray[np.bool_],
-    ends: tuple[Array, Array],
-) -> Array:
-    """Take Gauss-Newton steps while they shrink: the last digits that a cost cannot show.
-
-    Where the valley is too long for them, the point that the solver gave stays.
-    """
-    last, cost = np.inf, float(np.sum(residuals(z) ** 2))
-    for _ in range(FIT.polishing_steps):
-        matrix = jacobian(z)[:, free]
-        size = np.linalg.norm(matrix, axis=0)
-        size[size == 0.0] = 1.0  # the cubic share of a rigid joint moves nothing
-        step = np.zeros(len(z))
-        step[free] = lstsq(matrix / size, -residuals(z), lapack_driver="gelsy")[0] / size
-        length = float(np.linalg.norm(step))
-        ahead = np.clip(z + step, *ends)
-        worse = np.sum(residuals(ahead) ** 2) > cost * (1.0 + FIT.no_worse)
-        if not length < FIT.shrinks_share * last or worse:
-            break
-        z, last = ahead, length
-    return z
 
 
 def random_starts(model: Model, count: int, random_seed: int) -> list[Array]:

@@ -1,4 +1,4 @@
-"""A campaign whose input is checked: quick calibrations of it, as stated or changed."""
+"""A campaign whose input is checked: misfits and quick calibrations, as logged or changed."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.calibration.accuracy import targets_seen
 from pa10cal.calibration.general.calibrate import GeneralCalibration, calibrate_general, find_start
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import CHECKS, GRADES
-from pa10cal.calibration.uncertainty import targets_seen
+from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import EXPECTED_M, puts_right
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.raw_rows import ColumnMap
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.instrument import group_means
 from pa10cal.observe.observations import Observations, reading_groups
 
 
 def spread_rows(count: int) -> Index:
-    """Return the rows that a check looks at."""
+    """Return the rows, evenly spaced, that a check uses of `count` poses."""
     return np.unique(np.linspace(0, count - 1, min(count, CHECKS.most_poses)).astype(int))
 
 
 def scatter_of_repeats_mm(single: Observations) -> float:
-    """Return how far readings lie from the mean of their repeats; 0 without any."""
+    """Return the median distance of readings from the mean of their repeats; 0 without repeats."""
     code = reading_groups(single)
     repeated = np.bincount(code)[code] > 1
     p_m = single.measured.places_m
@@ -40,14 +40,14 @@ def scatter_of_repeats_mm(single: Observations) -> float:
 
 @dataclass(frozen=True, eq=False)
 class CheckedCampaign:
-    """A campaign whose input is checked, and how its user calls it."""
+    """A campaign whose input is checked, with the names of its columns."""
 
     campaign: CampaignDescription
     arm: Arm
     options: CalibrationOptions
-    words: ColumnMap
-    grid: Observations  # the poses that checks look at, averaged
-    repeats_mm: float  # how far repeats scatter; 0 where that is not known
+    words: ColumnMap  # columns by the names that the user gave them
+    grid: Observations  # the poses that checks use, averaged
+    repeats_mm: float  # scatter of repeats; 0 where that is not known
 
     @property
     def payload(self) -> Payload | None:
@@ -56,7 +56,7 @@ class CheckedCampaign:
 
     @property
     def axes(self) -> Array:
-        """Return the positions that the controller counts, (P, m)."""
+        """Return the positions of the axes that the controller counts, (P, m) [rad, m]."""
         return self.arm.coupling.to_axes(self.grid.states.q_rad)
 
     @property
@@ -66,20 +66,20 @@ class CheckedCampaign:
 
     @property
     def signs(self) -> list[int]:
-        """Return the signs of the joints that campaign.yaml states."""
+        """Return the signs of the axes that campaign.yaml states, (m,)."""
         return list(self.campaign.joint_signs or [1] * len(self.arm.axes_slide))
 
     @property
     def offsets_deg(self) -> list[float]:
-        """Return the offsets of the joints that campaign.yaml states."""
+        """Return the offsets of the axes that campaign.yaml states, (m,)."""
         return list(self.campaign.joint_offsets_deg or [0.0] * len(self.arm.axes_slide))
 
     @cached_property
     def above_noise(self) -> bool:
-        """Return whether the rigid arm, calibrated, is off by much more than the stated noise."""
+        """Return whether a calibrated rigid arm leaves much more than the stated noise."""
         found = self.calibration(None)
         if found is None:
-            return False  # too few poses: the calibration says how many it needs
+            return False  # too few poses; the calibration itself will be refused
         residual, variances, seen = positions_of(found)
         return bool(
             np.median((residual**2 / variances)[seen])
@@ -91,7 +91,7 @@ class CheckedCampaign:
         return self.grid.measured.misfit_m(Chain.of(self.arm).forward(q))
 
     def least_misfit_m(self, q: Array) -> float:
-        """Return what the misfit of the nominal arm is at least, quickly."""
+        """Return a lower bound of the misfit of the nominal arm, without a fit."""
         return self.grid.measured.least_misfit_m(Chain.of(self.arm).forward(q))
 
     def calibration(
@@ -114,19 +114,23 @@ class CheckedCampaign:
             return None
 
     def calibrated_mm(self, payload: Payload | None, q: Array | None = None) -> tuple[float, float]:
-        """Return the rms position error of a calibration, and the noise stated or found."""
+        """Return the rms position error of a quick calibration, and the noise [mm].
+
+        The noise is the stated one, or the scatter of repeats if that is larger. Both are infinite
+        where the poses are too few.
+        """
         found = self.calibration(payload, q)
         if found is None:
             return np.inf, np.inf
         residual, variances, seen = positions_of(found)
         stated_mm = 1e3 * float(np.sqrt(min(3, seen.shape[1]) * np.mean(variances[seen])))
-        # Of several targets the error of one is meant; a distance is one component.
+        # The error is that of one target; a distance is one component.
         squares = np.sum(residual**2, axis=1) / targets_seen(found.problem.observations.measured)
         rms_mm = 1e3 * float(np.sqrt(np.average(squares, weights=found.fit.weights)))
         return rms_mm, max(stated_mm, self.repeats_mm)
 
     def may_be_offered(self, q: Array, nominal_m: float) -> bool:
-        """Return whether changed joints are right: for the nominal arm, and for a calibrated one.
+        """Return whether changed joints fit the nominal arm, and a calibrated one.
 
         Args:
             q: (P, n) the joints, changed.
@@ -135,12 +139,12 @@ class CheckedCampaign:
         if not puts_right(nominal_m, EXPECTED_M):
             return False
         left_mm, noise_mm = self.calibrated_mm(self.payload, q)
-        # Of too few poses the nominal arm is all that judges.
+        # With too few poses the nominal arm alone decides.
         return left_mm == np.inf or puts_right(left_mm, 1e3 * EXPECTED_M, noise_mm)
 
 
 def positions_of(found: GeneralCalibration) -> tuple[Array, Array, Mask]:
-    """Return residuals, stated variances and what was seen of positions, (P, c) each [m]."""
+    """Return residuals [m] and stated variances [m^2] of positions, and which were seen, (P, c)."""
     problem, columns = found.problem, found.problem.observations.measured.position_columns
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)[:, columns]
     return found.fit.residual[:, columns], variances, problem.components_seen[:, columns]

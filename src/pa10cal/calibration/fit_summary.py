@@ -1,4 +1,4 @@
-"""How a fit ended, whichever fit it was: what it identified, and how many poses that takes."""
+"""Summary of any fit: what it identified, correlated parameters, and how many poses it needs."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.statics import reported_name
+from pa10cal.arm.joint_stiffness import reported_name
 from pa10cal.arrays import Array
+from pa10cal.calibration.accuracy import gram
 from pa10cal.calibration.rules import RECORDS
-from pa10cal.calibration.uncertainty import gram
 from pa10cal.fit.identifiability import Identifiability
 from pa10cal.fit.problem import Solution
 from pa10cal.numerics.exchange import Information, greedy_order
@@ -22,23 +22,22 @@ from pa10cal.terms.term import Role, TermParameter
 
 @dataclass(frozen=True)
 class FitSummary:
-    """How a fit ended, whichever fit it was."""
+    """Summary of any fit of k parameters to P poses."""
 
-    solution: Solution  # where it ended
+    solution: Solution
     pose: NDArray[np.str_]  # (P,) labels of the poses fitted
-    parameters: tuple[TermParameter, ...]  # the k parameters it was solved in
+    parameters: tuple[TermParameter, ...]  # the k parameters that were solved for
     roles: tuple[Role, ...]  # (k,) what each is an unknown of
     departures: dict[str, str]  # chain coordinates of departures, see `Model.departures`
-    covariance: Array  # (k, k) theirs
+    covariance: Array  # (k, k) of the parameters
     identifiability: Identifiability  # rank of the rows
-    white: Array  # (P, b, k) rows of unit variance
+    white: Array  # (P, b, k) whitened Jacobian
     # (k, k) Gram matrix of the derivative of predicted positions [m], summed over the poses
     position_gram: Array
-    not_identifiable: frozenset[str]  # names of those that the data do not identify
-    # names of those that no pose of this instrument can determine
+    not_identifiable: frozenset[str]  # names of parameters that the data do not identify
+    # names of those that no pose of this instrument can identify
     hidden: frozenset[str] = frozenset()
-    # names of those that the mounting of base or tool moves as well, so that they say nothing of
-    # how the arm was built
+    # names of those that contain the mounting of base or tool, and so are no departures of the arm
     of_mounting: frozenset[str] = frozenset()
 
     @property
@@ -47,15 +46,12 @@ class FitSummary:
         return names_of(self.parameters, self.solution.at_bound)
 
     def having(self, *roles: Role) -> tuple[str, ...]:
-        """Return the names of the parameters that are unknowns of some kinds."""
+        """Return the names of the parameters with one of these roles."""
         return names_of(self.parameters, np.array([role in roles for role in self.roles], bool))
 
 
-# Pairs of parameters that correlate.
-
-
 def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
-    """Return pairs of reported parameters: of a spring, its stiffness."""
+    """Return pairs of highly correlated parameters as reported (stiffness, not windup)."""
     solved = [parameter.name for parameter in ended.parameters]
     known = np.flatnonzero(
         (np.diag(ended.covariance) > 0)
@@ -78,22 +74,19 @@ def correlated(ended: FitSummary) -> tuple[records.CorrelatedPair, ...]:
     )
 
 
-# How many poses a calibration needs: D-optimal order, and expected uncertainty by their number.
-#
-# A pose adds its information J^T J, whatever was read there. Taken in the order in which the
-# determinant grows fastest, the measured poses show with how few of them the model would have been
-# known nearly as well (D-optimality; Sun and Hollerbach, 2008, compare such criteria).
-
-
 def poses_needed(
     ended: FitSummary, u_needed_mm: float, wanted_mm: float | None = None
 ) -> records.PosesNeeded:
-    """Order the poses of a fit by their information, and tell how many an uncertainty takes.
+    """Order the poses of a fit by information, and return how many of them an uncertainty needs.
+
+    A pose adds its information J^T J, whatever was read there. In the order in which the
+    determinant grows fastest (D-optimality; Sun and Hollerbach, 2008, compare such criteria) few of
+    the measured poses may determine the model nearly as well as all.
 
     Args:
         u_needed_mm: standard uncertainty of a predicted position to reach, root mean square over
             all poses.
-        wanted_mm: the same, where somebody asked for it.
+        wanted_mm: the required one; None where none is required.
     """
     white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
     count, scales = len(white), np.outer(scale, scale)
@@ -133,5 +126,5 @@ def poses_needed(
 
 
 def names_of(parameters: Sequence[TermParameter], rows: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return the names of some parameters."""
+    """Return the names of the parameters in these rows (k,)."""
     return tuple(p.name for p, of_them in zip(parameters, rows, strict=True) if of_them)

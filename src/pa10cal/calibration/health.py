@@ -1,212 +1,35 @@
-"""Whether a calibration is good: its convergence, rank and errors, and the grade they give.
+"""The grade of a calibration, by its convergence, rank and errors.
 
-A grade is one word, and one sentence that says what to do. The rule stands in `docs/general.md`;
-thresholds and their reasons stand here and there.
+A grade is one word, and one sentence that says what to do. The rule stands in `docs/general.md`,
+its thresholds in `rules`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.statics import reported_name
-from pa10cal.calibration.fit_summary import FitSummary, correlated, poses_needed
+from pa10cal.arm.description import weights_known
+from pa10cal.arm.joint_stiffness import reported_name
+from pa10cal.calibration.fit_summary import correlated
+from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.rules import GRADES
-from pa10cal.calibration.uncertainty import HeldOut
 from pa10cal.results import calibration as records
 from pa10cal.results.evaluation import BETWEEN
-from pa10cal.terms.term import TermParameter
 
-#: Findings of a check that held-out poses refute where they would leave more.
+#: Kinds of findings that are refuted if they would leave a larger error than the fit.
 _OF_JOINTS = ("joint_sign", "joint_order", "joint_coupling")
-#: What acquits readings that are far from the model.
+#: Why readings that are far from the model may be right.
 RIGID = (
     "the targets keep their distances, so the readings are right: the model lacks something there, "
     "or a joint was misread"
 )
 
 
-@dataclass(frozen=True)
-class GradeEvidence:
-    """What a grade rests on: how a fit ended, and the remaining errors of the calibrated model."""
-
-    ended: FitSummary  # how the fit ended
-    # root mean square position error of the poses fitted, suspected outliers aside
-    train_rms_mm: float
-    held_out: HeldOut | None  # errors of poses held out, None where there are none
-    noise_mm: float | None  # the part that the noise of readings explains, None where not known
-    spread_mm: float  # root mean square distance of the measured positions from their mean
-    suspected_outliers: int = 0  # poses far outside the scatter of the others
-    acquitted: int = 0  # of these, those whose targets keep their distances
-    # the same as `train_rms_mm` with them; None where there are none
-    all_rms_mm: float | None = None
-    # whether that noise is what readings scatter by, and not what is stated
-    noise_is_found: bool = False
-    # error that the targets' places on an apparatus leave in all poses alike, and that no
-    # parameter takes up
-    apparatus_mm: float = 0.0
-    # what repeats show of the stated uncertainty, by kind
-    repeats: tuple[records.RepeatScatter, ...] = ()
-    from_touches: bool = False  # whether the instrument touches balls
-    findings: tuple[records.InputFinding, ...] = ()  # what checks of the input found
-    # the same as `train_rms_mm` with rigid joints; None where the model has no springs
-    without_springs_mm: float | None = None
-    # where weights come from that nobody stated: `assumed` from the lengths of the links, or from
-    # the mass of the whole arm (`total`); else nothing
-    weights: str = ""
-    # standard uncertainty of the tool's centre of mass, where springs go by it and nobody stated it
-    com_u_m: float | None = None
-    # standard uncertainty of predicted positions that is wanted; None where nobody says so
-    wanted_mm: float | None = None
-    # the same as `train_rms_mm` of the nominal arm, base and targets fitted; None where not known
-    nominal_mm: float | None = None
-    arm: Arm | None = None  # as described; None where that is not known
-    # largest turn of the end-effector between two poses [rad]; None where not known
-    turned_rad: float | None = None
-
-    @cached_property
-    def poses(self) -> records.PosesNeeded:
-        """Return how many poses there are, and how many the uncertainty needs.
-
-        Where nobody says what is wanted, it is one that adds hardly anything to the error.
-        """
-        wanted_mm = self.wanted_mm
-        single_mm = self.single_mm if self.below_noise else self.train_rms_mm
-        small_mm = GRADES.small_share * single_mm if wanted_mm is None else wanted_mm
-        return poses_needed(self.ended, small_mm, wanted_mm)
-
-    @property
-    def u_model_mm(self) -> float:
-        """Return the standard uncertainty of a predicted position; inf where not determined."""
-        return float("inf") if self.poses.u_model_mm is None else self.poses.u_model_mm
-
-    @property
-    def rank(self) -> int:
-        """Return how many directions are identified."""
-        return self.ended.identifiability.rank
-
-    @cached_property
-    def rows(self) -> int:
-        """Return how many components were fitted."""
-        return int(np.count_nonzero(np.any(self.ended.white != 0.0, axis=2)))
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Return what these poses do not determine, and others of the arm could."""
-        return tuple(sorted(self.ended.not_identifiable - self.ended.hidden))
-
-    @property
-    def soft(self) -> bool:
-        """Return whether springs explain the larger part of what rigid joints leave."""
-        rigid_mm = self.without_springs_mm
-        return rigid_mm is not None and self.train_rms_mm**2 < GRADES.mostly_share * rigid_mm**2
-
-    @property
-    def within_noise(self) -> bool:
-        """Return whether the remaining error is about the noise, however large that is."""
-        over = self.over_noise
-        return over is not None and over < GRADES.stated_ratio
-
-    @property
-    def fits_not(self) -> bool:
-        """Return whether more remains than calibrated arms have, and than noise explains."""
-        return self.train_rms_mm > GRADES.no_fit_share * self.spread_mm and not self.within_noise
-
-    @property
-    def confirmed(self) -> bool:
-        """Return whether held-out poses are predicted as well as the fitted ones are explained."""
-        away = self.held_out
-        if away is None or away.accuracy.configurations < GRADES.few_held_out:
-            return False
-        # Where much is left, another cause may look like a departure.
-        if self.fits_not or not (self.over_noise is None or self.within_noise):
-            return False
-        # What is exact is confirmed by what is as exact.
-        known_mm = max(self.error_mm, self.own_noise_mm or 0.0)
-        return away.accuracy.rms_mm < GRADES.confirmed_ratio * known_mm
-
-    @property
-    def error_mm(self) -> float:
-        """Return the remaining error without what the fit has taken up of it."""
-        taken = min(self.rank / max(self.rows, 1), GRADES.most_taken_share)
-        return self.train_rms_mm / float(np.sqrt(1.0 - taken))
-
-    @property
-    def own_noise_mm(self) -> float | None:
-        """Return the error that readings and apparatus explain; None where it is not known."""
-        noise_mm = self.reading_noise_mm
-        return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
-
-    @property
-    def reading_noise_mm(self) -> float | None:
-        """Return the noise of the poses fitted: as repeats show it, else as stated."""
-        if self.noise_mm is None or self.noise_is_found or not self.repeats:
-            return self.noise_mm
-        return self.noise_mm * self.repeats[0].ratio
-
-    @cached_property
-    def departures(self) -> tuple[records.InputFinding, ...]:
-        """Return the departures that no arm was built with, where held-out poses confirm them."""
-        if not self.confirmed:
-            return ()
-        found = tuple(_departures(self))
-        zeros = (each for each in self.findings if each.kind == "joint_zero")
-        return (*(each for each in zeros if not found), *found)
-
-    @property
-    def below_noise(self) -> bool:
-        """Return whether less remains than is stated, by more than chance: see `_remarks`."""
-        over = self.over_noise
-        return over is not None and over < 1.0 / GRADES.stated_ratio
-
-    @property
-    def single_mm(self) -> float:
-        """Return the error of a single reading: what remains, or what is stated if that is more."""
-        return (self.own_noise_mm or 0.0) if self.below_noise else self.error_mm
-
-    @property
-    def over_noise(self) -> float | None:
-        """Return the remaining error over the noise; None where that is not known."""
-        noise_mm = self.own_noise_mm
-        return self.error_mm / noise_mm if noise_mm else None
-
-    @property
-    def most_over_noise(self) -> float:
-        """Return how many times the noise the remaining error may be."""
-        own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
-        dof = max(self.rows - self.rank, 1)
-        limit = GRADES.over_noise * (1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * dof)))
-        if not own_mm or reading_mm is None:
-            return limit
-        of_targets_mm = GRADES.apparatus_ratio * self.apparatus_mm
-        return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
-
-    @property
-    def over_expected(self) -> float | None:
-        """Return the held-out error over the one that the fit promises; None where by chance.
-
-        Noise grows where fewer readings were averaged; what the model lacks does not.
-        """
-        away = self.held_out
-        if away is None:
-            return None
-        noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
-        lacking = self.error_mm**2 - noise_mm**2
-        u_mm = self.u_model_mm if away.u_mm is None else away.u_mm
-        expected_mm = float(np.sqrt(lacking + noise_mm**2 / away.repeats + u_mm**2))
-        ratio = away.accuracy.rms_mm / expected_mm
-        count = max(away.accuracy.configurations, 1)
-        at_most = max(GRADES.over_expected, 1.0 + GRADES.chance_errors / np.sqrt(2.0 * count))
-        return ratio if ratio > at_most else None
-
-
 def health(evidence: GradeEvidence) -> records.Health:
     """Judge a calibration by its convergence and its remaining errors."""
-    ended, away = evidence.ended, evidence.held_out
+    ended, held_out = evidence.ended, evidence.held_out
     grade, line, findings = graded(evidence)
     return records.Health(
         grade=grade,
@@ -221,7 +44,7 @@ def health(evidence: GradeEvidence) -> records.Health:
         not_identifiable=tuple(sorted(map(reported_name, ended.not_identifiable))),
         correlated_pairs=correlated(ended),
         train_rms_mm=evidence.train_rms_mm,
-        held_out_rms_mm=None if away is None else away.accuracy.rms_mm,
+        held_out_rms_mm=None if held_out is None else held_out.accuracy.rms_mm,
         noise_mm=evidence.noise_mm,
         error_over_noise=evidence.over_noise,
         held_out_over_expected=evidence.over_expected,
@@ -243,56 +66,66 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         remedy = "raise calibration.max_iterations, or measure more poses"
         return "not_converged", f"the fit did not converge: {solution.reason}; {remedy}", ()
     errors = _errors(evidence)
-    doubts = (each for each in evidence.findings if not _is_moot(each, evidence))
-    if findings := (*doubts, *_suspected(evidence)):
+    findings = (
+        *(each for each in evidence.findings if not _is_settled(each, evidence)),
+        *_suspected(evidence),
+    )
+    if findings:
         more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
         return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
-    beside = "".join(f"; {remark}" for remark in _remarks(evidence))
+    remarks = "".join(f"; {remark}" for remark in _remarks(evidence))
     if lacks := _lacking(evidence):
-        return "incomplete", f"{errors}, {lacks}{beside}", ()
+        return "incomplete", f"{errors}, {lacks}{remarks}", ()
     if few := _few(evidence):
-        return "few_poses", f"{errors}; {few}{beside}", ()
+        return "few_poses", f"{errors}; {few}{remarks}", ()
     if uncertain := _uncertain(evidence):
-        return "few_poses", f"{uncertain}; {errors}{beside}", ()
-    noise_mm = evidence.own_noise_mm
-    over = evidence.over_noise
-    agrees = "" if noise_mm is None else f", as the noise of {noise_mm:.3f} mm explains"
-    if noise_mm is not None and f"{noise_mm:.3f}" == f"{evidence.train_rms_mm:.3f}":
-        agrees = ", as the noise explains"
-    if noise_mm is not None and over is not None and over > GRADES.noticed_ratio:
-        agrees = f", {over:.2g} times the noise of {noise_mm:.3f} mm"
+        return "few_poses", f"{uncertain}; {errors}{remarks}", ()
     if evidence.u_model_mm > GRADES.small_share * evidence.error_mm:
-        beside = (
+        remarks = (
             f"; predicted positions have a standard uncertainty of {evidence.u_model_mm:.3f} mm"
-            f"{beside}"
+            f"{remarks}"
         )
     return (
         "good",
-        f"{errors}{agrees}; everything that such an instrument can determine is determined"
-        f" (rank {evidence.rank}){beside}",
+        f"{errors}{_beside_noise(evidence)}; everything that such an instrument can determine is "
+        f"determined (rank {evidence.rank}){remarks}",
         (),
     )
 
 
-def _is_moot(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
-    """Return whether a finding of a check is none: confirmed, or refuted, by held-out poses.
+def _beside_noise(evidence: GradeEvidence) -> str:
+    """Return how the remaining error of a good calibration compares with the noise."""
+    noise_mm, over = evidence.own_noise_mm, evidence.over_noise
+    if noise_mm is None:
+        return ""
+    if over is not None and over > GRADES.noticed_ratio:
+        return f", {over:.2g} times the noise of {noise_mm:.3f} mm"
+    if f"{noise_mm:.3f}" == f"{evidence.train_rms_mm:.3f}":
+        return ", as the noise explains"
+    return f", as the noise of {noise_mm:.3f} mm explains"
 
-    A sign or an order of joints that would leave more than the model does cannot be right, nor can
-    joints that move together.
+
+def _is_settled(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
+    """Return whether held-out poses confirm what a check found as a departure, or refute it.
+
+    A sign, order or coupling of joints that would leave a larger error than the confirmed model
+    cannot be right.
     """
     if not evidence.confirmed:
         return False
+    if finding in evidence.departures:
+        return True
     left_mm = finding.would_leave_mm
-    refuted = finding.kind in _OF_JOINTS and left_mm is not None
-    return finding in evidence.departures or (refuted and (left_mm or 0.0) > evidence.train_rms_mm)
+    return finding.kind in _OF_JOINTS and left_mm is not None and left_mm > evidence.train_rms_mm
 
 
 def most_stated(factor: float = GRADES.stated_ratio, *, from_touches: bool) -> float:
-    """Return how many times the scatter of repeats a stated uncertainty may be."""
+    """Return the largest stated uncertainty over the scatter of repeats that is accepted."""
     return max(factor, GRADES.touches_ratio) if from_touches else factor
 
 
 def _errors(evidence: GradeEvidence) -> str:
+    """Return in words the remaining errors of fitted and of held-out poses."""
     fitted = f"{evidence.train_rms_mm:.3f} mm"
     text = f"remaining error {fitted} rms over the poses fitted"
     if (count := evidence.suspected_outliers) and evidence.all_rms_mm is not None:
@@ -300,23 +133,24 @@ def _errors(evidence: GradeEvidence) -> str:
             f"remaining error {evidence.all_rms_mm:.3f} mm rms over the poses fitted ({fitted} "
             f"without {count} far from the model)"
         )
-    if (away := evidence.held_out) is not None:
-        there = f"{away.accuracy.rms_mm:.3f} mm"
-        where = f" {away.where}" if away.where else ""
-        text += (
-            f" and over held-out poses{where}"
-            if text.endswith("fitted") and there == fitted
-            else f", {there} over held-out poses{where}"
-        )
-        if away.between is not None:
-            text += f", {away.between.rms_mm:.3f} mm {BETWEEN}"
-        if away.suspected:
-            text += f" without {away.suspected} with a suspected reading"
+    held_out = evidence.held_out
+    if held_out is None:
+        return text
+    error = f"{held_out.accuracy.rms_mm:.3f} mm"
+    where = f" {held_out.where}" if held_out.where else ""
+    if text.endswith("fitted") and error == fitted:
+        text += f" and over held-out poses{where}"
+    else:
+        text += f", {error} over held-out poses{where}"
+    if held_out.between is not None:
+        text += f", {held_out.between.rms_mm:.3f} mm {BETWEEN}"
+    if held_out.suspected:
+        text += f" without {held_out.suspected} with a suspected reading"
     return text
 
 
 def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
-    """Return what the fit itself shows to be wrong in the input."""
+    """Return what the fit shows to be probably wrong in the input."""
     if evidence.fits_not and not evidence.soft:
         yield records.InputFinding(
             what="the arm as described does not fit the readings",
@@ -326,72 +160,19 @@ def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
         )
     yield from _stated(evidence)
     if not evidence.confirmed:
-        yield from _departures(evidence)
-
-
-def _departures(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
-    """Return departures that no arm was built with, the largest first.
-
-    Where held-out poses confirm them they are what was found, and else what is suspected.
-    """
-    ended, over = evidence.ended, max(evidence.over_noise or 1.0, 1.0)
-    std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
-    apart = ended.not_identifiable | ended.of_mounting
-    far = [
-        (abs(float(value)) / each.tolerance, float(value), each)
-        for each, value, sigma in zip(ended.parameters, ended.solution.x, std, strict=True)
-        if each.tolerance
-        and each.name not in apart
-        and abs(value) - GRADES.chance_errors * over * sigma > GRADES.far_off_ratio * each.tolerance
-    ]
-    for size, value, each in sorted(far, key=lambda each: -each[0]):
-        of = ended.departures.get(each.name, "")
-        yield records.InputFinding(
-            what=_departed(each, of, value, size) + _looks_like(evidence.arm, of, value),
-            where=each.name,
-            remedy="check this value in the description of the arm, and the zero of its joint in "
-            "the log",
-            kind="departure",
-        )
-
-
-def _departed(parameter: TermParameter, of: str, value: float, tolerances: float) -> str:
-    """Return a departure as people say it: angles in degrees, lengths in millimetres."""
-    unit, (kind, _, joint) = parameter.unit, of.rpartition("_")
-    off = f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{1e3 * value:.3g} mm"
-    if kind == "theta":
-        off = f"{np.degrees(abs(value)):.3g} deg"
-        return f"joint {joint} was mastered {off} off ({tolerances:.0f} tolerances)"
-    return f"{off} from nominal ({tolerances:.0f} tolerances)"
-
-
-def _looks_like(arm: Arm | None, of: str, value: float) -> str:
-    """Return what a departure looks like: whole turns of a motor, or the wrong sign of a length."""
-    kind, _, number = of.rpartition("_")
-    if arm is None or kind not in ("theta", "a", "d"):
-        return ""
-    row = int(number) - 1
-    if kind != "theta":
-        length = float((arm.a_m if kind == "a" else arm.d_m)[row])
-        reversed_ = abs(value + 2.0 * length) < GRADES.of_a_length * abs(length)
-        return f": as if the sign of its {1e3 * length:.4g} mm were wrong" if reversed_ else ""
-    ratio = abs(float(arm.gear_ratio[row]))
-    turns = abs(value) * ratio / (2.0 * np.pi)
-    whole = round(turns) if np.isfinite(turns) else 0
-    if ratio <= 1.0 or not whole or abs(turns - whole) > GRADES.of_a_turn:
-        return ""
-    return f": {whole} turn{'s' * (whole > 1)} of a motor of ratio {ratio:g}"
+        yield from evidence.large_departures
 
 
 def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
-    """Return where stated and found uncertainty are off by more than a factor."""
+    """Return where the stated uncertainty disagrees with repeats, or with the remaining error."""
     for scatter in evidence.repeats:
-        turns = scatter.kind.startswith("attitude")
-        unit, off = ("mrad", GRADES.attitude_ratio) if turns else ("mm", GRADES.stated_ratio)
-        joints = GRADES.joint_rad * (1.0 if turns else 1e-3 * evidence.spread_mm)
-        too_small = scatter.found > off * np.hypot(scatter.stated, joints)
-        most = most_stated(off, from_touches=evidence.from_touches)
-        too_large = scatter.stated > most * scatter.found
+        attitude = scatter.kind.startswith("attitude")
+        unit, ratio = ("mrad", GRADES.attitude_ratio) if attitude else ("mm", GRADES.stated_ratio)
+        # Readings of the joints scatter, too.
+        joints = GRADES.joint_rad * (1.0 if attitude else 1e-3 * evidence.spread_mm)
+        too_small = scatter.found > ratio * np.hypot(scatter.stated, joints)
+        largest = most_stated(ratio, from_touches=evidence.from_touches) * scatter.found
+        too_large = scatter.stated > largest
         if too_small or too_large:
             yield records.InputFinding(
                 what=f"{1e3 * scatter.stated:.2g} {unit} is stated, repeats scatter by "
@@ -403,14 +184,14 @@ def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     if evidence.repeats or evidence.noise_is_found or not evidence.noise_mm:
         return
     ratio = evidence.error_mm / evidence.noise_mm
-    # The unit in which it seems stated, by the error that remains over it.
+    # The unit in which the noise seems to be stated, by the ratio of the remaining error to it.
     units = {"metres, multiply it by 1000": 1e3, "micrometres, divide it by 1000": 1e-3}
-    near = {name: abs(np.log(max(ratio, GRADES.tiny) / factor)) for name, factor in units.items()}
-    unit = min(near, key=lambda name: near[name])
-    like_unit = near[unit] < np.log(GRADES.of_unit)
-    # Noise that is stated too large by another factor is no mistake of the input: see `_remarks`.
-    if (ratio < 1.0 and like_unit) or ratio > GRADES.unit_ratio:
-        looks = f": it looks like {unit}" if like_unit else ""
+    log_off = {name: abs(np.log(max(ratio, GRADES.tiny) / by)) for name, by in units.items()}
+    unit = min(log_off, key=lambda name: log_off[name])
+    other_unit = log_off[unit] < np.log(GRADES.of_unit)
+    # Noise that is stated too large by another factor is only a remark: see `_remarks`.
+    if (ratio < 1.0 and other_unit) or ratio > GRADES.unit_ratio:
+        looks = f": it looks like {unit}" if other_unit else ""
         yield records.InputFinding(
             what=f"{evidence.noise_mm:.2g} mm is stated, {evidence.error_mm:.2g} mm remain",
             where="stated uncertainty of the position (instrument.uncertainty_mm)",
@@ -420,26 +201,28 @@ def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
 
 
 def _lacking(evidence: GradeEvidence) -> str:
-    """Return what shows that the model lacks something; nothing where it does not."""
+    """Return in words why the model is incomplete; empty where it is not."""
     parts = []
     over = evidence.over_noise
     if over is not None and over > evidence.most_over_noise:
-        known = "" if evidence.noise_is_found or evidence.repeats else "stated "
-        parts.append(
-            f"{over:.2g} times the {known}noise of {evidence.own_noise_mm:.3f} mm: the model is "
+        stated = "" if evidence.noise_is_found or evidence.repeats else "stated "
+        text = (
+            f"{over:.2g} times the {stated}noise of {evidence.own_noise_mm:.3f} mm: the model is "
             "missing an effect"
-            + (", or the stated uncertainty is too small" if known else "")
-            + (", or the instrument moved between readings" if over >= GRADES.stated_ratio else "")
         )
+        if stated:
+            text += ", or the stated uncertainty is too small"
+        if over >= GRADES.stated_ratio:
+            text += ", or the instrument moved between readings"
+        parts.append(text)
     if (ratio := evidence.over_expected) is not None:
         parts.append(
             f"{ratio:.2g} times the error that the fit promises for held-out poses: they differ "
             "from the poses fitted, or the model is missing an effect"
         )
     rigid_mm = evidence.without_springs_mm
-    # Of another robot a springy model leaves as much: a reader is to know why it was not refused.
-    refused = evidence.fits_not
-    if parts and refused and evidence.soft and rigid_mm is not None:
+    # Such an error would be graded as that of another robot, if springs did not explain so much.
+    if parts and evidence.fits_not and evidence.soft and rigid_mm is not None:
         parts.append(
             f"a soft arm: with rigid joints {rigid_mm:.3f} mm remain, springs explain the larger "
             "part"
@@ -448,30 +231,33 @@ def _lacking(evidence: GradeEvidence) -> str:
 
 
 def _few(evidence: GradeEvidence) -> str:
-    """Return what more poses would bring; nothing where there are enough."""
+    """Return in words what these poses do not identify, with the remedy; empty where nothing."""
     names, unknowns = evidence.undetermined, len(evidence.ended.parameters)
-    told = f"the poses identify {evidence.rank} of {unknowns} unknowns"
+    identified = f"the poses identify {evidence.rank} of {unknowns} unknowns"
     if not np.isfinite(evidence.u_model_mm):
-        return f"{told}; measure at least {-(-unknowns // 2)} poses, well spread"
-    if names:
-        weights = {*names} <= {*evidence.ended.having("weight")}
+        return f"{identified}; measure at least {-(-unknowns // 2)} poses, well spread"
+    if not names:
+        return ""
+    turned_rad = evidence.turned_rad
+    if {*names} <= {*evidence.ended.having("weight")}:
         remedy = (
             "state the mass of the tool and its centre (tool in campaign.yaml), or measure under "
             "loads: joints as stiff as these hardly show weights"
-            if weights
-            else "measure poses in other orientations: the tool hardly turned "
-            f"({np.degrees(evidence.turned_rad):.2g} deg at most)"
-            if evidence.turned_rad is not None and evidence.turned_rad < GRADES.hardly_turned_rad
-            else "measure poses that move every joint over its range"
         )
-        return f"not identifiable with these poses: {_listed(names)} ({told}); {remedy}"
-    return ""
+    elif turned_rad is not None and turned_rad < GRADES.hardly_turned_rad:
+        remedy = (
+            "measure poses in other orientations: the tool hardly turned "
+            f"({np.degrees(turned_rad):.2g} deg at most)"
+        )
+    else:
+        remedy = "measure poses that move every joint over its range"
+    return f"not identifiable with these poses: {_listed(names)} ({identified}); {remedy}"
 
 
 def _uncertain(evidence: GradeEvidence) -> str:
-    """Return what more poses would bring to predictions; nothing where they are as wanted.
+    """Return in words how many more poses the required uncertainty needs; empty where none.
 
-    Where nobody says what is wanted, they are to be no more uncertain than single readings.
+    If none is required, it is that of a single reading.
     """
     u_mm, wanted_mm = evidence.u_model_mm, evidence.wanted_mm or evidence.single_mm
     if u_mm <= wanted_mm:
@@ -485,21 +271,18 @@ def _uncertain(evidence: GradeEvidence) -> str:
 
 
 def _remarks(evidence: GradeEvidence) -> Iterator[str]:
-    """Return what a reader should know besides."""
+    """Return what a reader should know besides the grade."""
     # A linear spring at its bound is a joint as rigid as the readings can show: no remark.
     rigid = evidence.ended.having("windup")
     held = tuple(name for name in evidence.ended.at_bound if name not in rigid)
     if held:
         yield f"{_listed(held)} at the end of the physical range"
     if evidence.weights:
+        lengths = evidence.weights == "assumed"
+        origin = "the lengths of the links" if lengths else "the mass of the whole arm"
         yield (
-            "no masses are stated, so weights are assumed "
-            + (
-                "from the lengths of the links"
-                if evidence.weights == "assumed"
-                else "from the mass of the whole arm"
-            )
-            + ": stiffness is relative to them"
+            f"no masses are stated, so weights are assumed from {origin}: stiffness is relative "
+            "to them"
         )
     log = None if evidence.arm is None else weights_known(evidence.arm).by_log
     if log is not None and log.said:
@@ -509,9 +292,9 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
             "the tool's centre of mass is not stated (tool.com_mm is 0, 0, 0): it counts as "
             f"unknown by {1e3 * evidence.com_u_m:.0f} mm"
         )
-    if off := evidence.departures:
-        more = f" ({len(off) - 1} more in health.departures)" if off[1:] else ""
-        yield f"{off[0].where}: {off[0].what}, as held-out poses confirm{more}"
+    if departures := evidence.departures:
+        more = f" ({len(departures) - 1} more in health.departures)" if departures[1:] else ""
+        yield f"{departures[0].where}: {departures[0].what}, as held-out poses confirm{more}"
     if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):
         yield (
             f"the stated noise of {evidence.noise_mm:.2g} mm is larger than what remains: effects "
@@ -532,5 +315,6 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
 
 
 def _listed(names: Sequence[str]) -> str:
+    """Return the first names, and whether there are others."""
     shown = ", ".join(map(reported_name, names[: GRADES.most_names]))
     return shown + (" and others" if names[GRADES.most_names :] else "")

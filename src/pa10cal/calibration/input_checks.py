@@ -1,12 +1,11 @@
-"""What is probably wrong in the input, by the nominal arm and by quick calibrations of it.
+"""Checks for what is probably wrong in the input, by the nominal arm and quick calibrations.
 
-What is certain is refused when raw files are read (`campaign.bounds`, `campaign.screens`). What is
-found here leaves the campaign running, marked: `docs/raw-data.md` lists all of it in one table.
+What is certainly wrong is refused when raw files are read (`campaign.bounds`, `campaign.screens`).
+Findings of these checks do not stop a campaign: `docs/raw-data.md` lists all of them in one table.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TypeVar
@@ -19,20 +18,20 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.checked_campaign import CheckedCampaign, scatter_of_repeats_mm, spread_rows
 from pa10cal.calibration.joint_slips import (
-    CHECK_ALL,
     joint_zeros,
     joints_without_motion,
     signs_and_order,
     small_screws,
     small_signs,
 )
+from pa10cal.calibration.log_changes import CHECK_ALL
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import CHECKS
+from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.conventions import EXPECTED_M, STILL_WRONG, better_convention, puts_right
 from pa10cal.campaign.description import CampaignDescription
-from pa10cal.campaign.nominal_fit import exchange_text, stated_order, stated_shape
 from pa10cal.campaign.raw_file import words_of
-from pa10cal.campaign.raw_rows import ColumnMap
+from pa10cal.campaign.target_labels import exchange_text, stated_order, stated_shape
 from pa10cal.errors import Pa10calError
 from pa10cal.files.coupling import coupled_joints
 from pa10cal.fit.loads import statics_of
@@ -43,7 +42,8 @@ from pa10cal.terms.model import Model
 
 Refusal = TypeVar("Refusal", bound=Pa10calError)
 
-_AXES = {
+#: Directions of gravity in the frame of the base, by the words of a finding.
+_DIRECTIONS = {
     "along +x": (1.0, 0.0, 0.0),
     "along -x": (-1.0, 0.0, 0.0),
     "along +y": (0.0, 1.0, 0.0),
@@ -56,7 +56,7 @@ _AXES = {
 def check_input(
     campaign: CampaignDescription, arm: Arm, every: Observations, options: CalibrationOptions
 ) -> tuple[InputFinding, ...]:
-    """Find what is probably wrong in a campaign, by single readings of all kinds."""
+    """Return what is probably wrong in a campaign, by single readings of all kinds."""
     members = dict(zip(every.by_campaign(), campaign.campaigns, strict=True))
     if members:
         return tuple(
@@ -65,7 +65,7 @@ def check_input(
             for finding in check_input(members[name], arm, own, options)
         )
     single = every.of_kind("grid")
-    if campaign.coupling is not None:  # of a member of a group, its own
+    if campaign.coupling is not None:  # a campaign of a group may have its own
         arm = replace(arm, coupled=coupled_joints(campaign.coupling, arm.prismatic, campaign.name))
     grid, words = average_repeats(single), words_of(campaign, arm.axes_slide)
     checked = CheckedCampaign(
@@ -76,7 +76,8 @@ def check_input(
         grid.take(spread_rows(len(grid))),
         scatter_of_repeats_mm(single),
     )
-    # One wrong column explains what others seem to show: the first hypothesis that holds is told.
+    # One wrong column may look like other mistakes too: only the first hypothesis that holds is
+    # reported.
     hypotheses = (
         _attitudes,
         _scale,
@@ -88,20 +89,24 @@ def check_input(
         small_screws,
         _gravity,
     )
-    others = (finding for hypothesis in hypotheses if (finding := hypothesis(checked)))
-    found = tuple(itertools.islice(others, 1))
-    # Lengths of another size are those between targets, too.
-    scaled = any(finding.kind == "scale" for finding in found)
+    first: tuple[InputFinding, ...] = ()
+    for hypothesis in hypotheses:
+        finding = hypothesis(checked)
+        if finding is not None:
+            first = (finding,)
+            break
+    # A wrong scale changes the distances between targets, too.
+    scaled = any(finding.kind == "scale" for finding in first)
     return (
         *_temperature(campaign, every, words),
         *weights_finding(arm),
         *(() if scaled else _target_places(campaign, arm, grid, options)),
-        *found,
+        *first,
     )
 
 
 def explained(error: Refusal, findings: Sequence[InputFinding]) -> Refusal:
-    """Return a refusal with what was found in the input, the likely cause, as its remedy."""
+    """Return a refusal with the findings of the checks, its likely causes, as remedy."""
     if not findings:
         return error
     return type(error)(
@@ -114,7 +119,7 @@ def explained(error: Refusal, findings: Sequence[InputFinding]) -> Refusal:
 
 
 def _attitudes(checked: CheckedCampaign) -> InputFinding | None:
-    """Find the convention of the orientations, where another than the one stated is right."""
+    """Find that another convention of the orientations than the stated one is right."""
     grid, measured, words = checked.grid, checked.grid.measured, checked.words
     if measured.attitudes is None or measured.from_touches:
         return None
@@ -138,7 +143,7 @@ def _attitudes(checked: CheckedCampaign) -> InputFinding | None:
 
 
 def _scale(checked: CheckedCampaign) -> InputFinding | None:
-    """Find one factor between all readings and the arm: of a tag's size, or of a wrong unit."""
+    """Find one factor between all readings and the arm, as by a tag's size or a wrong unit."""
     grid, measured = checked.grid, checked.grid.measured
     T_base_ee = Chain.of(checked.arm).forward(grid.states.q_rad)
     first = None if measured.from_touches else measured.scale(T_base_ee)
@@ -164,7 +169,7 @@ def _scale(checked: CheckedCampaign) -> InputFinding | None:
     factor = float(np.exp(best.x))
     now_m, left_m = checked.nominal_misfit_m(q), float(best.fun)
     times = 1.0 / factor
-    # Calibrated lengths take up any scale: only the arm as described can tell.
+    # Calibrated lengths take up any scale, so the nominal arm decides.
     if abs(times - 1.0) < CHECKS.another_scale or not left_m < CHECKS.nominal_left_share * now_m:
         return None
     if left_m > max(CHECKS.not_departures_m, CHECKS.misfit_left_share * now_m):
@@ -185,11 +190,11 @@ def _scale(checked: CheckedCampaign) -> InputFinding | None:
 
 
 def _gravity(checked: CheckedCampaign) -> InputFinding | None:
-    """Try gravity along the other axes of the base, with joints elastic under the masses described.
+    """Find that gravity acts along another axis of the base, by calibrations with elastic joints.
 
-    An arm that hangs or stands on a wall says so by `gravity_m_s2` in the frame of its base.
+    For an arm that hangs or is mounted on a wall `gravity_m_s2` has to be stated.
     """
-    # Under weights that nobody stated, an error of joint 1 is as well one of an arm on a wall.
+    # Without stated weights, an error of joint 1 cannot be told from the sag of an arm on a wall.
     if checked.logs_torques or weights_known(checked.arm).assumed or not checked.above_noise:
         return None
     others = _other_directions(checked.payload)
@@ -211,34 +216,35 @@ def _gravity(checked: CheckedCampaign) -> InputFinding | None:
 
 
 def _gravity_by_torques(checked: CheckedCampaign) -> InputFinding | None:
-    """Compare logged torques with those of the masses, under gravity along each axis."""
+    """Find that gravity acts along another axis, by logged torques and those of the masses."""
     payload, states = checked.payload, checked.grid.states
     others = _other_directions(payload) if checked.logs_torques else {}
     if payload is None or not others:
         return None
     nominal, logged = Model(Chain.of(checked.arm), ()), states.tau_Nm
 
-    def follows(carried: Payload) -> float:
+    def correlation(carried: Payload) -> float:
         of_masses = statics_of(nominal, np.zeros(0), states, carried).torque_Nm
         size = np.sqrt(np.sum(of_masses**2) * np.sum(logged**2))
         return float(np.sum(of_masses * logged) / size) if size > 0.0 else 0.0
 
-    now, follow = follows(payload), {name: follows(other) for name, other in others.items()}
-    best = max(follow, key=lambda name: follow[name])
-    if follow[best] < CHECKS.follows or now > CHECKS.does_not_follow:
+    now = correlation(payload)
+    then = {name: correlation(other) for name, other in others.items()}
+    best = max(then, key=lambda name: then[name])
+    if then[best] < CHECKS.follows or now > CHECKS.does_not_follow:
         return None
-    shown = f"a correlation of {now:.2f} as stated, {follow[best]:.2f} then"
+    shown = f"a correlation of {now:.2f} as stated, {then[best]:.2f} then"
     return _other_gravity(best, others[best], shown)
 
 
 def _other_directions(payload: Payload | None) -> dict[str, Payload]:
-    """Return the payload under gravity along every axis of the base that is not the one stated."""
+    """Return the payload under gravity along each axis of the base but the stated one."""
     size = 0.0 if payload is None else float(np.linalg.norm(payload.gravity_m_s2))
     if payload is None or size == 0.0:
         return {}
     return {
         name: replace(payload, gravity_m_s2=size * np.array(axis))
-        for name, axis in _AXES.items()
+        for name, axis in _DIRECTIONS.items()
         if np.array(axis) @ payload.gravity_m_s2 < CHECKS.same_gravity * size
     }
 
@@ -263,9 +269,9 @@ def _other_gravity(
 def _target_places(
     campaign: CampaignDescription, arm: Arm, grid: Observations, options: CalibrationOptions
 ) -> Iterator[InputFinding]:
-    """Compare the places of targets with those stated: among each other, and on the arm."""
+    """Find wrong or exchanged places of targets, by their distances and by the nominal arm."""
     measured = grid.measured
-    # Targets or balls that the instrument measured one by one, (P, B, 3).
+    # An instrument that touches balls holds them apart from the poses that they give.
     targets = getattr(measured, "balls", measured)
     names, places_m = tuple(getattr(targets, "names", ())), targets.places_m
     if len(names) < 2 or not set(names) <= set(campaign.tool.balls_mm):
@@ -275,7 +281,7 @@ def _target_places(
     of_touches_mm = options.apparatus_uncertainty_mm if measured.from_touches else 1.0
     allowed_mm = CHECKS.shape_ratio * of_touches_mm
     if off is None or off.largest_mm < max(allowed_mm, CHECKS.shape_errors * off.u_mm):
-        # Distances do not show what is exchanged in a pair, or in a regular ring.
+        # Distances do not show an exchange in a pair of targets, or in a regular ring.
         some = spread_rows(len(grid))
         nominal = Chain.of(arm).forward(grid.states.q_rad[some])
         order = stated_order(nominal, places_m[some], stated_mm)

@@ -1,7 +1,7 @@
-"""Residuals of the calibration on two levels, and their exact derivative.
+"""The paper's two-level problem: its inner poses and base frame, and residuals with derivatives.
 
 Rows are those of paper equations (2) and (4): position difference over r_max, and the chord of the
-orientation difference, for every pose. The base frame is the inner minimum for each set of outer
+orientation difference, for every pose. The base frame is the inner minimum for given outer
 parameters, so its derivative is that of an implicit function. On one level, where six parameters
 of the model place the base, the problem is `fit.Problem`.
 """
@@ -25,11 +25,9 @@ from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Report, TermParameter, base_frame
 
-# Which M poses the inner level uses.
-
 
 def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) -> tuple[str, ...]:
-    """Choose poses far from each other: each next one is the farthest from those chosen.
+    """Choose M poses for the inner level: each next one is the farthest from those chosen.
 
     The paper does not specify which 8 of its 27 it took; on a 3 x 3 x 3 pattern this gives corners.
 
@@ -47,7 +45,7 @@ def spread_poses(observations: Observations[Pose], count: int | Literal["all"]) 
             allowed=f"1 to {len(labels)}, or 'all'",
             remedy="lower inner_poses",
         )
-    # Each label at the mean place of its rows.
+    # The place of a label is the mean of its rows.
     p_instr_m = observations.measured.T_instr_target[:, :3, 3]
     sums_m = np.stack([np.bincount(codes, weights=along) for along in p_instr_m.T], axis=1)
     places = sums_m / np.bincount(codes)[:, None]
@@ -65,16 +63,9 @@ def rows_of(observations: Observations[Pose], poses: tuple[str, ...]) -> NDArray
     return np.flatnonzero(np.isin(observations.pose, poses))
 
 
-# The inner level, paper equation (4): the base frame that fits M poses best.
-#
-# Its cost is that of weighted orthogonal Procrustes on positions and orientations, whose minimum is
-# one singular value decomposition; the implicit-function theorem gives the derivative of that
-# minimum.
-
-
 @dataclass(frozen=True)
 class BaseFrame:
-    """The base frame that minimises the inner cost."""
+    """The base frame that minimises the cost of the inner level, paper equation (4)."""
 
     T_instr_base: Array  # (4, 4) base frame in the instrument's frame [m]
     # (6, k) derivative by the model's parameters: translation [m] over a small right rotation, R
@@ -91,11 +82,14 @@ def fit_base_frame(
 ) -> BaseFrame:
     """Minimise sum |p_instr - (R p_base + t)|^2 + w sum chord^2 over R and t.
 
+    It is a weighted orthogonal Procrustes problem, solved by one singular value decomposition; the
+    implicit-function theorem gives the derivative of the minimum.
+
     Args:
         T_base_ee: (M, 4, 4) predicted poses.
         T_instr_ee: (M, 4, 4) measured poses.
-        attitude_weight_m2: w, square of the length that makes one radian weigh like it; zero
-            aligns on positions alone.
+        attitude_weight_m2: w, square of the length that weighs as much as one radian; zero aligns
+            positions alone.
         jacobian: (M, 6, k) derivative of the predicted poses, where that of the frame is needed.
 
     Raises:
@@ -107,7 +101,7 @@ def fit_base_frame(
     centred_instr = p_instr - mean_instr
     moment = centred_instr.T @ (p_base - mean_base)
     moment += 0.5 * attitude_weight_m2 * np.einsum("nij,nkj->ik", R_cmm, R_base)
-    left, sizes, right = np.linalg.svd(moment)
+    U, sizes, Vt = np.linalg.svd(moment)
     if not sizes[1] > FIT.same_directions * max(sizes[0], np.finfo(float).tiny):
         raise CalibrationError(
             "the poses do not determine the base frame",
@@ -116,7 +110,7 @@ def fit_base_frame(
             allowed="poses that are not collinear",
             remedy="use more poses, or poses further apart",
         )
-    R = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, mean_instr - R @ mean_base
     if jacobian is None:
@@ -138,13 +132,11 @@ def _times_cross(matrices: Array, turns: Array) -> Array:
     """Return minus the sum over n of A_n [w_n]x, (3, 3, k), for A (n, 3, 3) and w (n, 3, k)."""
     count, k = len(matrices), turns.shape[2]
     products = matrices.reshape(count, 9).T @ turns.reshape(count, 3 * k)  # sums of A_ij w_l
-    column = products.reshape(3, 3, 3, k)
-    return -np.stack([column[:, i, j] - column[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], 1)
+    sums = products.reshape(3, 3, 3, k)
+    return -np.stack([sums[:, i, j] - sums[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], 1)
 
 
-# The base frame in the paper's parameters: origin and body-fixed rotations of the instrument.
-
-#: Each has a scale of a millimetre or milliradian (unit).
+#: The base frame in the paper's parameters, in scales of a millimetre or milliradian (unit).
 _PARAMETERS = (
     *(TermParameter(f"base_p_cmm_{axis}", "m", 1e-3) for axis in "xyz"),
     *(TermParameter(f"gamma_{axis}", "rad", 1e-3) for axis in "xyz"),
@@ -176,7 +168,7 @@ def report_base(T_instr_base: Array) -> Report:
 
 @dataclass(frozen=True)
 class TwoLevelRows(Rows):
-    """Rows of N poses at one point: position over r_max, chord of the orientation, (N, 6)."""
+    """Rows (N, 6) of N poses for given parameters: position over r_max, chord of orientation."""
 
     # (N, 6, 6) derivative by the base frame: translation in the instrument's frame [m], then a
     # small right rotation
@@ -201,21 +193,21 @@ class TwoLevel:
 
     @property
     def weights(self) -> Array:
-        """Return what components [m, rad] are multiplied by in the rows, (6,)."""
+        """Return the factors of the components [m, rad] in the rows, (6,)."""
         return np.concatenate([np.full(3, 1.0 / self.r_max_m), np.ones(3)])
 
     def one_level(self, T_instr_base: Array) -> Problem:
-        """Return the same with the base among the unknowns, as six small motions, the last ones.
+        """Return the problem with six small motions of the base as the last unknowns.
 
         Args:
-            T_instr_base: (4, 4) where the base is when these are zero.
+            T_instr_base: (4, 4) base frame when these are zero.
         """
         model = Model(self.model.chain, (*self.model.terms, base_frame()))
         none = np.zeros(0)
         return Problem(model, none.astype(np.intp), none, T_instr_base, self.observations)
 
     def rows(self, x: Array) -> TwoLevelRows:
-        """Return residuals and exact derivatives, by one inner solve."""
+        """Return residuals and exact derivatives at parameters x (k,), by one inner solve."""
         T_instr_target, inner = self.observations.measured.T_instr_target, self.inner_rows
         predicted = self.model.predict_with_jacobian(self.observations.states, x)
         T_base_ee, jacobian = predicted.T_base_ee, predicted.jacobian

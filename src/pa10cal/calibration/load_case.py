@@ -1,4 +1,4 @@
-"""A load case to calibrate: what is given of it, and what its record holds whatever the model."""
+"""A load case to calibrate: its input, and the keys of its record that both models share."""
 
 from __future__ import annotations
 
@@ -25,20 +25,21 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter, Covariance, Health, InputFinding
 from pa10cal.results.evaluation import ResidualRows
 
+#: The load case of all loads together.
 COMBINED = "combined"
 
 
 @dataclass(frozen=True, eq=False)
 class LoadCase:
-    """Poses of a campaign to calibrate an arm by, and how."""
+    """The input of a calibration: poses of a campaign, arm and options."""
 
     campaign: CampaignDescription  # description of the campaign
     arm: Arm  # the nominal arm
     every: Observations  # single readings of all kinds
     load: str = COMBINED  # `combined` or `general` for all loads together, or one such as `44N`
     options: CalibrationOptions = field(default_factory=CalibrationOptions)  # how to calibrate
-    findings: tuple[InputFinding, ...] = ()  # what checks of the input found
-    prior: FittedModel | None = None  # fitted model of the arm to start from; None for none
+    findings: tuple[InputFinding, ...] = ()  # findings of the checks of the input
+    prior: FittedModel | None = None  # fitted model of the arm as prior; None for none
 
     @property
     def payload(self) -> Payload | None:
@@ -46,7 +47,7 @@ class LoadCase:
         return self.campaign.payload(self.arm)
 
     def rows(self, load_N: Array) -> NDArray[np.bool_]:
-        """Return (P,) which poses of loads (P,) [N] are of the load case; see `rows_of_load`."""
+        """Return which poses (P,) with loads (P,) [N] belong to the load case."""
         return rows_of_load(load_N, COMBINED if self.load == "general" else self.load)
 
 
@@ -56,7 +57,7 @@ def load_cases(load_N: Array) -> tuple[str, ...]:
 
 
 def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
-    """Return (P,) which poses are of a load case.
+    """Return which poses (P,) belong to a load case.
 
     Raises:
         CalibrationError: when none is.
@@ -81,7 +82,7 @@ def fit_keys(
     names: Sequence[str],
     covariance: Array,
 ) -> dict[str, Any]:
-    """Return what a record holds of every fit, with the covariance (k, k) of those named."""
+    """Return the keys of a record for every fit; the covariance (k, k) is of the names given."""
     return {
         "status": "converged" if ended.converged else "not converged",
         "reason": ended.reason,
@@ -97,11 +98,11 @@ def fit_keys(
 def case_keys(
     case: LoadCase, ended: FitSummary, found: Health, model: FittedModel, grid: Observations
 ) -> dict[str, Any]:
-    """Return what the record of a load case holds whatever the model.
+    """Return the keys of the record of a load case that both models share.
 
-    Residuals are those of the grid poses of every load, as the model takes them.
+    Residuals are those of the calibration poses of every load, with the torques of the model.
     """
-    identified, left = ended.identifiability, model.deviations(grid)
+    identified, deviations = ended.identifiability, model.deviations(grid)
     return {
         "campaign": case.campaign.name,
         "provenance": case.campaign.provenance,
@@ -117,8 +118,8 @@ def case_keys(
             pose=grid.pose,
             load_N=grid.states.load_N,
             place_mm=1e3 * model.model.predict(grid.states, model.x)[:, :3, 3],
-            position_mm=left.position_mm,
-            rotation_deg=left.rotation_deg,
+            position_mm=deviations.position_mm,
+            rotation_deg=deviations.rotation_deg,
         ),
         "health": found,
         "seconds": None,

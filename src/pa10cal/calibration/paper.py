@@ -1,4 +1,4 @@
-"""A load case with the paper's model: both springs, both levels, what it rests on."""
+"""The record of a load case with the paper's model: cubic and linear springs, errors, grade."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.calibration import uncertainty
+from pa10cal.calibration import accuracy, uncertainty
 from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bounds
 from pa10cal.calibration.fit_summary import FitSummary, names_of
-from pa10cal.calibration.health import GradeEvidence, health
+from pa10cal.calibration.grade_evidence import GradeEvidence
+from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, UNKNOWNS
 from pa10cal.errors import CalibrationError
@@ -33,7 +34,8 @@ def paper_case(
 ) -> tuple[records.PaperCalibrationRecord, FittedModel]:
     """Compute a load case on two levels, with the paper's unknowns.
 
-    The seed (4, 4) is what the straight moves say of the base; it starts nothing.
+    Args:
+        T_instr_base_seed: (4, 4) base frame by straight moves, for comparison, not as a start.
 
     Raises:
         CalibrationError: when the instrument measures no poses, no grid pose has that load, or
@@ -64,8 +66,8 @@ def paper_case(
     load_N, payload, rigid = grid.states.load_N, case.payload, nominal(arm)
     model, linear_model = cubic.model(payload), linear.model(payload)
     before, from_seed = (
-        uncertainty.summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
-        for T in (uncertainty.align_nominal(rigid, grid), T_instr_base_seed)
+        accuracy.summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
+        for T in (accuracy.align_nominal(rigid, grid), T_instr_base_seed)
     )
     noise = uncertainty.with_own_scatter(used, chosen, model.model, model.x)
     stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
@@ -76,8 +78,9 @@ def paper_case(
         replace(each, fitted_to=about, discrepancy=discrepancy_of(each, used))
         for each in (model, linear_model)
     )
-    away = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
-    seed_angle_deg = float(np.degrees(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
+    from_seed_frame = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
+    cosine = (np.trace(from_seed_frame[:3, :3]) - 1) / 2
+    seed_angle_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
     record = records.PaperCalibrationRecord(
         **case_keys(case, evidence.ended, found, model, grid),
         **_paper_fit_keys(cubic, model),
@@ -85,12 +88,12 @@ def paper_case(
             load: records.LoadErrors(
                 before=before[load], before_seed_frame=from_seed[load], after=after
             )
-            for load, after in uncertainty.summarise_by_load(model.deviations(grid), load_N).items()
+            for load, after in accuracy.summarise_by_load(model.deviations(grid), load_N).items()
         },
         inner_poses=cubic.inner_poses,
         linear=records.LinearFit(
             **_paper_fit_keys(linear, linear_model),
-            after=uncertainty.summarise_by_load(linear_model.deviations(grid), load_N),
+            after=accuracy.summarise_by_load(linear_model.deviations(grid), load_N),
         ),
         warnings=_warnings(cubic, found, seed_angle_deg),
     )
@@ -122,9 +125,9 @@ def parameter_records(calibration: Calibration) -> dict[str, records.CalibratedP
 
 
 def _warnings(cubic: Calibration, found: Health, seed_angle_deg: float) -> tuple[str, ...]:
-    told = []
+    warnings = []
     if not cubic.converged:
-        told.append(f"not converged: {cubic.solution.reason}")
+        warnings.append(f"not converged: {cubic.solution.reason}")
     bound = sorted(_at_bound(cubic, cubic.level.model.report(cubic.solution.x)))
     if bound:
         pull = float(pull_beyond_bounds(cubic).max())
@@ -134,21 +137,21 @@ def _warnings(cubic: Calibration, found: Health, seed_angle_deg: float) -> tuple
             if pull > GRADES.paper_pull
             else "indistinguishable from the bound with these data"
         )
-        told.append(
+        warnings.append(
             f"{', '.join(bound)} at the end of the physical range, {pull:.1f} standard "
             f"uncertainties beyond it: {meaning}"
         )
     over = found.train_rms_mm / found.noise_mm if found.noise_mm else 0.0
     if over > GRADES.paper_incomplete:
-        told.append(
+        warnings.append(
             f"the remaining error is {over:.0f} times the noise of the readings: the model is "
             "incomplete, and the uncertainties do not cover the missing effect"
         )
     if cubic.starts_agreeing < 2 <= len(cubic.starts):
-        told.append(f"only one of {len(cubic.starts)} starts found this minimum")
+        warnings.append(f"only one of {len(cubic.starts)} starts found this minimum")
     if seed_angle_deg > GRADES.far_from_seed_deg:
-        told.append(f"the base frame is {seed_angle_deg:.2f} deg from its seed")
-    return tuple(told)
+        warnings.append(f"the base frame is {seed_angle_deg:.2f} deg from its seed")
+    return tuple(warnings)
 
 
 def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
@@ -157,9 +160,9 @@ def _at_bound(calibration: Calibration, report: Report) -> frozenset[str]:
     A linear spring's K_cub is at its end, zero, while its K_lin is an ordinary number.
     """
     held = np.flatnonzero(calibration.solution.at_bound)
-    touched = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
-    at_zero = touched & (report.values == 0.0)
-    return frozenset(names_of(report.parameters, at_zero if at_zero.any() else touched))
+    depends = np.abs(report.jacobian[:, held]).sum(axis=1) > 0
+    at_zero = depends & (report.values == 0.0)
+    return frozenset(names_of(report.parameters, at_zero if at_zero.any() else depends))
 
 
 def _evidence(
@@ -168,33 +171,40 @@ def _evidence(
     noise: Observations[Pose],
     stated: Observations[Pose],
 ) -> GradeEvidence:
-    """Return what the grade rests on; `stated` are the readings as the instrument states them."""
-    level, solution, whole = cubic.level, cubic.solution, cubic.problem
+    """Return what the grade rests on.
+
+    Args:
+        noise: the poses fitted, with the covariance that repeats show.
+        stated: single readings, with the covariance that the instrument states.
+    """
+    level, solution, problem = cubic.level, cubic.solution, cubic.problem
     used, jacobian = level.observations, cubic.jacobian
     x, model = np.concatenate([solution.x, np.zeros(6)]), cubic.model(None)
-    hidden, last = _hidden(whole, x), str(level.model.chain.arm.n)
-    # The departures of the last row hold how the apparatus is mounted as well.
+    hidden, last = _hidden(problem, x), str(level.model.chain.arm.n)
+    # The departures of the last row contain the mounting of the apparatus as well.
     departures = level.model.departures
-    of_row = {name for name, of in departures.items() if of.rpartition("_")[2] == last}
+    of_last_row = {
+        name for name, coordinate in departures.items() if coordinate.rpartition("_")[2] == last
+    }
     ended = FitSummary(
         solution=replace(solution, x=x, at_bound=np.append(solution.at_bound, np.zeros(6, bool))),
         pose=used.pose,
-        parameters=whole.parameters,
-        roles=whole.roles,
+        parameters=problem.parameters,
+        roles=problem.roles,
         departures=departures,
         covariance=cubic.covariance,
         identifiability=cubic.identifiability,
         white=np.linalg.inv(np.linalg.cholesky(noise.measured.cov)) @ jacobian,
-        position_gram=uncertainty.gram(jacobian[:, :3]),
+        position_gram=accuracy.gram(jacobian[:, :3]),
         not_identifiable=cubic.not_identifiable,
         hidden=hidden,
-        of_mounting=hidden | of_row,
+        of_mounting=hidden | of_last_row,
     )
-    noise_mm = uncertainty.position_noise_mm(noise.measured, noise.measured.cov)
-    held_out, off = poses_of(case.every, "holdout"), None
+    noise_mm = accuracy.position_noise_mm(noise.measured, noise.measured.cov)
+    held_out, held_out_errors = poses_of(case.every, "holdout"), None
     if len(held_out):
-        position = replace(whole, observations=held_out).rows(x).jacobian[:, :3]
-        off = uncertainty.held_out_errors(
+        position = replace(problem, observations=held_out).rows(x).jacobian[:, :3]
+        held_out_errors = accuracy.held_out_errors(
             model, case.every, used, held_out, position, cubic.covariance
         )
     scatter, findings = uncertainty.scatter_of_repeats(stated, model), case.findings
@@ -209,21 +219,14 @@ def _evidence(
                 kind="outlier",
             )
             findings = (*findings, finding)
-    # The position error that targets off their places leave in all poses after the fit.
-    weights = level.weights[:, None]
-    off_places = 1e-3 * case.options.apparatus_uncertainty_mm * weights * used.measured.by_apparatus
-    rows = (weights * jacobian).reshape(-1, len(x))
-    columns = off_places.reshape(len(rows), -1)
-    taken = rows @ np.linalg.lstsq(rows, columns, rcond=None)[0]
-    left_m = (columns - taken).reshape(off_places.shape)[:, :3] * level.r_max_m
     return GradeEvidence(
         ended=ended,
-        train_rms_mm=uncertainty.summarise(model.deviations(used)).rms_mm,
-        held_out=off,
+        train_rms_mm=accuracy.summarise(model.deviations(used)).rms_mm,
+        held_out=held_out_errors,
         noise_mm=noise_mm,
         spread_mm=used.measured.spread_mm,
         noise_is_found=bool(scatter),
-        apparatus_mm=1e3 * float(np.sqrt(np.sum(left_m**2) / len(left_m))),
+        apparatus_mm=_apparatus_mm(cubic, case.options.apparatus_uncertainty_mm),
         repeats=scatter,
         from_touches=stated.measured.from_touches,
         findings=findings,
@@ -232,8 +235,27 @@ def _evidence(
     )
 
 
+def _apparatus_mm(cubic: Calibration, u_mm: float) -> float:
+    """Return the rms position error after the fit by the places of balls on their apparatus.
+
+    Args:
+        u_mm: standard uncertainty of these places, per axis.
+    """
+    level, jacobian = cubic.level, cubic.jacobian
+    weights = level.weights[:, None]
+    errors = 1e-3 * u_mm * weights * level.observations.measured.by_apparatus
+    rows = (weights * jacobian).reshape(-1, jacobian.shape[2])
+    columns = errors.reshape(len(rows), -1)
+    fitted = rows @ np.linalg.lstsq(rows, columns, rcond=None)[0]
+    residual_m = (columns - fitted).reshape(errors.shape)[:, :3] * level.r_max_m
+    return 1e3 * float(np.sqrt(np.sum(residual_m**2) / len(residual_m)))
+
+
 def _hidden(problem: Problem, x: Array) -> frozenset[str]:
-    """Return the parameters that no pose determines: they move what the base moves."""
+    """Return the parameters that no pose identifies, as the base frame replaces them.
+
+    The rank of the problem at random joint positions and torques decides.
+    """
     generator = np.random.default_rng(0)
     observations = problem.observations.take(
         generator.integers(len(problem.observations), size=UNKNOWNS.paper_postures)
@@ -247,5 +269,5 @@ def _hidden(problem: Problem, x: Array) -> frozenset[str]:
         tau_Nm=generator.permuted(states.tau_Nm, axis=0),
     )
     rows = replace(problem, observations=observations.with_states(drawn)).rows(x).jacobian
-    rank = identify(rows.reshape(-1, len(x)), problem.scale)
-    return not_identifiable(rank, problem.parameters)
+    identifiability = identify(rows.reshape(-1, len(x)), problem.scale)
+    return not_identifiable(identifiability, problem.parameters)

@@ -118,7 +118,7 @@ class Checks:
     # a change that puts the nominal arm so much further off is not tried with a calibration
     # (computing)
     worth_trying: float = 3.0
-    most_changes: int = 3  # changes that are tried with a calibration (computing)
+    most_changes: int = 3  # changes of a log that are made one after the other (computing)
     scale_precision: float = 1e-5  # relative precision of the factor found (computing)
     # part of the misfit of the nominal arm that a right change may leave, where that is more
     # than departures explain (trials)

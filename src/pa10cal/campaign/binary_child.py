@@ -1,9 +1,9 @@
-"""Reads a file that is no text at standard input, in a process of its own with little memory.
+"""Reads a file that is no text from standard input, in a process of its own with limited memory.
 
-The readers are not ours: one far cell, or a few bytes that unpack to gigabytes, and they take all
-memory or abort. Nothing of the project is imported here. Rows go to standard output,
-`number<tab>cells`, tabs between the cells; what is wrong goes there too, `!kind<tab>words`, and
-what is not read, `?<tab>words`.
+Readers of other packages may take all memory or abort: one far cell, or a few bytes that unpack to
+gigabytes, suffice. Nothing of the project is imported here. Standard output has rows,
+`number<tab>cells` with tabs between cells; errors, `!kind<tab>words`; and parts that are not read,
+`?<tab>words`.
 
 python -P binary_child.py KIND NAMES BYTES SECONDS UNPACKED CELLS < file
 """
@@ -26,31 +26,31 @@ from typing import Any
 
 _INPUT = "/dev/fd/0"
 _BLOCK_BYTES = 1 << 20
-#: A workbook has a few tens of parts.
+#: Parts of a workbook, at most; usual are a few tens.
 _MOST_PARTS = 10_000
-#: Rows that have been read may take so many times as long until they are written.
+#: The time for reading and writing is so many times that for reading.
 _WRITING = 4
 _CELL = re.compile(rb""" r=["']([A-Z]{1,3})([0-9]{1,7})["']""")
-#: No table has so many columns; to look for these alone is quick.
+#: Cells in columns beyond those of any table, which are quick to search for.
 _FAR_COLUMN = re.compile(rb""" r=["']([A-Z]{3})([0-9]{1,7})["']""")
 #: Words that stand for no value.
 _NONE = frozenset(
-    ("", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN"),
+    ("", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN")
 ) | frozenset(("<NA>", "N/A", "NA", "NULL", "NaN", "None", "n/a", "nan", "null"))
 
 
 class _UnfitError(Exception):
-    """What is wrong with a file: a word for its kind, and what stands there."""
+    """An error of a file: its kind, and the offending value."""
 
 
 def _main(
     kind: str, names: str, most_bytes: int, most_s: int, most_unpacked: int, most_cells: int
 ) -> str:
-    """Print the rows of a file, and return what is wrong."""
+    """Print the rows of a file, and return an error; empty for none."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (most_s, _WRITING * most_s))
-    # A thread takes memory for itself.
+    # Every thread takes memory of its own.
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
     if kind == "workbook":
         return _workbook(most_s, most_unpacked, most_cells)
@@ -68,7 +68,7 @@ def _main(
 
 
 def _workbook(most_s: int, most_unpacked: int, most_cells: int) -> str:
-    """Print the rows of the sheet with the most cells, and return what is wrong."""
+    """Print the rows of the sheet with the most cells, and return an error; empty for none."""
     if zipfile.is_zipfile(_INPUT):
         with zipfile.ZipFile(_INPUT) as archive:
             if len(archive.infolist()) > _MOST_PARTS:
@@ -92,7 +92,7 @@ def _workbook(most_s: int, most_unpacked: int, most_cells: int) -> str:
             most, best = cells, sheet
     if best is None or best.start is None:
         return ""
-    # All is in memory, and no more than fits there.
+    # The book is in memory; only the time for writing is limited from here on.
     resource.setrlimit(resource.RLIMIT_CPU, (_WRITING * most_s,) * 2)
     left = "\t" * best.start[1]
     for number, row in enumerate(best.iter_rows(), start=1):
@@ -103,7 +103,7 @@ def _workbook(most_s: int, most_unpacked: int, most_cells: int) -> str:
 
 
 def _far(archive: zipfile.ZipFile, name: str, most_cells: int) -> str:
-    """Return a cell of a sheet that makes it too large, or nothing."""
+    """Return a cell that makes a sheet too large; empty for none."""
     rest = b""
     with archive.open(name) as file:
         while block := file.read(_BLOCK_BYTES):
@@ -139,13 +139,13 @@ def _text(value: object) -> str:
 
 # Arrays by name: MATLAB, NumPy, JSON, Parquet.
 
-#: In a data set of lerobot: which episode a row is of, and the time since its beginning.
+#: Columns of a data set of lerobot: episode of a row, and time since the beginning of the episode.
 _EPISODE, _EPISODE_TIME = "episode_index", "timestamp"
-#: Vectors under such names are joints, and no places.
+#: Names of vectors that are joints, not places.
 _JOINTS = re.compile(
     r"(?:.*[^a-z])?(?:q|th|theta|thetas|j|joint|joints|jnt|axis|axes|angles?)\d*", re.I
 )
-#: Columns of which there are so many have x, y, z for names; so many elements are a matrix.
+#: Vectors of this length are x, y, z; arrays of these shapes are matrices.
 _XYZ, _MATRICES = 3, ((4, 4), (3, 4), (3, 3))
 
 
@@ -185,7 +185,7 @@ def _npz(most_unpacked: int, _: object) -> dict[str, Any]:
 
 
 def _json(_: int, __: object) -> dict[str, Any]:
-    """Return what a document holds, or each line of one with a record a line."""
+    """Return the content of a document, or of all lines of a file with a record in each."""
     text = Path(_INPUT).read_text(encoding="utf-8-sig")
     try:
         found = json.loads(text)
@@ -225,7 +225,7 @@ def _parquet(_: int, __: object) -> dict[str, Any]:
 
 _BAGS = ("bag", "db3", "mcap")
 _JOINT_STATE = "sensor_msgs/msg/JointState"
-#: Where a message has a target, by its type; the last is a list of some.
+#: Attribute of a message that holds the target, by its type; the last holds a list of targets.
 _PLACES = {
     "geometry_msgs/msg/PoseStamped": "pose",
     "geometry_msgs/msg/PoseWithCovarianceStamped": "pose.pose",
@@ -261,7 +261,7 @@ def _c3d(_: int, called: dict[str, list[str]]) -> dict[str, Any]:
 
 
 def _bag(kind: str, called: dict[str, list[str]]) -> dict[str, Any]:
-    """Return the joints of the topic with most of their states; without any, the targets."""
+    """Return the joints of the topic with most joint states; without any, the targets."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
@@ -289,7 +289,7 @@ def _bag(kind: str, called: dict[str, list[str]]) -> dict[str, Any]:
 
 
 def _row_of(message: Any, kind: str, logged_s: float) -> list[tuple[float, dict[str, list[float]]]]:
-    """Return the time of a message, and what it holds, by the name of each joint or target."""
+    """Return time and values of a message, by the name of each joint or target."""
 
     def stamped(of: Any) -> float:
         stamp = of.header.stamp
@@ -310,7 +310,7 @@ def _row_of(message: Any, kind: str, logged_s: float) -> list[tuple[float, dict[
 
 
 def _place(of: Any) -> list[float]:
-    """Return x, y, z, and qx, qy, qz, qw where there is an orientation."""
+    """Return x, y, z, and qx, qy, qz, qw if there is an orientation."""
     at = getattr(of, "position", None) or getattr(of, "translation", None) or of
     turned = getattr(of, "orientation", None) or getattr(of, "rotation", None)
     turn = () if turned is None else (turned.x, turned.y, turned.z, turned.w)
@@ -320,7 +320,7 @@ def _place(of: Any) -> list[float]:
 def _joined_rows(
     rows: list[tuple[float, dict[str, list[float]]]], called: dict[str, list[str]], *, joints: bool
 ) -> dict[str, Any]:
-    """Return columns of rows that each hold some joints or targets."""
+    """Return arrays by joint or target, of rows that each hold some of them; nan where missing."""
     import numpy as np
 
     width = {name: len(values) for _, row in rows for name, values in row.items()}
@@ -339,7 +339,7 @@ def _note(not_read: str) -> None:
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the arrays in fields within fields, and in lists of records."""
+    """Yield the arrays in nested fields and in lists of records, by dotted names."""
     import numpy as np
 
     if isinstance(value, np.ndarray) and value.dtype == object:
@@ -365,7 +365,7 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _print_arrays(columns: dict[str, Any], called: dict[str, list[str]], most_s: int) -> None:
-    """Print arrays that have as many rows as most columns have, each column with a name."""
+    """Print the arrays with the commonest number of rows, each column with a name."""
     import numpy as np
 
     arrays = {name: np.squeeze(array) for top in columns.items() for name, array in _flat(*top)}
@@ -377,7 +377,7 @@ def _print_arrays(columns: dict[str, Any], called: dict[str, list[str]], most_s:
     for array in arrays.values():
         for size in {array.shape[0], array.shape[-1]}:
             count[size] += array.size // max(size, 1)
-    # Of several lengths that of the most rows and columns; a matrix is longer than wide.
+    # The length with most numbers; a matrix is longer than wide.
     rows = max(count, key=lambda size: (size > 1, count[size] * min(size, 1000)), default=0)
     named, parts, left_out = [], [], []
     for name, array in arrays.items():
@@ -401,7 +401,7 @@ def _print_arrays(columns: dict[str, Any], called: dict[str, list[str]], most_s:
 
 
 def _named(name: str, array: Any, called: list[str] | None) -> list[str]:
-    """Return a name for each column of an array (N, …); none where the array has none."""
+    """Return a name for each column of an array (N, …); empty ones for an array without a name."""
     width = array.size // len(array)
     if called is not None and len(called) == width:
         return called
@@ -416,7 +416,7 @@ def _named(name: str, array: Any, called: list[str] | None) -> list[str]:
 
 
 def _fields(values: Any) -> list[str]:
-    """Return a column as text: numbers in full, times as ISO 8601, blanks where there is none."""
+    """Return a column as text: numbers in full, times as ISO 8601, blanks for missing values."""
     if values.dtype.kind == "f":
         return ["" if text == "nan" else text for text in values.astype(str).tolist()]
     return [_text(each) for each in values.tolist()]

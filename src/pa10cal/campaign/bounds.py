@@ -1,6 +1,7 @@
-"""What every raw column is and may hold: beyond, it was never measured, or is in another unit.
+"""Columns of the contract with the bounds of their numbers, and refusals of impossible values.
 
-Bounds are wide: no right reading is outside. `docs/raw-data.md` lists them.
+Bounds are wide: no right reading lies outside, so a number that does was not measured, or is in
+another unit. `docs/raw-data.md` lists them.
 """
 
 from __future__ import annotations
@@ -14,41 +15,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.campaign.raw_rows import UNIT_WORDS, RawRows
+from pa10cal.arrays import Mask
+from pa10cal.campaign.column_map import UNIT_WORDS
+from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
 
 NOT_UNCERTAIN = "the stated uncertainty is not above zero"
-#: Joints may be logged beyond their described limits by so much; those without limits turn less.
+#: Joints may be logged beyond their described limits by so much.
 BEYOND_LIMITS = {"deg": 10.0, "mm": 20.0}
 TEMPERATURES_C = (-60.0, 150.0)
-#: Those between are taken for kelvin.
+#: Temperatures between these are taken for kelvin.
 _KELVIN = (220.0, 330.0)
-#: Stated uncertainties: of lengths [mm], angles [deg], torques [N m], quaternions; and least ones.
+#: Largest stated uncertainties of lengths, angles, torques and quaternions; and the least of all.
 LARGEST_U = {"mm": 1e3, "deg": 90.0, "Nm": 1e5, "": 1.0}
 LEAST_U = 1e-9
 #: Gravity on Earth is 9.78 to 9.83 m/s2.
 GRAVITY_M_S2 = (9.5, 10.1)
 STANDARD_M_S2 = 9.80665
-#: Tools heavier than their arm are in grams; as are those of arms without masses above this a metre
-#: of reach.
+#: Largest mass of a tool for each metre of the arm's reach, where the arm has no masses [kg/m].
 TOOL_KG_PER_M = 1000.0
-#: Joints are logged within one turn where so many numbers are in their limits only a turn away.
+#: Numbers beyond the limits that whole turns bring within, at least, in a log that wraps angles.
 LEAST_WRAPPED = 2
 ONE_TURN_DEG = 360.0
-#: Part of the rows that are within bounds in another unit, for that unit to be meant.
+#: Part of the rows that another unit, or whole turns, must bring within bounds.
 NEARLY_ALL = 0.9
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What a column may hold."""
+    """Bounds of the numbers in a column, which are allowed themselves."""
 
-    # low and high: bounds, allowed themselves
     low: float
     high: float
-    # below and above: why a number outside is not used
-    below: str
-    above: str
+    below: str  # reason to quarantine a number below
+    above: str  # and above
 
 
 def _both(low: float, high: float, reason: str) -> Bound:
@@ -70,15 +70,15 @@ _TEMPERATURE = _both(
 
 @dataclass(frozen=True)
 class Rule:
-    """What the contract has under a name."""
+    """A column of the contract, or several with names of one form."""
 
     like: str  # regular expression of the names
     key: str  # the key of `columns` that maps it
-    words: str  # what it is; groups of the name as \\1, \\2
-    bound: Bound = _LENGTH  # of a joint that of the arm stands in its place; of text none is used
+    words: str  # what it is, in words; groups of the name as \\1, \\2
+    bound: Bound = _LENGTH  # not used for joints, whose limits the arm states, and for text
 
 
-#: The columns of the contract; of several that a name is like the first.
+#: The columns of the contract; the first whose expression matches a name counts.
 RULES = (
     Rule(r"q(\d+)_(?:deg|mm)", "joints", r"position of joint \1"),
     Rule(r"tau(\d+)_Nm", "torques", r"torque of joint \1", _TORQUE),
@@ -98,7 +98,7 @@ RULES = (
 
 
 def rule_of(name: str) -> Rule:
-    """Return what the contract has under a name; for one that is no known one, that of lengths."""
+    """Return the rule of a column; of an unknown one the rule of lengths."""
     return next((rule for rule in RULES if re.fullmatch(rule.like, name)), Rule(name, name, name))
 
 
@@ -120,7 +120,7 @@ def bound_of(name: str, arm: Arm) -> Bound:
     if rule.key != "joints":
         return rule.bound
     joint = int(name[1:].partition("_")[0])
-    # Limits of a coupled joint may be meant of what the controller counts, or of the joint.
+    # Stated limits of a coupled joint may be of the joint, or of what the controller counts.
     limits = arm.coupling.axis_ranges(arm.axis_limits_rad)[joint - 1]
     low, high = 1e3 * np.array(limits) if unit == "mm" else np.degrees(limits)
     text = (
@@ -130,7 +130,7 @@ def bound_of(name: str, arm: Arm) -> Bound:
     return _both(float(low) - BEYOND_LIMITS[unit], float(high) + BEYOND_LIMITS[unit], text)
 
 
-def outside_bounds(raw: RawRows, names: Sequence[str], arm: Arm) -> NDArray[np.bool_]:
+def outside_bounds(raw: RawRows, names: Sequence[str], arm: Arm) -> Mask:
     """Return the rows (N,) with a number outside the bounds of its column."""
     off = np.zeros(len(raw), dtype=bool)
     for name in names:
@@ -140,7 +140,7 @@ def outside_bounds(raw: RawRows, names: Sequence[str], arm: Arm) -> NDArray[np.b
 
 
 def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:
-    """Quarantine the rows with a number outside the bounds of its column; blanks are let through.
+    """Quarantine rows with a number outside the bounds of its column; blanks are allowed.
 
     Temperatures in kelvin, and numbers in another unit than is stated, are refused.
     """
@@ -164,11 +164,11 @@ def within_bounds(raw: RawRows, names: list[str], arm: Arm) -> RawRows:
 def unwrapped(
     raw: RawRows, q: Sequence[str], arm: Arm, *, spread_deg: float = ONE_TURN_DEG
 ) -> RawRows:
-    """Bring joints that were logged within one turn, such as 0 to 360 deg, back into their limits.
+    """Return rows with joints moved by whole turns into their limits, if the log wraps angles.
 
-    Where whole turns put nearly all numbers beyond a joint's limits within them, the log wraps
-    angles: then those of every joint are meant nearest to the middle of its limits. Numbers of a
-    joint over a wider range than `spread_deg` may as well be of another unit, and stay.
+    It does where whole turns bring nearly all numbers beyond a joint's limits within them. Numbers
+    of every joint are then taken nearest to the middle of its limits. A joint whose numbers span
+    more than `spread_deg` is left as it is, as they may be in another unit.
     """
     turned: dict[str, NDArray[Any]] = {}
     wraps = False
@@ -197,7 +197,7 @@ def unwrapped(
 
 
 def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:
-    """Quarantine the rows whose column holds no whole number within its bounds."""
+    """Quarantine rows whose column holds no whole number within its bounds."""
     raw = within_bounds(raw.finite([name]), [name], arm)
     keep = raw[name] == np.round(raw[name])
     values = [f"{raw.name_of(name)} = {value:g}" for value in raw[name][~keep]]
@@ -206,13 +206,13 @@ def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:
 
 
 def labelled(raw: RawRows, arm: Arm) -> RawRows:
-    """Quarantine the rows that lack a label, a load or the number of the repeat."""
+    """Quarantine rows that lack a label, a load or the number of the repeat."""
     raw = whole(within_bounds(raw, ["load_N"], arm), "repeat", arm)
     return raw.take(raw.text_of("pose") != "", "the pose has no label")
 
 
 def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
-    """Stop when columns are in the contract's unit though campaign.yaml states a larger one."""
+    """Refuse columns that are in the contract's unit though campaign.yaml states a larger one."""
     words = raw.own
     of_key: dict[str, list[str]] = {}
     for name in names:
@@ -248,7 +248,7 @@ def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
 
 
 def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
-    """Stop when the tool is heavier than any that the arm carries: its mass is in grams."""
+    """Refuse a tool that is heavier than the arm can carry; its mass may be in grams."""
     of_arm = None if arm.mass_kg is None else float(np.sum(arm.mass_kg))
     largest_kg = TOOL_KG_PER_M * arm.reach_m if of_arm is None else of_arm
     if mass_kg > largest_kg:
@@ -266,7 +266,7 @@ def refuse_impossible_tool(mass_kg: float, arm: Arm, where: str) -> None:
 
 
 def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: str) -> None:
-    """Stop when gravity is not of the size that it has on Earth; zero is not stated."""
+    """Refuse gravity that is not of the size on Earth; zero means that it is not stated."""
     size = float(np.linalg.norm(gravity_m_s2))
     if size == 0.0 or GRAVITY_M_S2[0] <= size <= GRAVITY_M_S2[1]:
         return
@@ -289,7 +289,7 @@ def refuse_impossible_gravity(gravity_m_s2: tuple[float, float, float], where: s
 
 
 def refuse_impossible_temperature(temperature_C: float, where: str) -> None:
-    """Stop when a stated temperature is in kelvin, or none of a laboratory."""
+    """Refuse a stated temperature that is in kelvin, or not that of a laboratory."""
     if not TEMPERATURES_C[0] <= temperature_C <= TEMPERATURES_C[1]:
         set_to = f"set reference_temperature_C: {temperature_C - 273.15:.4g}"
         raise _kelvin(f"{where}: reference_temperature_C", temperature_C, set_to)

@@ -1,7 +1,7 @@
 """Points in the programs of controllers as tables of joint positions: KUKA, FANUC, ABB, Yaskawa.
 
 Each reader takes the lines of a file and yields those of a table: labels, and joint positions as
-the controller has them. Points that hold a pose of the tool have none, and are counted.
+the controller has them. Points that hold a pose of the tool are only counted.
 """
 
 from __future__ import annotations
@@ -25,26 +25,25 @@ _LOG_JOINTS = (
 class _Point:
     """A point of a program."""
 
-    line: int  # where it begins
-    labels: tuple[str, ...]  # its name, and its comment where points have such
-    axes: dict[str, str]  # positions by the name of the axis; empty where it holds a pose
-    whole: bool = True  # whether its end is there
+    line: int  # its first line
+    labels: tuple[str, ...]  # its name, and its comment in formats that have one
+    axes: dict[str, str]  # positions by the name of the axis; empty for a pose of the tool
+    whole: bool = True  # False if the file ends within it
 
 
 def _table(
     points: Sequence[_Point], axis: str, cut: TextLine | None, where: str, notes: list[str]
 ) -> Iterator[TextLine]:
-    """Yield a table of points; an `axis` that stands still at 0 in all of them is left out.
+    """Yield a table of points, without external axes that are 0 in all of them.
 
-    The program ends with the line `cut` where its end is missing.
+    `axis` is an example in messages; `cut` is the last line of a program whose end is missing.
     """
     placed = [point for point in points if point.axes]
     if not placed:
-        found = f"{len(points)} points with a pose of the tool" if points else "no point"
         raise RawDataError(
             "no joint positions are in the program",
             where=where,
-            value=found,
+            value=f"{len(points)} points with a pose of the tool" if points else "no point",
             allowed=f"points with a position for each axis, such as {axis}",
             remedy=_LOG_JOINTS if points else "export the program with its points",
         )
@@ -123,7 +122,7 @@ def _fanuc(
     begins: re.Pattern[str],
     ends: re.Pattern[str] | None,
 ) -> Iterator[TextLine]:
-    """Yield points that span lines, each from the one on which it begins to the next or its end."""
+    """Yield the points of group 1, each of several lines up to its end or to the next point."""
     points: list[_Point] = []
     units: dict[str, str] = {}
     begun: tuple[int, tuple[str, ...]] | None = None
@@ -179,7 +178,7 @@ def _fanuc(
 _ABB_NAMED = re.compile(r"\b(jointtarget|robtarget)\s+(\w+)\s*(?:\{[^}]*\})?\s*:=", re.I)
 _SIX = rf"\[\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{0,5}})\s*\]"
 _ABB_JOINTS = re.compile(rf"\[\s*{_SIX}\s*,\s*{_SIX}\s*\]")
-#: An external axis that is not there stands at this.
+#: The position of an external axis that does not exist.
 _ABB_NONE = 9e9
 
 
@@ -197,7 +196,7 @@ def abb_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Itera
             if part.endswith(";"):
                 points += _abb_statement(statement, begins)
                 statement = ""
-    if not ended:  # an array that was cut short
+    if not ended:  # an array may be cut short
         points += _abb_statement(statement, begins)
     yield from _table(points, "jointtarget", None if ended else last, where, notes)
 
@@ -210,14 +209,14 @@ def _abb_statement(statement: str, line: int) -> Iterator[_Point]:
     if named is not None and named[1].lower() == "robtarget":
         yield _Point(line, (label,), {})
         return
-    every = _ABB_JOINTS.findall(statement)
-    for k, (robot, external) in enumerate(every, start=1):
+    targets = _ABB_JOINTS.findall(statement)
+    for k, (robot, external) in enumerate(targets, start=1):
         values = [value.strip() for value in robot.split(",")]
         axes = {f"J{j} [deg]": value for j, value in enumerate(values, start=1)}
         for j, value in enumerate(external.split(","), start=1):
             if float(value) < _ABB_NONE:
                 axes[f"E{j}"] = value.strip()
-        yield _Point(line, (label if len(every) == 1 else f"{label}{{{k}}}",), axes)
+        yield _Point(line, (label if len(targets) == 1 else f"{label}{{{k}}}",), axes)
 
 
 # Yaskawa: C00000=pulses of the motors.

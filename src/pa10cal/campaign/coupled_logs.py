@@ -1,8 +1,8 @@
-"""Joints logged beyond their limits: together with another, exchanged, or turns away.
+"""Logs whose joints exceed the limits of the arm, although the rows are right.
 
-A controller that counts joint 3 to the horizontal makes rows look wrong in which joint 2 moved:
-their joint angles beyond limits, their places far from the nominal arm. They are right. So are
-those of a controller that goes on counting turns. The nominal arm tells.
+Three causes are tested: the controller counts a joint together with another one (joint 3 to the
+horizontal), two columns are exchanged or one has the other sign, or angles are whole turns off. A
+cause is accepted only if with it the nominal arm, base and target fitted, agrees with all readings.
 """
 
 from __future__ import annotations
@@ -19,33 +19,38 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index, spread
 from pa10cal.campaign.bounds import outside_bounds, unwrapped
 from pa10cal.campaign.conventions import EXPECTED_M, NEARER, puts_right
+from pa10cal.campaign.joint_positions import in_radians
 from pa10cal.campaign.nominal_fit import misfit_of
-from pa10cal.campaign.raw_rows import RawRows, in_radians
-from pa10cal.frame.target_problem import first_of_least
+from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.numerics.branch_and_bound import best_candidate
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 
+#: All coupled joints of an arm.
 Coupled = tuple[CoupledJoint, ...]
-#: Rows that couplings are tried on.
-_LOOKED_AT = 100
+#: Returns the nominal end (r, 4, 4) at some rows (r,) of a log.
+EndsAt = Callable[[Index], Array]
+#: Rows by which candidates are compared; only the best of them is fitted to all rows.
+_COMPARED_ROWS = 100
 
 
-def couplings_near(arm: Arm) -> Iterator[tuple[CoupledJoint, Coupled]]:
-    """Yield what another controller of the arm might count: one joint more or less the other.
+def couplings_near(arm: Arm) -> Iterator[Coupled]:
+    """Yield couplings that differ from the arm's in the factor (1, -1 or 0) of one pair of joints.
 
-    Both slide or both turn; neighbours come first. Beside each stands the whole coupling with it.
+    Both joints of a pair slide or both turn; pairs of neighbours come first.
     """
     pairs = permutations((arm.coupling.own + 1).tolist(), 2)
     for joint, by in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
         if arm.prismatic[joint - 1] != arm.prismatic[by - 1]:
             continue
-        others = tuple(each for each in arm.coupled if (each.joint, each.by) != (joint, by))
-        stated = sum(each.factor for each in arm.coupled if each not in others)
-        for factor in (factor for factor in (1.0, -1.0, 0.0) if factor != stated):
-            changed = CoupledJoint(joint, by, factor)
-            coupled = (*others, changed) if factor else others
+        others = tuple(c for c in arm.coupled if (c.joint, c.by) != (joint, by))
+        stated = sum(c.factor for c in arm.coupled if (c.joint, c.by) == (joint, by))
+        for factor in (1.0, -1.0, 0.0):
+            if factor == stated:
+                continue
+            coupled = (*others, CoupledJoint(joint, by, factor)) if factor else others
             if not replace(arm.coupling, joints=coupled).singular:
-                yield changed, coupled
+                yield coupled
 
 
 def coupling_that_fits(
@@ -53,106 +58,126 @@ def coupling_that_fits(
 ) -> tuple[Coupled, Misfit] | None:
     """Return the coupling with which the nominal arm fits all readings, and their misfit.
 
-    None where no coupling does, or the arm fits nearly as well as it is described.
+    None where no coupling puts the readings right, or where the coupling as described does not
+    leave several times what is expected of a nominal arm.
 
     Args:
+        arm: the arm with its coupling as described.
         axes: (P, m) positions that the controller counts [rad, m].
-        among: which are tried; None for all that are near.
+        measured: the P readings.
+        among: candidates; None for those of `couplings_near`.
     """
 
-    def ends(coupled: Coupled) -> Ends:
+    def ends_with(coupled: Coupled) -> EndsAt:
         matrix = replace(arm.coupling, joints=coupled)
         return lambda rows: Chain.of(arm).forward(matrix.to_joints(axes[rows]))
 
-    tried = [each for _, each in couplings_near(arm)] if among is None else list(among)
-    found = _that_fits(measured, ends(arm.coupled), list(map(ends, tried)))
-    return None if found is None else (tried[found[0]], found[1])
+    candidates = list(couplings_near(arm) if among is None else among)
+    best = _candidate_that_fits(measured, ends_with(arm.coupled), list(map(ends_with, candidates)))
+    if best is None:
+        return None
+    number, misfit = best
+    return candidates[number], misfit
 
 
-#: The nominal end (r, 4, 4) at some rows.
-Ends = Callable[[Index], Array]
-
-
-def _that_fits(
-    measured: Instrument, as_stated: Ends, tried: Sequence[Ends]
+def _candidate_that_fits(
+    measured: Instrument, as_described: EndsAt, candidates: Sequence[EndsAt]
 ) -> tuple[int, Misfit] | None:
-    """Return which of some readings of a log fits all that was measured, and the misfit.
+    """Return the number of the candidate that fits all that was measured, and the misfit.
 
-    None where none does, or where the log fits nearly as well as it is read.
+    None where none puts the readings right, or where there is too little wrong `as_described`.
     """
-    some = spread(len(measured), _LOOKED_AT)
-    few = measured.take(some)
-    as_stated_m = few.misfit_m(as_stated(some))
-    if len(some) < measured.least_rows or as_stated_m <= NEARER * EXPECTED_M:
+    compared = spread(len(measured), _COMPARED_ROWS)
+    few = measured.take(compared)
+    described_m = few.misfit_m(as_described(compared))
+    if len(compared) < measured.least_rows or described_m <= NEARER * EXPECTED_M:
         return None
-    T_base_ee = [ends(some) for ends in tried]
-    least_m = list(map(few.least_misfit_m, T_base_ee))
-    least = first_of_least(least_m, lambda k: few.misfit_m(T_base_ee[k]), as_stated_m / NEARER)
-    if least is None:
+    T_base_ee = [ends_at(compared) for ends_at in candidates]
+    lower_bounds_m = list(map(few.least_misfit_m, T_base_ee))
+    best = best_candidate(
+        lower_bounds_m, lambda number: few.misfit_m(T_base_ee[number]), described_m / NEARER
+    )
+    if best is None:
         return None
-    best = least[1]
-    found = misfit_of(measured, tried[best](np.arange(len(measured))))
-    fits = found is not None and puts_right(float(np.median(found.size_m)), EXPECTED_M)
-    return (best, found) if found is not None and fits else None
+    _, number = best
+    misfit = _misfit_if_right(measured, candidates[number](np.arange(len(measured))))
+    return None if misfit is None else (number, misfit)
+
+
+def _misfit_if_right(measured: Instrument, T_base_ee: Array) -> Misfit | None:
+    """Return the misfit of the nominal end (P, 4, 4); None where it is not as of right readings."""
+    misfit = misfit_of(measured, T_base_ee)
+    right = misfit is not None and puts_right(float(np.median(misfit.size_m)), EXPECTED_M)
+    return misfit if right else None
 
 
 def arm_of_log(raw: RawRows, q: Sequence[str], arm: Arm, measured: Instrument) -> Arm:
-    """Return the arm as a log has its limits: coupled, where rows beyond them fit so alone.
+    """Return the arm with the limits that this log obeys.
 
-    Or with limits exchanged or reversed, as the columns of two joints or the sign of one then are,
-    which is told where a calibration is checked. The joints' columns are `q`; what was measured in
-    each of the rows is `measured`.
+    It has another coupling, two joints exchanged or one reversed, if only that brings all rows into
+    the limits and explains the readings; else it is the arm as described. Exchanged and reversed
+    joints are reported when a calibration is checked, not here.
+
+    Args:
+        raw: rows of the log.
+        q: its columns of joint positions.
+        arm: the arm as described.
+        measured: what was measured in each row.
     """
-    within = [
+    within_limits = [
         coupled
-        for _, coupled in couplings_near(arm)
+        for coupled in couplings_near(arm)
         if not outside_bounds(raw, q, replace(arm, coupled=coupled)).any()
     ]
     axes = in_radians(raw.numbers_of(q), arm.axes_slide)
-    found = coupling_that_fits(arm, axes, measured, within)
-    if found is not None or arm.coupled:
-        return arm if found is None else replace(arm, coupled=found[0])
+    coupling = coupling_that_fits(arm, axes, measured, within_limits)
+    if coupling is not None:
+        return replace(arm, coupled=coupling[0])
+    if arm.coupled:
+        return arm
     slips = [
         (slipped, order, signs)
-        for slipped, order, signs in _slips(arm)
+        for slipped, order, signs in _exchanged_or_reversed(arm)
         if not outside_bounds(raw, q, slipped).any()
     ]
 
-    def ends(order: Index, signs: Array) -> Ends:
+    def ends_with(order: Index, signs: Array) -> EndsAt:
         return lambda rows: Chain.of(arm).forward(signs * axes[rows][:, order])
 
-    as_read = ends(np.arange(arm.n), np.ones(arm.n))
-    slip = _that_fits(measured, as_read, [ends(order, signs) for _, order, signs in slips])
-    return arm if slip is None else slips[slip[0]][0]
+    as_described = ends_with(np.arange(arm.n), np.ones(arm.n))
+    candidates = [ends_with(order, signs) for _, order, signs in slips]
+    best = _candidate_that_fits(measured, as_described, candidates)
+    return arm if best is None else slips[best[0]][0]
 
 
-def _slips(arm: Arm) -> Iterator[tuple[Arm, Index, Array]]:
-    """Yield arms with the limits of a log in which two joints are exchanged, or one is reversed.
+def _exchanged_or_reversed(arm: Arm) -> Iterator[tuple[Arm, Index, Array]]:
+    """Yield arms with the limits of two joints exchanged, or of one joint reversed.
 
-    Beside each, which column holds each joint (n,), and its sign (n,).
+    With each come the column that holds each joint (n,), and the sign of each joint (n,).
     """
-    for one, other in combinations(range(arm.n), 2):
-        if arm.prismatic[one] == arm.prismatic[other]:
+    for first, second in combinations(range(arm.n), 2):
+        if arm.prismatic[first] == arm.prismatic[second]:
             order = np.arange(arm.n)
-            order[[one, other]] = other, one
+            order[[first, second]] = second, first
             yield replace(arm, limits_rad=arm.limits_rad[order]), order, np.ones(arm.n)
     for joint in range(arm.n):
-        signs, limits = np.ones(arm.n), arm.limits_rad.copy()
-        signs[joint], limits[joint] = -1.0, -limits[joint, ::-1]
-        yield replace(arm, limits_rad=limits), np.arange(arm.n), signs
+        signs = np.ones(arm.n)
+        signs[joint] = -1.0
+        limits_rad = arm.limits_rad.copy()
+        limits_rad[joint] = -limits_rad[joint, ::-1]
+        yield replace(arm, limits_rad=limits_rad), np.arange(arm.n), signs
 
 
 def without_turns(
     raw: RawRows, q: Sequence[str], arm: Arm, usable: Index, measured: Instrument
 ) -> RawRows:
-    """Return a log with its joints moved by whole turns into their limits, where it fits so.
+    """Return a log whose joints are moved by whole turns into their limits, if that fits.
 
-    What was measured in the usable rows is `measured`.
+    `measured` is what was measured in the usable rows (U,); it decides.
     """
     moved = unwrapped(raw, q, arm, spread_deg=np.inf)
-    if moved is raw or len(usable) < measured.least_rows:
+    if moved is raw:
         return raw
     axes = in_radians(moved.at(usable).numbers_of(q), arm.axes_slide)
-    found = misfit_of(measured, Chain.of(arm).forward(arm.coupling.to_joints(axes)))
-    fits = found is not None and puts_right(float(np.median(found.size_m)), EXPECTED_M)
-    return moved if fits else raw
+    T_base_ee = Chain.of(arm).forward(arm.coupling.to_joints(axes))
+    return raw if _misfit_if_right(measured, T_base_ee) is None else moved

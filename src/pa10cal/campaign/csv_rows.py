@@ -1,7 +1,7 @@
-"""Files of rows as they come from instruments: how they are written, their columns.
+"""Files of rows as instruments write them: their layout, and their columns read.
 
-What makes a single row unusable quarantines it; what makes the file unusable (another separator,
-decimal commas throughout, a missing column, nothing in it) stops with one message.
+A row that cannot be used is quarantined. A file that cannot be used (another separator, decimal
+commas throughout, a missing column, no row) is refused with one message.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 from collections import ChainMap, Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,29 +24,30 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, StringConstraints
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.column_map import CONTRACT_COLUMNS, ColumnMap
 from pa10cal.campaign.formats import BY_NAME, table_lines
-from pa10cal.campaign.raw_rows import CONTRACT_COLUMNS, TEXT, ColumnMap, RawRows, quarantined
+from pa10cal.campaign.raw_rows import TEXT, RawRows, quarantined
 from pa10cal.campaign.recognise import mistaken_encoding
 from pa10cal.campaign.text_lines import TextLine
 from pa10cal.errors import RawDataError
 from pa10cal.files.output import from_csv_cell
 from pa10cal.options import Section
 
-#: So many rows, or letters, are read at a time.
+#: Rows, or letters, that are read at a time; columns of a file, at most.
 ROWS_A_PART, LETTERS_A_PART, MOST_COLUMNS = 20_000, 1 << 23, 2000
-#: Rows and fields that cannot be read are listed, up to so many; letters of a column of labels,
-#: each as long as the longest.
+#: Unreadable rows and fields at most; letters of a column of labels at most, if each label is as
+#: long as the longest.
 MOST_UNREADABLE, MOST_LABEL_LETTERS = 500_000, 100_000_000
-#: Share of rows that must write their last field in one format for a shorter one to count as cut.
+#: Part of the rows with one number of last digits for a last row with fewer to count as cut.
 SAME_FORMAT = 0.99
 OWN_NAMES = "; for a campaign's file pa10cal columns proposes how to read other names"
 DESCRIPTION = "campaign.yaml"
-#: Lines that may stand over the names of the columns, as they are looked for.
+#: Lines in which names of columns are sought.
 _LINES_ABOVE = 50
 CUT = "the last line is cut short"
 REPEATED = "repeats an earlier row"
 FIELDS = "the number of fields differs from the header"
-#: Signs between fields that campaign.yaml has words for.
+#: Separators that campaign.yaml has words for.
 _SIGNS: dict[str, str | None] = {"tab": "\t", "blanks": None}
 
 
@@ -79,13 +81,13 @@ class Layout(Section):
 
     @property
     def sign(self) -> str | None:
-        """Return what stands between fields; None for any number of blanks."""
+        """Return the separator of fields; None for any number of blanks."""
         word = "tab" if self.format else self.separator
         return _SIGNS.get(word, word)
 
     @property
     def own(self) -> bool:
-        """Return whether it is a user's, whose names that occur twice are told apart."""
+        """Return whether it is a user's own, in which names of columns may occur twice."""
         return self is not CONTRACT
 
     @property
@@ -104,34 +106,35 @@ class Layout(Section):
             else:
                 return [self._bare(field.strip()) for field in split]
         fields = text.split(sign)
-        # Most texts are bare, and no field is to strip.
-        bare = not (" " in text or "\t" in text or '"' in text or "'" in text)
-        return fields if bare else [self._bare(field.strip(' \t"')) for field in fields]
+        # A shortcut for most lines, in which there is nothing to strip.
+        if not any(letter in text for letter in " \t\"'"):
+            return fields
+        return [self._bare(field.strip(' \t"')) for field in fields]
 
     def _bare(self, field: str) -> str:
         """Return a field without the apostrophe by which workbooks mark one as text."""
         return field[1:] if self.own and field[:1] == "'" else field
 
     def names(self, text: str) -> list[str]:
-        """Return the names of the columns, of the line that has them or else of the first."""
+        """Return the names of the columns in the line of names; 1, 2, … of a first row."""
         fields = self.fields(text)
         if not self.header:
             return [str(k) for k in range(1, len(fields) + 1)]
         return numbered_apart(fields) if self.own else fields
 
     def row(self, text: str, width: int) -> list[str]:
-        """Return the fields of a row; a separator at the end of each makes no further field."""
+        """Return the fields of a row, without an empty one behind a separator at the end."""
         row = self.fields(text)
         return row[:-1] if self.own and len(row) == width + 1 and row[-1] == "" else row
 
     def plain(self, field: str) -> str:
-        """Return a number with a decimal point; no number for one with another sign."""
+        """Return a number with a decimal point; `?` for a point where commas are decimal."""
         if self.decimal == ".":
             return field
         return "?" if "." in field else field.replace(self.decimal, ".")
 
     def number(self, field: str) -> float:
-        """Return a number as people write it, with signs between thousands too; nan for none."""
+        """Return a number, also one with separated thousands; nan for none."""
         if "_" not in field:
             with suppress(ValueError):
                 return float(self.plain(field))
@@ -145,7 +148,7 @@ class Layout(Section):
             return float("nan")
 
     def numbers(self, fields: Sequence[str]) -> Array:
-        """Return fields as numbers, nan where one is none, or none that is finite."""
+        """Return fields as numbers, nan where one is no finite number."""
         plain = fields if self.decimal == "." else [self.plain(field) for field in fields]
         values = np.array(pd.to_numeric(np.array(plain, object), errors="coerce"), dtype=float)
         for k in np.flatnonzero(~np.isfinite(values)).tolist():
@@ -154,9 +157,9 @@ class Layout(Section):
         return values
 
 
-#: Blanks that do not break, and apostrophes, between the thousands of a number.
+#: Non-breaking blanks, and apostrophes, between the thousands of a number.
 _BETWEEN_THOUSANDS = re.compile(r"(?<=\d)[\u00a0\u202f\u2009'’](?=\d{3})")
-#: Numbers with points, or commas, between the thousands, and the other sign before decimals.
+#: Numbers with points, or commas, between thousands and the other sign before decimals.
 _IN_THOUSANDS = {
     ".": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d+"),
     ",": re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+"),
@@ -165,18 +168,17 @@ CONTRACT = Layout()
 
 
 def numbered_apart(names: Sequence[str]) -> list[str]:
-    """Return names of columns, with a number behind those that occurred before; blanks named."""
+    """Return unique names of columns: repeated ones with a number, blank ones as `column k`."""
     seen: Counter[str] = Counter()
-    apart = []
+    unique = []
     for k, name in enumerate(names, start=1):
         seen[name] += 1
-        unnamed = f"column {k}" if name == "" else name
-        apart.append(unnamed if name == "" else same_name(name, seen[name]))
-    return apart
+        unique.append(same_name(name, seen[name]) if name else f"column {k}")
+    return unique
 
 
 def same_name(name: str, k: int) -> str:
-    """Return what the k-th column of a name is called, from 1."""
+    """Return the unique name of the k-th column, from 1, with a name."""
     return name if k == 1 else f"{name} ({k})"
 
 
@@ -187,7 +189,7 @@ def column_names(path: Path, layout: Layout = CONTRACT, within: Path | None = No
 
 
 def _first(lines: Iterator[TextLine], layout: Layout) -> TextLine | None:
-    """Return the line with the names, or without names the first; None where there is none."""
+    """Return the line of the names, or the first row of a file without; None for no such line."""
     start = layout.header or layout.first_row
     return next((line for line in lines if line.number >= start), None)
 
@@ -203,11 +205,20 @@ def read_rows(
     repeats: bool = False,
     within: Path | None = None,
 ) -> RawRows:
-    """Read a file of rows, in parts; it must lie `within` a folder, see `lines_of`.
+    """Read columns of a file of rows, in parts.
 
-    Rows with another number of fields than the header, a last line that was cut short and, unless
-    `repeats` are kept, exact repeats of an earlier row are quarantined. Columns that belong
-    `together` are all there or all absent.
+    Rows with another number of fields than the header, a last line that was cut short and exact
+    repeats of an earlier row are quarantined.
+
+    Args:
+        path: the file.
+        required: columns that must be there.
+        optional: columns that are read if they are there.
+        together: columns that are required if one of them is there.
+        layout: how the file is written.
+        words: the column map, for messages.
+        repeats: whether exact repeats are kept.
+        within: folder that the file must lie in, see `lines_of`.
 
     Raises:
         RawDataError: when the file is empty or too large, is no text, uses another separator or
@@ -224,16 +235,17 @@ def read_rows(
     used = [name for name in header if name in needed or name in optional]
     below = lines if layout.header else chain([first], lines)
     below = (line for line in below if line.number >= layout.first_row)
-    parts, last, unreadable, rows_read = [], first, 0, 0
-    while part := part_of(below):
-        parts.append(read := _read_part(part, header, used, layout))
-        last, rows_read = part[-1], rows_read + len(part)
-        unreadable += int(np.count_nonzero(read[0][1] != width)) + sum(map(len, read[2].values()))
-        unreadable += 0 if repeats else len(read[0][2]) - len(set(read[0][2].tolist()))
-        if unreadable > MOST_UNREADABLE:
+    parts: list[_Part] = []
+    last, unreadable_count, row_count = first, 0, 0
+    while lines_of_part := part_of(below):
+        part = _read_part(lines_of_part, header, used, layout)
+        parts.append(part)
+        last, row_count = lines_of_part[-1], row_count + len(lines_of_part)
+        unreadable_count += part.unreadable_count(width, repeats=repeats)
+        if unreadable_count > MOST_UNREADABLE:
             raise RawDataError(
-                f"{unreadable} rows or numbers of the first {rows_read} rows cannot be read or "
-                "stand there twice",
+                f"{unreadable_count} rows or numbers of the first {row_count} rows cannot be read "
+                "or stand there twice",
                 where=str(path),
                 allowed=f"{width} fields a row, numbers under the names of numbers, every row once",
                 remedy="export the file again; pa10cal columns shows how it is written",
@@ -245,29 +257,30 @@ def read_rows(
             allowed="rows",
             remedy="export it",
         )
-    known = zip(*(numbers for numbers, _, _ in parts), strict=True)
-    line, widths, hashes, decimals = map(np.concatenate, known)
+    line = np.concatenate([part.line for part in parts])
+    widths = np.concatenate([part.widths for part in parts])
+    hashes = np.concatenate([part.hashes for part in parts])
+    decimals = np.concatenate([part.decimals for part in parts])
     wrong = widths != width
     if 2 * wrong.sum() > len(widths):
-        at = int(np.argmax(wrong))
-        commas = widths[at] > width and layout.sign == ","
+        row = int(np.argmax(wrong))
+        commas = widths[row] > width and layout.sign == ","
         why, how = ("; decimal commas", "with decimal points") if commas else ("", "again")
         raise RawDataError(
             f"{wrong.sum()} of {len(widths)} rows have another number of fields than the header "
-            f"({widths[at]} for {width}){why}",
-            where=f"{path}:{line[at]}",
+            f"({widths[row]} for {width}){why}",
+            where=f"{path}:{line[row]}",
             allowed="one field for each column, decimal points",
             remedy=f"export the file {how}",
         )
     right = line[~wrong]
     cut = not last.ended and widths[-1] < width
     wrong[-1] &= not cut
-    listed = (
-        *quarantined(path.name, line[wrong], f"{FIELDS} {width}", widths[wrong]),
-        *quarantined(path.name, line[-1:] if cut else [], CUT, [last.text] if cut else []),
-    )
+    listed = quarantined(path.name, line[wrong], f"{FIELDS} {width}", widths[wrong])
+    if cut:
+        listed += quarantined(path.name, line[-1:], CUT, [last.text])
     unused = tuple(name for name in header if name not in used)
-    columns = {name: np.concatenate([read.pop(name) for _, read, _ in parts]) for name in used}
+    columns = {name: np.concatenate([part.columns.pop(name) for part in parts]) for name in used}
     for name in set(used) & set(layout.text):
         longest = max(map(len, columns[name].tolist()), default=0)
         if longest * len(columns[name]) > MOST_LABEL_LETTERS:
@@ -277,7 +290,8 @@ def read_rows(
                 allowed="short labels, such as P012",
                 remedy="check the columns of labels",
             )
-    non_numeric = {name: dict(ChainMap(*(part[2][name] for part in parts))) for name in used}
+    texts = {name: [part.non_numeric[name] for part in parts] for name in used}
+    non_numeric = {name: dict(ChainMap(*of_parts)) for name, of_parts in texts.items()}
     raw = RawRows(path.name, columns, right, {path.name: len(line)}, unused, listed, non_numeric)
     if not last.ended and widths[-1] == width:
         # The last number of a file without a line end may lack digits that all others have.
@@ -288,10 +302,28 @@ def read_rows(
     return raw if repeats else raw.take(~pd.Series(hashes).duplicated().to_numpy(), REPEATED)
 
 
+@dataclass(frozen=True)
+class _Part:
+    """Some lines of a file as they were read; R of L rows are as wide as the header."""
+
+    line: NDArray[np.int64]  # (L,) numbers of the lines
+    widths: NDArray[np.int64]  # (L,) number of fields
+    hashes: NDArray[np.int64]  # (R,) hash of all fields
+    decimals: NDArray[np.int64]  # (R,) digits behind the decimal sign of the last field
+    columns: dict[str, NDArray[Any]]  # (R,) text, or numbers with nan where a field is none
+    non_numeric: dict[str, dict[int, str]]  # fields that are no numbers, by line, without blanks
+
+    def unreadable_count(self, width: int, *, repeats: bool) -> int:
+        """Return the number of rows of another width, of fields, and of repeats unless allowed."""
+        count = int(np.count_nonzero(self.widths != width))
+        count += sum(map(len, self.non_numeric.values()))
+        return count if repeats else count + len(self.hashes) - len(set(self.hashes.tolist()))
+
+
 def part_of(
     lines: Iterator[TextLine], most: int = ROWS_A_PART, most_letters: int = LETTERS_A_PART
 ) -> list[TextLine]:
-    """Return some of the lines that follow."""
+    """Return the lines that follow, as many as are read at a time."""
     part, letters = [], 0
     for line in lines:
         part.append(line)
@@ -303,35 +335,33 @@ def part_of(
 
 def _read_part(
     lines: Sequence[TextLine], header: Sequence[str], used: Sequence[str], layout: Layout
-) -> tuple[list[NDArray[np.int64]], dict[str, NDArray[Any]], dict[str, dict[int, str]]]:
-    """Read some lines of a file.
-
-    Returns:
-        The numbers of the lines, how many fields each has, and of the rows as wide as the header a
-        hash of all fields and the digits of the last; the columns, text as it is and numbers, nan
-        where there is none; and what stands there, by line, but for blanks.
-    """
-    every = [layout.row(line.text, len(header)) for line in lines]
-    rows = [row for row in every if len(row) == len(header)]
-    right = [line.number for line, row in zip(lines, every, strict=True) if len(row) == len(header)]
+) -> _Part:
+    """Read some lines of a file."""
+    all_rows = [layout.row(line.text, len(header)) for line in lines]
+    rows = [row for row in all_rows if len(row) == len(header)]
+    numbers = [
+        line.number for line, row in zip(lines, all_rows, strict=True) if len(row) == len(header)
+    ]
     columns: dict[str, NDArray[Any]] = {}
     non_numeric: dict[str, dict[int, str]] = {name: {} for name in used}
     for name in used:
         at = header.index(name)
         fields = [row[at] for row in rows]
         if name in layout.text:
-            columns[name] = np.array([sys.intern(from_csv_cell(each)) for each in fields], object)
+            columns[name] = np.array([sys.intern(from_csv_cell(field)) for field in fields], object)
             continue
         columns[name] = layout.numbers(fields)
         unread = np.flatnonzero(np.isnan(columns[name])).tolist()
-        non_numeric[name] = {right[k]: fields[k] for k in unread if fields[k] != ""}
-    known = (
-        [line.number for line in lines],
-        [len(row) for row in every],
-        [hash(tuple(row)) for row in rows],
-        [len(row[-1].partition(layout.decimal)[2]) for row in rows],
+        non_numeric[name] = {numbers[k]: fields[k] for k in unread if fields[k] != ""}
+    decimals = [len(row[-1].partition(layout.decimal)[2]) for row in rows]
+    return _Part(
+        np.array([line.number for line in lines], dtype=np.int64),
+        np.array(list(map(len, all_rows)), dtype=np.int64),
+        np.array([hash(tuple(row)) for row in rows], dtype=np.int64),
+        np.array(decimals, dtype=np.int64),
+        columns,
+        non_numeric,
     )
-    return [np.array(numbers, dtype=np.int64) for numbers in known], columns, non_numeric
 
 
 def _check_header(
@@ -384,10 +414,10 @@ def _remedy_for_missing(
     layout: Layout,
     words: ColumnMap,
 ) -> str:
-    """Return what to do where columns are missing: what stands in their place, and which key."""
+    """Return the remedy for missing columns, by the names that are there."""
     others, section = [name for name in header if name not in required], words.section
-    if (other := mistaken_encoding(missing[0], others)) is not None:
-        name, taken, right = other
+    if (mistaken := mistaken_encoding(missing[0], others)) is not None:
+        name, taken, right = mistaken
         return (
             f"the header has {name!r}: {DESCRIPTION} and the file are read in two encodings, "
             f"{missing[0]!r} is {right} taken for {taken}; save both as UTF-8"
@@ -410,7 +440,7 @@ def _remedy_for_missing(
 
 
 def empty_file(path: Path) -> RawDataError:
-    """Return the refusal of a file in which nothing stands."""
+    """Return the refusal of an empty file."""
     return RawDataError(
         "the file is empty",
         where=f"{path}:1",

@@ -1,4 +1,4 @@
-"""campaign.yaml, typed: what was measured, with which instrument, on which robot."""
+"""campaign.yaml, typed: one measurement campaign, or a group of campaigns of one robot."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ BallName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]+$")]
 
 
 def _file_name(name: str) -> str:
-    """Refuse what is no name of a file alone."""
+    """Refuse a path, and an empty name."""
     last = re.split(r"[/\\]", name)[-1]
     if not name or last != name:
         raise ValueError(f"the name of a file in the campaign's folder alone, {last or 'a.csv'}")
@@ -88,10 +88,10 @@ class Tool(Section):
 
     @property
     def com_u_m(self) -> float | None:
-        """Return how far off its centre of mass may be where nobody stated it; None where stated.
+        """Return the uncertainty of the centre of mass where it is not stated; None where it is.
 
-        A proposed description has 0, 0, 0, where no tool has its centre: it is somewhere along the
-        tool, which is as long as the places stated on it are away.
+        Not stated is 0, 0, 0, as in a proposed description, where no tool has its centre. It lies
+        somewhere along the tool, whose length is the distance of the furthest place stated on it.
         """
         if self.mass_kg == 0.0 or any(self.com_mm):
             return None
@@ -128,7 +128,7 @@ class Holdout(Section):
     every: Annotated[int, Field(ge=2)] | None = None
 
     def count_of(self, poses: int) -> int:
-        """Return how many of so many poses it holds out."""
+        """Return the number of poses that it holds out."""
         return poses // self.every if self.every else round((self.last_fraction or 0.0) * poses)
 
 
@@ -150,7 +150,7 @@ class Masses(Section):
     )
 
 
-#: Where joint positions come from: read back from the joints, or those that they were sent to.
+#: Joint positions are read back from the joints, or are those that were commanded.
 JointPositions = Literal["logged", "commanded"]
 
 
@@ -211,7 +211,7 @@ class CampaignDescription(Section):
 
     @property
     def instrument_kinds(self) -> str:
-        """Return the word of its instrument; of a group, all of them."""
+        """Return the kind of its instrument; of a group, all kinds."""
         return self.instrument.kind
 
     @property
@@ -221,7 +221,7 @@ class CampaignDescription(Section):
 
     @property
     def stated(self) -> Stated:
-        """What it states of its instrument."""
+        """Uncertainty and targets of its instrument, as stated."""
         targets_m = {name: 1e-3 * np.array(place) for name, place in self.tool.balls_mm.items()}
         return Stated(1e-3 * self.instrument.uncertainty_mm, targets_m)
 
@@ -232,7 +232,7 @@ class CampaignDescription(Section):
         return np.array(centres, dtype=float).reshape(-1, 3)
 
     def payload(self, arm: Arm) -> Payload | None:
-        """Return what the arm carries; None where the masses of its links are not known."""
+        """Return the payload; None where the masses of the arm's links are not known."""
         if arm.mass_kg is None:
             return None
         return Payload(
@@ -314,11 +314,10 @@ def check_joints(campaign: CampaignDescription, joints: int, where: str) -> None
     for key in ("joint_signs", "joint_offsets_deg"):
         stated = getattr(campaign, key)
         if stated is not None and len(stated) != joints:
-            value = ", ".join(f"{number:g}" for number in stated)
             raise RawDataError(
                 f"{len(stated)} numbers are stated",
                 where=f"{where}: {key}",
-                value=value,
+                value=", ".join(f"{number:g}" for number in stated),
                 allowed=f"{joints}, one for each joint of {campaign.robot}, in order",
                 remedy="state as many",
             )
@@ -342,7 +341,7 @@ def nominal_arm(campaign: CampaignDescription, folder: Path, arms: Path | None =
 
 
 def exclusions_of(campaign: CampaignDescription, folder: Path) -> Exclusions:
-    """Return the rows that a campaign excludes, none met yet."""
+    """Return the rows that a campaign excludes, before any row is read."""
     stated = [(rows.where, rows.why) for rows in campaign.exclude]
     return Exclusions(stated, f"{folder / DESCRIPTION_FILE}: exclude")
 
@@ -369,9 +368,10 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
             key, stated = "tool.balls_mm", dict(campaign.tool.balls_mm)
             allowed = "at least three balls that are not collinear"
             raise _wrong_key("the key cannot be used", path, key, allowed, stated)
-    two = ("joints", "readings")
-    apart = any(getattr(campaign.files, key) is not None for key in two)
-    needed = ("cmm", "resolver") if touched else two if apart else ("poses",)
+    two_logs = campaign.files.joints is not None or campaign.files.readings is not None
+    needed = ("joints", "readings") if two_logs else ("poses",)
+    if touched:
+        needed = ("cmm", "resolver")
     for key in needed:
         name, where = getattr(campaign.files, key), f"{path}: files.{key}"
         if name is None:
@@ -380,13 +380,12 @@ def _check_instrument(campaign: CampaignDescription, folder: Path) -> None:
         try:
             open_file(folder / name, folder).close()
         except FileNotFoundError:
-            remedy = remedy_for(name, names_in(folder), f"put it there, or correct files.{key}")
             raise RawDataError(
                 "the file is not there",
                 where=where,
                 value=name,
                 allowed="a file inside the campaign's folder",
-                remedy=remedy,
+                remedy=remedy_for(name, names_in(folder), f"put it there, or correct files.{key}"),
             ) from None
         except OSError as error:
             raise RawDataError(
@@ -407,17 +406,11 @@ def _wrong_key(
     what: str, path: Path, key: str, allowed: str, value: object | None = None
 ) -> RawDataError:
     return RawDataError(
-        what,
-        where=f"{path}: {key}",
-        value=value,
-        allowed=allowed,
-        remedy=f"set {key} accordingly",
+        what, where=f"{path}: {key}", value=value, allowed=allowed, remedy=f"set {key} accordingly"
     )
 
 
-# Groups: several campaigns of one robot, described and read as one.
-
-#: What makes an arm another one, and by how much it may differ.
+#: Fields in which the nominal arms of a group must agree, and by how much they may differ.
 _GEOMETRY = (
     *("theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad", "hayati", "prismatic"),
     *("T_base_row1", "T_row_n_ee"),
@@ -426,7 +419,7 @@ _SAME_GEOMETRY = 1e-12
 
 
 class GroupDescription(CampaignDescription):
-    """Several campaigns of one robot; what stands beside them is that of the first."""
+    """Several campaigns of one robot; all other keys are those of the first campaign."""
 
     members: tuple[CampaignDescription, ...]  # the campaigns
 
@@ -437,26 +430,26 @@ class GroupDescription(CampaignDescription):
 
     @property
     def from_touches(self) -> bool:
-        """Return that a group takes the general model, whatever measured."""
+        """Return False: a group takes the general model, whatever the instruments."""
         return False
 
     @property
     def instrument_kinds(self) -> str:
-        """Return the words of the instruments, each once."""
+        """Return the kinds of the instruments, each once."""
         return " and ".join(dict.fromkeys(member.instrument.kind for member in self.members))
 
     def payload(self, arm: Arm) -> Payload | None:
-        """Return what the arm carries, of each campaign where they differ."""
+        """Return the payload, with that of each campaign where they differ."""
         payloads = [member.payload(arm) for member in self.members]
         known = tuple(payload for payload in payloads if payload is not None)
         if not known:
             return None
 
         def same(payload: Payload) -> bool:
-            values = [
-                (getattr(known[0], f.name), getattr(payload, f.name)) for f in fields(payload)
-            ]
-            return all(np.array_equal(*both) for both in values)
+            return all(
+                np.array_equal(getattr(known[0], field.name), getattr(payload, field.name))
+                for field in fields(payload)
+            )
 
         return known[0] if all(map(same, known)) else replace(known[0], of_campaigns=known)
 
@@ -487,11 +480,10 @@ def describe_group(
             )
     stated = [each.controller for each in described]
     if any(each != stated[0] for each in stated):
-        shown = [None if each is None else each.model_dump(exclude_none=True) for each in stated]
         raise RawDataError(
             "the campaigns of a group state different controllers",
             where=f"group {name}: controller",
-            value=shown,
+            value=[None if each is None else each.model_dump(exclude_none=True) for each in stated],
             allowed="the same in all of them",
             remedy="state in all what the robot will be commanded with",
         )
@@ -499,7 +491,7 @@ def describe_group(
 
 
 def check_names(name: str, names: Sequence[str], where: str) -> None:
-    """Refuse a group of fewer than two campaigns, or of names that are not apart."""
+    """Refuse a group of fewer than two campaigns, or with a name that occurs twice."""
     twice = sorted({other for other in names if list(names).count(other) > 1})
     if len(names) < 2:
         what, value = "a group has fewer than two campaigns", ", ".join(names) or "none"
@@ -571,7 +563,7 @@ def _described(name: str, members: Sequence[CampaignDescription]) -> GroupDescri
 
 
 def _difference(first: Arm, other: Arm) -> str | None:
-    """Say in which row two descriptions of an arm differ; None where they do not."""
+    """Return in words where two descriptions of an arm differ; None where they agree."""
     if (first.n, first.convention) != (other.n, other.convention):
         return f"{first.n} {first.convention} rows and {other.n} {other.convention} rows"
     for name in _GEOMETRY:

@@ -1,7 +1,7 @@
-"""What the columns of a whole file may be, whether that suffices, and what each is read as.
+"""Roles of the columns of a whole file, whether they suffice, and what each column is read as.
 
-Two things give the order of joints that carry names: the names that the arm's own description has,
-and words of a limb, which follow each other from the base to the hand.
+Joints with names are ordered by their names in the arm's description, by words of a limb, which
+follow each other from the base to the hand, or by the letters of a maker.
 """
 
 from __future__ import annotations
@@ -37,18 +37,20 @@ from pa10cal.campaign.sniffing import Sniffed
 from pa10cal.errors import RawDataError
 
 _LIMB = WORDS["limb"]
-#: How far along the arm a word stands, and which motion of several there comes first.
+#: Order of words of a limb from base to hand, and of words of motions within a segment.
 _SEGMENT = {word: k for k, words in enumerate(_LIMB["segments"]) for word in words.split()}
 _MOTION = {word: k for k, words in enumerate(_LIMB["motions"], 1) for word in words.split()}
 #: Letters that stand for the joints of an arm, in order.
 _LETTERS = tuple(tuple(letters.split()) for letters in _LIMB["letters"])
 _NUMBERED = re.compile(r"^(?P<stem>.*?\D)(?P<number>\d+)$")
-#: Columns hold no numbers if fewer of their fields are.
+#: Columns are text if less than this part of their fields are numbers.
 _NUMBERS = 0.5
+#: Larger positions are no radians.
+_TURN_RAD = 2.0 * np.pi + 0.1
 
 
 def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[str]) -> Roles:
-    """Return what the columns of a file may be, those too that hold a place only together."""
+    """Return the roles of the columns of a file, with polar readings and matrices."""
     names = sniffed.titles or sniffed.names
     called = replace(sniffed, names=names)
     roles = with_matrix(_roles_by_name(called, joints, joint_names), names, sniffed.numbers)
@@ -57,7 +59,7 @@ def roles_of_file(sniffed: Sniffed, joints: int | None, joint_names: Sequence[st
 
 
 def _of_what_moves(roles: Roles, sniffed: Sniffed) -> Roles:
-    """Return roles whose orientation is not that of a body that stands still, such as the base."""
+    """Return roles whose orientation is that of a moving body, not of one at rest as the base."""
 
     def body(name: str) -> str:
         return split_unit(name)[0].rpartition(" ")[0]
@@ -71,12 +73,12 @@ def _of_what_moves(roles: Roles, sniffed: Sniffed) -> Roles:
 
 
 def _roles_by_name(sniffed: Sniffed, joints: int | None, own: Sequence[str] = ()) -> Roles:
-    """Return what the columns of a file may be, joints in the order of the arm's.
+    """Return the roles of the columns of a file by names, joints in the order of the arm's.
 
     Args:
         sniffed: the file.
-        joints: how many the arm has; None where not known.
-        own: what its description calls them, in order; empty where it does not.
+        joints: number of the arm's joints; None where not known.
+        own: names of the joints in its description, in order; empty where it has none.
     """
     fields = {name: [word for word in sniffed.words(name) if word] for name in sniffed.names}
     text = [
@@ -106,12 +108,12 @@ def _roles_by_name(sniffed: Sniffed, joints: int | None, own: Sequence[str] = ()
 def columns_by_name(
     names: Sequence[str], joints: int | None, own: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Return the columns of joints that carry names, in the order of the joints; empty for none.
+    """Return the columns of joints with names, in the order of the joints; empty for none.
 
     Args:
-        names: of columns that hold positions of joints, or something else.
-        joints: how many the arm has; None where not known.
-        own: what its description calls them, in order; empty where it does not.
+        names: columns that may hold positions of joints.
+        joints: number of the arm's joints; None where not known.
+        own: names of the joints in its description, in order; empty where it has none.
     """
     measured = [name for name in names if not has_word(words_of_name(name), "commanded")]
     commanded = [name for name in names if name not in measured]
@@ -123,9 +125,9 @@ def columns_by_name(
 
 
 def joint_sets(names: Sequence[str], joints: int, own: Sequence[str] = ()) -> list[tuple[str, ...]]:
-    """Return every set of columns that may be the joints of one arm, as of two side by side.
+    """Return every set of columns that may be the joints of one arm, as of two arms side by side.
 
-    They are numbered, or carry names of joints beside words that all of a set share, such as left.
+    They are numbered, or have names of joints and a word that all of a set share, such as left.
     """
     groups: dict[tuple[str, ...], list[str]] = {}
     for name in names:
@@ -136,13 +138,13 @@ def joint_sets(names: Sequence[str], joints: int, own: Sequence[str] = ()) -> li
 
 
 def _bare(name: str) -> tuple[str, ...]:
-    """Return the words of a name without those that any joint's column may have."""
+    """Return the words of a name without those of any joint, such as position."""
     words = [part for word in words_of_name(name) for part in re.findall(r"[a-z]+|\d+", word)]
     return tuple(word for word in words if not has_word([word], "of any joint"))
 
 
 def _by_own(names: Sequence[str], own: Sequence[str]) -> tuple[str, ...]:
-    """Return one column for each of the arm's own names, equal ones first, else the nearest."""
+    """Return one column for each of the arm's own names: of equal words, else of ending words."""
     columns = {name: _bare(name) for name in names}
     wanted = [_bare(each) for each in own]
     if len(set(wanted)) < len(wanted) or not all(wanted):
@@ -166,7 +168,7 @@ def _by_own(names: Sequence[str], own: Sequence[str]) -> tuple[str, ...]:
 
 
 def _by_limb(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
-    """Return the columns under words of a limb, such as shoulder and elbow, from the base on."""
+    """Return the columns with words of a limb, such as shoulder and elbow, from the base on."""
     places: dict[str, tuple[int, int, int]] = {}
     for name in names:
         words = _bare(name)
@@ -192,14 +194,14 @@ def _by_letters(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
 
 
 def named_by_text(names: Sequence[str], same: Mapping[str, str]) -> dict[str, str]:
-    """Return what numbered columns are called by columns of text beside them.
+    """Return names of numbered columns by numbered columns of text.
 
     A table of `/joint_states` has the joints' names under name0, name1, … and their positions under
     position0, position1, ….
 
     Args:
-        names: of all columns.
-        same: what stands in each row of a column of text, where it is the same in all.
+        names: all columns.
+        same: the text of each column of text that is the same in all rows.
     """
     series: dict[str, dict[str, str]] = {}
     for name in names:
@@ -217,18 +219,12 @@ def named_by_text(names: Sequence[str], same: Mapping[str, str]) -> dict[str, st
     return called
 
 
-# Whether that suffices, and what each column is read as.
-
-#: Positions beyond are no radians.
-_TURN_RAD = 2.0 * np.pi + 0.1
-
-
 def read_as(
     sniffed: Sniffed, columns: Mapping[str, Any], file: str, arm: Arm | None
 ) -> tuple[str, ...]:
     """Return a line for every column of a file: what it is read as, or that it is not read.
 
-    Without an arm all joints are taken to turn.
+    Without an arm all joints are taken for revolute ones.
     """
     model = FileColumns.model_validate(columns)
     count = 0 if model.joints is None else len(model.joints.names)
@@ -253,7 +249,7 @@ def read_as(
 
 
 def notes_on_joints(sniffed: Sniffed, joints: Sequence[str]) -> list[str]:
-    """Return what is to be checked of the choice of columns of joints."""
+    """Return what the user should check of the columns chosen for joints."""
     every = sniffed.titles or sniffed.names
     titled = [every[sniffed.names.index(name)] for name in joints]
     first = titled[0].partition(" (")[0]
@@ -281,13 +277,13 @@ def notes_on_joints(sniffed: Sniffed, joints: Sequence[str]) -> list[str]:
 def unit_by_size(p: Array) -> str:
     """Return the unit of positions (N, k) of a target by their size: metres or millimetres."""
     seen = np.isfinite(p).all(axis=1)
-    far = np.abs(p[seen]).max(initial=0.0)  # of what stands still, too
+    far = np.abs(p[seen]).max(initial=0.0)  # for a target at rest, too
     extent = np.ptp(p[seen], axis=0).max() if seen.any() else 0.0
     return "mm" if max(extent, 0.2 * far) > 20.0 else "m"
 
 
 def follows_contract(sniffed: Sniffed) -> bool:
-    """Return whether a file has the contract's own names and layout, and needs no mapping."""
+    """Return whether a file has the names and layout of the contract, and needs no mapping."""
     names = set(sniffed.names)
     labelled = {"time_s", "pose", "load_N", "repeat"} <= names and names & {"q1_deg", "q1_mm"}
     return sniffed.layout == CONTRACT and bool(labelled)
@@ -296,9 +292,9 @@ def follows_contract(sniffed: Sniffed) -> bool:
 def refuse_unrecognised(
     roles: Roles, sniffed: Sniffed, file: str, *, measured: bool = False
 ) -> None:
-    """Stop where no joint positions are recognised, or nothing that was measured.
+    """Refuse a file without recognised joint positions, or without a measured quantity.
 
-    It is known from elsewhere that something was `measured`, or not.
+    The latter may be `measured` in another file.
     """
     measured = measured or bool(roles.positions) or "distance" in roles.single
     if roles.joints and measured:
@@ -323,7 +319,7 @@ def refuse_unrecognised(
 
 
 def label_of(path: Path) -> str:
-    """Return a name for a campaign, of that of a file or folder."""
+    """Return a name for a campaign from the name of its file or folder."""
     stem = path.name.partition(".")[0]
     letters = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem)
     return letters.strip("-_") or "mine"

@@ -1,4 +1,4 @@
-"""Formats that are known by their content: how each is told, what it holds, how it is read."""
+"""Known formats of files: how the content shows each, what it holds, and how it is read."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.campaign.binary_rows import BAGS
 from pa10cal.campaign.controller_programs import (
     abb_points,
     fanuc_points,
@@ -32,14 +33,13 @@ from pa10cal.campaign.instrument_exports import (
     vicon_table,
 )
 from pa10cal.campaign.recognise import matrix_columns, polar_columns, roles_of
-from pa10cal.campaign.text_lines import BAGS, TextLine, binary_kind, lines_of
+from pa10cal.campaign.text_lines import TextLine, binary_kind, lines_of
 from pa10cal.errors import RawDataError
 
-#: So many lines at the beginning of a file tell its format.
+#: Lines at the beginning of a file by which its format is recognised.
 HEAD = 60
-
-#: Turns the lines of a file, called so in messages, into those of a table with tabs; adds to notes
-#: what is not in it.
+#: Makes a table with tabs of the lines of a file: its arguments are the lines, the file's name in
+#: messages, and a list of notes to which parts that are not in the table are added.
 TableOf = Callable[[Iterator[TextLine], str, list[str]], Iterator[TextLine]]
 
 
@@ -48,15 +48,16 @@ class Format:
     """A format of files: programs of controllers, exports of instruments."""
 
     name: str  # in campaign.yaml
-    title: str
-    told_by: str  # what in the file tells it
-    holds: str
-    # whether the first lines, in small letters, tell it; or the columns of a plain table
+    title: str  # in messages and docs
+    told_by: str  # content that shows it, in words
+    holds: str  # what it holds, in words
+    # whether the first lines, in lower case, show it
     begins: Callable[[Sequence[str]], bool] = lambda _: False
+    # whether names and numbers (N, k) of the columns of a plain table show it
     columns: Callable[[Sequence[str], Array], bool] = lambda *_: False
-    table: TableOf | None = None  # how its table is made; None of a plain table
-    kind: str = ""  # what a file is that is no text, see `binary_kind`
-    measured: bool | None = None  # whether it holds readings, or joint positions; None for any
+    table: TableOf | None = None  # makes the table; None of a plain table
+    kind: str = ""  # the kind of a file that is no text, see `binary_kind`
+    measured: bool | None = None  # True for readings, False for joint positions, None for either
 
 
 _XYZ = "xyz"
@@ -66,12 +67,13 @@ _RAPID = re.compile(
 )
 
 
-def _some(*beginnings: str) -> Callable[[Sequence[str]], bool]:
-    """Return whether a line begins so."""
+def _some_line(*beginnings: str) -> Callable[[Sequence[str]], bool]:
+    """Return a test whether any line has one of these beginnings."""
     return lambda head: any(line.lstrip(" \t&").startswith(beginnings) for line in head)
 
 
-def _first(beginning: str) -> Callable[[Sequence[str]], bool]:
+def _first_line(beginning: str) -> Callable[[Sequence[str]], bool]:
+    """Return a test whether the first line has this beginning."""
     return lambda head: head[0].lstrip('" ').startswith(beginning)
 
 
@@ -87,7 +89,7 @@ FORMATS = (
         "`Format Version` at the beginning of the first line",
         "rigid bodies (position, quaternion) and markers in the take's own unit and axes (Y up or "
         "Z up is the same: the base is found), time",
-        _first("format version,"),
+        _first_line("format version,"),
         table=motive_table,
         measured=True,
     ),
@@ -105,7 +107,7 @@ FORMATS = (
         "Qualisys QTM, TSV",
         "the line `NO_OF_FRAMES`",
         "markers, or bodies with their matrix; zeros are targets that were not seen",
-        _some("no_of_frames\t"),
+        _some_line("no_of_frames\t"),
         table=qualisys_table,
         measured=True,
     ),
@@ -151,7 +153,7 @@ FORMATS = (
         "KUKA data list (`.dat`)",
         "the line `DEFDAT`",
         "points of E6AXIS and AXIS; XP1 is called P1",
-        _some("defdat "),
+        _some_line("defdat "),
         table=kuka_points,
         measured=False,
     ),
@@ -160,7 +162,7 @@ FORMATS = (
         "FANUC program (`.ls`)",
         "the line `/PROG`",
         "points taught as joint positions, of group 1",
-        _some("/prog"),
+        _some_line("/prog"),
         table=fanuc_points,
         measured=False,
     ),
@@ -188,7 +190,7 @@ FORMATS = (
         "Yaskawa job (`.jbi`)",
         "the line `/JOB`",
         "pulses of the motors: refused, with what to export",
-        _first("/job"),
+        _first_line("/job"),
         table=yaskawa_points,
         measured=False,
     ),
@@ -199,13 +201,7 @@ FORMATS = (
         f"{_ARRAYS}; structs within structs too",
         kind="mat",
     ),
-    Format(
-        "npz",
-        "NumPy file (`.npz`, `.npy`)",
-        "its first letters",
-        _ARRAYS,
-        kind="npz",
-    ),
+    Format("npz", "NumPy file (`.npz`, `.npy`)", "its first letters", _ARRAYS, kind="npz"),
     Format(
         "parquet",
         "Parquet table, as lerobot writes it",
@@ -281,12 +277,12 @@ FORMATS = (
         ),
     ),
 )
-#: Those whose table is made of their files, by the name that campaign.yaml has for each.
+#: Formats whose table is made of their files, by name.
 BY_NAME = {each.name: each for each in FORMATS if each.table is not None}
 
 
 def format_of_file(path: Path, within: Path | None = None) -> Format | None:
-    """Return the format of a file, None where it is none of those known; see `lines_of`."""
+    """Return the known format of a file, None for none; see `lines_of`."""
     if kind := binary_kind(path, within):
         return next((each for each in FORMATS if each.kind == kind), None)
     head = [line.text.lower() for line in islice(lines_of(path, within), HEAD)]

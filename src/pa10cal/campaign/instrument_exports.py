@@ -1,4 +1,4 @@
-"""Exports of instruments that are no plain table, as tables: motion capture, measuring software.
+"""Exports of motion capture and measuring software that are no plain tables, made into tables.
 
 Each reader takes the lines of a file and yields those of a table: labels, times in seconds, and
 what was measured.
@@ -15,14 +15,15 @@ from pa10cal.campaign.recognise import canonical_unit
 from pa10cal.campaign.text_lines import TextLine, comma_fields, table_row
 from pa10cal.errors import RawDataError
 
-#: Words of headers for lengths and angles, by the unit.
+#: Units of lengths by their words in headers.
 _UNITS = {
     **{"meters": "m", "metres": "m", "millimeters": "mm", "millimetres": "mm"},
     **{"centimeters": "cm", "centimetres": "cm", "inches": "in"},
 }
 
 
-def _refuse_header(what: str, where: str, value: str, allowed: str) -> RawDataError:
+def _wrong_header(what: str, where: str, value: str, allowed: str) -> RawDataError:
+    """Return the refusal of a take with a wrong header."""
     return RawDataError(
         what,
         where=where,
@@ -34,7 +35,7 @@ def _refuse_header(what: str, where: str, value: str, allowed: str) -> RawDataEr
 
 
 def _rate_hz(fields: Sequence[str]) -> float:
-    """Return the frames a second that the first field states; 0 where it is no number."""
+    """Return the frames per second in the first field; 0 where it is no number."""
     try:
         return float(fields[0])
     except (IndexError, ValueError):
@@ -47,7 +48,7 @@ def _rate_hz(fields: Sequence[str]) -> float:
 _QUATERNION = {"X": "qx", "Y": "qy", "Z": "qz", "W": "qw"}
 #: Columns of the frame and the time.
 _BEFORE_BODIES = 2
-#: Lines that a header of Motive has at the most.
+#: Lines of a header of Motive, at most.
 _MOTIVE_LINES = 20
 
 
@@ -68,7 +69,7 @@ def motive_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Ite
     axes = comma_fields(last.text)
     version = about.get("format version", "")
     if axes[0].lower() != "frame" or not above:
-        raise _refuse_header(
+        raise _wrong_header(
             "the header of the take lacks the line with Frame and Time",
             f"{where}:{last.number}",
             f"format version {version}",
@@ -76,7 +77,7 @@ def motive_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Ite
         )
     words = about.get("length units", "").lower()
     if words not in _UNITS:
-        raise _refuse_header(
+        raise _wrong_header(
             "the unit of lengths is not known",
             f"{where}:{first.number}: Length Units",
             words or "nothing",
@@ -116,7 +117,7 @@ def _motive_title(
     if k < _BEFORE_BODIES or not name:
         return axis
     if at(kinds).lower() == "rigid body marker" and axis in _QUATERNION:
-        return f"{name} solved {'XYZW'.index(axis) + 1}"  # by the body, not where it was seen
+        return f"{name} solved {'XYZW'.index(axis) + 1}"  # computed from the body, not measured
     if part == "Position" and axis in ("X", "Y", "Z"):
         return f"{name} {axis.lower()} [{unit}]"
     if part == "Rotation" and rotation.lower() == "quaternion" and axis in _QUATERNION:
@@ -149,7 +150,7 @@ class _Section:
         if len(self.head) < _VICON_HEADER or not comma_fields(self.head[2].text)[0].startswith(
             "Frame"
         ):
-            raise _refuse_header(
+            raise _wrong_header(
                 f"the section {self.title.text.strip(', ')} lacks a part of its header",
                 f"{where}:{self.title.number}",
                 self.head[-1].text.strip(", ") if self.head else "nothing",
@@ -158,14 +159,14 @@ class _Section:
         rate, names, axes, units = (comma_fields(line.text) for line in self.head[:_VICON_HEADER])
         rate_hz = _rate_hz(rate)
         if any(_NUMBER.fullmatch(each) for each in units):
-            raise _refuse_header(
+            raise _wrong_header(
                 f"the section {self.title.text.strip(', ')} lacks the line of units",
                 f"{where}:{self.head[-1].number}",
                 ", ".join(units),
                 "a line such as ,,mm,mm,mm below the axes",
             )
         if rate_hz <= 0.0:
-            raise _refuse_header(
+            raise _wrong_header(
                 "the rate is not a number",
                 f"{where}:{self.head[0].number}",
                 rate[0],
@@ -184,7 +185,7 @@ class _Section:
 
 
 def vicon_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
-    """Yield a table of the first section with bodies or markers; others are named."""
+    """Yield a table of the first section with bodies or markers; other sections are noted."""
     section: _Section | None = None
     rate_hz, done = 0.0, False
     for line in lines:
@@ -238,7 +239,7 @@ def qualisys_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> I
     names = bodies or markers
     before = len(row) - len(of_each) * len(names) - (row[-1:] == [""])
     if not names or before not in (0, 1, 2) or not row[0][:1].strip("-+").isdigit():
-        raise _refuse_header(
+        raise _wrong_header(
             "the rows do not have the columns that the header names",
             f"{where}:{last.number}",
             f"{len(row)} fields, {len(names)} names",
@@ -247,7 +248,7 @@ def qualisys_table(lines: Iterator[TextLine], where: str, notes: list[str]) -> I
         )
     rate_hz = _rate_hz(about.get("FREQUENCY", ()))
     if before < 2 and rate_hz <= 0.0:
-        raise _refuse_header(
+        raise _wrong_header(
             "neither a time nor the rate is in the file",
             where,
             "FREQUENCY is missing",
@@ -280,7 +281,7 @@ def _is_zero(value: str) -> bool:
 
 _BLOCK = re.compile(r"\s*\D{0,20}\b(?P<label>\d+)\s*:?\s*", re.ASCII)
 _VALUE = re.compile(r"(?P<name>[A-Za-z]\w*)\s*=\s*(?P<value>[^\s=]+)")
-#: A line of a block has so many named values at least.
+#: Named values in a line of a block, at least.
 _LEAST_VALUES = 3
 
 
@@ -323,9 +324,9 @@ _AXES = ("x", "y", "z")
 class _Point:
     """A point of a report."""
 
-    line: int  # where it begins
+    line: int  # its first line
     labels: tuple[str, ...]
-    places: dict[str, str] = field(default_factory=dict)  # as they are written, by the axis
+    places: dict[str, str] = field(default_factory=dict)  # coordinates as written, by axis
 
 
 def _table(
@@ -338,12 +339,12 @@ def _table(
     *,
     torn: bool,
 ) -> Iterator[TextLine]:
-    """Yield a table of the points that have three coordinates.
+    """Yield a table of the points that have three coordinates, and note how many have not.
 
-    The file may end with the end of its last line, and else that may be `torn`.
+    The labels' title is `called`; the last line of the file may be `torn`, that is incomplete.
     """
     ended = last.ended
-    if torn and points and len(points[-1].places) == len(_AXES):  # in what follows that point
+    if torn and points and len(points[-1].places) == len(_AXES):  # the line is of the next point
         points.append(_Point(last.number, (last.text.strip(),)))
     whole = [point for point in points if len(point.places) == len(_AXES)]
     cut = [
@@ -375,12 +376,12 @@ _XYZ = re.compile(r"^//.*,\s*x\s*,\s*y\s*,\s*z\s*(,|$)", re.I)
 
 
 def begins_named_points(head: Sequence[str]) -> bool:
-    """Return whether a comment names the fields of the rows, x, y and z among them."""
+    """Return whether a comment names the fields of the rows, including x, y and z."""
     return any(map(_XYZ.match, head))
 
 
 def named_points(lines: Iterator[TextLine], _: str, __: list[str]) -> Iterator[TextLine]:
-    """Yield the rows below the comments, under the names that the comment has."""
+    """Yield the rows below the comments, under the names in the comment."""
     named = False
     for line in lines:
         comment = line.text.startswith(_COMMENT)

@@ -1,10 +1,9 @@
-"""`columns` of campaign.yaml: how a user's own files are written, and what their columns are."""
+"""`columns` of campaign.yaml: the layout of a user's own files, and what their columns hold."""
 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import Annotated, Any, Literal, Self
 
@@ -18,22 +17,9 @@ from pydantic import (
 )
 
 from pa10cal.arrays import Mask
-from pa10cal.campaign.csv_rows import REPEATED, Layout
-from pa10cal.campaign.raw_rows import (
-    COMMA,
-    CONTRACT_COLUMNS,
-    COUNTS,
-    EXCLUDED,
-    FACTORS,
-    OFFSETS,
-    QUATERNION,
-    ColumnMap,
-    OwnColumn,
-    Quarantined,
-    position_columns,
-)
-from pa10cal.campaign.sniffing import format_of
-from pa10cal.errors import RawDataError
+from pa10cal.campaign.column_map import COUNTS, FACTORS, OFFSETS, QUATERNION, OwnColumn
+from pa10cal.campaign.csv_rows import Layout
+from pa10cal.campaign.joint_positions import position_columns
 from pa10cal.options import Positive, Section
 
 #: Words of rotations, and how many columns each takes.
@@ -42,19 +28,19 @@ _ROTATION = re.compile(
 )
 
 
-def _some(value: object) -> object:
-    """Take one name for a list of one; a number for a name, as files without a header have."""
+def _as_names(value: object) -> object:
+    """Return a tuple of names, of one name too; numbers as text, as in files without a header."""
     listed = value if isinstance(value, list | tuple) else [value]
-    return tuple(str(each) if isinstance(each, int) else each for each in listed)
+    return tuple(str(name) if isinstance(name, int) else name for name in listed)
 
 
-def _each(value: object) -> object:
-    """Take one number for a list of one."""
+def _as_tuple(value: object) -> object:
+    """Return a tuple, of one number too."""
     return value if isinstance(value, list | tuple) else (value,)
 
 
-def _worded(value: object) -> object:
-    """Take numbers for the words that they are in a file."""
+def _with_text_keys(value: object) -> object:
+    """Return a mapping with whole numbers among its keys as text, as the file has them."""
     if not isinstance(value, dict):
         return value
     return {str(word) if isinstance(word, int) else word: name for word, name in value.items()}
@@ -73,10 +59,10 @@ def _rotation(word: str) -> str:
 
 
 Name = Annotated[str, StringConstraints(min_length=1)]
-Names = Annotated[tuple[Name, ...], BeforeValidator(_some), Field(min_length=1)]
-Three = Annotated[tuple[Name, ...], BeforeValidator(_some), Field(min_length=3, max_length=3)]
+Names = Annotated[tuple[Name, ...], BeforeValidator(_as_names), Field(min_length=1)]
+Three = Annotated[tuple[Name, ...], BeforeValidator(_as_names), Field(min_length=3, max_length=3)]
 LengthUnit = Literal["mm", "cm", "m", "um", "in"]
-One = Annotated[tuple[Name], BeforeValidator(_some)]
+One = Annotated[tuple[Name], BeforeValidator(_as_names)]
 # No single u: it marks columns of uncertainties.
 Target = Annotated[str, StringConstraints(pattern=r"^([A-Za-tv-z0-9]|[A-Za-z0-9]{2,})$")]
 
@@ -100,11 +86,11 @@ class Joints(Section):
     names: Names
     unit: Literal["deg", "rad", "mrad", "counts"] = "deg"
     stroke_unit: LengthUnit = "mm"
-    counts_per_turn: Annotated[tuple[Positive, ...], BeforeValidator(_each)] | None = Field(
+    counts_per_turn: Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple)] | None = Field(
         default=None,
         description="of unit counts: how many a turn of the joint; one number, or one a joint",
     )
-    zero_count: Annotated[tuple[FiniteFloat, ...], BeforeValidator(_each)] = Field(
+    zero_count: Annotated[tuple[FiniteFloat, ...], BeforeValidator(_as_tuple)] = Field(
         default=(0.0,), description="count at which the joint is at zero; one, or one a joint"
     )
     u: Names | None = Field(default=None, description="standard uncertainties, in the same unit")
@@ -113,17 +99,16 @@ class Joints(Section):
     def _counted(self) -> Joints:
         if (self.unit == COUNTS) != (self.counts_per_turn is not None):
             raise ValueError("counts_per_turn with unit: counts, and only with it")
-        for each in (self.counts_per_turn or (1.0,), self.zero_count):
-            if len(each) not in (1, len(self.names)):
+        for numbers in (self.counts_per_turn or (1.0,), self.zero_count):
+            if len(numbers) not in (1, len(self.names)):
                 raise ValueError("one number of counts, or one for each joint")
         return self
 
     def scale(self, joint: int) -> tuple[float, float]:
-        """Return the degrees a count of a joint, from 0, and the degrees at count 0."""
-        per_turn, zero = (
-            each[joint if len(each) > 1 else 0]
-            for each in (self.counts_per_turn or (1.0,), self.zero_count)
-        )
+        """Return the degrees per count of a joint, numbered from 0, and the degrees at count 0."""
+        of_joints, zeros = self.counts_per_turn or (1.0,), self.zero_count
+        per_turn = of_joints[joint if len(of_joints) > 1 else 0]
+        zero = zeros[joint if len(zeros) > 1 else 0]
         return 360.0 / per_turn, -360.0 / per_turn * zero
 
 
@@ -218,7 +203,7 @@ class TargetOfRow(Section):
     """Which target a row is of, in a file with one in each: `position` is where it was."""
 
     names: One
-    words: Annotated[dict[Name, Target], BeforeValidator(_worded)] = Field(
+    words: Annotated[dict[Name, Target], BeforeValidator(_with_text_keys)] = Field(
         default_factory=dict, description="what each word of the column stands for"
     )
     endings: dict[Name, Target] = Field(
@@ -238,12 +223,12 @@ class TargetOfRow(Section):
         return tuple(dict.fromkeys((self.words or self.endings).values()))
 
     def of(self, field: str) -> tuple[str, str]:
-        """Return what a field says of the pose, and its target; empty for none that is stated."""
+        """Return the label of the pose in a field, and its target; empty for no stated target."""
         if self.words:
             return field, self.words.get(field, "")
-        longest = sorted(self.endings, key=len, reverse=True)
-        ending = next((each for each in longest if field.endswith(each)), "")
-        return field.removesuffix(ending), self.endings.get(ending, "")
+        matching = [ending for ending in self.endings if field.endswith(ending)]
+        longest = max(matching, key=len, default="")
+        return field.removesuffix(longest), self.endings.get(longest, "")
 
 
 class FileColumns(Layout):
@@ -283,37 +268,43 @@ class FileColumns(Layout):
         return tuple(chain(self.pose or (), self.ball or (), *parts))
 
     def sources(self, prismatic: Mask, section: str = "") -> Iterator[tuple[str, OwnColumn]]:
-        """Yield the columns of the contract, and what each is read from.
+        """Yield the columns of the contract, each with its source.
 
-        The section, such as columns.poses, is where campaign.yaml says it.
+        `section` is the section of campaign.yaml, such as columns.poses.
         """
 
-        def at(key: str, names: tuple[str, ...], unit: str = "") -> OwnColumn:
+        def source(key: str, names: tuple[str, ...], unit: str = "") -> OwnColumn:
             return OwnColumn(names, unit, FACTORS[unit], OFFSETS.get(unit, 0.0), f"{section}.{key}")
 
-        if (time := self.time) is not None:
-            yield "time_s", at("time", time.names, "" if time.format else time.unit)
+        if self.time is not None:
+            unit = "" if self.time.format else self.time.unit
+            yield "time_s", source("time", self.time.names, unit)
         for key in ("pose", "repeat", "ball", "touch"):
-            if (one := getattr(self, key)) is not None:
-                yield key, at(key, one)
+            if (names := getattr(self, key)) is not None:
+                yield key, source(key, names)
         if self.kind is not None:
-            yield "kind", at("kind", self.kind.names)
-        count = 0 if self.torques is None else len(self.torques.names)
-        targets = ((f"targets.{name}", f"{name}_", each) for name, each in self.targets.items())
-        # A row is of one target: the same columns hold the places of all.
-        before = [""] if self.target is None else [f"{each}_" for each in self.target.targets]
-        places = (*(("position", each, self.position) for each in before), *targets)
+            yield "kind", source("kind", self.kind.names)
+        torque_count = 0 if self.torques is None else len(self.torques.names)
+        # With one target a row the same columns hold the places of all targets.
+        targets = [""] if self.target is None else [f"{name}_" for name in self.target.targets]
+        places: list[tuple[str, str, Position | None]] = [
+            *(("position", target, self.position) for target in targets),
+            *((f"targets.{name}", f"{name}_", place) for name, place in self.targets.items()),
+        ]
         mapped: list[tuple[str, Any, Sequence[str]]] = [
             ("load", self.load, ["load_N"]),
             ("temperature", self.temperature, ["temperature_C"]),
             ("joints", self.joints, position_columns(prismatic)),
-            ("torques", self.torques, [f"tau{k}_Nm" for k in range(1, count + 1)]),
-            *((key, each, [f"{name}{axis}_mm" for axis in "xyz"]) for key, name, each in places),
+            ("torques", self.torques, [f"tau{k}_Nm" for k in range(1, torque_count + 1)]),
+            *(
+                (key, place, [f"{target}{axis}_mm" for axis in "xyz"])
+                for key, target, place in places
+            ),
             ("distance", self.distance, ["d_mm"]),
         ]
         for key, part, ours in mapped:
             if getattr(part, "polar", None) is not None:
-                yield from ((name, at(key, part.names)) for name in ours)
+                yield from ((name, source(key, part.names)) for name in ours)
                 continue
             for k, name in enumerate(ours if part is not None else ()):
                 slides = key == "joints" and name.endswith("_mm")
@@ -328,18 +319,18 @@ class FileColumns(Layout):
                         unit, factor = u_unit, FACTORS[u_unit]
                     factor /= getattr(part, "coverage", 1.0)
                     yield f"u_{name}", OwnColumn(u[k : k + 1], unit, factor, 0.0, where)
-        if (turned := self.rotation) is not None:
+        if self.rotation is not None:
             for name in QUATERNION:
-                yield name, at("rotation", turned.names)
-                if turned.u is not None:
-                    yield f"u_{name}", at("rotation", turned.u)
+                yield name, source("rotation", self.rotation.names)
+                if self.rotation.u is not None:
+                    yield f"u_{name}", source("rotation", self.rotation.u)
 
     def polar_places(self) -> Iterator[tuple[str, Position, Polar]]:
-        """Yield positions that are polar readings, and how, by what stands before their axes."""
-        targets = ((f"{name}_", each) for name, each in self.targets.items())
-        for before, place in (("", self.position), *targets):
+        """Yield positions that are polar readings: prefix of their columns, and how they count."""
+        targets = ((f"{name}_", place) for name, place in self.targets.items())
+        for prefix, place in (("", self.position), *targets):
             if place is not None and place.polar is not None:
-                yield before, place, place.polar
+                yield prefix, place, place.polar
 
 
 class OwnColumns(Section):
@@ -350,84 +341,3 @@ class OwnColumns(Section):
     resolver: FileColumns | None = None
     joints: FileColumns | None = None
     readings: FileColumns | None = None
-
-
-# Rows that are not used, and too many of them.
-
-
-def refuse_too_many(
-    rows: Iterable[Quarantined],
-    totals: Mapping[str, int],
-    max_fraction: float,
-    words: ColumnMap = CONTRACT_COLUMNS,
-) -> None:
-    """Stop when more of a file's rows are quarantined than the settings allow, or all of them.
-
-    At most `ingest.max_quarantined_fraction` of the total rows of a file may be; rows that
-    campaign.yaml excludes do not count. The message names the file, the commonest reason and the
-    first line it struck.
-    """
-    rows, totals = sorted(rows), dict(totals)
-    for row in rows:
-        totals[row.file] -= row.reason.startswith(EXCLUDED)  # as its user wants it
-        if not totals[row.file]:
-            raise RawDataError(
-                "every row is excluded",
-                where=row.file,
-                allowed="at least some rows to calibrate with",
-                remedy="correct exclude in campaign.yaml",
-            )
-    for name, total in totals.items():
-        listed = [r for r in rows if r.file == name and not r.reason.startswith(EXCLUDED)]
-        if len(listed) <= max_fraction * total and len(listed) < total:
-            continue
-        reason, times = Counter(row.reason for row in listed).most_common(1)[0]
-        struck = [row for row in listed if row.reason == reason]
-        columns = Counter(row.value.partition(" = ")[0] for row in struck if " = " in row.value)
-        column, in_column = columns.most_common(1)[0] if columns else ("", 0)
-        if 2 * in_column > times:
-            struck = [row for row in struck if row.value.startswith(f"{column} = ")]
-        where = f"{name}:{struck[0].line}" + (f": {words.called(column)}" if column else "")
-        remedy = _remedy_of_rows(words, reason, struck, most=2 * len(listed) > total)
-        raise RawDataError(
-            f"{len(listed)} of {total} rows would be quarantined, {times} of them because: "
-            f"{reason}",
-            where=where,
-            value=struck[0].value or None,
-            allowed=f"at most {max_fraction:.0%} (ingest.max_quarantined_fraction)",
-            remedy=remedy,
-        )
-
-
-def _remedy_of_rows(
-    words: ColumnMap, reason: str, listed: Sequence[Quarantined], *, most: bool
-) -> str:
-    """Return what to do where rows are quarantined for a reason.
-
-    It may have struck most rows, so that the others do not suffice.
-    """
-    column, key = "", ""
-    if " = " in listed[0].value:
-        column = listed[0].value.partition(" = ")[0]
-        key = words.key_called(column)
-    values = [row.value.partition(" = ")[2] for row in listed]
-    if reason == REPEATED:
-        return "remove the rows that stand there twice"
-    if listed[0].value.endswith(COMMA):
-        return (
-            f"set {key.rpartition('.')[0]}.decimal: ','"
-            if key
-            else "export the file with decimal points, or state decimal: ',' under columns in "
-            "campaign.yaml"
-        )
-    if key.endswith(".time"):
-        texts = [value.strip("'\"") for value in values]
-        if all(texts) and (how := format_of(texts)[0]):
-            return f"set {key}.format: '{how}'"
-    if key.endswith(".kind"):
-        return f"add {', '.join(dict.fromkeys(values))} to {key}.words, as grid or as holdout"
-    look = f"look at column {words.called(column)} first; " if column else ""
-    if reason.startswith("beyond the limits of joint"):
-        return f"{look}check robot in campaign.yaml, and the unit, order and signs of the joints"
-    rest = "" if most else ", or raise the setting if the other rows suffice"
-    return f"{look}correct the file{rest}"

@@ -1,4 +1,4 @@
-"""A campaign.yaml for a file as it is, by its header, its numbers and the nominal arm."""
+"""Proposes a campaign.yaml for files as they are, by headers, numbers and the nominal arm."""
 
 from __future__ import annotations
 
@@ -14,17 +14,24 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
+from pa10cal.campaign.column_map import (
+    ANGLES,
+    ANGLES_OF_POLAR,
+    COUNTS,
+    FORCES,
+    LENGTHS,
+    TIMES,
+    TORQUES,
+)
 from pa10cal.campaign.conventions import (
     FOUR,
     THREE,
-    CountScale,
     attitude_scatter,
-    looks_like_counts,
     modelled_attitudes,
     read_polar,
-    scale_of_counts,
 )
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
+from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
 from pa10cal.campaign.file_roles import (
     notes_on_joints,
     read_as,
@@ -35,27 +42,14 @@ from pa10cal.campaign.file_roles import (
 from pa10cal.campaign.headerless import (
     is_headerless,
     labels_of_both,
-    labels_without_targets,
     logs_by_arm,
-    named_in_other_log,
     of_rows_of_targets,
     of_the_arm,
     roles_by_arm,
-    target_column,
 )
+from pa10cal.campaign.joint_positions import in_radians, position_columns
+from pa10cal.campaign.orientations import quaternions
 from pa10cal.campaign.own_columns import RotationColumns
-from pa10cal.campaign.raw_file import quaternions
-from pa10cal.campaign.raw_rows import (
-    ANGLES,
-    ANGLES_OF_POLAR,
-    COUNTS,
-    FORCES,
-    LENGTHS,
-    TIMES,
-    TORQUES,
-    in_radians,
-    position_columns,
-)
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
@@ -65,27 +59,29 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.sniffing import JUDGED, Sniffed, rows_at, time_columns
+from pa10cal.campaign.row_targets import labels_without_targets, named_in_other_log, target_column
+from pa10cal.campaign.sniffing import Sniffed, rows_at
+from pa10cal.campaign.times import JUDGED, time_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
-from pa10cal.frame.rigid_fit import scale_of_points
+from pa10cal.frame.measured_scale import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 
-#: Orientations agree with the nominal arm within this; positions of a nominal arm scatter by less.
+#: Orientations agree with the nominal arm below this rms angle.
 AGREES_RAD = np.radians(3.0)
-#: Polar readings agree with it within this.
+#: Polar readings agree with the nominal arm below this rms misfit.
 AGREES_M = 0.03
-#: What is stated where the file says nothing.
+#: Standard uncertainty of the instrument that is proposed where the file states none.
 ASSUMED_MM = 0.05
 
 
 @dataclass(frozen=True)
 class ColumnsProposal:
-    """What campaign.yaml may say of a file."""
+    """A proposed campaign.yaml."""
 
     content: dict[str, Any]  # of campaign.yaml
-    checks: tuple[str, ...]  # what its reader should check or fill in, one sentence each
+    checks: tuple[str, ...]  # what the user should check or fill in, one sentence each
     read_as: tuple[str, ...]  # every column of the files, and what it is read as
     known: tuple[str, ...] = ()  # the known format of each file that has one, and what it holds
 
@@ -100,8 +96,8 @@ def propose(
 ) -> ColumnsProposal:
     """Propose a campaign.yaml for a file.
 
-    Where the arm is not known (None), units and conventions rest on the header and on the size of
-    the numbers alone. Joints are found under the names that the arm's description has, if any.
+    Where the arm is not known (None), units and conventions follow from the header and the size of
+    the numbers alone. `joint_names` are the joints' names in the arm's description, if any.
 
     Raises:
         RawDataError: when no joint positions, or nothing that was measured, are recognised.
@@ -131,8 +127,8 @@ def propose_two_logs(
 ) -> ColumnsProposal:
     """Propose a campaign.yaml for a log of joints and a log of readings, in either order.
 
-    The two are joined as the first proposal says; units and the convention of orientations are then
-    found by the nominal arm, if it is known, at the joint positions that belong to each reading.
+    The logs are joined by a first proposal, in which readings are points. The nominal arm, if it is
+    known, then determines units and conventions at the joint positions of each reading.
 
     Raises:
         RawDataError: when neither has joint positions, or the other nothing that was measured.
@@ -144,57 +140,73 @@ def propose_two_logs(
     ]
     if arm is not None and any(is_headerless(log) for _, log, _ in both):
         both = logs_by_arm(both, arm)
-    # What a known format holds is known; else the log of the joints is that which has some.
-    first, second = (log.format.measured if log.format else None for _, log, _ in both)
-    if first is None and second is None:
-        first = not both[0][0].joints
-    if first is True or second is False:
+    if _readings_first(both):
         both.reverse()
-    (of_joints, joints_log, joints_file), (of_readings, readings_log, readings_file) = both
-    refuse_unrecognised(of_joints, joints_log, joints_file.name, measured=True)
-    of_readings = replace(of_readings, joints=(), torques=())
+    (joint_roles, joints_log, joints_file), (reading_roles, readings_log, readings_file) = both
+    refuse_unrecognised(joint_roles, joints_log, joints_file.name, measured=True)
+    reading_roles = replace(reading_roles, joints=(), torques=())
     refuse_unrecognised(
-        replace(of_readings, joints=of_joints.joints), readings_log, readings_file.name
+        replace(reading_roles, joints=joint_roles.joints), readings_log, readings_file.name
     )
-    texts = [
-        {name: words for name, words in log.texts.items() if name not in roles.times}
-        for roles, log in ((of_joints, joints_log), (of_readings, readings_log))
-    ]
-    without = labels_without_targets(readings_log, of_readings)
-    labels = shared_labels(*texts) or shared_labels(texts[0], without)
-    if labels := labels or labels_of_both(joints_log, readings_log):
-        of_joints, of_readings = (
-            replace(roles, single={**roles.single, "pose": name})
-            for roles, name in zip((of_joints, of_readings), labels, strict=True)
+    labels = _labels_of_logs(joint_roles, joints_log, reading_roles, readings_log)
+    if labels is not None:
+        joint_label, reading_label = labels
+        joint_roles = replace(joint_roles, single={**joint_roles.single, "pose": joint_label})
+        reading_roles = replace(
+            reading_roles, single={**reading_roles.single, "pose": reading_label}
         )
-    joints = _Proposing(joints_log, of_joints, arm)
-    readings = _Proposing(readings_log, of_readings, arm, joints.checks)
+    joints = _Proposing(joints_log, joint_roles, arm)
+    readings = _Proposing(readings_log, reading_roles, arm, joints.checks)
     files_read: dict[str, Any] = {"joints": (joints_file.name, joints_log, joints.joints())}
     T_base_ee = None
     if arm is not None:
         # First as points, whose unit and place need no convention.
-        found = _Proposing(readings_log, replace(of_readings, attitude=None), arm).readings(None)
-        tried = files_read | {"readings": (readings_file.name, readings_log, found)}
-        content = _proposal(joints, tried, name, robot, arm).content
+        points = _Proposing(readings_log, replace(reading_roles, attitude=None), arm).readings(None)
+        as_points = files_read | {"readings": (readings_file.name, readings_log, points)}
+        content = _proposal(joints, as_points, name, robot, arm).content
         lines, T_known = _at_joints(content, (joints_file, readings_file), arm)
         if not set(lines) <= set(readings_log.lines):
-            # Of a stream those are looked at that stand for a dwell.
+            # Of a stream, the rows that stand for a dwell.
             readings = replace(readings, sniffed=rows_at(readings_file, readings_log, lines))
         if lines:
-            row = {line: k for k, line in enumerate(readings.sniffed.lines)}
-            T_base_ee = np.full((len(row), 4, 4), np.nan)
-            T_base_ee[[row[line] for line in lines]] = T_known
+            row_of_line = {line: row for row, line in enumerate(readings.sniffed.lines)}
+            T_base_ee = np.full((len(row_of_line), 4, 4), np.nan)
+            T_base_ee[[row_of_line[line] for line in lines]] = T_known
     measured = readings.readings(T_base_ee)
-    if len(of_readings.positions) == 1 and "target" not in measured:
+    if len(reading_roles.positions) == 1 and "target" not in measured:
         readings.checks += named_in_other_log(joints_log, joints_file.name, readings_file.name)
     files_read["readings"] = (readings_file.name, readings_log, measured)
     return _proposal(readings, files_read, name, robot, arm)
 
 
+def _readings_first(both: Sequence[tuple[Roles, Sniffed, Path]]) -> bool:
+    """Return whether the first log is that of readings: by known formats, else it lacks joints."""
+    first, second = (log.format.measured if log.format else None for _, log, _ in both)
+    if first is None and second is None:
+        return not both[0][0].joints
+    return first is True or second is False
+
+
+def _labels_of_logs(
+    joint_roles: Roles, joints_log: Sniffed, reading_roles: Roles, readings_log: Sniffed
+) -> tuple[str, str] | None:
+    """Return the columns of labels that both logs share, targets in labels disregarded."""
+    joint_texts, reading_texts = (
+        {name: words for name, words in log.texts.items() if name not in roles.times}
+        for roles, log in ((joint_roles, joints_log), (reading_roles, readings_log))
+    )
+    without_targets = labels_without_targets(readings_log, reading_roles)
+    return (
+        shared_labels(joint_texts, reading_texts)
+        or shared_labels(joint_texts, without_targets)
+        or labels_of_both(joints_log, readings_log)
+    )
+
+
 def _at_joints(
     content: Mapping[str, Any], files: Sequence[Path], arm: Arm
 ) -> tuple[list[int], Array]:
-    """Return the lines of readings whose joints are known, and the nominal end (K, 4, 4) there."""
+    """Return the lines of K readings whose joints are known, and their nominal end (K, 4, 4)."""
     keys = {key: value for key, value in content.items() if key != "schema"}
     keys["columns"] = {
         key: {name: value for name, value in columns.items() if name not in ("temperature", "kind")}
@@ -220,7 +232,7 @@ def _proposal(
     robot: str,
     arm: Arm | None,
 ) -> ColumnsProposal:
-    """Put a campaign.yaml together of what was found in each file."""
+    """Compose campaign.yaml from the columns found in each file."""
     files = {
         key: (file, log, {name: value for name, value in columns.items() if value is not None})
         for key, (file, log, columns) in files.items()
@@ -266,19 +278,19 @@ def _proposal(
 
 @dataclass
 class _Proposing:
-    """Decides, column by column, and keeps what its reader should check."""
+    """Decides on `columns` of one file, by quantity, and notes what the user should check."""
 
     sniffed: Sniffed
     roles: Roles
     arm: Arm | None
     checks: list[str] = field(default_factory=list)
-    stated_mm: float | None = None
+    stated_mm: float | None = None  # rms standard uncertainty that the file states
     signs: tuple[int, ...] = ()  # of the joints, for `joint_signs`; empty where none is reversed
-    temperature_C: float = 20.0
-    T_base_ee: Array | None = None  # (N, 4, 4) the nominal end at each row, of joints in the file
+    temperature_C: float = 20.0  # for `reference_temperature_C`
+    T_base_ee: Array | None = None  # (N, 4, 4) nominal end in each row, if the file has joints
 
     def joints(self) -> dict[str, Any]:
-        """Return the columns of the joints, with how the file is written and its labels."""
+        """Return the layout of the file, its labels, joints, torques and temperature."""
         names, torques = self.roles.joints, self.roles.torques
         logged = self.sniffed.columns(names)
         slides = np.zeros(len(names), bool) if self.arm is None else self.arm.axes_slide
@@ -319,7 +331,7 @@ class _Proposing:
         return columns | self._temperatures()
 
     def _scale_of_counts(self, logged: Array, slides: Mask) -> CountScale:
-        """Return how counts (N, n) are read, and note what is to be checked of it."""
+        """Return how counts (N, n) are read, and note it for a check."""
         places = list(self.roles.positions.values())
         p_m = None
         if places and self.arm is not None and not slides.any():
@@ -337,15 +349,15 @@ class _Proposing:
         return scale
 
     def readings(self, T_base_ee: Array | None) -> dict[str, Any]:
-        """Return the columns of what was measured, with how the file is written and its labels.
+        """Return what was measured and the temperature; without joints, layout and labels too.
 
-        The nominal end is at (N, 4, 4) in each row; None where it is not known.
+        The nominal end in each row is T_base_ee (N, 4, 4); None where it is not known.
         """
         labels = {} if self.roles.joints else self._labels()
         return labels | self._measured(T_base_ee) | self._temperatures()
 
     def _stated(self, names: Sequence[str], known: Mapping[str, float]) -> str | None:
-        """Return the unit that columns state in their names, or below them; None for none."""
+        """Return the unit that columns state in or below their names; None for none."""
         titles = list(map(self.sniffed.titled, names))
         units = list(dict.fromkeys(unit for unit in map(unit_of, titles) if unit in known))
         if len(units) > 1:
@@ -360,7 +372,7 @@ class _Proposing:
         return next(iter(units), None)
 
     def _temperatures(self) -> dict[str, Any]:
-        """Return the column of temperatures, and note a reference temperature."""
+        """Return the column of temperature, and set the reference temperature."""
         name = self.roles.single.get("temperature")
         if name is None:
             return {}
@@ -368,23 +380,20 @@ class _Proposing:
         if np.isfinite(values).any():
             middle = float(np.nanmedian(values))
             unit = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
-            of = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
-            self.temperature_C = round(of[unit], 1)
+            in_C = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
+            self.temperature_C = round(in_C[unit], 1)
             column |= _unless(unit, "C")
         return {"temperature": column}
 
     def _labels(self) -> dict[str, Any]:
-        """Return how the file is written, where that is not as the contract has it, and its labels.
-
-        These are times, labels, loads, and which rows are held out, where every row says so.
-        """
+        """Return layout, time, pose, repeat, kind and load, where every row states them."""
         single, sniffed = self.roles.single, self.sniffed
         columns: dict[str, Any] = sniffed.layout.model_dump(exclude_defaults=True)
         columns |= self._time()
         labels = sniffed.words(single["pose"]) if "pose" in single else [""]
-        if all(labels) and len(set(labels)) > 1:  # a name of all rows, as of the robot, is none
+        if all(labels) and len(set(labels)) > 1:  # one word in all rows is no label
             numbers = sniffed.column(single["pose"])
-            # A number with decimals is none, such as actual_TCP_pose_0.
+            # Numbers with decimals are no labels, such as actual_TCP_pose_0.
             if np.mean(np.isfinite(numbers) & (numbers != np.round(numbers))) < 0.5:
                 columns["pose"] = single["pose"]
         if "repeat" in single and np.isfinite(sniffed.column(single["repeat"])).all():
@@ -401,7 +410,7 @@ class _Proposing:
         return columns
 
     def _time(self) -> dict[str, Any]:
-        """Return the column of times, or those of dates and of times of day, unless all are one."""
+        """Return the column of time, or those of date and time of day, if the times differ."""
         name = self.roles.single.get("time")
         if name is None:
             return {}
@@ -449,7 +458,7 @@ class _Proposing:
         return columns | ({"targets": targets} if targets else {})
 
     def _of_row(self, target: dict[str, Any]) -> dict[str, Any]:
-        """Return the columns of which target a row is of, and note it."""
+        """Return `target` (and `pose`) for rows of one target each, and note it."""
         listed = ", ".join((target.get("words") or target["endings"]).values())
         name = target["names"]
         self.checks.append(
@@ -459,13 +468,13 @@ class _Proposing:
         if "endings" in target:
             columns["pose"] = name
         elif self.roles.single.get("pose") == name:
-            columns["pose"] = None  # it tells targets, not poses
+            columns["pose"] = None  # it names targets, not poses
         return columns
 
     def _place(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
-        """Return columns of lengths, with their unit and their uncertainties, whose size is noted.
+        """Return columns of lengths with unit and uncertainties, and set `stated_mm`.
 
-        The unit is that of the names, else found by the arm, or by the size of the numbers.
+        The unit is stated in the names, else found by the arm, else by the size of the numbers.
         """
         if names == self.roles.polar:
             return self._polar(names, T_base_ee)
@@ -491,7 +500,7 @@ class _Proposing:
         return columns
 
     def _polar(self, names: Sequence[str], T_base_ee: Array | None) -> dict[str, Any]:
-        """Return columns of polar readings: how angles count is found by the arm, else by names."""
+        """Return columns of polar readings, which count as the arm or else their names say."""
         unit = self._stated(names[2:], LENGTHS)
         angle = self._stated(names[:2], ANGLES_OF_POLAR)
         found = read_polar(
@@ -527,7 +536,7 @@ class _Proposing:
     def _attitude(
         self, names: Sequence[str], convention: str, T_base_ee: Array | None, p_m: Array
     ) -> dict[str, Any]:
-        """Return the columns of an orientation: its convention by the arm, else by the names."""
+        """Return the columns of an orientation, in the convention by the arm, else by the names."""
         values = self.sniffed.columns(names)
         size = "deg" if float(np.nanmax(np.abs(values))) > 7.0 else "rad"
         unit = self._stated(names, ANGLES) or size
@@ -537,10 +546,10 @@ class _Proposing:
         u = {"u": uncertain} if all(name is not None for name in uncertain) else {}
         R_ee = None
         if T_base_ee is not None:
-            every = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
-            some = np.flatnonzero(np.isfinite(every).all(axis=1))
+            known = np.column_stack([values, p_m, T_base_ee.reshape(-1, 16)])
+            some = np.flatnonzero(np.isfinite(known).all(axis=1))
             some = some[np.linspace(0, len(some) - 1, min(len(some), JUDGED)).astype(int)]
-            # Lengths of another scale, as of a tag held for another size, tell the base as well.
+            # Lengths may have another scale, as of a tag taken for another size.
             scale = scale_of_points(p_m[some], T_base_ee[some]) or 1.0
             R_ee = modelled_attitudes(T_base_ee[some], scale * p_m[some])
         if R_ee is None:
@@ -556,22 +565,22 @@ class _Proposing:
             quaternion = quaternions(values[some], RotationColumns.model_validate(chosen))
             R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
             tried.append((attitude_scatter(R_ee, R), chosen))
-        # The first of equals: the plainest.
-        scatter, chosen = min(tried, key=lambda way: round(way[0], 3))
-        if scatter > AGREES_RAD:
+        # Of equal scatters the first, which is the commonest convention.
+        scatter_rad, chosen = min(tried, key=lambda way: round(way[0], 3))
+        if scatter_rad > AGREES_RAD:
             self.checks.append(
                 f"rotation.convention: none agrees with the nominal arm; the nearest is "
-                f"{np.degrees(scatter):.1f} deg off: check it, the joints' order and signs"
+                f"{np.degrees(scatter_rad):.1f} deg off: check it, the joints' order and signs"
             )
         return chosen | u
 
 
 def _unless(unit: str, usual: str) -> dict[str, str]:
-    """Return a unit to be stated, where it is not the usual one."""
+    """Return the key `unit`, unless the unit is the default."""
     return {} if unit == usual else {"unit": unit}
 
 
 def _label(place: str, k: int) -> str:
-    """Return a name for a target, of what stands before its x, y, z."""
+    """Return a name for the k-th target, from the words before its x, y, z."""
     label = "".join(letter for letter in place if letter.isascii() and letter.isalnum())
     return label if label not in ("", "u") else f"T{k}"

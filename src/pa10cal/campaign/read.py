@@ -1,4 +1,7 @@
-"""A campaign's folder to its readings, whatever the instrument."""
+"""The folder of a campaign, or several of one robot, read to single readings.
+
+Held-out poses are marked as campaign.yaml states them.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Index
+from pa10cal.arrays import Index, Mask
 from pa10cal.campaign.bounds import refuse_impossible_tool
 from pa10cal.campaign.description import (
     DESCRIPTION_FILE,
@@ -23,21 +25,28 @@ from pa10cal.campaign.description import (
     nominal_arm,
     read_description,
 )
-from pa10cal.campaign.nominal_fit import EXCHANGED, NOT_RIGID
-from pa10cal.campaign.raw_rows import Quarantined, groups_joined, same_commands
+from pa10cal.campaign.joint_positions import connected_groups, same_commands
+from pa10cal.campaign.raw_rows import Quarantined
 from pa10cal.campaign.screens import HELD, OFF_MODEL, OFF_REPEATS, OTHER_COMMAND, OUT_OF_REACH
 from pa10cal.campaign.table import arm_of
+from pa10cal.campaign.target_labels import EXCHANGED, NOT_RIGID
 from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
 from pa10cal.errors import RawDataError
 from pa10cal.files.controller import controller_notes, controller_warnings
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.order import along_a_path, stretches_held_out, with_time_validity
+from pa10cal.observe.order import with_time_validity
+from pa10cal.observe.paths import along_a_path, stretches_held_out
 from pa10cal.options import IngestOptions
 from pa10cal.results.calibration import InputFinding
 
 LINES = ("line_x", "line_y")
+#: Calibration poses that a search without repeats needs; held-out poses at least where fewer than
+#: stated are held out to leave so many.
+POSES_TO_SEARCH, _LEAST_HELD_OUT = 100, 1
+#: Reasons of readings that are wrong. Rows quarantined for other reasons are merely missing.
+_WRONG = (OFF_REPEATS, OFF_MODEL, NOT_RIGID, OUT_OF_REACH, OTHER_COMMAND)
 
 
 @dataclass(frozen=True)
@@ -49,8 +58,8 @@ class Campaign:
     arm: Arm  # the nominal arm that it names
     observations: Observations  # single readings of all kinds, in order of time
     quarantined: tuple[Quarantined, ...]  # rows that are not used, each with file, line and reason
-    notes: tuple[str, ...]  # what the reader should know, one clause each
-    warnings: tuple[str, ...]  # what the reader should mend before going on, one sentence each
+    notes: tuple[str, ...]  # what the user should know, one clause each
+    warnings: tuple[str, ...]  # what the user should correct first, one sentence each
 
     @property
     def name(self) -> str:
@@ -131,11 +140,10 @@ def read_campaign(
     folder = Path(folder)
     description = read_description(folder)
     if description.campaigns:
-        names = ", ".join(campaign.name for campaign in description.campaigns)
         raise RawDataError(
             "the folder is of a group, which has no raw files of its own",
             where=str(folder / DESCRIPTION_FILE),
-            value=names,
+            value=", ".join(campaign.name for campaign in description.campaigns),
             allowed="the folder of one campaign",
             remedy="give the folders of its campaigns to read_group, or to pa10cal join",
         )
@@ -154,33 +162,24 @@ def read_campaign(
     ingested = read(description, arm, folder, options)
     every, warnings = ingested.observations, ingested.warnings
     places = places_of(every, arm.prismatic, description.repeat_tolerance_deg)
-    notes: tuple[str, ...] = ()
-    if description.holdout is not None:
-        where = f"{folder / DESCRIPTION_FILE}: holdout"
-        every, notes = hold_out(every, description.holdout, where, places)
+    holdout_notes: tuple[str, ...] = ()
+    if description.holdout is None:
+        warnings = (*warnings, *_held_out_warnings(every, places))
     else:
-        both = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
-        if both.any():
-            poses = pd.unique(pd.Series(every.pose[both]))
-            warnings = (
-                *warnings,
-                f"held-out poses at joint positions of calibration poses: {len(poses)}, the first "
-                f"{poses[0]}: their error is too small; hold out poses with all their repeats, as "
-                "holdout: {every: 5} in campaign.yaml does",
-            )
+        where = f"{folder / DESCRIPTION_FILE}: holdout"
+        every, holdout_notes = hold_out(every, description.holdout, where, places)
     recorded = ingested.timed and description.time_recorded
-    every, of_time = with_time_validity(every, arm.prismatic, recorded=recorded)
+    every, time_notes = with_time_validity(every, arm.prismatic, recorded=recorded)
     kinds = set(every.kind)
     if "grid" not in kinds:
-        remedy = "; ".join((*ingested.warnings, "check the column kind"))
         raise RawDataError(
             "there is no usable grid row to calibrate with",
             where=str(folder),
             value=", ".join(sorted(kinds)),
             allowed="rows of kind grid",
-            remedy=remedy,
+            remedy="; ".join((*ingested.warnings, "check the column kind")),
         )
-    notes = (*notes, *arm.remarks, *controller_notes(arm.controller, arm))
+    arm_notes = (*arm.remarks, *controller_notes(arm.controller, arm))
     commanded = description.joints == "commanded"
     warnings = (*warnings, *controller_warnings(arm.controller, commanded=commanded))
     useful = (*(LINES if instrument.uses_lines else ()), "holdout")
@@ -191,36 +190,51 @@ def read_campaign(
         arm_of(description, folder, every, arm),
         every,
         tuple(sorted(ingested.quarantined)),
-        (*ingested.notes, *notes, *of_time, *missing),
+        (*ingested.notes, *holdout_notes, *arm_notes, *time_notes, *missing),
         warnings,
     )
 
 
-def places_of(every: Observations, prismatic: NDArray[np.bool_], tolerance: float) -> Index:
-    """Number the places (N,) that readings are of: one label, or joint positions that agree.
+def _held_out_warnings(every: Observations, places: Index) -> list[str]:
+    """Return a warning of held-out poses at places (N,) of calibration poses, if there are any."""
+    shared = np.isin(places, places[every.kind == "grid"]) & (every.kind == "holdout")
+    if not shared.any():
+        return []
+    poses = pd.unique(pd.Series(every.pose[shared]))
+    return [
+        f"held-out poses at joint positions of calibration poses: {len(poses)}, the first "
+        f"{poses[0]}: their error is too small; hold out poses with all their repeats, as "
+        "holdout: {every: 5} in campaign.yaml does"
+    ]
 
-    They agree within `repeat_tolerance_deg` [deg; mm of a joint that slides].
+
+def places_of(every: Observations, prismatic: Mask, tolerance: float) -> Index:
+    """Number the places (N,) of readings; one place has one label, or joint positions that agree.
+
+    They agree within a tolerance [deg; mm of a joint that slides], `repeat_tolerance_deg`.
     """
     q = every.states.q_rad
     by_joints = same_commands(np.where(prismatic, 1e3 * q, np.degrees(q)), tolerance)
     by_label = pd.factorize(pd.Series(every.pose))[0]
-    labels = int(by_label.max(initial=-1)) + 1
-    count = labels + int(by_joints.max(initial=-1)) + 1
-    return groups_joined(by_label, labels + by_joints, count)[by_label]
-
-
-#: Calibration poses that a search without repeats needs, and held-out poses left where these are
-#: kept for it, at least.
-POSES_TO_SEARCH, _LEAST_HELD_OUT = 100, 1
+    label_count = int(by_label.max(initial=-1)) + 1
+    count = label_count + int(by_joints.max(initial=-1)) + 1
+    # A reading joins its label with its joint positions.
+    return connected_groups(by_label, label_count + by_joints, count)[by_label]
 
 
 def hold_out(
     every: Observations, rule: Holdout, where: str, places: Index
 ) -> tuple[Observations, tuple[str, ...]]:
-    """Mark grid poses as held out: the last of them in time, every n-th, or stretches of a path.
+    """Mark grid poses as held out: the last ones, every n-th, or stretches of a path.
 
-    All readings of a place (N,), see `places_of`, go together, whatever their labels, loads and
-    repeats. They are in order of time. Return what a reader should know of it, too.
+    Args:
+        every: readings in order of time.
+        rule: which poses are held out.
+        where: the key, in messages.
+        places: (N,) see `places_of`; all readings of a place are held out together.
+
+    Returns:
+        The readings, and notes.
     """
     if "holdout" in every.kind:
         raise RawDataError(
@@ -230,35 +244,36 @@ def hold_out(
             remedy="remove the key, or the kind holdout from the rows",
         )
     grid = every.kind == "grid"
-    order, first = np.unique(places[grid], return_index=True)
-    order, first = order[np.argsort(first)], np.sort(first)
-    stated, notes = rule.count_of(len(order)), []
-    # A search needs its poses more than a judgement needs more than these.
-    spare = len(order) - POSES_TO_SEARCH
-    held = spare if _LEAST_HELD_OUT <= spare < stated else stated
-    if held < stated:
+    in_time, first = np.unique(places[grid], return_index=True)
+    in_time, first = in_time[np.argsort(first)], np.sort(first)
+    stated_count, notes = rule.count_of(len(in_time)), []
+    # A search for effects needs its poses more than evaluation needs further held-out ones.
+    spare_count = len(in_time) - POSES_TO_SEARCH
+    held_count = spare_count if _LEAST_HELD_OUT <= spare_count < stated_count else stated_count
+    if held_count < stated_count:
         notes.append(
-            f"{held} poses are held out and not {stated}, so that {POSES_TO_SEARCH} are left, "
-            "which a search for effects needs"
+            f"{held_count} poses are held out and not {stated_count}, so that {POSES_TO_SEARCH} "
+            "are left, which a search for effects needs"
         )
     if rule.every is None:
-        chosen = order[len(order) - held :]
+        chosen = in_time[len(in_time) - held_count :]
     elif along_a_path(every.states.q_rad[grid][first]):
-        chosen = order[stretches_held_out(len(order), held)]
+        chosen = in_time[stretches_held_out(len(in_time), held_count)]
         notes.append(
-            f"rows lie along a path, where a pose is known by its neighbours: {held} poses are "
-            f"held out in stretches, and not one row in {rule.every}"
+            f"rows lie along a path, where a pose is known by its neighbours: {held_count} poses "
+            f"are held out in stretches, and not one row in {rule.every}"
         )
     else:
-        chosen = order[rule.every - 1 :: rule.every]
-        if held < stated:
-            chosen = chosen[np.linspace(0, stated - 1, held).round().astype(np.intp)]
-    if 0 < len(order) == len(chosen):
+        chosen = in_time[rule.every - 1 :: rule.every]
+        if held_count < stated_count:
+            kept = np.linspace(0, stated_count - 1, held_count).round().astype(np.intp)
+            chosen = chosen[kept]
+    if 0 < len(in_time) == len(chosen):
         raise RawDataError(
             "all poses are held out, none is left to calibrate with",
             where=f"{where}.last_fraction",
             value=rule.last_fraction,
-            allowed=f"a part that leaves at least one of {len(order)} poses",
+            allowed=f"a part that leaves at least one of {len(in_time)} poses",
             remedy="hold out fewer, such as last_fraction: 0.3",
         )
     kind = every.kind.astype("U7")
@@ -267,10 +282,10 @@ def hold_out(
 
 
 def repeatability_mm(single: Observations) -> dict[float, float]:
-    """Return, for each load, the mean standard deviation of what was measured in one pose.
+    """Return, for each load with repeats, the mean standard deviation of repeats in one pose.
 
-    The deviation is that of the distance from the mean of the repeats (paper, Section III), of the
-    end-effector, of each target, or of the measured distance; loads without repeats are not in it.
+    The deviation is of the distance from the mean of the repeats (paper, Section III): of the
+    end-effector, of each target, or of the measured distance.
     """
     places_mm = 1e3 * single.measured.places_m
     targets, axes = places_mm.shape[1:]
@@ -282,9 +297,6 @@ def repeatability_mm(single: Observations) -> dict[float, float]:
     groups = table.dropna(subset=[0]).groupby(["load_N", "pose", "target"])
     spread_mm = np.sqrt(groups.var()[groups.size() > 1].sum(axis=1))
     return {float(load): float(mm) for load, mm in spread_mm.groupby(level=0).mean().items()}
-
-
-# Several campaigns' folders to the readings of one robot.
 
 
 def read_group(
@@ -327,11 +339,6 @@ def read_group(
         tuple(f"{each.name}: {note}" for each in read for note in each.notes),
         tuple(f"{each.name}: {warning}" for each in read for warning in each.warnings),
     )
-
-
-#: Reasons for which a reading is wrong, and not merely of no use: one that can be read and cannot
-#: be true says that something went wrong there; one that cannot be read is merely missing.
-_WRONG = (OFF_REPEATS, OFF_MODEL, NOT_RIGID, OUT_OF_REACH, OTHER_COMMAND)
 
 
 def wrong_rows(rows: Iterable[Quarantined]) -> tuple[InputFinding, ...]:

@@ -1,6 +1,6 @@
-"""What the columns of an unknown file may be: by their names (English, German, French, Spanish).
+"""Roles of the columns of an unknown file: by their names (English, German, French, Spanish).
 
-Matrices, which only their numbers show, too.
+Matrices are recognised by their numbers.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from pa10cal.arrays import Array, spread
 from pa10cal.errors import RawDataError
 from pa10cal.yaml_file import read_yaml
 
-#: Words of units and of names, by what they say; see the file.
+#: Words of units and of names, by their meaning; see the file.
 WORDS = read_yaml(Path(__file__).with_name("words.yaml"), RawDataError, what="it cannot be read")
 _SPELLED: dict[str, str] = {
     spelled: unit for unit, words in WORDS["units"].items() for spelled in words.split()
 }
-#: Longer names have no unit, and longer words are no dates: to look for one takes ever longer.
+#: Longer names have no unit, and longer words are no dates: regular expressions would take long.
 MOST_LETTERS = 200
 _BRACKETED = re.compile(r"^(?P<bare>.*?)\s*[\[({<]\s*(?P<unit>[^\[\](){}<>]{1,14}?)\s*[\])}>]\s*$")
 _APART = re.compile(r"^(?P<bare>.+?)(?:\s+in\s+|[\s_/,;:-]+)(?P<unit>[^\s_/,;:-]{1,12})$")
@@ -33,7 +33,7 @@ _SIGN = re.compile(r"^(?P<bare>.*?)\s*(?P<unit>°[CF]?)$")
 
 
 def canonical_unit(text: str) -> str:
-    """Return the word that campaign.yaml has for a unit as files write it; empty for none."""
+    """Return the unit as campaign.yaml writes it for a unit as files write it; empty for none."""
     bare = plain(text).replace(" ", "")
     return _SPELLED.get(bare, "")
 
@@ -69,18 +69,33 @@ _VOCABULARY = {
     kind: frozenset(words.split()) for kind, words in (WORDS["words"] | WORDS["single"]).items()
 }
 _ORIENTATIONS = [(tuple(endings.split()), word) for endings, word in WORDS["orientations"]]
-#: What stands directly before or after x, y, z without anything between.
+#: Words directly before or after x, y, z, as in `tcpx`.
 _BEFORE_AXIS = "p|t|pos|tcp|trans|coord|meas|act|ist"
 _AFTER_AXIS = "pos|ist|act|actual|mess|meas|measured|coord|koord|soll|nom|cmd"
 _AXIS = re.compile(rf"(?:{_BEFORE_AXIS})?([xyz])(?:{_AFTER_AXIS})?")
-#: So many numbered columns more than the arm has joints may be of something behind its last one.
+#: Numbered columns beyond the arm's joints, at most, as of a gripper.
 MOST_BEYOND = 2
-#: Targets that move by less than this part of what others do stand still.
+#: Targets that move by less than this part of the largest motion are at rest.
 _STILL = 0.02
+#: Of names: that an uncertainty is expanded, and by which factor; 2 where it does not say.
+_EXPANDED = re.compile(
+    r"\bu\W*(?:95|0\.95)\b\W*|\b95\s*%|\bk\s*=\s*(?P<k>\d(?:\.\d+)?)|(?P<sigmas>[23])\s*-?sigma\b"
+    r"|\b(?:expanded|erweiterte|elargie|expandida)\b"
+)
+#: Encodings that are mistaken for each other.
+_ENCODINGS = ("utf-8", "cp1252", "cp850", "mac_roman")
+_ELEVATION = frozenset(WORDS["from horizon"].split())
+_POLAR = {part: frozenset(words.split()) for part, words in WORDS["polar"].items()}
+#: A matrix R is a rotation if no element of R R' - I is larger.
+_ORTHONORMAL = 2e-3
+#: Rows that are tested for matrices, at most, and part of them that must hold one.
+_LOOKED_AT, _MOST = 100, 0.9
+#: A matrix whose elements change by less is constant.
+_SAME_MATRIX = 1e-6
 
 
 def plain(text: str) -> str:
-    """Return a text in small letters, without accents, Greek letters and micro signs spelled."""
+    """Return a text in lower case without accents; Greek letters and micro signs are spelled."""
     spelled = "".join(_GREEK.get(letter, letter) for letter in text.lower())
     spelled = spelled.replace("μ", "u").replace("µ", "u").replace("ß", "ss")
     apart = unicodedata.normalize("NFKD", spelled)
@@ -89,7 +104,7 @@ def plain(text: str) -> str:
 
 @lru_cache(maxsize=4096)
 def words_of_name(name: str) -> tuple[str, ...]:
-    """Return the words of a name without its unit: camel case and signs between are boundaries."""
+    """Return the words of a name without its unit, parted at signs and camel case."""
     if len(name) > MOST_LETTERS:
         return ()
     bare = re.sub(r"(?<=[a-zäöüéèí])(?=[A-Z])", " ", split_unit(name)[0])
@@ -103,22 +118,22 @@ def has_word(words: Sequence[str], *kinds: str) -> bool:
 
 @dataclass(frozen=True)
 class Roles:
-    """Names of columns by what they may be."""
+    """Names of columns by their possible roles."""
 
     joints: tuple[str, ...]  # in order; empty where none were recognised
-    torques: tuple[str, ...]  # likewise
-    # triples by what stands before x, y, z, those of commands last
+    torques: tuple[str, ...]  # in order; empty where none were recognised
+    # triples x, y, z by the words before them, those of commands last
     positions: dict[str, tuple[str, ...]]
-    # columns, and the convention that the names suggest; None where there is none
+    # columns of the orientation, and the convention that the names suggest; None without any
     attitude: tuple[tuple[str, ...], str] | None
-    uncertain: dict[str, str]  # uncertainties by the column that they are of
-    single: dict[str, str]  # further columns, by the key of `columns`
-    times: tuple[str, ...] = ()  # every column that may hold a date or a time of day
-    # polar readings, which then are the one position: horizontal angle, vertical angle, distance
+    uncertain: dict[str, str]  # columns of uncertainties by the columns that they are of
+    single: dict[str, str]  # other columns, by the key of `columns`
+    times: tuple[str, ...] = ()  # all columns that may hold a date or a time of day
+    # polar readings, which are then the only position: horizontal, vertical angle, distance
     polar: tuple[str, ...] | None = None
 
     def renamed(self, names: Mapping[str, str]) -> Roles:
-        """Return them with other names of the columns, by those that they have here."""
+        """Return the roles with other names of the columns; `names` has the new by the old."""
 
         def of(columns: Sequence[str]) -> tuple[str, ...]:
             return tuple(names[name] for name in columns)
@@ -141,13 +156,13 @@ def roles_of(
     text: Collection[str] = (),
     turns: tuple[str, ...] = (),
 ) -> Roles:
-    """Return what columns may be.
+    """Return the roles of columns by their names.
 
     Args:
-        names: of the columns.
-        joints: how many the arm has; None where not known.
-        text: columns that hold no numbers: labels, kinds of rows or times, and nothing measured.
-        turns: columns of joint positions in order, where the joints' names say so.
+        names: names of the columns.
+        joints: number of the arm's joints; None where not known.
+        text: columns of text, which may be labels, kinds of rows or times, but not measured.
+        turns: columns of joint positions in order, where they are known by the joints' names.
     """
     of, of_whole = _uncertain(names)
     lone = set(of_whole.values())
@@ -206,15 +221,15 @@ def roles_of(
 
 
 def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return columns of what was measured, then those of what was commanded."""
+    """Return the columns of measured, then those of commanded quantities."""
     commanded = [name for name in names if has_word(words_of_name(name), "commanded")]
     return [name for name in names if name not in commanded], commanded
 
 
 def _numbered(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
-    """Return columns of joints: numbered ones from 1 (or 0), or such as are called joints.
+    """Return columns of joints: numbered ones from 1 (or 0), or ones that are called joints.
 
-    Of a few more than the arm has joints the first are taken: a gripper or an outer axis follows.
+    Of a few more columns than joints the first are taken: a gripper or an outer axis follows.
     """
     best: tuple[tuple[bool, bool, bool, bool, int], tuple[str, ...]] = ((False,) * 4 + (0,), ())
     for around, listed in _series(names).items():
@@ -235,7 +250,7 @@ def _numbered(names: Sequence[str], joints: int | None) -> tuple[str, ...]:
 
 
 def _series(names: Sequence[str]) -> dict[tuple[str, str], dict[int, str]]:
-    """Return names that differ by a number alone, by what stands around it and by the number."""
+    """Return names that differ only by a number: by the text around it, then by the number."""
     series: dict[tuple[str, str], dict[int, str]] = {}
     for name in names:
         bare = plain(split_unit(name)[0])
@@ -246,7 +261,7 @@ def _series(names: Sequence[str]) -> dict[tuple[str, str], dict[int, str]]:
 
 
 def numbered_sets(names: Sequence[str], joints: int) -> list[tuple[str, ...]]:
-    """Return every so many columns that are called joints and numbered from 1 (or 0)."""
+    """Return every set of `joints` columns that are called joints and numbered from 1 (or 0)."""
     found = []
     for around, listed in _series(names).items():
         first = 0 if 0 in listed else 1
@@ -257,7 +272,7 @@ def numbered_sets(names: Sequence[str], joints: int) -> list[tuple[str, ...]]:
 
 
 def beyond(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
-    """Return columns that go on numbering those of the joints, as of a gripper."""
+    """Return columns that continue the numbers of the joints' columns, as of a gripper."""
     found = []
     for around, listed in _series(names).items():
         if not any(around):
@@ -272,7 +287,7 @@ def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
     """Return the columns of an orientation, measured rather than commanded."""
 
     def quaternion(wxyz: Sequence[str]) -> tuple[tuple[str, ...], str]:
-        """Return columns in the order of the file, and what that is."""
+        """Return the columns in the order of the file, and the convention."""
         order = tuple(sorted(wxyz, key=names.index))
         return order, "quaternion_wxyz" if order[0] == wxyz[0] else "quaternion_xyzw"
 
@@ -292,7 +307,7 @@ def _attitude(names: Sequence[str]) -> tuple[tuple[str, ...], str] | None:
 
 
 def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    """Yield columns that differ by these words alone; q1 … q4 that go on with q5 are joints."""
+    """Yield columns that differ only by these words; q1 … q4 followed by q5 are joints."""
     beyond = {"q0": "q4", "q1": "q5"}.get(endings[0], "")
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
@@ -313,7 +328,7 @@ def _with_endings(names: Sequence[str], endings: Sequence[str]) -> Iterator[tupl
 def _by_axis(
     names: Sequence[str], letters: str
 ) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:
-    """Yield columns that differ by a letter x, y, z (w) alone, by it, and the words around it."""
+    """Yield columns that differ only by a letter x, y, z (w), by it, and the words around it."""
     groups: dict[tuple[str, ...], dict[str, str]] = {}
     for name in names:
         listed = words_of_name(name)
@@ -333,21 +348,14 @@ def _by_axis(
 
 
 def _around_axis(name: str) -> str:
-    """Return a name without its unit and without the word that is x, as it is written."""
+    """Return a name as written without its unit and without its word x, y or z."""
     parts = re.findall(r"[^\W_]+", split_unit(name)[0])
     k = next((k for k, part in enumerate(parts) if _AXIS.fullmatch(plain(part))), len(parts))
     return "".join((*parts[:k], *parts[k + 1 :]))
 
 
-#: What says that an uncertainty is an expanded one, and by which factor; without, by 2.
-_EXPANDED = re.compile(
-    r"\bu\W*(?:95|0\.95)\b\W*|\b95\s*%|\bk\s*=\s*(?P<k>\d(?:\.\d+)?)|(?P<sigmas>[23])\s*-?sigma\b"
-    r"|\b(?:expanded|erweiterte|elargie|expandida)\b"
-)
-
-
 def coverage_of(name: str) -> float:
-    """Return by how much a column of uncertainties is expanded; 1 of standard uncertainties."""
+    """Return the coverage factor of a column of uncertainties; 1 for standard uncertainties."""
     found = _EXPANDED.search(plain(name)) if len(name) <= MOST_LETTERS else None
     if found is None:
         return 1.0
@@ -355,9 +363,9 @@ def coverage_of(name: str) -> float:
 
 
 def _uncertain(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the columns of uncertainties by the one that each is of, and those of whole targets.
+    """Return columns of uncertainties by the column that each is of, and those of whole targets.
 
-    These are by what stands before x, y, z of the target, in small letters; nothing for all.
+    The latter are by the words before x, y, z of the target, in lower case; empty for all targets.
     """
     known = _VOCABULARY["uncertain"]
     called: dict[str, str] = {}
@@ -383,7 +391,7 @@ def _uncertain(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
 
 
 def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
-    """Return which of several positions (N, 3) hardly move, by what stands before their x, y, z."""
+    """Return the labels of those of several positions (N, 3) that hardly move."""
     spread = {
         place: float(np.max(np.nanmax(p, axis=0) - np.nanmin(p, axis=0)))
         for place, p in positions.items()
@@ -393,16 +401,10 @@ def standing(positions: Mapping[str, NDArray[np.float64]]) -> list[str]:
     return [place for place, size in spread.items() if size < _STILL * most]
 
 
-# Names in another encoding.
-
-#: Encodings that are taken for each other.
-_ENCODINGS = ("utf-8", "cp1252", "cp850", "mac_roman")
-
-
 def mistaken_encoding(name: str, names: Sequence[str]) -> tuple[str, str, str] | None:
-    """Return which of some names a name is in another encoding, and both encodings.
+    """Return which of `names` is a name read in a wrong encoding, if any.
 
-    They are that which was taken to read `name`, and that which it has.
+    With it come the encoding that was taken to read `name`, and the right one.
     """
     for taken in _ENCODINGS:
         for right in _ENCODINGS:
@@ -413,14 +415,6 @@ def mistaken_encoding(name: str, names: Sequence[str]) -> tuple[str, str, str] |
             if other != name and other in names:
                 return other, taken, right
     return None
-
-
-# Columns that hold a place only together.
-#
-# Polar readings: a horizontal angle, a vertical one, and the distance along the line of sight.
-
-_ELEVATION = frozenset(WORDS["from horizon"].split())
-_POLAR = {part: frozenset(words.split()) for part, words in WORDS["polar"].items()}
 
 
 def polar_columns(names: Sequence[str]) -> tuple[str, str, str] | None:
@@ -437,7 +431,7 @@ def polar_columns(names: Sequence[str]) -> tuple[str, str, str] | None:
 
 
 def from_horizon(name: str) -> bool:
-    """Return whether a vertical angle is called one from the horizon, not from the zenith."""
+    """Return whether the name of a vertical angle says that it counts from the horizon."""
     return not _ELEVATION.isdisjoint(words_of_name(name))
 
 
@@ -451,30 +445,19 @@ def with_polar(roles: Roles, names: Sequence[str]) -> Roles:
     return replace(roles, positions={"": polar}, attitude=None, single=single, polar=polar)
 
 
-# Matrices of 4 by 4: 16 columns, row by row or column by column, or 12 without the last row.
-
-#: A matrix is a rotation if no element of its product with its transpose is further off.
-_ORTHONORMAL = 2e-3
-#: Rows that are looked at, and what part of them has to hold a matrix.
-_LOOKED_AT, _MOST = 100, 0.9
-#: A matrix whose elements change by less stands still in the file.
-_SAME_MATRIX = 1e-6
-
-
 @dataclass(frozen=True)
 class MatrixColumns:
-    """Where the elements of matrices are."""
+    """Columns of the elements of a pose matrix."""
 
     rotation: tuple[str, ...]  # nine, row by row
     position: tuple[str, ...]  # three
-    moves: bool  # whether it differs from row to row
+    moves: bool  # whether the matrix differs from row to row of the file
 
 
 def matrix_columns(names: Sequence[str], numbers: Array) -> list[MatrixColumns]:
-    """Return the matrices among the columns (N, k), those of measurements that move first.
+    """Return the pose matrices among columns (N, k), first those that move and are measured.
 
-    Row by row the last four are 0, 0, 0, 1; column by column every fourth is. What is left has to
-    be a rotation.
+    They have 16 elements, row by row or column by column, or 12 without the last row 0, 0, 0, 1.
     """
     some = numbers[spread(len(numbers), _LOOKED_AT)]
     found, k = [], 0
@@ -502,7 +485,7 @@ def matrix_columns(names: Sequence[str], numbers: Array) -> list[MatrixColumns]:
 
 
 def _are_matrices(values: Array) -> bool:
-    """Return whether most of some matrices (N, 3 or 4, 4) are rotations and places."""
+    """Return whether most matrices (N, 3 or 4, 3 or 4) are rotations, with places if 4 wide."""
     R = values[:, :3, :3]
     with np.errstate(invalid="ignore"):
         off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
@@ -513,9 +496,9 @@ def _are_matrices(values: Array) -> bool:
 
 
 def rotation_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
-    """Return the first nine columns side by side that are a rotation that moves; empty for none.
+    """Return the first nine neighbouring columns that are a moving rotation; empty for none.
 
-    Whether they are row by row or column by column is that of a rotation or its inverse.
+    Row by row or column by column they are the rotation or its inverse; which one is not decided.
     """
     some = numbers[spread(len(numbers), _LOOKED_AT)]
     for k in range(len(names) - 8):
@@ -526,9 +509,10 @@ def rotation_columns(names: Sequence[str], numbers: Array) -> tuple[str, ...]:
 
 
 def with_matrix(roles: Roles, names: Sequence[str], numbers: Array) -> Roles:
-    """Return roles in which a matrix that moves is position and orientation.
+    """Return roles with position and orientation by a moving matrix, if there is one.
 
-    Nine columns side by side that are a rotation are an orientation, where there is no other.
+    Without one, nine neighbouring columns that are a rotation are the orientation, if there is no
+    other.
     """
     free = [name for name in names if name not in (*roles.joints, *roles.torques)]
     columns = [names.index(name) for name in free]

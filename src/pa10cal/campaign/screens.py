@@ -1,7 +1,7 @@
-"""Single readings that cannot be right, and units that cannot: checks of raw logs of any kind.
+"""Checks of raw logs: single readings with gross errors, and quantities in a wrong unit.
 
-Gross errors are screened here, not poor readings: against the arm's reach, against repeats, against
-the nominal model, and against the joints' own motion.
+Readings are compared with the arm's reach, with repeats, with the nominal model, and with the
+motion of the joints. Only gross errors are found here, not imprecise readings.
 """
 
 from __future__ import annotations
@@ -12,37 +12,32 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
-from pa10cal.campaign.raw_rows import CONTRACT_COLUMNS, LENGTHS, UNIT_WORDS, ColumnMap
+from pa10cal.campaign.column_map import CONTRACT_COLUMNS, LENGTHS, UNIT_WORDS, ColumnMap
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit
 
-#: Distances that are always allowed from repeats and from the nominal model, in robust sigmas and
-#: typical residuals too.
-REPEATS_M = 0.01
-MODEL_M = 0.1
-ROBUST_SIGMAS = 10.0
-MODEL_RAD = np.radians(10.0)
-#: The same from the nominal model of rows held out.
-HELD_OUT_M = 0.01
-HELD_OUT_RAD = np.radians(2.0)
-#: Part of these distances that is allowed beside a reading that is further off: errors of one size
-#: differ by the error of the arm itself, and are to go together.
+#: Distances from repeats, and from the nominal model, that are always allowed, and the multiple of
+#: the standard deviation, or of the median misfit, that is.
+REPEATS_M, MODEL_M, MODEL_RAD, ROBUST_SIGMAS = 0.01, 0.1, np.radians(10.0), 10.0
+#: Distances from the nominal model that are allowed of held-out rows.
+HELD_OUT_M, HELD_OUT_RAD = 0.01, np.radians(2.0)
+#: Where a reading is further off than the model's limits, they are reduced to this part: errors of
+#: one cause differ by the error of the arm itself, and should be quarantined together.
 BESIDE_ANOTHER = 0.5
-#: A target that the nominal arm moved by this much, and by so many of the least steps between
-#: readings, is not read at the same place in every digit.
-HELD_M = 2e-3
-HELD_STEPS = 5.0
-#: Repeats of which a median shows the one that is off.
+#: A target that moved by this much, and by so many of the least steps between readings, cannot have
+#: the same reading in every digit.
+HELD_M, HELD_STEPS = 2e-3, 5.0
+#: Part of the rows that may repeat the one before, at most; else the cause is another.
+_MOST_HELD = 0.5
+#: Repeats whose median shows which one is off, at least.
 LEAST_REPEATS = 3
-#: Part of the rows at either end that may be outliers when the extent of a motion is taken.
+#: Part of the rows at either end that is ignored as outliers in the extent of a motion.
 TAIL = 0.02
-#: Excess over the largest possible motion that deflections, noise and ball radii may explain.
-MARGIN = 1.2
-MARGIN_MM = 50.0
-#: Joint positions of one label may differ by so much between loads and repeats.
-SAME_COMMAND_RAD = np.radians(0.5)
-SAME_COMMAND_M = 5e-3
-#: Scales of lengths that differ from one by more than this are of another unit.
+#: A motion may exceed the largest possible one by this factor and length (deflections, noise).
+MARGIN, MARGIN_MM = 1.2, 50.0
+#: Joint positions of one label differ by at most this between loads and repeats.
+SAME_COMMAND_RAD, SAME_COMMAND_M = np.radians(0.5), 5e-3
+#: Lengths whose scale differs from one by more than this factor are in another unit.
 SCALE_RATIO = 5.0
 
 OUT_OF_REACH = "further from the other positions than the arm reaches"
@@ -62,9 +57,9 @@ OTHER_COMMAND = (
 
 
 def out_of_reach(p_m: Array, arm: Arm) -> Mask:
-    """Return positions (N, 3) further from their median than the arm's span; none if most are.
+    """Return positions (N, 3), or distances (N, 1), further from their median than the arm's span.
 
-    Distances (N, 1) are judged the same way.
+    None is marked where most are further.
     """
     if not len(p_m):
         return np.zeros(0, dtype=bool)
@@ -75,7 +70,7 @@ def out_of_reach(p_m: Array, arm: Arm) -> Mask:
 def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
     """Return readings (N, 3), or distances (N, 1), far from the median of their pose and load.
 
-    There must be enough of these.
+    Poses with too few repeats are not judged.
     """
     groups = pd.DataFrame(p_m).groupby([pose, load_N])
     distance = np.linalg.norm(p_m - groups.transform("median").to_numpy(), axis=1)
@@ -89,32 +84,28 @@ def off_repeats(p_m: Array, pose: NDArray[np.str_], load_N: Array) -> Mask:
 def off_model(misfit: Misfit, held_out: Mask | None = None) -> Mask:
     """Return targets (N, B) far from where the nominal model, fitted to all, puts them.
 
-    Of rows that are fitted a calibration finds smaller errors; those held out (N,) nothing else
-    screens.
+    Limits of rows `held_out` (N,) are tighter: a calibration finds smaller errors of the rows that
+    it fits, but of these nothing else does.
     """
 
-    def far(off: Array, always: float, held_out_always: float) -> Mask:
+    def far(off: Array, limit: float, held_out_limit: float) -> Mask:
         typical = ROBUST_SIGMAS * float(np.nanmedian(off))
-        if (off > max(always, typical)).any():
-            always *= BESIDE_ANOTHER
-        least = np.full(len(off), always)
+        if (off > max(limit, typical)).any():
+            limit *= BESIDE_ANOTHER
+        limits = np.full(len(off), limit)
         if held_out is not None:
-            least[held_out] = held_out_always
-        return np.asarray((np.maximum(least, typical) < off.T).T)
+            limits[held_out] = held_out_limit
+        return np.asarray((np.maximum(limits, typical) < off.T).T)
 
     turned = far(misfit.turn_rad, float(MODEL_RAD), float(HELD_OUT_RAD))
     return far(misfit.length_m, MODEL_M, HELD_OUT_M) | turned[:, None]
 
 
-#: Part of the rows that may repeat the one before: of more the cause is another.
-_MOST_HELD = 0.5
-
-
 def held_last(p_m: Array, modelled_m: Array) -> Mask:
-    """Return targets (N, B) read in every digit where the row before has them, though they moved.
+    """Return targets (N, B) with exactly the reading of the row before, though they moved.
 
-    They were measured at (N, B, k), rows in order of time, nan where not seen; the nominal arm puts
-    them at (N, B, 3). Of distances all of a row must be those before.
+    Targets were measured at p_m (N, B, k), in order of time, nan where not seen; the nominal arm
+    puts them at modelled_m (N, B, 3). Of distances (k = 1) all in a row must be those before.
     """
     held = np.zeros(p_m.shape[:2], dtype=bool)
     if len(p_m) < 2:
@@ -129,35 +120,33 @@ def held_last(p_m: Array, modelled_m: Array) -> Mask:
     if not same.any():
         return held
     least_m = _least_move(p_m)
-    first = modelled_m[0].copy()  # where the arm had each when its reading was new
+    first = modelled_m[0].copy()  # (B, 3) modelled place at the row in which the reading was new
     for row in range(1, len(p_m)):
         again = same[row - 1]
         far = np.linalg.norm(modelled_m[row] - first, axis=1) > least_m
         held[row] = again & far
         first[~again] = modelled_m[row, ~again]
-    # Where most rows are like the one before, no instrument stopped now and then.
     return held if held.any(axis=1).mean() <= _MOST_HELD else np.zeros_like(held)
 
 
 def _least_move(p_m: Array) -> float:
-    """Return how far a target must move to be read elsewhere for certain."""
+    """Return the motion after which a target cannot have the same reading."""
     steps = np.abs(np.diff(np.sort(p_m.reshape(-1, p_m.shape[2]), axis=0), axis=0))
     real = steps[steps > 1e-9]
     return max(HELD_M, HELD_STEPS * float(real.min()) if real.size else 0.0)
 
 
 def off_command(pose: NDArray[np.str_], q_rad: Array, prismatic: Mask) -> Mask:
-    """Return (C,) whether the joints (C, n) were far from their median for the same label.
+    """Return (C,) whether the joints (C, n) are far from their median for the same label.
 
-    The same label is the same command, so a difference means that the label or the dwell is
-    another's.
+    One label is one command, so the label or the dwell is wrong then.
     """
-    usual = pd.DataFrame(q_rad).groupby(pose).transform("median").to_numpy()
-    return not_one_command(q_rad, usual, prismatic)
+    median_rad = pd.DataFrame(q_rad).groupby(pose).transform("median").to_numpy()
+    return not_one_command(q_rad, median_rad, prismatic)
 
 
 def not_one_command(q_rad: Array, other_rad: Array, prismatic: Mask) -> Mask:
-    """Return (C,) whether joint positions (C, n) differ by more than those of one command do."""
+    """Return (C,) whether two joint positions (C, n) differ too much for one command."""
     allowed = np.where(prismatic, SAME_COMMAND_M, SAME_COMMAND_RAD)
     return np.asarray((np.abs(q_rad - other_rad) > allowed).any(axis=1))
 
@@ -170,13 +159,12 @@ def refuse_wrong_angle_unit(
     where: str,
     words: ColumnMap = CONTRACT_COLUMNS,
 ) -> None:
-    """Stop when the tool moved further than the logged joint motion can carry it.
+    """Refuse joint positions that cannot have moved the tool as far as it was measured to move.
 
-    However the joints move, no point of the tool travels further than the sum of their turns [rad]
-    times the stretched length of arm and tool, and of their slides. Angles in radians logged as
-    degrees are 57 times too small for that. The whole extents are compared, whatever the clocks;
-    and where no angle exceeds 2 pi, so that radians are likely, every move between neighbouring
-    places too.
+    No point of the tool travels further than the sum of joint rotations [rad] times the stretched
+    length of arm and tool, plus the sum of strokes. Angles in radians logged as degrees are 57
+    times too small for that. The whole extents are compared; where no angle exceeds 2 pi, so that
+    radians are likely, also every move between neighbouring places.
 
     Args:
         log: times (N,) [s], and joint positions (N, n) in what should be degrees (millimetres of a
@@ -219,7 +207,7 @@ def refuse_wrong_angle_unit(
 
 
 def may_be_radians(q: Array, arm: Arm) -> bool:
-    """Return whether no joint that turns is logged further from zero than one turn in radians."""
+    """Return whether all positions q (N, n) of revolute joints are within 2 pi."""
     turns = q[:, ~arm.axes_slide]
     return bool(turns.size and np.abs(turns).max() <= 2.0 * np.pi)
 
@@ -231,32 +219,31 @@ def refuse_wrong_length_unit(
     column: str = "",
     words: ColumnMap = CONTRACT_COLUMNS,
 ) -> None:
-    """Stop when positions, or distances, are in another unit than they are read in.
+    """Refuse positions, or distances, in another unit than they are read in.
 
-    The scale is how far the nominal model moves for one that was measured, None where that is not
-    known; `column` is one of them, as the contract calls it.
+    The scale is the motion of the nominal model over measured motion, None where not known;
+    `column` is one of the columns, as the contract names it.
     """
     if scale is None or 1.0 / SCALE_RATIO <= scale <= SCALE_RATIO:
         return
     read_in = words.sources[column].unit if column in words else "mm"
     mm = scale * LENGTHS[read_in]
-    unit = next((name for name, of in LENGTHS.items() if 0.5 < mm / of < 1.6), "")
-    value = f"one measured millimetre is {scale:.3g} mm of the nominal model's motion"
+    unit = next((name for name, size in LENGTHS.items() if 0.5 < mm / size < 1.6), "")
     finding = f"look like {UNIT_WORDS[unit]}" if unit else "do not fit the joint motion"
     set_unit = words.set_unit(column, unit, "millimetres")
     raise RawDataError(
         f"the {what} {finding}",
         where=where,
-        value=value,
+        value=f"one measured millimetre is {scale:.3g} mm of the nominal model's motion",
         allowed=f"{what} in {UNIT_WORDS[read_in]}, as they are read",
         remedy=set_unit if unit else "check the unit of these columns",
     )
 
 
 def count_warnings(stated: int | None, logged: int, file: str) -> tuple[str, ...]:
-    """Say how many configurations a log lacks of those stated, or has beyond them.
+    """Return a warning if a log has more or fewer configurations than campaign.yaml states.
 
-    Those count that cannot be used, too; campaign.yaml may state none.
+    Unusable configurations count; None is stated where campaign.yaml says nothing.
     """
     if stated is None or logged == stated:
         return ()

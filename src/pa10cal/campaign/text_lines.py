@@ -1,6 +1,6 @@
 """Lines of a file of rows: text in any usual encoding, or the rows of a workbook or of arrays.
 
-What is no text, damaged, or larger than is read is refused before any row is.
+Files that cannot be read, are damaged, or are too large are refused before any row is yielded.
 """
 
 from __future__ import annotations
@@ -9,26 +9,22 @@ import codecs
 import csv
 import gzip
 import hashlib
-import importlib.util
 import io
 import json
 import os
-import re
-import signal
-import subprocess
-import sys
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple, cast
 
-from pa10cal.errors import MissingPackageError, RawDataError
+from pa10cal.campaign.binary_rows import HEAD_BYTES, kind_of_bytes, rows_of_binary
+from pa10cal.errors import RawDataError
 from pa10cal.input_files import open_file, reason
 
-#: Files of more text than this, unpacked, or of more lines, are refused, before any is read.
+#: Largest files that are read, unpacked, and most lines.
 LARGEST_BYTES, MOST_LINES = 310_000_000, 5_000_000
-#: So many bytes are looked at at a time; a line that fills them is none of a table.
+#: Bytes that are read at a time; a longer line is none of a table.
 BLOCK_BYTES = 1 << 20
 #: Byte-order marks, the longest first: that of UTF-32 begins with that of UTF-16.
 _MARKS = (
@@ -40,10 +36,10 @@ _MARKS = (
 )
 #: Encodings of one byte a letter, the commonest first: Windows, DOS, old Macintosh.
 _ONE_BYTE = ("cp1252", "cp850", "mac_roman")
-#: What such files hold besides ASCII: units, letters of German, French and Spanish.
+#: Letters that such files usually have besides ASCII: units, German, French and Spanish.
 _USUAL = frozenset("°µ²³±ΔäöüÄÖÜßàâçèéêëîïôùûÀÇÈÉÊáíóúñÁÍÓÚÑ")
 _ASCII = bytes(range(128))
-#: What states the names of the columns of an array: that of a data set of lerobot, beside its file.
+#: Files beside a data set of lerobot that state the names of columns of arrays.
 _STATES_NAMES = ("meta/info.json", "info.json")
 #: Beginnings of files that are packed in another way than with gzip.
 _PACKED = {
@@ -87,7 +83,7 @@ def lines_of(
     Args:
         path: the file.
         within: folder that it must lie in; None for anywhere.
-        notes: what of it is not read is added.
+        notes: a list to which parts of the file that are not read are added.
 
     Raises:
         RawDataError: when the file is not there, damaged, larger than is read, or cannot be read.
@@ -106,10 +102,10 @@ def lines_of(
 
 
 def encoding_of(path: Path, within: Path | None = None) -> str:
-    """Return the encoding of a file of text, told from its bytes; see `lines_of`.
+    """Return the encoding of a file of text, by its bytes; see `lines_of`.
 
-    A byte-order mark says it; text that is valid UTF-8 is UTF-8; of one byte a letter it is the
-    encoding whose letters are such as units, German, French and Spanish have.
+    It is that of a byte-order mark, else UTF-8 if valid, else the encoding of one byte a letter in
+    which most letters beyond ASCII are usual ones.
     """
     decoder = codecs.getincrementaldecoder("utf-8")()
     valid, size, lines, odd, head = True, 0, 1, bytearray(), b""
@@ -167,7 +163,7 @@ def encoding_of(path: Path, within: Path | None = None) -> str:
 
 
 def binary_kind(path: Path, within: Path | None = None) -> str:
-    """Return what a file is that is no text, such as a workbook; empty of text."""
+    """Return the kind of a file that is no text, such as workbook; empty for text."""
     with _opened(path, within) as content:
         return kind_of_bytes(content.read(HEAD_BYTES), path.suffix.lower())
 
@@ -241,22 +237,22 @@ def _rows_of_binary(
             del _RECENT[next(iter(_RECENT))]
 
 
-#: Rows of files that were read to their end lately, by what the files hold and what they are: they
-#: are looked at several times. So many files and letters at the most.
+#: Rows of files that were read lately, by content and kind, as one command reads a file several
+#: times; files and letters kept, at most.
 _RECENT: dict[tuple[str, str, str], tuple[list[TextLine], list[str]]] = {}
 _RECENT_FILES, _RECENT_LETTERS = 4, 20_000_000
 
 
 def names_beside(path: Path) -> Path | None:
-    """Return the file beside another that may state the names of its columns; None for none."""
+    """Return the file that may state the names of the columns of `path`; None for none."""
     stated = (path.parent / each for each in _STATES_NAMES)
     return next((each for each in stated if each.is_file()), None)
 
 
 def _names_in(path: Path) -> dict[str, list[str]]:
-    """Return names of the columns of arrays that a data set of lerobot states; none if it is none.
+    """Return names of columns by array, as a data set of lerobot states them; empty if it does not.
 
-    The file has to lie in the folder that the data lie in.
+    The file must lie in the folder of the data.
     """
     folder = path.parents[1] if path.parent.name == "meta" else path.parent
     try:
@@ -266,12 +262,13 @@ def _names_in(path: Path) -> dict[str, list[str]]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
     names = {}
-    for key, of in stated.items():
-        # Older ones have them below the kind of the axis: {"motors": [...]}.
-        if isinstance(of, dict) and len(of) == 1:
-            (of,) = of.values()
-        if isinstance(of, list) and all(isinstance(name, str) for name in of):
-            names[key] = of if key == "observation.state" else [f"{key} {name}" for name in of]
+    for key, listed in stated.items():
+        # Older data sets have one more level, by the kind of the axis: {"motors": [...]}.
+        if isinstance(listed, dict) and len(listed) == 1:
+            (listed,) = listed.values()
+        if isinstance(listed, list) and all(isinstance(name, str) for name in listed):
+            prefix = "" if key == "observation.state" else f"{key} "
+            names[key] = [f"{prefix}{name}" for name in listed]
     return names
 
 
@@ -298,197 +295,4 @@ def _no_text(where: str, head: bytes = b"") -> RawDataError:
         allowed="UTF-8, UTF-16, or an encoding of Windows (cp1252) or DOS (cp850); or a file of "
         "arrays, a workbook, a take or a bag as docs/raw-data.md lists them",
         remedy="export it as UTF-8, or a file of another version in one that is listed",
-    )
-
-
-# Rows of files that are no text, read in a process of its own, whose death is a refusal.
-#
-# See `binary_child`. Limits of memory and time hold what the file promises nobody; a table of a
-# million rows of ten numbers is within them.
-
-#: What the child may use: memory [bytes], time on the processor [s].
-MOST_BYTES, MOST_S = 1_025_000_000, 18
-#: A file of more than this, unpacked [bytes], or a workbook with a sheet of more cells, is refused.
-MOST_UNPACKED, MOST_CELLS = 1_000_000_000, 20_000_000
-
-#: Bags of ROS 1, and of ROS 2 in its two ways to store them.
-BAGS = ("bag", "db3", "mcap")
-#: So many bytes at the beginning of a file tell its kind.
-HEAD_BYTES = 1024
-#: Beginnings of files, by kind; of archives (.xlsx, .ods), and of older workbooks (.xls).
-_BEGINNINGS = (
-    (b"\xd0\xcf\x11\xe0", "workbook"),
-    (b"MATLAB 7.3 MAT-file", "hdf5"),
-    (b"\x89HDF\r\n\x1a\n", "hdf5"),
-    (b"MATLAB 5.0 MAT-file", "mat"),
-    (b"PAR1", "parquet"),
-    (b"\x93NUMPY", "npz"),
-    (b"#ROSBAG V2.0", "bag"),
-    (b"SQLite format 3\x00", "db3"),
-    (b"\x89MCAP0\r\n", "mcap"),
-)
-#: A file of C3D says in its second byte that it is one, and before where its parameters begin.
-_C3D = re.compile(rb"[\x01-\x08]\x50", re.DOTALL)
-_ARCHIVE = b"PK\x03\x04"
-_JSON = re.compile(rb'(?:\xef\xbb\xbf)?\s*(?:\[\s*)?\{\s*(?:"|\})')
-#: The package that reads a kind, where it is not always there.
-_BAG = "rosbags"
-_PACKAGES = {"workbook": "python_calamine", "c3d": "ezc3d"} | dict.fromkeys(BAGS, _BAG)
-_TITLES = {
-    "workbook": "the workbook",
-    "mat": "the MATLAB file",
-    "npz": "the NumPy file",
-    "json": "the JSON file",
-    "parquet": "the Parquet file",
-    "c3d": "the C3D file",
-} | dict.fromkeys(BAGS, "the bag")
-
-
-def kind_of_bytes(head: bytes, suffix: str) -> str:
-    """Return the kind of a file that is read as arrays or cells; empty of one that is text."""
-    for beginning, kind in _BEGINNINGS:
-        if head.startswith(beginning):
-            return kind
-    if head.startswith(_ARCHIVE) and suffix != ".zip":
-        return "npz" if suffix == ".npz" else "workbook"
-    if suffix == ".mat" and b"\x00" in head:  # version 4 has no words at its beginning
-        return "mat"
-    if _C3D.match(head):
-        return "c3d"
-    return "json" if _JSON.match(head) else ""
-
-
-def rows_of_binary(
-    kind: str,
-    path: Path,
-    file: IO[bytes],
-    names: Mapping[str, Sequence[str]],
-    notes: list[str],
-) -> Iterator[tuple[int, str]]:
-    """Yield the rows of a file: numbers from 1, tabs between the cells.
-
-    Of a workbook they are those of the sheet with the most cells; of arrays those of the length
-    that most columns have, below a row of names.
-
-    Args:
-        kind: what the file is, see `kind_of_bytes`.
-        path: what messages name.
-        file: the file, open; nothing of it has been read.
-        names: of the columns of an array, by its name.
-        notes: what is not read is added.
-
-    Raises:
-        RawDataError: when it cannot be read, or not within limits of memory and time.
-    """
-    if kind == "hdf5":
-        raise RawDataError(
-            "the file is HDF5, as MATLAB writes it with -v7.3",
-            where=str(path),
-            allowed="a MATLAB file of version 7 or before, or text",
-            remedy="in MATLAB save it as version 7, save('name.mat', '-v7'), or write a table: "
-            "writematrix([q p], 'name.csv')",
-        )
-    package = _PACKAGES.get(kind)
-    if package is not None and importlib.util.find_spec(package) is None:
-        raise MissingPackageError(package)
-    limits = (MOST_BYTES, MOST_S, MOST_UNPACKED, MOST_CELLS)
-    child = subprocess.Popen(
-        [sys.executable, "-P", str(Path(__file__).with_name("binary_child.py"))]
-        + [kind, json.dumps({name: list(of) for name, of in names.items()})]
-        + [str(limit) for limit in limits],
-        stdin=file,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        encoding="utf-8",
-    )
-    assert child.stdout is not None
-    try:
-        for line in child.stdout:
-            number, _, text = line.removesuffix("\n").partition("\t")
-            if number.startswith("!"):
-                raise _refused(path, kind, number[1:], text)
-            if number == "?":
-                notes.append(text)
-            else:
-                yield int(number), text
-        if child.wait():
-            slow = -child.returncode in (signal.SIGXCPU, signal.SIGKILL)
-            raise _refused(path, kind, "time" if slow else "memory", "")
-    finally:
-        child.kill()
-        child.stdout.close()
-        child.wait()
-
-
-#: By why a file is refused, and its kind where that matters: what is wrong, what would be read, and
-#: what to do.
-_REFUSALS = {
-    "unreadable": (
-        "{title} cannot be read",
-        "a whole file, as it was written",
-        "copy or save it again, or export the rows as text",
-    ),
-    "unreadable workbook": (
-        "{title} cannot be read",
-        "a workbook without a password (.xlsx, .ods or .xls)",
-        "save it again, or export the sheet as text",
-    ),
-    "json": (
-        "{title} is cut short or damaged",
-        "a whole document, or a whole record in each line",
-        "copy or save it again",
-    ),
-    "objects": (
-        "{title} holds no arrays",
-        "matrices, or structs of them",
-        "in MATLAB write it as text: writetable(T, 'name.csv')",
-    ),
-    "topics": (
-        "{title} holds neither joints nor a target",
-        "messages of sensor_msgs/JointState, or of geometry_msgs: PoseStamped, PointStamped, "
-        "TransformStamped; tf",
-        "record the topic of the joints' states, or that of the target",
-    ),
-    "arrays": (
-        "{title} holds no arrays with a row for each configuration",
-        "arrays of as many rows: joint positions, and what was measured",
-        "save both with a row for each configuration, or export them as text",
-    ),
-    "cell": (
-        "a cell stands far from the others",
-        "a sheet of at most {cells} cells, counted from A1 to the last one",
-        "delete the rows and columns beyond the table, or save the sheet as CSV",
-    ),
-    "unpacked": (
-        "{title}, unpacked, is larger than is read",
-        "at most {unpacked_mb:.0f} MB",
-        "save what is needed as CSV",
-    ),
-    "unpacked workbook": (
-        "{title}, unpacked, is larger than is read",
-        "at most {unpacked_mb:.0f} MB",
-        "save the sheet as CSV, without what is not needed",
-    ),
-}
-
-
-def _refused(path: Path, kind: str, why: str, said: str) -> RawDataError:
-    limits = {"cells": MOST_CELLS, "unpacked_mb": MOST_UNPACKED / 1e6}
-    where, value = str(path), said
-    if why in ("memory", "time"):
-        what = "{title} needs more memory or time than tables of readings do"
-        allowed = f"at most {MOST_BYTES / 1e6:.0f} MB and {MOST_S} s"
-        remedy = f"save {'the sheet' if kind == 'workbook' else 'what is needed'} as CSV"
-        value = f"more {why}"
-    else:
-        what, allowed, remedy = _REFUSALS.get(f"{why} {kind}") or _REFUSALS[why]
-    if why == "json":
-        line, _, value = said.partition("\t")
-        where = f"{path}:{line}"
-    return RawDataError(
-        what.format(title=_TITLES[kind]),
-        where=where,
-        value=value,
-        allowed=allowed.format(**limits),
-        remedy=remedy,
     )

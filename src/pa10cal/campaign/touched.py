@@ -1,4 +1,7 @@
-"""Touches and resolver log joined by time: balls located, joints read in dwells."""
+"""Campaigns of a touch-trigger instrument: touches and resolver log joined by time.
+
+In each dwell of the arm the balls are located by their touches, and the joints read in the log.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,18 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index
-from pa10cal.campaign import balls, nominal_fit, screens
+from pa10cal.arrays import Array, Index, Mask
+from pa10cal.campaign import balls, screens
 from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
 from pa10cal.campaign.coupled_logs import coupling_that_fits
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
-from pa10cal.campaign.own_columns import refuse_too_many
+from pa10cal.campaign.joint_positions import as_joints, as_logged
+from pa10cal.campaign.nominal_fit import misfit_mm, nominal_places
+from pa10cal.campaign.quarantine_limit import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
-from pa10cal.campaign.raw_rows import (
-    Exclusions,
-    Ingested,
-    Quarantined,
-    RawRows,
-    as_joints,
-    as_logged,
-    quarantined,
-)
+from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
+from pa10cal.campaign.target_labels import EXCHANGED, exchange_text, exchanged
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.points import Points
@@ -35,8 +33,8 @@ from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
 from pa10cal.options import IngestOptions
 
-#: Part of the touches that may lie outside dwells before the clocks are suspected, and the part
-#: of those that may still do so under the offset that is then to blame.
+#: Part of the touches that may lie outside dwells before the clocks are suspected. A clock offset
+#: is to blame if under it no more than `OFFSET_LEAVES` of those remain outside.
 FEW_OUTSIDE = 0.05
 OFFSET_LEAVES = 0.2
 
@@ -62,96 +60,132 @@ def read_touched(
     names = campaign.ball_names
     touches = _read_touches(cmm, names, arm, exclusions_of(campaign, folder))
     samples, log = _read_samples(resolver, arm)
-    logged = len(np.unique(touches.configurations))
+    logged_count = len(np.unique(touches.configurations))
     listed: list[Quarantined] = []
     words = words_of(campaign, arm.axes_slide)
 
-    def unused() -> tuple[Quarantined, ...]:
+    def all_quarantined() -> tuple[Quarantined, ...]:
         return (*touches.quarantined, *log.quarantined, *listed)
 
     def refuse_too_many_lost() -> None:
         totals = {**touches.totals, **log.totals}
-        refuse_too_many(unused(), totals, settings.max_quarantined_fraction, words)
+        refuse_too_many(all_quarantined(), totals, settings.max_quarantined_fraction, words)
 
     refuse_too_many_lost()
-    last = f"q{len(arm.axes_slide)}_deg"
-    # The joints' motion beside that of one ball's touches.
-    one = touches["ball"] == np.bincount(touches["ball"]).argmax()
+    last_column = f"q{len(arm.axes_slide)}_deg"
+    # The joints' motion is compared with that of one ball, the one touched most.
+    of_one_ball = touches["ball"] == np.bincount(touches["ball"]).argmax()
     screens.refuse_wrong_angle_unit(
         (samples.time_s, as_logged(samples.q_deg, arm)),
-        (touches["time_s"][one], touches.numbers_of(_PLACE)[one]),
+        (touches["time_s"][of_one_ball], touches.numbers_of(_PLACE)[of_one_ball]),
         arm,
         float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max()),
-        f"{resolver.path}: {words.column('q1_deg')} … {words.column(last)}",
+        f"{resolver.path}: {words.column('q1_deg')} … {words.column(last_column)}",
         words,
     )
 
     dwells = find_dwells(samples, settings.still_speed_deg_s)
-    touched = dwells.at(touches["time_s"])
+    dwell_of_touch = dwells.at(touches["time_s"])
     log_s = float(samples.time_s[0]), float(samples.time_s[-1])
-    _check_clocks(touches, touched, dwells, log_s, str(cmm.path), str(resolver.path))
-    touches = _in_one_dwell(touches, touched)
+    _check_clocks(touches, dwell_of_touch, dwells, log_s, str(cmm.path), str(resolver.path))
+    touches = _in_one_dwell(touches, dwell_of_touch)
     refuse_too_many_lost()
 
     groups = balls.group_touches(touches, len(names))
-    p_instr_mm = touches.numbers_of(_PLACE)[groups.row]
     located = balls.locate_balls(
-        p_instr_mm, groups.valid, campaign, settings.stray_touch_sigma, str(cmm.path)
+        touches.numbers_of(_PLACE)[groups.row],
+        groups.valid,
+        campaign,
+        settings.stray_touch_sigma,
+        str(cmm.path),
     )
-    named = touches.at(groups.first)
-    q_rad = np.radians(dwells.q_deg[named["dwell"]])
-    off = screens.off_command(named.text_of("pose"), q_rad, arm.prismatic)
+    configurations = touches.at(groups.first)
+    q_rad = np.radians(dwells.q_deg[configurations["dwell"]])
+    off = screens.off_command(configurations.text_of("pose"), q_rad, arm.prismatic)
     reason = np.where((located.reason == "") & off, screens.OTHER_COMMAND, located.reason)
-    reason = _off_the_arm(reason, located, arm, q_rad, named["kind"] == "holdout", names)
+    reason = _off_the_arm(reason, located, arm, q_rad, configurations["kind"] == "holdout", names)
     listed += _unused_touches(touches, groups, located, reason, settings)
     refuse_too_many_lost()
 
-    good = np.flatnonzero(reason == "")
-    used, time_s = located.used[good], touches["time_s"][groups.row[good]]
-    begin = np.where(used, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
-    end = np.where(used, time_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
-    named = named.at(good)
-    at = named["dwell"]
-    poses = Observations(
-        pose=named.text_of("pose"),
+    usable = np.flatnonzero(reason == "")
+    configurations = configurations.at(usable)
+    touch_s = touches["time_s"][groups.row[usable]]
+    poses = _observations(campaign, configurations, q_rad[usable], dwells, located, usable, touch_s)
+    touched = np.zeros(len(dwells), dtype=bool)
+    touched[dwell_of_touch[dwell_of_touch >= 0]] = True
+    listed += _unused_samples(samples, log.file, dwells, touched, configurations["dwell"])
+    notes, warnings = [*touches.notes, *log.notes], []
+    idle_count = int((~touched).sum())
+    if idle_count:
+        notes.append(f"dwells without touches: {idle_count}")
+    if 3 * idle_count > len(dwells):
+        warnings.append(
+            f"nothing was touched in {idle_count} of the {len(dwells)} dwells of the log: "
+            f"{touches.file} seems cut short, {idle_count} configurations are missing"
+        )
+    of_count = screens.count_warnings(campaign.configurations, logged_count, touches.file)
+    return Ingested(poses, all_quarantined(), tuple(notes), (*of_count, *warnings))
+
+
+def _observations(
+    campaign: CampaignDescription,
+    configurations: RawRows,
+    q_rad: Array,
+    dwells: Stations,
+    located: balls.LocatedBalls,
+    usable: Index,
+    touch_s: Array,
+) -> Observations:
+    """Return U configurations as readings.
+
+    `configurations` is the first touch of each, at joint positions `q_rad` (U, n); its balls are
+    rows `usable` of `located`, touched at `touch_s` (U, B, T).
+    """
+    used, dwell = located.used[usable], configurations["dwell"]
+    begin_s = np.where(used, touch_s, np.inf).min(axis=(1, 2), initial=np.inf)
+    end_s = np.where(used, touch_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
+    return Observations(
+        pose=configurations.text_of("pose"),
         states=PoseStates(
-            q_rad=q_rad[good],
-            tau_Nm=dwells.tau_Nm[at],
-            arrival=dwells.arrival[at],
-            load_N=named["load_N"],
-            temperature_C=dwells.temperature_C[at],
-            time_s=0.5 * (begin + end),
+            q_rad=q_rad,
+            tau_Nm=dwells.tau_Nm[dwell],
+            arrival=dwells.arrival[dwell],
+            load_N=configurations["load_N"],
+            temperature_C=dwells.temperature_C[dwell],
+            time_s=0.5 * (begin_s + end_s),
         ),
         measured=Touched.of_balls(
-            names,
+            campaign.ball_names,
             campaign.p_ee_balls_mm,
-            located.p_instr_mm[good],
-            located.cov_mm2[good],
+            located.p_instr_mm[usable],
+            located.cov_mm2[usable],
             used.sum(axis=2),
         ),
-        kind=named.text_of("kind"),
-        repeat=named["repeat"],
-        readings=np.ones(len(good), dtype=np.int64),
-        log=JointLog(np.radians(dwells.q_u_deg[at]), dwells.tau_u_Nm[at], dwells.samples[at]),
+        kind=configurations.text_of("kind"),
+        repeat=configurations["repeat"],
+        readings=np.ones(len(usable), dtype=np.int64),
+        log=JointLog(
+            np.radians(dwells.q_u_deg[dwell]), dwells.tau_u_Nm[dwell], dwells.samples[dwell]
+        ),
     )
-    # Samples of dwells that serve no configuration; the arm may have waited there.
-    serves, seen = np.zeros(len(dwells), dtype=bool), np.zeros(len(dwells), dtype=bool)
-    serves[at] = True
-    seen[touched[touched >= 0]] = True
-    stands, of_sample = dwells.of_sample >= 0, np.maximum(dwells.of_sample, 0)
-    listed += quarantined(log.file, samples.line[stands & ~seen[of_sample]], NOT_TOUCHED)
-    lost = stands & seen[of_sample] & ~serves[of_sample]
-    listed += quarantined(log.file, samples.line[lost], LOST)
-    notes, warnings = [*touches.notes, *log.notes], []
-    if idle := int((~seen).sum()):
-        notes.append(f"dwells without touches: {idle}")
-    if 3 * idle > len(dwells):
-        warnings.append(
-            f"nothing was touched in {idle} of the {len(dwells)} dwells of the log: "
-            f"{touches.file} seems cut short, {idle} configurations are missing"
-        )
-    counted = screens.count_warnings(campaign.configurations, logged, touches.file)
-    return Ingested(poses, unused(), tuple(notes), (*counted, *warnings))
+
+
+def _unused_samples(
+    samples: Samples, file: str, dwells: Stations, touched: Mask, used_dwells: Index
+) -> tuple[Quarantined, ...]:
+    """List samples of dwells (K,) in which nothing was `touched`, or nothing that is used.
+
+    Samples of an arm in motion are not listed. In dwells without touches it may have waited.
+    """
+    serves = np.zeros(len(dwells), dtype=bool)
+    serves[used_dwells] = True
+    at_rest, dwell = dwells.of_sample >= 0, np.maximum(dwells.of_sample, 0)
+    idle = at_rest & ~touched[dwell]
+    lost = at_rest & touched[dwell] & ~serves[dwell]
+    return (
+        *quarantined(file, samples.line[idle], NOT_TOUCHED),
+        *quarantined(file, samples.line[lost], LOST),
+    )
 
 
 def _read_touches(
@@ -169,7 +203,7 @@ def _read_touches(
 
 
 def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
-    """Read the resolver and torque log; samples at the time of an earlier one are quarantined.
+    """Read the resolver and torque log; quarantine samples that repeat the time of an earlier one.
 
     Returns:
         The samples in order of time, and the rows that they were read from, without columns.
@@ -192,16 +226,24 @@ def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
 
 def _check_clocks(
     touches: RawRows,
-    touched: Index,
+    dwell_of_touch: Index,
     dwells: Stations,
     log_s: tuple[float, float],
     where: str,
     where_log: str,
 ) -> None:
-    """Stop when the arm never stood still, or the touches are not in the dwells.
+    """Refuse a log in which the arm never stands still, or whose dwells miss the touches.
 
-    That is when the log does not cover them, when most of them lie outside the dwells, or when an
-    offset of the clocks would bring in nearly all of those that do.
+    They miss them where the log does not cover the touches, where most touches lie outside dwells,
+    or where one offset of the clocks would bring nearly all of those outside into dwells.
+
+    Args:
+        touches: the touches, in order of time.
+        dwell_of_touch: (N,) dwell of each touch, -1 outside.
+        dwells: the dwells of the log.
+        log_s: times of the first and the last sample.
+        where: file of the touches, in messages.
+        where_log: file of the log, in messages.
     """
     if not len(dwells):
         raise RawDataError(
@@ -210,7 +252,7 @@ def _check_clocks(
             allowed="dwells, in which the touches are made",
             remedy="check time_s, or raise ingest.still_speed_deg_s above the joints' noise",
         )
-    outside, time_s = touched < 0, touches["time_s"]
+    outside, time_s = dwell_of_touch < 0, touches["time_s"]
     if outside.mean() <= FEW_OUTSIDE:
         return
     offset_s, inside = best_clock_offset(time_s, dwells)
@@ -229,7 +271,7 @@ def _check_clocks(
             allowed=f"a log from {time_s[0]:g} to {time_s[-1]:g} s",
             remedy="export the whole log, or leave out the touches that it does not cover",
         )
-    if 2 * outside.sum() > len(touched) or explained:
+    if 2 * outside.sum() > len(touches) or explained:
         remedy = (
             "check both clocks and ingest.still_speed_deg_s; no constant offset matches"
             if not explained
@@ -237,23 +279,23 @@ def _check_clocks(
             f"{inside:.0%} of the touches into dwells"
         )
         raise RawDataError(
-            f"{outside.sum()} of {len(touched)} touches lie outside any dwell of the arm",
+            f"{outside.sum()} of {len(touches)} touches lie outside any dwell of the arm",
             where=f"{where}:{touches.line[np.argmax(outside)]}",
             allowed="touches while the arm is at rest, on the clock of the resolver log",
             remedy=remedy,
         )
 
 
-def _in_one_dwell(touches: RawRows, touched: Index) -> RawRows:
-    """Keep the touches of each configuration that were made in one and the same dwell."""
-    touches = touches.with_columns({"dwell": touched})
+def _in_one_dwell(touches: RawRows, dwell_of_touch: Index) -> RawRows:
+    """Keep the touches of each configuration that were made in its dwell with most touches."""
+    touches = touches.with_columns({"dwell": dwell_of_touch})
 
-    def without(off: NDArray[np.bool_], why: str) -> RawRows:
+    def without(off: Mask, why: str) -> RawRows:
         return touches.take(~off, why, [f"time_s = {value:g}" for value in touches["time_s"][off]])
 
-    touches = without(touched < 0, OUTSIDE)
-    of_touch = touches.configurations
-    commonest = balls.commonest(of_touch, touches["dwell"])[of_touch]
+    touches = without(dwell_of_touch < 0, OUTSIDE)
+    configuration = touches.configurations
+    commonest = balls.commonest(configuration, touches["dwell"])[configuration]
     return without(touches["dwell"] != commonest, OTHER_DWELL)
 
 
@@ -262,29 +304,29 @@ def _off_the_arm(
     located: balls.LocatedBalls,
     arm: Arm,
     q_rad: Array,
-    held_out: NDArray[np.bool_],
+    held_out: Mask,
     names: tuple[str, ...],
 ) -> NDArray[np.object_]:
-    """Name configurations whose labels are exchanged, and those far off the nominal arm."""
+    """Return the reasons (C,), with those of exchanged labels and of places far off the arm."""
     usable = np.isfinite(located.p_instr_mm).all(axis=(1, 2))
     usable &= (located.used.sum(axis=2) >= balls.LEAST_TOUCHES).all(axis=1)
     rows = np.flatnonzero(usable)
-    p_m, found = 1e-3 * located.p_instr_mm[rows], reason.copy()
-    modelled = nominal_fit.nominal_places(Chain.of(arm).forward(q_rad[rows]), p_m)
+    p_m, reason = 1e-3 * located.p_instr_mm[rows], reason.copy()
+    modelled = nominal_places(Chain.of(arm).forward(q_rad[rows]), p_m)
     if modelled is None:
-        return found
-    misfit = Misfit(1e-3 * nominal_fit.misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
+        return reason
+    misfit = Misfit(1e-3 * misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
     off = screens.off_model(misfit, held_out[rows])[:, 0]
     if off.any():
         centres = Points(names, p_m, np.full((*p_m.shape, 3), np.nan), None)
         coupled = coupling_that_fits(arm, arm.coupling.to_axes(q_rad[rows]), centres)
-        if coupled is not None:  # these are right
+        if coupled is not None:  # rows that fit with other coupled joints are right
             off &= screens.off_model(coupled[1], held_out[rows]).any(axis=1)
-    found[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
-    for row, order in zip(rows, nominal_fit.exchanged(p_m, modelled), strict=True):
+    reason[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
+    for row, order in zip(rows, exchanged(p_m, modelled), strict=True):
         if order is not None:
-            found[row] = f"{nominal_fit.EXCHANGED}: {nominal_fit.exchange_text(order, names)}"
-    return found
+            reason[row] = f"{EXCHANGED}: {exchange_text(order, names)}"
+    return reason
 
 
 def _unused_touches(
@@ -295,16 +337,16 @@ def _unused_touches(
     settings: IngestOptions,
 ) -> tuple[Quarantined, ...]:
     """List touches that are outliers, and touches of configurations that cannot be used."""
-    off = np.zeros(len(touches), dtype=bool)
-    off[groups.row[located.outlier]] = True
-    why = np.where(off, "", reason[groups.of_touch]).astype(str)
+    outlier = np.zeros(len(touches), dtype=bool)
+    outlier[groups.row[located.outlier]] = True
     parts = (touches.text_of("pose"), touches["load_N"], touches["repeat"])
     words = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
     label = np.array(words, dtype=object)
-    outlier = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
-    rows = quarantined(touches.file, touches.line[off], outlier, label[off])
-    for text in np.unique(why[why != ""]).tolist():
-        these = why == text
-        places = [f"pose {each}" for each in label[these]]
-        rows += quarantined(touches.file, touches.line[these], text, label[these], places)
+    why = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
+    rows = quarantined(touches.file, touches.line[outlier], why, label[outlier])
+    why_unused = np.where(outlier, "", reason[groups.of_touch]).astype(str)
+    for why in np.unique(why_unused[why_unused != ""]).tolist():
+        unused = why_unused == why
+        places = [f"pose {text}" for text in label[unused]]
+        rows += quarantined(touches.file, touches.line[unused], why, label[unused], places)
     return rows

@@ -1,6 +1,7 @@
-"""A log of joints joined with a log of readings, by row, by label, or by time with two clocks.
+"""A log of joints joined with a log of readings: by row, by label, or by time with two clocks.
 
-The arm's stations (`dwells`) are the dwells of a log of motion, or every row of a list of poses.
+The two are read as one file whose rows are the readings, each with the joint positions at which it
+was taken. The arm's stations are the dwells of a log of motion, or every row of a list of poses.
 """
 
 from __future__ import annotations
@@ -21,89 +22,89 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.bounds import LEAST_U, unwrapped
+from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
 from pa10cal.campaign.dwells import (
     BRIEF_WINDOW_S,
     DENSE,
-    LEAST_READINGS,
     SPEED_WINDOW_S,
-    Clock,
     Samples,
     Stations,
-    averaged,
-    clock_by_edges,
-    clock_of_motion,
-    is_stream,
     offset_ranges,
-    reading_dwells,
-    resolution_s,
-    spread_times,
     stations_of,
 )
-from pa10cal.campaign.nominal_fit import (
+from pa10cal.campaign.joint_positions import as_joints, as_logged, in_radians, position_columns
+from pa10cal.campaign.raw_file import RawFile
+from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.campaign.shifted_rows import (
     EXPECTED_SHIFTED_M,
     Fit,
     nominal_fit,
     refuse_shifted,
     shifted,
 )
-from pa10cal.campaign.raw_file import RawFile
-from pa10cal.campaign.raw_rows import (
-    ColumnMap,
-    RawRows,
-    as_joints,
-    as_logged,
-    in_radians,
-    position_columns,
+from pa10cal.campaign.streams import (
+    LEAST_READINGS,
+    Clock,
+    averaged,
+    clock_by_edges,
+    clock_of_motion,
+    is_stream,
+    reading_dwells,
+    resolution_s,
+    spread_times,
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
 
-#: Times beyond are counted from 1970, not from the first reading [s].
+#: Later times are counted from 1970, not from the first reading [s].
 SINCE_1970 = 1e8
-#: Columns that either log may have, and that are made where neither does.
+#: Columns that either log may have. All but `kind` are made where neither has them.
 LABELS = ("time_s", "pose", "load_N", "repeat", "kind")
-
-#: Clocks are tried that bring so large a part of the readings into steady phases as the best does.
-NEARLY = 0.85
-CANDIDATES = 12
+#: Clock offsets are candidates that bring this part of the readings that the best brings to
+#: stations; candidates compared by the nominal arm, at most.
+NEARLY, CANDIDATES = 0.85, 12
+#: Dwells found over a shorter time are taken where there are so many times as many, or more at all
+#: where the dwells found otherwise are short.
+MANY_MORE = 1.3
+#: Dwells that are found to last less are no poses [s].
+SHORT_S = 0.4
+#: Stations at which joints and target both were at rest, at least.
+LEAST_VISITS = 3
+#: Columns of labels share so many labels, and this part of those of the shorter column, at least.
+SHARED, SHARED_PART = 3, 0.8
+#: Why a reading has no joint positions, by what joins the two logs.
+NOT_JOINED = {
+    "time": "the arm did not stand still then, by the log of its joints",
+    "label": "the log of the joints has no such label",
+    "row": "the log of the joints has no such row",
+}
 
 
 def clock_offset(stations: Stations, time_s: Array, fit: Fit) -> tuple[float, float]:
-    """Return what to add to the times (N,) of readings for those of the joints, and its deviation.
+    """Return the offset to add to times of readings for the joints' clock, and its uncertainty.
 
-    Offsets that bring most readings to stations are compared by the nominal arm: a plan whose poses
-    take equally long fits as well a pose later, the positions do not.
+    Offsets that bring most readings (N,) to stations are compared by the misfit of the nominal arm:
+    where all poses take equally long, times agree as well a pose later, but positions do not.
     """
     known_s = time_s[np.isfinite(time_s)]
     if not len(known_s):
         return 0.0, 0.0
-    allowed = offset_ranges(stations, known_s, NEARLY)
-    tried = []
-    for low, high in allowed[:CANDIDATES]:
-        middle = 0.5 * (low + high)
-        station = stations.at(time_s + middle)
+    ranges = offset_ranges(stations, known_s, NEARLY)
+    tried = []  # number of readings, median misfit, offset, width of its range
+    for low, high in ranges[:CANDIDATES]:
+        offset_s = 0.5 * (low + high)
+        station = stations.at(time_s + offset_s)
         inside = np.flatnonzero(station >= 0)
-        residual_m = fit(inside, station[inside], len(inside)) if len(allowed) > 1 else None
-        size = np.inf if residual_m is None else float(np.median(residual_m))
-        tried.append((size, -len(inside), middle, high - low))
-        if size < EXPECTED_SHIFTED_M:
+        residual_m = fit(inside, station[inside], len(inside)) if len(ranges) > 1 else None
+        misfit_m = np.inf if residual_m is None else float(np.median(residual_m))
+        tried.append((len(inside), misfit_m, offset_s, high - low))
+        if misfit_m < EXPECTED_SHIFTED_M:
             break  # offsets that bring in fewer readings need not be tried
-    best_m = min(size for size, *_ in tried)
-    near = [offset for offset in tried if offset[0] <= 1.5 * best_m or not np.isfinite(best_m)]
-    _, _, offset_s, width_s = min(near, key=lambda offset: (offset[1], offset[0]))
-    return float(offset_s), float(width_s / np.sqrt(12.0))
-
-
-#: Dwells that are found over a shorter time count where they are so many times as many, or more
-#: where those that were found are short.
-MANY_MORE = 1.3
-#: Dwells that last less are no poses [s]; those that are found are shorter than they were.
-SHORT_S = 0.4
-#: Phases in which joints and target both stood, at least.
-LEAST_VISITS = 3
-#: Columns of labels share at least so many, and so large a part of the shorter one's.
-SHARED, SHARED_PART = 3, 0.8
+    best_m = min(misfit_m for _, misfit_m, _, _ in tried)
+    near = [one for one in tried if one[1] <= 1.5 * best_m or not np.isfinite(best_m)]
+    _, _, offset_s, width_s = min(near, key=lambda one: (-one[0], one[1]))
+    return float(offset_s), float(width_s / np.sqrt(12.0))  # uniform over its range
 
 
 def shared_labels(
@@ -111,41 +112,39 @@ def shared_labels(
 ) -> tuple[str, str] | None:
     """Return the columns of text, one of each log, that hold the same labels; None for none.
 
-    Their names do not matter. Labels tell rows apart: most occur once in the joints' log.
+    Names of columns do not matter. Most labels must occur only once in the joints' log.
     """
-    best, found = (SHARED_PART, SHARED - 1), None
-    for bare in (str, _bare):
+    best, columns = (SHARED_PART, SHARED - 1), None
+    for spelling in (str, _bare):
         of_joints, of_readings = (
-            {name: {bare(each) for each in column} - {""} for name, column in of_log.items()}
-            for of_log in (joints, readings)
+            {name: set(map(spelling, texts)) - {""} for name, texts in log.items()}
+            for log in (joints, readings)
         )
         for (logged, ours), (read, theirs) in product(of_joints.items(), of_readings.items()):
-            least = min(len(ours), len(theirs))
-            if len(ours) < 0.5 * len(joints[logged]) or least < SHARED:
+            fewer = min(len(ours), len(theirs))
+            if len(ours) < 0.5 * len(joints[logged]) or fewer < SHARED:
                 continue
-            both = len(ours & theirs)
-            if (both / least, both) > best:
-                best, found = (both / least, both), (logged, read)
-    return found
+            shared_count = len(ours & theirs)
+            if (shared_count / fewer, shared_count) > best:
+                best, columns = (shared_count / fewer, shared_count), (logged, read)
+    return columns
 
 
 def _bare(label: str) -> str:
-    """Return the letters and digits of a label, in small letters."""
+    """Return the letters and digits of a label, in lower case."""
     return re.sub(r"[\W_]+", "", label.casefold())
 
 
 def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
-    """Return the row of the joints under each reading's label, -1 where there is none.
+    """Return the row of the joints for each reading by its label, -1 where there is none.
 
-    Of a label that both logs have several times, the k-th reading has the k-th joints; joints that
-    were logged once are those of all readings under their label. Where no label is in both as it is
-    written, small and capital letters are the same, and only letters and digits count.
+    Joints that were logged once under a label belong to all readings under it. Of a label that the
+    joints' log has several times, the k-th reading has the k-th joints. Where the logs share no
+    label as written, case and all signs but letters and digits are ignored.
     """
     if not set(joints.tolist()) & set(readings.tolist()):
-        joints, readings = (
-            np.array([_bare(each) for each in labels.tolist()], str)
-            for labels in (joints, readings)
-        )
+        joints = np.array(list(map(_bare, joints.tolist())), str)
+        readings = np.array(list(map(_bare, readings.tolist())), str)
     logged = pd.DataFrame({"label": joints.astype(str), "row": np.arange(len(joints))})
     read = pd.DataFrame({"label": readings.astype(str)})
     for table in (logged, read):
@@ -159,11 +158,16 @@ def by_label(joints: NDArray[np.str_], readings: NDArray[np.str_]) -> Index:
 def _uncertainties(
     logged: RawRows, stations: Stations, names: Sequence[str], own: Index
 ) -> dict[str, NDArray[Any]]:
-    """Return the uncertainties (K,) of joint positions, and of torques where named, by column.
+    """Return standard uncertainties (K,) at stations, by their columns.
 
-    They are those that the log states, else what the samples of a dwell scatter by. Equal samples
-    of a coarse read-back show no scatter, which says nothing. That of an axis is of its joint, from
-    0 in `own`.
+    They are as the log states them, else from the scatter of samples in a dwell. Equal samples of a
+    coarse read-back show no scatter, so the uncertainty is unknown then (nan).
+
+    Args:
+        logged: rows of the joints' log.
+        stations: the stations.
+        names: columns of joint positions, then of torques if logged.
+        own: the joint, from 0, that belongs to each axis.
     """
     scatter = np.hstack([stations.q_u_deg[:, own], stations.tau_u_Nm])[:, : len(names)]
     scatter = np.where(scatter >= LEAST_U, scatter, np.nan)
@@ -171,16 +175,6 @@ def _uncertainties(
     stated = pd.DataFrame(logged.numbers_of(columns)).groupby(stations.of_sample).mean()
     mean = stated.reindex(range(len(stations))).to_numpy()
     return dict(zip(columns, np.where(np.isfinite(mean), mean, scatter).T, strict=True))
-
-
-# Two files read as one: rows of the readings, each with the joints it was taken at.
-
-#: Why a reading has no joint positions, by what joins the two logs.
-NOT_JOINED = {
-    "time": "the arm did not stand still then, by the log of its joints",
-    "label": "the log of the joints has no such label",
-    "row": "the log of the joints has no such row",
-}
 
 
 @dataclass(frozen=True)
@@ -210,7 +204,7 @@ class TwoLogs:
 
     @property
     def names(self) -> list[str]:
-        """Return the columns of the contract that the two have between them."""
+        """Return the columns of the contract that either file has."""
         return list(dict.fromkeys((*self.readings.names, *self.joints.names)))
 
     @property
@@ -221,31 +215,31 @@ class TwoLogs:
 
     @property
     def in_degrees(self) -> Sequence[str]:
-        """Return the columns of angles of orientations that are said to be in degrees."""
+        """Return the columns of angles of orientations that are stated to be in degrees."""
         return self.readings.in_degrees
 
     @property
     def words(self) -> ColumnMap:
-        """Return what the files call their columns."""
+        """Return the column map of both files."""
         return self.joints.words | self.readings.words
 
     def read(
         self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
     ) -> RawRows:
-        """Read columns of the contract, joined; those `together` all or none (`RawFile.read`)."""
+        """Read columns of the contract of both files, joined; see `RawFile.read`."""
         self._refuse_exchanged()
         q = position_columns(self.arm.axes_slide)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
-        own, theirs = set(self.readings.names), set(self.joints.names)
-        there = [name for name in required if name not in of_joints]
-        # Labels that the joints' log has, or that are made; `kind` is never made.
+        in_readings, in_joints = set(self.readings.names), set(self.joints.names)
+        others = [name for name in required if name not in of_joints]
+        # Labels that only the joints' log has, or that are made; `kind` is never made.
         labels = [
             name
-            for name in there
-            if name in LABELS and name not in own and (name != "kind" or name in theirs)
+            for name in others
+            if name in LABELS and name not in in_readings and (name != "kind" or name in in_joints)
         ]
         read = self.readings.read(
-            [name for name in there if name not in labels],
+            [name for name in others if name not in labels],
             [name for name in optional if name not in of_joints],
         )
         logged, samples = self._joints_logged(q, together)
@@ -253,36 +247,27 @@ class TwoLogs:
             read, station, stations, note = self._streams(read, samples)
         else:
             station, stations, note = self._joined(read, logged, samples)
-        at = np.maximum(station, 0)
-        first = stations.first[at]
+        row = np.maximum(station, 0)  # readings without a station are quarantined below
         columns, non_numeric = dict(read.columns), dict(read.non_numeric)
-        columns |= zip(q, as_logged(stations.q_deg[at], self.arm).T, strict=True)
+        columns |= zip(q, as_logged(stations.q_deg[row], self.arm).T, strict=True)
         further = dict(zip(together, stations.tau_Nm.T, strict=False))
         further |= _uncertainties(logged, stations, [*q, *together], self.arm.coupling.own)
         for name, values in further.items():
             if name in (*together, *optional) and np.isfinite(values).any():
-                columns[name] = values[at]
-        logged_C = bool(np.isfinite(stations.temperature_C).all())
-        if "temperature_C" in optional and "temperature_C" not in columns and logged_C:
-            columns["temperature_C"] = stations.temperature_C[at]
-        counted = {"load_N": 0.0 * first, "time_s": np.arange(float(len(first)))}
-        for name in labels:
-            # Poses and repeats that neither log has are made of the joint positions.
-            if name in logged.columns:
-                columns[name] = logged[name][first]
-                unread, lines = logged.non_numeric.get(name, {}), logged.line[first].tolist()
-                of_row = zip(read.line.tolist(), lines, strict=True)
-                non_numeric[name] = {row: unread[line] for row, line in of_row if line in unread}
-            elif name in counted:
-                columns[name] = counted[name]
+                columns[name] = values[row]
+        all_known = bool(np.isfinite(stations.temperature_C).all())
+        if "temperature_C" in optional and "temperature_C" not in columns and all_known:
+            columns["temperature_C"] = stations.temperature_C[row]
+        of_labels, texts = self._labels_of(labels, read, logged, stations.first[row])
+        columns |= of_labels
         if "time_s" in columns and np.nanmin(columns["time_s"], initial=np.inf) >= SINCE_1970:
             columns["time_s"] = columns["time_s"] - np.nanmin(columns["time_s"])
-        columns |= {f"arrival{k}": v[at] for k, v in enumerate(stations.arrival.T, start=1)}
-        columns["dwell_samples"] = stations.samples[at]
+        columns |= {f"arrival{k}": v[row] for k, v in enumerate(stations.arrival.T, start=1)}
+        columns["dwell_samples"] = stations.samples[row]
         whole = replace(
             read,
             columns=columns,
-            non_numeric=non_numeric,
+            non_numeric=non_numeric | texts,
             totals={**read.totals, **logged.totals},
             unused=(*read.unused, *logged.unused),
             quarantined=(*read.quarantined, *logged.quarantined),
@@ -291,18 +276,38 @@ class TwoLogs:
         )
         return whole.take(station >= 0, NOT_JOINED[self._by])
 
+    @staticmethod
+    def _labels_of(
+        labels: Sequence[str], read: RawRows, logged: RawRows, first: Index
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, dict[int, str]]]:
+        """Return labels of readings by the joints' log, and fields that are no numbers, by column.
+
+        `first` (N,) is the row of the joints' log of each reading. Loads and times that it lacks
+        are 0, and count rows; poses and repeats are made later, of the joint positions.
+        """
+        made = {"load_N": 0.0 * first, "time_s": np.arange(float(len(first)))}
+        columns, non_numeric = {}, {}
+        for name in labels:
+            if name in logged.columns:
+                columns[name] = logged[name][first]
+                texts = logged.non_numeric.get(name, {})
+                lines = zip(read.line.tolist(), logged.line[first].tolist(), strict=True)
+                non_numeric[name] = {line: texts[own] for line, own in lines if own in texts}
+            elif name in made:
+                columns[name] = made[name]
+        return columns, non_numeric
+
     def _refuse_exchanged(self) -> None:
-        """Stop when each of the two files has the columns that are mapped of the other."""
+        """Refuse files that each have the columns that are mapped in the other."""
         of_joints, of_readings = self.joints.own_names, self.readings.own_names
-        headers = self.joints.header, self.readings.header
-        lacks, others_lack = set(of_joints) - set(headers[0]), set(of_readings) - set(headers[1])
-        swapped = set(of_joints) <= set(headers[1]) and set(of_readings) <= set(headers[0])
-        if lacks and others_lack and swapped:
-            missing = ", ".join(name for name in of_joints if name in lacks)
+        joints_header, readings_header = self.joints.header, self.readings.header
+        missing = [name for name in of_joints if name not in joints_header]
+        swapped = set(of_joints) <= set(readings_header) and set(of_readings) <= set(joints_header)
+        if missing and not set(of_readings) <= set(readings_header) and swapped:
             raise RawDataError(
-                f"missing columns {missing}, which {self.readings.path.name} has",
+                f"missing columns {', '.join(missing)}, which {self.readings.path.name} has",
                 where=f"{self.joints.path}:1",
-                value=", ".join(headers[0]),
+                value=", ".join(joints_header),
                 allowed=f"the columns of columns.joints in files.joints: {', '.join(of_joints)}",
                 remedy="exchange files.joints and files.readings in campaign.yaml",
             )
@@ -316,11 +321,10 @@ class TwoLogs:
         raw = raw.finite([*logged, *(["time_s"] if "time_s" in text else [])])
         raw = raw.finite([name for name in uncertain if name in raw.columns], may_be_blank=True)
         if not len(raw):
-            value = raw.quarantined[0].reason if raw.quarantined else None
             raise RawDataError(
                 "no row of the joints' log can be used",
                 where=str(self.joints.path),
-                value=value,
+                value=raw.quarantined[0].reason if raw.quarantined else None,
                 allowed="rows of joint positions",
                 remedy="correct columns.joints",
             )
@@ -336,7 +340,7 @@ class TwoLogs:
 
     @property
     def _by(self) -> Literal["row", "label", "time"]:
-        """Return what joins the two: what campaign.yaml says, else labels, times or rows."""
+        """Return what joins the logs: as campaign.yaml states, else labels, times or rows."""
         both = set(self.joints.names) & set(self.readings.names)
         stated = None if self.campaign.join is None else self.campaign.join.by
         return stated or ("label" if "pose" in both else "time" if "time_s" in both else "row")
@@ -344,7 +348,7 @@ class TwoLogs:
     def _joined(
         self, read: RawRows, logged: RawRows, samples: Samples
     ) -> tuple[Index, Stations, str]:
-        """Return the station of each reading, the stations, and how they are joined, in words."""
+        """Return the station (N,) of each reading, -1 for none; the stations; and a note."""
         join, count, by = self.campaign.join or Join(), len(read), self._by
         stations = stations_of(samples, count if by == "time" else len(samples), self.still_deg_s)
         fit = self._fit(read, stations)
@@ -358,10 +362,10 @@ class TwoLogs:
             inside = int((station >= 0).sum())
             if 2 * inside <= count:
                 raise self._apart(inside, stations, time_s, fit)
-            u = "" if stated_s is not None else f" ± {2.0 * u_s:.2g} s"
+            plus_minus = "" if stated_s is not None else f" ± {2.0 * u_s:.2g} s"
             note = (
                 f"{files} joined by time: the joints' clock is that of the readings "
-                f"{offset_s:+.2f} s{u}; {inside} of {count} readings lie in "
+                f"{offset_s:+.2f} s{plus_minus}; {inside} of {count} readings lie in "
                 f"{len(stations)} steady phases"
             )
             return station, stations, note
@@ -373,19 +377,23 @@ class TwoLogs:
             joints, joined = self.joints.path.name, f"as they are joined by {by}"
             refuse_shifted(shift, self.readings.path, read.line, joined, joints)
         if by == "row" and count != len(stations):
-            value = f"{count} readings and {len(stations)} rows of joints"
             raise RawDataError(
                 "the two logs have different numbers of rows, and nothing else joins them",
                 where=str(self.readings.path),
-                value=value,
+                value=f"{count} readings and {len(stations)} rows of joints",
                 allowed="one row of joints for each reading, or labels or times in both",
                 remedy="exclude the rows that the other lacks, or map a time or a label",
             )
         return station, stations, f"{files} joined by {by}"
 
     def _streams(self, read: RawRows, samples: Samples) -> tuple[RawRows, Index, Stations, str]:
-        """Return readings averaged over dwells, their stations, these, and how they are joined."""
-        lost = [row for row in read.quarantined if row.value.endswith("= ''")]  # not seen
+        """Join readings that go on while the arm moves.
+
+        Returns:
+            One row for each station, the mean of readings while joints and target were at rest;
+            the station of each; all stations; and a note.
+        """
+        lost = [row for row in read.quarantined if row.value.endswith("= ''")]  # target not seen
         rest = tuple(row for row in read.quarantined if row not in set(lost))
         read = replace(read.at(np.argsort(read["time_s"], kind="stable")), quarantined=rest)
         read = read.at(np.flatnonzero(np.isfinite(read["time_s"])))
@@ -422,36 +430,39 @@ class TwoLogs:
             clock = replace(clock, u_s=u_s)
         station = stations.at(clock.joints_s(time_s))
         steady = (dwells.of_sample >= 0) & (station >= 0)
-        # Joints and target both stood: readings of one dwell belong to one station.
-        visits, group = np.unique(station[steady], return_inverse=True)
-        of_group = np.full(len(read), -1)
-        of_group[steady] = group
-        few = np.bincount(group, minlength=len(visits)) < LEAST_READINGS
-        of_group[steady] = np.where(few[group], -1, (np.cumsum(~few) - 1)[group])
-        used = int((of_group >= 0).sum())
-        if (~few).sum() < LEAST_VISITS:
-            raise self._hardly_still(int((~few).sum()), len(stations), len(dwells), count)
+        # Readings at one station are averaged, if there are enough.
+        visited, number = np.unique(station[steady], return_inverse=True)
+        enough = np.bincount(number, minlength=len(visited)) >= LEAST_READINGS
+        group = np.full(len(read), -1)
+        group[steady] = np.where(enough[number], (np.cumsum(enough) - 1)[number], -1)
+        used, visit_count = int((group >= 0).sum()), int(enough.sum())
+        if visit_count < LEAST_VISITS:
+            raise self._hardly_still(visit_count, len(stations), len(dwells), count)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
         note = (
             f"{files} joined by time: the joints' clock is that of the readings {clock.words}; "
-            f"{used} of {count} readings lie in {int((~few).sum())} of {len(stations)} steady "
+            f"{used} of {count} readings lie in {visit_count} of {len(stations)} steady "
             f"phases and are averaged there, {count - used} are set aside, taken in motion"
             + (f" or without the target in sight ({len(lost)})" if lost else "")
         )
-        return averaged(read, of_group), visits[~few], stations, note
+        return averaged(read, group), visited[enough], stations, note
 
     def _steady(self, time_s: Array, p_mm: Array, samples: Samples) -> tuple[Stations, Stations]:
-        """Return where the target and the arm stood; brief dwells where those are more."""
-        found = []
-        for window_s in (SPEED_WINDOW_S, BRIEF_WINDOW_S):
+        """Return dwells of the target and stations of the arm; brief ones where those are more."""
+
+        def at_rest(window_s: float) -> tuple[int, Stations, Stations]:
             dwells = reading_dwells(time_s, p_mm, window_s)
             stations = stations_of(samples, len(dwells), self.still_deg_s, window_s)
             both = min(len(dwells), len(stations) if len(stations) < len(samples) else 0)
-            found.append((both, dwells, stations))
-        usual, brief = found
-        lasts_s = [each.end_s - each.start_s for each in usual[1:] if len(each)]
-        short = any(np.median(each) < 2.0 * SPEED_WINDOW_S for each in lasts_s)
-        return brief[1:] if brief[0] > usual[0] * (1.0 if short else MANY_MORE) else usual[1:]
+            return both, dwells, stations
+
+        count, dwells, stations = at_rest(SPEED_WINDOW_S)
+        brief_count, brief_dwells, brief_stations = at_rest(BRIEF_WINDOW_S)
+        lasts_s = [each.end_s - each.start_s for each in (dwells, stations) if len(each)]
+        short = any(np.median(durations_s) < 2.0 * SPEED_WINDOW_S for durations_s in lasts_s)
+        if brief_count > count * (1.0 if short else MANY_MORE):
+            return brief_dwells, brief_stations
+        return dwells, stations
 
     def _clock(
         self,
@@ -463,7 +474,7 @@ class TwoLogs:
         time_s: Array,
         p_mm: Array,
     ) -> Clock:
-        """Return the clock by the edges of dwells (R,) at stations, or better by the motion."""
+        """Return the clock by the motion between dwells, else by the edges of R dwells."""
         offset_s, u_s = clock_by_edges(dwells, stations, station)
         by_edges = replace(clock, offset_s=offset_s, u_s=u_s)
         if p_mm.shape[1] != 3:
@@ -474,12 +485,12 @@ class TwoLogs:
         return by_motion or by_edges
 
     def _most_seen(self, read: RawRows) -> Array:
-        """Return where the target that was seen most was measured (N, 3), or how far (N, 1)."""
+        """Return the places (N, 3), or distances (N, 1), of the target that was seen most [mm]."""
         places = [read.numbers_of(names) for names in self.measured_columns.targets]
         return max(places, key=lambda p_mm: int(np.isfinite(p_mm).all(axis=1).sum()))
 
     def _ends(self, q_deg: Array) -> Array:
-        """Return the nominal end (P, 4, 4) at positions of the joints."""
+        """Return the nominal end (P, 4, 4) at joint positions (P, n) [deg, mm]."""
         return Chain.of(self.arm).forward(in_radians(q_deg, self.arm.prismatic))
 
     def _hardly_still(self, both: int, joints: int, target: int, rows: int) -> RawDataError:
@@ -500,12 +511,12 @@ class TwoLogs:
         )
 
     def _fit(self, read: RawRows, stations: Stations) -> Fit:
-        """Return how far readings are from the nominal arm, base and target fitted."""
+        """Return the misfit of readings at stations to the nominal arm, see `nominal_fit`."""
         measured, instrument = self.measured_columns, self.campaign.instrument.type
         values = read.numbers_of(measured.names)
         usable = np.asarray(measured.may_be_blank | np.isfinite(values).all(axis=1))
-        for unusable in instrument.unusable(measured, values):
-            usable &= ~unusable.rows
+        for off in instrument.unusable(measured, values):
+            usable &= ~off.rows
         unknown = np.full(values.shape, np.nan)
         seen = instrument.from_raw(measured, values, unknown, self.campaign.stated)
         return nominal_fit(seen, self._ends(stations.q_deg), usable)
@@ -513,7 +524,7 @@ class TwoLogs:
     def _apart(
         self, inside: int, stations: Stations, time_s: Array, fit: Fit, of: str = "readings"
     ) -> RawDataError:
-        """Return the refusal of readings of which few lie where the arm stood."""
+        """Return the refusal of readings of which most lie at no station."""
         stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
         offset = "the best offset of the clocks" if stated_s is None else f"{stated_s:+g} s"
         value = f"{inside} of {len(time_s)} {of} lie where the arm stood, at {offset}"

@@ -160,7 +160,8 @@ def import_data(
     Examples:
         pa10cal import ipa-robot-accuracy data/ipa --out data/raw
     """
-    from pa10cal.datasets.importing import AsItIs, import_campaigns, write_campaigns
+    from pa10cal.datasets.data_set import AsItIs
+    from pa10cal.datasets.importing import import_campaigns, write_campaigns
     from pa10cal.datasets.readers import dataset_named
     from pa10cal.errors import RawDataError
 
@@ -210,7 +211,7 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
         pa10cal fetch ipa-robot-accuracy --out data/ipa
         pa10cal fetch ipa-robot-accuracy --out data/ipa --source /media/copy
     """
-    from pa10cal.datasets.importing import fetch as fetch_files
+    from pa10cal.datasets.fetching import fetch as fetch_files
     from pa10cal.datasets.readers import dataset_named
 
     asked = dataset_named(dataset)

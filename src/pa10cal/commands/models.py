@@ -12,10 +12,10 @@ from pa10cal.errors import ModelError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from pa10cal.arm.controller_poses import Angles
     from pa10cal.arm.description import Arm
-    from pa10cal.arm.exports import Angles
     from pa10cal.arrays import Array
-    from pa10cal.campaign.table import JointList, TargetList
+    from pa10cal.campaign.pose_lists import JointList, TargetList
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
 
@@ -171,7 +171,7 @@ def predict(
     """
     import numpy as np
 
-    from pa10cal.campaign.table import poses_text, read_joints
+    from pa10cal.campaign.pose_lists import poses_text, read_joints
     from pa10cal.files.output import whole_file
     from pa10cal.fit import contradictions
 
@@ -252,8 +252,8 @@ def compensate(
     """
     import numpy as np
 
-    from pa10cal.arm.exports import controller_columns, controller_pose
-    from pa10cal.campaign.table import commands_text, read_targets
+    from pa10cal.arm.controller_poses import controller_columns, controller_pose
+    from pa10cal.campaign.pose_lists import commands_text, read_targets
     from pa10cal.files.arms import arm_asked
     from pa10cal.files.controller import refuse_another_robot
     from pa10cal.files.output import whole_file
@@ -429,7 +429,7 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     Examples:
         pa10cal drift results/june results/july results/august --out drift.json --figures figures
     """
-    from pa10cal.evaluation.two_models import drift as over_campaigns
+    from pa10cal.evaluation.drift import drift as over_campaigns
     from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.codec import write
 

@@ -62,7 +62,8 @@ def plan(
     """
     from pa10cal.errors import SettingsError
     from pa10cal.files.arms import arm_asked
-    from pa10cal.pose_plan.plan import plan_poses, read_keep_out
+    from pa10cal.pose_plan.plan import plan_poses
+    from pa10cal.pose_plan.setup import read_keep_out
     from pa10cal.settings_reading import parse_section
 
     given: dict[str, Any] = {
@@ -95,7 +96,7 @@ def plan(
 
 
 def _lines(found: PosePlan, out: Path) -> Iterator[str]:
-    from pa10cal.pose_plan.plan import PlanSetup
+    from pa10cal.pose_plan.setup import PlanSetup
 
     expected = found.expected
     yield f"{out}: {len(found)} poses of {found.arm.name}, in an order of short moves"

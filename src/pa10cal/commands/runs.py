@@ -281,7 +281,8 @@ def fleet(
     """
     import json
 
-    from pa10cal.fleet.campaigns import campaigns_of, forget_ended
+    from pa10cal.fleet.arm_status import forget_ended
+    from pa10cal.fleet.campaigns import campaigns_of
     from pa10cal.results.codec import read
     from pa10cal.results.fleet import FleetRecord
     from pa10cal.running.run_lock import run_lock
@@ -343,7 +344,8 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
           --out results/fleet
     """
     from pa10cal.files.output import whole_files, write_text
-    from pa10cal.fleet.campaigns import campaigns_of, fleet_csv, fleet_record
+    from pa10cal.fleet.arm_status import fleet_csv, fleet_record
+    from pa10cal.fleet.campaigns import campaigns_of
     from pa10cal.reports.page import fleet_page_text
     from pa10cal.results.codec import write
 

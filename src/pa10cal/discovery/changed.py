@@ -1,15 +1,15 @@
-"""What changed at a row, other than where base and instrument stand.
+"""Changes at a row of the log that no motion of base or instrument explains.
 
-From some row on a target sits elsewhere on the flange, all readings are longer along the beam, or
-the log follows another model of the arm. Each is a step in columns of its own, and is held by
-evidence against the others, a step of the base among them, at every row.
+From a row on a target sits elsewhere on the flange, all readings are longer along the beam, or the
+log follows another model of the arm. Each kind is a step function of time in columns of its own;
+the kinds, a step of the base among them, are compared at every row by their log evidence.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,13 @@ from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Offsets
 
 Kind = Literal["base", "beam", "target", "tool", "model"]
+_WORDS: dict[Kind, str] = {
+    "base": "a motion of the instrument or the base",
+    "beam": "another size of the reflector",
+    "target": "a target that slipped",
+    "tool": "a tool that moved on the flange",
+    "model": "a log that follows another model of the arm",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,34 +42,31 @@ class Change:
     """What changed from a time on."""
 
     kind: Kind
-    target: int  # which target, from 0, where it is one's
+    target: int  # index of the target, of that kind
     time_s: float
     before_s: float  # times of the readings between which it happened
     after_s: float
-    scale: float  # times the usual sizes
-    rivals: tuple[str, ...] = ()  # what explains it as well, in words
-    amounts: Array | None = None  # (k,) in `sizes`; None until they are found
+    scale: float  # standard deviation expected of each amount, in `CHANGE.size`
+    rivals: tuple[str, ...]  # what explains the data as well, in words
+    amounts: Array  # (k,) in units of `scale`
 
     @property
     def sizes(self) -> Array:
-        """Return the size expected of each amount."""
-        assert self.amounts is not None
+        """Return the standard deviation expected of each amount, (k,)."""
         return np.full(len(self.amounts), self.scale)
 
     def columns(self, at: FittedModel, poses: Observations) -> Array:
-        """Return how measured less predicted components follow the amounts, (P, b, k)."""
+        """Return the derivative of measured less predicted components by the amounts, (P, b, k)."""
         after = poses.states.time_s > self.time_s
         of_kind = _columns(self.kind, self.target, at, poses)
         return np.asarray(self.scale * of_kind * after[:, None, None])
 
     def shift(self, at: FittedModel, poses: Observations) -> Array:
-        """Return by how much it moves the components of poses, (P, b)."""
-        assert self.amounts is not None
+        """Return how far it moves the components of poses, (P, b)."""
         return np.asarray(self.columns(at, poses) @ self.amounts)
 
     def fault(self, at: FittedModel, poses: Observations) -> DiagnosedFault:
-        """Return it as a fault of the log."""
-        assert self.amounts is not None
+        """Return the change as a fault of the log."""
         later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
         size_mm = linear.rms(linear.error_mm(later.measured, self.shift(at, later)))
         amount_mm = 1e3 * CHANGE.size * self.scale * self.amounts
@@ -77,10 +81,10 @@ class Change:
             remedy = "check how it is fixed; calibrate the parts as two campaigns"
         elif self.kind == "beam":
             along_mm = float(amount_mm[0])
-            way = "longer" if along_mm > 0.0 else "shorter"
+            compared = "longer" if along_mm > 0.0 else "shorter"
             what = (
-                f"all readings are {way} by {abs(along_mm):.3g} mm along the beam from there on: a "
-                "reflector of another size, or another zero of the distance"
+                f"all readings are {compared} by {abs(along_mm):.3g} mm along the beam from there "
+                "on: a reflector of another size, or another zero of the distance"
             )
             remedy = "correct the size of the reflector there, and calibrate again"
         else:
@@ -99,6 +103,15 @@ class Change:
         return DiagnosedFault(kind="step_in_time", where=where, what=what, remedy=remedy)
 
 
+class _Step(NamedTuple):
+    """The step in some columns that gains most log evidence."""
+
+    gain: float  # of log evidence [nat]
+    row: int  # first row after it
+    scale: float  # times the usual sizes
+    remaining: float  # share of the squared error that remains
+
+
 def change_of(
     at: FittedModel,
     poses: Observations,
@@ -107,49 +120,55 @@ def change_of(
     *,
     logged: bool,
 ) -> Change | None:
-    """Find what changed at a row of poses that are read once; None where that is a base, or none.
+    """Find what changed at a row of poses that are read once; None for nothing, or for the base.
 
-    Nothing is found where no time was recorded, poses follow each other like those of a scan, or
-    where a joint or the load goes from one side to the other there.
+    Nothing is found where no time was recorded, where poses follow each other like those of a scan,
+    or where a joint or the load goes from one side to the other at the row.
     """
     if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
         return None
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
     rows, kinds = _Rows(at, poses, whitener), _kinds(at)
-    tried = [(kind, b, *rows.best(_columns(kind, b, at, poses))) for kind, b in kinds]
-    kind, target, best, row, scale, left = max(tried, key=lambda each: each[2])
+    steps = {kind: rows.best(_columns(*kind, at, poses)) for kind in kinds}
+    changed = max(kinds, key=lambda kind: steps[kind].gain)
+    (kind, target), best, of_base = changed, steps[changed], steps["base", 0]
     needed = float(np.log(len(poses) * len(kinds) * len(CHANGE.scales) / CHANGE.false_rate))
-    of_base = tried[0][2]
-    if (
-        kind == "base"
-        or best < needed
-        or best < of_base + CHANGE.better_nats
-        or left > CHANGE.most_left_share
-    ):
+    if kind == "base" or best.gain < max(needed, of_base.gain + CHANGE.better_nats):
         return None
     time_s = poses.states.time_s
-    middle_s = 0.5 * (time_s[row - 1] + time_s[row])
-    if any(partings(poses.states, middle_s, at.model.chain.arm.prismatic)):
+    middle_s = 0.5 * (time_s[best.row - 1] + time_s[best.row])
+    if best.remaining > CHANGE.most_left_share or any(
+        partings(poses.states, middle_s, at.model.chain.arm.prismatic)
+    ):
         return None
     columns = _columns(kind, target, at, poses)
-    # Not where a smooth function of the pose does, nor where it comes on in the course of time.
-    more = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    # It must also gain beside smooth functions of the pose, and beside the same change coming on
+    # gradually.
+    smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
-    creeping = [columns * course**power for power in range(1, CHANGE.courses + 1)]
-    beside = _Rows(at, poses, whitener, *more, *(CHANGE.static_sizes * each for each in creeping))
-    gain, _, _, rest = beside.best(columns, np.array([row]))
-    if gain < needed or rest > CHANGE.most_left_share:
-        return None
-    near = rows.as_good(columns, scale, row)
-    rivals = [
-        _WORDS[other]
-        for other, _, value, _, _, rest in tried
-        if other != kind and rows.as_well(other, best - value, rest / left)
+    gradual = [
+        CHANGE.static_sizes * (columns * course**power) for power in range(1, CHANGE.courses + 1)
     ]
-    before_s, after_s = float(time_s[near[0] - 1]), float(time_s[near[-1]])
-    found = Change(kind, target, middle_s, before_s, after_s, scale, tuple(dict.fromkeys(rivals)))
-    found = replace(found, amounts=rows.amounts(columns, scale, row))
+    beside = _Rows(at, poses, whitener, *smooth, *gradual).best(columns, np.array([best.row]))
+    if beside.gain < needed or beside.remaining > CHANGE.most_left_share:
+        return None
+    near = rows.as_good(columns, best.scale, best.row)
+    rivals = dict.fromkeys(
+        _WORDS[other]
+        for (other, _), step in steps.items()
+        if other != kind and rows.does_as_well(other, step, best)
+    )
+    found = Change(
+        kind=kind,
+        target=target,
+        time_s=middle_s,
+        before_s=float(time_s[near[0] - 1]),
+        after_s=float(time_s[near[-1]]),
+        scale=best.scale,
+        rivals=tuple(rivals),
+        amounts=rows.amounts(columns, best.scale, best.row),
+    )
     later = poses.take(np.flatnonzero(time_s > middle_s))
     size_mm = linear.rms(linear.error_mm(later.measured, found.shift(at, later)))
     stated_mm = linear.mean_error_of_noise_mm(later.measured, later.measured.stated_covariance)
@@ -159,9 +178,9 @@ def change_of(
 def rivals_of_steps(
     wander: Wander | None, at: FittedModel, poses: Observations, whitener: Array
 ) -> dict[float, tuple[str, ...]]:
-    """Return what explains the steps of the base as well as it does, in words, by their times.
+    """Return in words, by the time of each step of the base, what explains the step as well.
 
-    Nothing does where poses are measured again on either side: there the base itself shows.
+    Empty where poses are measured again on either side: those show that the base moved.
     """
     found: dict[float, tuple[str, ...]] = {}
     if wander is None or poses.measured.campaigns or measured_again(poses):
@@ -170,40 +189,31 @@ def rivals_of_steps(
     poses, whitener = poses.take(shown), whitener[shown]
     time_s = poses.states.time_s
     for jump in wander.jumps:
-        jumps = tuple(other for other in wander.jumps if other is not jump)
-        beside = replace(wander, jumps=jumps, amounts=None).columns(at, poses)
-        rows = _Rows(at, poses, whitener, beside)
+        others = tuple(other for other in wander.jumps if other is not jump)
+        of_others = replace(wander, jumps=others, amounts=None).columns(at, poses)
+        rows = _Rows(at, poses, whitener, of_others)
         row = np.array([np.searchsorted(time_s, jump.time_s)])
-        tried = [(kind, rows.best(_columns(kind, b, at, poses), row)) for kind, b in _kinds(at)]
-        (_, (of_base, _, _, left)), *others = tried
-        told = [
-            _WORDS[kind]
-            for kind, (gain, _, _, rest) in others
-            if rows.as_well(kind, of_base - gain, rest / left)
-        ]
-        found[jump.time_s] = tuple(dict.fromkeys(told))
+        kinds = _kinds(at)
+        steps = {kind: rows.best(_columns(*kind, at, poses), row) for kind in kinds}
+        rivals = dict.fromkeys(
+            _WORDS[kind[0]]
+            for kind in kinds[1:]
+            if rows.does_as_well(kind[0], steps[kind], steps["base", 0])
+        )
+        found[jump.time_s] = tuple(rivals)
     return found
 
 
 def _kinds(at: FittedModel) -> list[tuple[Kind, int]]:
-    """Return the kinds of change, the base first, and of which target."""
+    """Return the kinds of change, each with the index of its target, the base first."""
     targets = len(np.ravel(at.targets_m)) // 3
     found: list[tuple[Kind, int]] = [("base", 0), ("beam", 0), ("model", 0)]
     found += [("target", b) for b in range(targets)]
     return found + ([("tool", 0)] if targets > 1 else [])
 
 
-_WORDS: dict[Kind, str] = {
-    "base": "a motion of the instrument or the base",
-    "beam": "another size of the reflector",
-    "target": "a target that slipped",
-    "tool": "a tool that moved on the flange",
-    "model": "a log that follows another model of the arm",
-}
-
-
 def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
-    """Return how measured less predicted components follow a kind of change, (P, b, k)."""
+    """Return derivatives of measured less predicted components by a kind of change, (P, b, k)."""
     if kind == "base":
         return CHANGE.size * linear.by_base(at, poses)
     of_targets = linear.by_targets(at, poses)
@@ -227,72 +237,83 @@ def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> A
 
 
 class _Rows:
-    """Whitened rows in order of time, and the evidence of a step in columns at each of them."""
+    """Whitened rows in order of time, and the log evidence of steps at each of them."""
 
-    def __init__(self, at: FittedModel, poses: Observations, whitener: Array, *more: Array) -> None:
+    def __init__(
+        self, at: FittedModel, poses: Observations, whitener: Array, *beside: Array
+    ) -> None:
+        """Whiten P poses, with columns (P, b, k) beside those of the model and its targets."""
         own = linear.by_own_terms(at, poses, at.model.terms)
-        held = [CHANGE.static_sizes * columns for columns in own]
-        held += [MOTION.targets_m * linear.by_targets(at, poses), *more]
-        self._whitener, self._held = whitener, whitener @ np.concatenate(held, axis=2)
+        nuisances = [CHANGE.static_sizes * columns for columns in own]
+        nuisances += [MOTION.targets_m * linear.by_targets(at, poses), *beside]
+        self._whitener, self._nuisances = whitener, whitener @ np.concatenate(nuisances, axis=2)
         self._data = (whitener @ -linear.residual(at, poses)[:, :, None])[:, :, 0]
-        self._unchanged = Gaussian.of(self._held, self._data)
+        self._unchanged = Gaussian.of(self._nuisances, self._data)
         self._seen = int(poses.measured.components_seen.sum())
-        self._apart = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
-        side = (self._apart >= CHANGE.least_side) & (self._apart <= len(poses) - CHANGE.least_side)
-        self._apart = self._apart[side]
+        # A step is between rows of different times, with enough rows on either side.
+        rows = np.flatnonzero(np.diff(poses.states.time_s, prepend=-np.inf) > 0.0)
+        least = CHANGE.least_side
+        self._possible = rows[(rows >= least) & (rows <= len(poses) - least)]
 
-    def best(self, columns: Array, rows: Index | None = None) -> tuple[float, int, float, float]:
-        """Return the greatest gain of log evidence, its row, scale and part of squares left."""
-        rows = self._apart if rows is None else rows
+    def best(self, columns: Array, rows: Index | None = None) -> _Step:
+        """Return the best step in columns at any row, or at some rows."""
+        rows = self._possible if rows is None else rows
         if not len(rows):
-            return -np.inf, 0, 1.0, 1.0
-        gain, left = self._gains(columns, rows, CHANGE.scales)
-        row, of_scale = np.unravel_index(np.argmax(gain), gain.shape)
+            return _Step(gain=-np.inf, row=0, scale=1.0, remaining=1.0)
+        gain, remaining = self._gains(columns, rows, CHANGE.scales)
+        k, of_scale = np.unravel_index(np.argmax(gain), gain.shape)
         scale = CHANGE.scales[int(of_scale)]
-        return float(gain[row, of_scale]), int(rows[row]), scale, float(left[row, of_scale])
+        return _Step(float(gain[k, of_scale]), int(rows[k]), scale, float(remaining[k, of_scale]))
 
-    def as_well(self, kind: Kind, worse: float, times: float) -> bool:
-        """Return whether a kind does as well as the best, by log evidence and squares left.
+    def does_as_well(self, kind: Kind, step: _Step, best: _Step) -> bool:
+        """Return whether a step of another kind does as well as the best.
 
-        Few numbers against fewer is no reason; another model has the numbers of all other kinds.
+        By log evidence, or by the likelihood of the squares that remain: evidence that it lacks for
+        its number of amounts is no reason against it. Not so another model of the arm, which has
+        the columns of all other kinds.
         """
-        misfit = 0.5 * self._seen * float(np.log(max(times, np.finfo(float).tiny)))
-        return worse < CHANGE.as_good_nats or (kind != "model" and misfit < CHANGE.as_good_nats)
+        if best.gain - step.gain < CHANGE.as_good_nats:
+            return True
+        ratio = max(step.remaining / best.remaining, np.finfo(float).tiny)
+        misfit = 0.5 * self._seen * float(np.log(ratio))
+        return kind != "model" and misfit < CHANGE.as_good_nats
 
     def as_good(self, columns: Array, scale: float, row: int) -> Index:
-        """Return the rows near the best one that are as good, in order."""
-        gains = self._gains(columns, self._apart, (scale,))[0][:, 0]
-        good = self._apart[gains > np.max(gains, initial=-np.inf) - CHANGE.row_nats]
+        """Return the rows at which a step is nearly as good as at the best one, in order."""
+        gains = self._gains(columns, self._possible, (scale,))[0][:, 0]
+        good = self._possible[gains > np.max(gains, initial=-np.inf) - CHANGE.row_nats]
         return good if len(good) else np.array([row])
 
     def amounts(self, columns: Array, scale: float, row: int) -> Array:
-        """Return the most likely amounts of a step at a row, in the usual sizes times a scale."""
+        """Return the most likely amounts of a step at a row, in units of the scale."""
         steps = self._steps(columns, np.array([row])).in_sizes(np.array([scale]))
         return np.asarray(steps.mean[0])
 
     def _steps(self, columns: Array, rows: Index) -> Gaussians:
-        """Return what is said of steps in columns (P, b, k) at each of R rows, (R,).
+        """Return the normal equations of steps in columns (P, b, k) at each of R rows, (R,).
 
-        What is held beside them is integrated out.
+        Nuisances are integrated out.
         """
         step = self._whitener @ columns
-        every = np.concatenate([self._held, step, self._data[:, :, None]], axis=2)
-        products = _from_each_on(every.swapaxes(1, 2) @ step)[rows]  # (R, h + k + 1, k)
-        held = self._held.shape[2]
+        every = np.concatenate([self._nuisances, step, self._data[:, :, None]], axis=2)
+        by_row = every.swapaxes(1, 2) @ step
+        products = np.cumsum(by_row[::-1], axis=0)[::-1][
+            rows
+        ]  # from each row on, (R, h + k + 1, k)
+        h = self._nuisances.shape[2]
         return self._unchanged.of_each_further(
-            products[:, :held].swapaxes(0, 1), products[:, held:-1], products[:, -1]
+            products[:, :h].swapaxes(0, 1), products[:, h:-1], products[:, -1]
         )
 
     def _gains(self, columns: Array, rows: Index, scales: Sequence[float]) -> tuple[Array, Array]:
-        """Return gains of log evidence and parts of squares left, (R, S), scatter profiled."""
+        """Return gains of log evidence and shares of squares that remain, (R, S) each.
+
+        The scatter is profiled.
+        """
         steps = self._steps(columns, rows)
-        each = (steps.in_sizes(np.array([scale])) for scale in scales)  # all at once are large
-        found = [some.gains(self._seen, CHANGE.same_squares) for some in each]
-        gains, left = (np.stack(part, axis=1) for part in zip(*found, strict=True))
-        return gains, left
-
-
-def _from_each_on(values: Array) -> Array:
-    """Return the sums of values (P, ...) from each row to the last."""
-    summed: Array = np.cumsum(values[::-1], axis=0)[::-1]
-    return summed
+        gains = np.empty((len(rows), len(scales)))
+        remaining = np.empty_like(gains)
+        for k, scale in enumerate(scales):
+            scaled = steps.in_sizes(np.array([scale]))
+            gains[:, k], remaining[:, k] = scaled.gains(self._seen, CHANGE.same_squares)
+        return gains, remaining

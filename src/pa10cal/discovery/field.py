@@ -1,13 +1,12 @@
-"""What a fitted model lacks without a name, predicted where held-out poses gain.
+"""The discrepancy of a fitted model that has no name, predicted where held-out poses gain by it.
 
-What the model leaves is fitted by effects of which none is named (`discovery.nameless`), by a
-smooth displacement by the joints' positions (`terms.field`), or by both, the model itself staying
-as it is: a correction in the manner of Kennedy and O'Hagan (J. R. Stat. Soc. B 63, 2001). The
-displacement's size is the one that makes what is left most likely. Its length is the most likely
-of those with which poses that were held out are predicted better, and whole regions that were held
-out no worse; a rough one, which has no scale of its own, takes its place where these are predicted
-better yet. Of effects, displacement and both those are taken with which held-out poses are
-predicted best; where nothing helps, there is nothing.
+The residual is fitted by effects of which none is named (`discovery.nameless`), by a smooth
+displacement, a Gaussian process of the joint positions (`terms.field`), or by both; the model stays
+as it is (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001). The displacement's size maximises the
+marginal likelihood. Its length is the most likely of those with which held-out poses are predicted
+better and whole held-out regions no worse; a rough process, which has no length of its own, takes
+its place where it predicts them better yet. Effects, displacement or both are used, whichever
+predicts held-out poses best, or nothing where nothing helps.
 """
 
 from __future__ import annotations
@@ -38,116 +37,116 @@ F = TypeVar("F", bound=Fitted)
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSquares:
-    """Mean squares of position errors over poses that were held out, without and with it."""
+    """Mean squares of position errors of held-out poses, without and with added terms."""
 
     without_mm2: float
     with_mm2: float
-    sure: float  # their difference over its standard error, by groups
+    sure: float  # their difference over its standard error between groups
 
     @property
     def gain(self) -> float:
-        """Return the part of the squares that it takes away; below 0 where it adds."""
+        """Return the part of the squares that the terms remove; negative where they add."""
         return 1.0 - self.with_mm2 / self.without_mm2 if self.without_mm2 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class FieldFit:
-    """What has no name beside a fitted model, where poses that were held out gain by it."""
+    """Terms without a name that are added to a fitted model, as held-out poses gain by them."""
 
     terms: tuple[Term, ...]  # a sum of effects, a smooth displacement, or both in this order
     x: Array  # (f,) their amounts
     covariance: Array  # (f, f) of them
-    by_joint: Array  # (n,) part of its variance that goes with each joint
+    by_joint: Array  # (n,) part of their variance that follows each joint
 
 
 def field_of(model: Fitted, poses: Observations, effects: Sequence[Effect] = ()) -> FieldFit | None:
-    """Return what a model lacks without a name, by the poses that it was fitted to.
+    """Return the terms to add to a model, by the poses that it was fitted to.
 
-    None where poses held out gain nothing by it, are too few, or cannot tell beside fine maps.
+    None where held-out poses gain nothing by them, are too few, or cannot judge beside fine maps.
 
     Args:
-        poses: averaged, and as modelled.
-        effects: those that may be a part of it, proportional to their parameters.
+        poses: averaged and complete.
+        effects: effects that may be among the terms, proportional to their parameters.
     """
-    if any(each.at_knots and len(each.parameters) > FIELD.most_knots for each in model.model.terms):
+    if any(term.at_knots and len(term.parameters) > FIELD.most_knots for term in model.model.terms):
         return None
     held_out = _HeldOut.of(model, poses)
     if held_out is None:
         return None
     poses = held_out.poses
-    found = held_out.best(Beside.none(model, poses))
-    if effects and (together := all_at_once(model, poses, effects)) is not None:
-        both = held_out.best(together)
-        if both is not None and both.better_than(found):
-            found = both
-    return None if found is None else found.fit(model, poses.states)
+    best = held_out.best(Beside.none(model, poses))
+    if effects and (of_effects := all_at_once(model, poses, effects)) is not None:
+        with_effects = held_out.best(of_effects)
+        if with_effects is not None and with_effects.better_than(best):
+            best = with_effects
+    return None if best is None else best.fit(model, poses.states)
 
 
 @dataclass(frozen=True)
 class _Likely:
-    """A displacement in its most likely size."""
+    """A displacement of its most likely size."""
 
     field: Field
-    scatter: float  # of a row beside it
-    gained: float  # by how much more likely the rows are with it [nats]
+    scatter: float  # standard deviation of a row beside it
+    gained: float  # log evidence gained by it [nat]
 
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What stands beside a model, judged by poses that are held out."""
+    """Terms added to a model, judged by held-out poses."""
 
-    there: Beside
+    added: Beside
     held_out: _HeldOut
 
     @cached_property
     def places(self) -> HeldOutSquares:
-        """Return the errors of poses among others."""
-        return self.held_out.squares(self.there, self.held_out.places)
+        """Return the errors of held-out poses among others."""
+        return self.held_out.squares(self.added, self.held_out.places)
 
     @cached_property
     def regions(self) -> HeldOutSquares:
-        """Return the errors of whole regions."""
-        return self.held_out.squares(self.there, self.held_out.regions)
+        """Return the errors of whole held-out regions."""
+        return self.held_out.squares(self.added, self.held_out.regions)
 
     @property
-    def left_mm2(self) -> float:
-        """Return what it leaves of poses held out, among others and in whole regions."""
+    def squares_mm2(self) -> float:
+        """Return the mean squares of held-out poses, among others and in whole regions, added."""
         return self.places.with_mm2 + self.regions.with_mm2
 
     @property
     def helps(self) -> bool:
-        """Return whether poses held out gain by it, and whole regions lose nothing."""
+        """Return whether held-out poses gain significantly, and whole regions lose nothing."""
         gains = self.places.sure > FIELD.standard_errors and self.places.gain > FIELD.least_gain
         return gains and self.regions.gain >= -FIELD.most_loss
 
     def better_than(self, other: _Judged | None) -> bool:
-        """Return whether it predicts poses held out clearly better than something else."""
-        least = np.inf if other is None else other.left_mm2
-        return self.left_mm2 < (1.0 - FIELD.least_gain) * least
+        """Return whether held-out poses are predicted clearly better than by other terms."""
+        least = np.inf if other is None else other.squares_mm2
+        return self.squares_mm2 < (1.0 - FIELD.least_gain) * least
 
     def fit(self, model: Fitted, states: PoseStates) -> FieldFit:
-        """Return it as it is to be used beside the model."""
-        there, rows = self.there, self.there.rows
+        """Return the terms as they are added to the model."""
+        added, rows = self.added, self.added.rows
         sizes = rows.sizes[rows.of_field]
         return FieldFit(
-            there.terms,
-            there.model.x[there.model.model.having("field")],
-            there.amounts.covariance * np.outer(sizes, sizes),
-            by_joint(model, there.model, states),
+            added.terms,
+            added.model.x[added.model.model.having("field")],
+            added.amounts.covariance * np.outer(sizes, sizes),
+            by_joint(model, added.model, states),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class _HeldOut:
-    """Poses in groups that are held out in turn, and how they lie."""
+    """Poses in groups that are held out in turn."""
 
     model: Fitted  # that lacks something
     poses: Observations
-    places: Index  # (P,) group of each pose, drawn at random, of a path stretches
-    regions: Index  # (P,) cluster of neighbours
-    through: Array  # (m, n) positions that a smooth displacement goes through
-    lever_m: Array  # (n,)
-    spread_m: float  # of the poses
+    places: Index  # (P,) group of each pose: random ones, or stretches of a path
+    regions: Index  # (P,) cluster of neighbours of each pose
+    through: Array  # (m, n) joint positions of the inducing points of a displacement
+    lever_m: Array  # (n,) distance that a unit motion of each joint moves the end
+    spread_m: float  # of the poses, root mean square
 
     @classmethod
     def of(cls, model: Fitted, poses: Observations) -> _HeldOut | None:
@@ -171,39 +170,39 @@ class _HeldOut:
             float(np.sqrt(points.var(axis=0).sum())),
         )
 
-    def best(self, there: Beside) -> _Judged | None:
-        """Return what stands beside the model with the displacement that helps most.
+    def best(self, added: Beside) -> _Judged | None:
+        """Return the terms already added with the displacement that helps most.
 
-        Of smooth ones the most likely that helps, or a rough one where that leaves less of poses
-        held out. Without one where none helps any more; None where nothing helps.
+        It is the most likely smooth displacement that helps, or a rough one with which the squares
+        of held-out poses are smaller. Without one where none helps; None where the terms do not.
         """
-        without = _Judged(there, self) if there.terms else None
-        smooth = [self._field(there, length, "squared exponential") for length in FIELD.lengths]
+        without = _Judged(added, self) if added.terms else None
+        smooth = [self._field(added, length, "squared exponential") for length in FIELD.lengths]
         likely = sorted(smooth, key=lambda field: -field.gained)
-        rough = self._field(there, FIELD.rough_length, "exponential")
-        found = self._first_helping(there, likely, without)
-        tried = self._first_helping(there, [rough], without)
-        if tried is not None and (found is None or tried.left_mm2 < found.left_mm2):
-            found = tried
-        if found is None and without is not None and without.helps:
+        rough = self._field(added, FIELD.rough_length, "exponential")
+        best = self._first_helping(added, likely, without)
+        with_rough = self._first_helping(added, [rough], without)
+        if with_rough is not None and (best is None or with_rough.squares_mm2 < best.squares_mm2):
+            best = with_rough
+        if best is None and without is not None and without.helps:
             return without
-        return found
+        return best
 
     def _first_helping(
-        self, there: Beside, fields: Sequence[_Likely], without: _Judged | None
+        self, added: Beside, fields: Sequence[_Likely], without: _Judged | None
     ) -> _Judged | None:
-        """Return what stands beside the model with the first of displacements that helps."""
+        """Return the added terms with the first of some displacements that helps."""
         for field in fields:
             if field.gained <= 0.0:
                 continue
-            terms, weight = (*there.terms, field.field), there.rows.weight
+            terms, weight = (*added.terms, field.field), added.rows.weight
             tried = _Judged(beside(self.model, terms, self.poses, field.scatter, weight), self)
             if tried.helps and tried.better_than(without):
                 return tried
         return None
 
-    def _field(self, there: Beside, length: float, kernel: Kernel) -> _Likely:
-        """Return a displacement of some length in its most likely size."""
+    def _field(self, added: Beside, length: float, kernel: Kernel) -> _Likely:
+        """Return a displacement of a length, in the spread of poses, in its most likely size."""
         field = Field(
             q=tuple(tuple(row) for row in self.through.tolist()),
             lever_m=tuple(self.lever_m.tolist()),
@@ -212,43 +211,45 @@ class _HeldOut:
             size_m=1.0,
             kernel=kernel,
         )
-        rows = there.rows
+        rows = added.rows
         columns = _columns(field, rows, self.poses.states)
         size_m, scatter, gained = _most_likely(Gaussian.of(columns, rows.left), rows)
         return _Likely(replace(field, size_m=size_m), scatter, gained)
 
-    def squares(self, there: Beside, group: Index) -> HeldOutSquares:
-        """Return errors of poses whose group (P,) is held out, of all groups in turn.
+    def squares(self, added: Beside, group: Index) -> HeldOutSquares:
+        """Return the errors of poses, each group (P,) predicted from all others.
 
-        The model is fitted to the others first, then to what it leaves of them what is beside it.
+        The model is fitted to the others first, then the added terms to its residuals there.
         """
-        squares = np.array(list(_by_group(there, group)))
-        taken = squares[:, 0] - squares[:, 1]
-        error = float(taken.std(ddof=1)) * np.sqrt(len(taken))
+        squares = np.array(list(_squares_by_group(added, group)))
+        removed = squares[:, 0] - squares[:, 1]
+        error = float(removed.std(ddof=1)) * np.sqrt(len(removed))
         without_mm2, with_mm2 = squares.sum(axis=0) / len(group)
-        sure = float(taken.sum()) / error if error else 0.0
+        sure = float(removed.sum()) / error if error else 0.0
         return HeldOutSquares(float(without_mm2), float(with_mm2), sure)
 
 
-def _by_group(there: Beside, group: Index) -> Iterator[tuple[float, float]]:
-    rows, scatter = there.rows, there.scatter
+def _squares_by_group(added: Beside, group: Index) -> Iterator[tuple[float, float]]:
+    """Yield the squares of position errors [mm²] of each group, without and with added terms."""
+    rows, scatter = added.rows, added.scatter
     columns, data = rows.columns / scatter, rows.data / scatter
     own, field = np.flatnonzero(~rows.of_field), np.flatnonzero(rows.of_field)
     every = Gaussian.of(columns, data)
     for number in np.unique(group).tolist():
         out = np.flatnonzero(group == number)
         *_, mean = (every - Gaussian.of(columns[out], data[out])).in_turn(own, field)
-        left = data[out] - columns[out][..., own] @ mean[own]
-        ends = left - columns[out][..., field] @ mean[field]
+        without = data[out] - columns[out][..., own] @ mean[own]
+        with_terms = without - columns[out][..., field] @ mean[field]
         to_mm = scatter * rows.to_mm[out]
-        yield float(np.sum((to_mm * left) ** 2)), float(np.sum((to_mm * ends) ** 2))
+        yield float(np.sum((to_mm * without) ** 2)), float(np.sum((to_mm * with_terms) ** 2))
 
 
 def with_field(model: F, fit: FieldFit) -> F:
-    """Return the model with what has no name as last terms; what it then lacks is not known."""
+    """Return the model with the terms of a fit added last; its discrepancy is then not known."""
     k, at = len(model.x), with_terms(model, fit.terms)
     covariance = None
     if model.covariance is not None:
+        # Parameters of the model, then those of the fit, then six motions of the base.
         order = [*range(k), *range(k + len(BASE), k + len(BASE) + len(fit.x)), *range(k, k + 6)]
         size = len(order)
         covariance = np.zeros((size, size))
@@ -259,11 +260,10 @@ def with_field(model: F, fit: FieldFit) -> F:
 
 
 def by_joint(model: Fitted, beside: Fitted, states: PoseStates) -> Array:
-    """Return the part that goes with each joint of what stands beside a model, (n,).
+    """Return the part (n,) of the variance of added terms over the poses that follows each joint.
 
-    Of its variance over the poses, by how much it changes where the joint's position is that of
-    another pose (total effects, M. J. W. Jansen, Computer Physics Communications 117, 1999), the
-    sum being one.
+    These are total-effect indices, by the change where the joint's position is that of another pose
+    (M. J. W. Jansen, Computer Physics Communications 117, 1999), scaled to a sum of one.
     """
     q, others = states.q_rad, np.random.default_rng(0).permutation(len(states))
     here, changed = _displacement_m(model, beside, states), np.zeros(states.n)
@@ -277,24 +277,24 @@ def by_joint(model: Fitted, beside: Fitted, states: PoseStates) -> Array:
 
 
 def _displacement_m(model: Fitted, beside: Fitted, states: PoseStates) -> Array:
-    """Return by how much the first target or the tool is elsewhere with what stands beside."""
+    """Return how far added terms move the first target, or the tool, (P, 3)."""
     frame, places = [*model.frames][-1], []
-    for each in (model, beside):
-        forward = Forward.of(each, frame)
-        at = states if each.payload is None else forward.states(states)
+    for either in (model, beside):
+        forward = Forward.of(either, frame)
+        at = states if either.payload is None else forward.states(states)
         places.append(forward.T_base_frame(at)[:, :3, 3])
     return np.asarray(places[1] - places[0])
 
 
 def _columns(field: Field, rows: RowsAboutFit, states: PoseStates) -> Array:
-    """Return how weighed rows follow the amounts of a field, (P, b, f)."""
+    """Return whitened columns (P, b, f) of the amounts of a field."""
     at = len(rows.own) + np.arange(len(field.coordinates))
     by_base = rows.by_unknowns[:, :, at]
     return np.asarray(by_base @ field.derivative(states, np.zeros(0)))
 
 
 def _most_likely(every: Gaussian, rows: RowsAboutFit) -> tuple[float, float, float]:
-    """Return the most likely size of amounts [m], the scatter of a row, and what evidence gains.
+    """Return the most likely size of amounts [m], the scatter of a row, and the evidence gained.
 
     The scatter is profiled: x ~ N(0, r² s² I), s² the variance of a row.
     """
@@ -303,9 +303,9 @@ def _most_likely(every: Gaussian, rows: RowsAboutFit) -> tuple[float, float, flo
     values, along = np.maximum(values, 0.0), vectors.T @ every.projection
     sizes_m = np.geomspace(*FIELD.sizes_m)
     ratio = sizes_m[:, None] ** 2
-    taken = ratio * along**2 / (1.0 + ratio * values)
+    removed = ratio * along**2 / (1.0 + ratio * values)
     variance = (
-        np.maximum(every.squares - taken.sum(axis=1), FIELD.least_scatter * every.squares) / count
+        np.maximum(every.squares - removed.sum(axis=1), FIELD.least_scatter * every.squares) / count
     )
     complexity = np.log1p(ratio * values).sum(axis=1)
     gained = 0.5 * (count * np.log(every.squares / count / variance) - complexity)

@@ -1,4 +1,4 @@
-"""What a verdict consists of: effects found, what has no name, what the data cannot show."""
+"""Parts of a verdict: effects found and their probabilities, untestable effects, faults."""
 
 from __future__ import annotations
 
@@ -30,68 +30,69 @@ from pa10cal.terms.weights import LogFault
 
 @dataclass(frozen=True)
 class UnknownBeside:
-    """Something without a name beside an effect: the more is left, the likelier it makes it, too.
+    """Model of the probability that an effect is caused by something that was not tried.
 
-    What is left over noise of the squared error is made by something that was not tried. Where an
-    effect takes away little of the rest, it may be a part of that; and where much is left, whatever
-    makes it may look like an effect elsewhere as well.
+    The squared error that remains beyond noise has an unknown cause. An effect that removes little
+    compared with it may be a part of it; and the larger it is, the more often it looks like an
+    effect elsewhere. The odds of the effect are
+    odds * (removed / remaining)^power / (remaining / noise)^fall.
     """
 
     without_mm: float  # root mean square error without the effect [mm]
     with_mm: float  # and with it [mm]
-    odds: float  # of the effect where it takes away as much as is left
-    power: float  # of what it takes over what is left, by which these odds grow
-    fall: float = 0.0  # of what is left over noise, by which they fall
-    # what it takes of all weighed readings over what is left of these, orientations among them; the
-    # larger of that and of what it takes of positions counts
+    odds: float  # odds of an effect that removes as much as remains
+    power: float
+    fall: float = 0.0
+    # removed over remaining squares of all whitened readings, orientations included; the larger of
+    # this ratio and that of positions counts
     of_readings: float = 0.0
 
     def probability(self, noise_floor_mm: float) -> float:
-        """Return the probability of something that was not tried; noise errs by a mean [mm]."""
+        """Return that probability, by the mean position error that noise alone leaves [mm]."""
         # Normal errors, alike in three directions, have a mean length of 2 sqrt(2 / pi) sigma.
         noise = 3.0 * np.pi / 2.0 * (0.5 * noise_floor_mm) ** 2
         squares = self.without_mm**2, self.with_mm**2
         ratio = max(over_left(*squares, noise), self.of_readings)
         most = PROBABILITIES.most_left_of_noise * noise
-        left = min(left_beyond(self.with_mm**2, noise), most) / noise if noise > 0.0 else 1.0
-        odds = self.odds * ratio**self.power / left**self.fall if left > 0.0 else np.inf
+        beyond = min(left_beyond(self.with_mm**2, noise), most) / noise if noise > 0.0 else 1.0
+        odds = self.odds * ratio**self.power / beyond**self.fall if beyond > 0.0 else np.inf
         return float(max(1.0 / (1.0 + odds), PROBABILITIES.unknown))
 
 
 def left_beyond(squares: float, noise: float) -> float:
-    """Return what is left of squares beyond those of noise, and no less than rounding shows."""
+    """Return squares less those of noise, but at least a small part of the latter."""
     return max(squares - noise, PROBABILITIES.left_of_noise * noise)
 
 
 def over_left(without: float, with_it: float, noise: float) -> float:
-    """Return what an effect takes of squares over what it leaves beyond those of noise."""
-    left = left_beyond(with_it, noise)
-    return max(without - with_it, 0.0) / left if left > 0.0 else np.inf
+    """Return the squares that an effect removes over those that remain beyond noise."""
+    remaining = left_beyond(with_it, noise)
+    return max(without - with_it, 0.0) / remaining if remaining > 0.0 else np.inf
 
 
 class Proof(Part):
-    """Statistics that decided about an effect, with what a verdict asks of any of them."""
+    """Statistics that decided about an effect, with what a verdict needs of any of them."""
 
-    # the one pose without which not half of this would be left, and too little for a name, as where
-    # a gross error makes it; None where there is no such pose
+    # the one pose without which less than half of the evidence remains, and too little for a name,
+    # as if a gross error caused it; None where there is no such pose
     carrier: str | None = Field(default=None, exclude=True)
-    # where the weights come from under which a joint gives way; None of anything else
+    # where the weights are from under which a joint gives way; None of all other effects
     weights: Literal["assumed", "total", "logged"] | None = Field(default=None, exclude=True)
 
     @property
     def explains(self) -> float | None:
-        """Part of the squared error of poses left out that the effect explains, where known."""
+        """Part of the squared error of held-out poses that the effect explains, where known."""
         return None
 
     @property
     def unknown(self) -> UnknownBeside | None:
-        """How probable it is that something else makes this, where errors say so."""
+        """Model of the probability of an unknown cause; None where errors give none."""
         return None
 
     @property
     @abstractmethod
     def evidence(self) -> discovery.Evidence:
-        """These as they are written."""
+        """The statistics as they are written."""
 
 
 class GivesWay(discovery.EvidenceOfSag, Proof):
@@ -115,10 +116,22 @@ class GivesWay(discovery.EvidenceOfSag, Proof):
         return self
 
 
-def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: float) -> str | None:
-    """Return the pose that carries a name alone; None for none.
+def threshold(effect_count: int, error_rate: float) -> float:
+    """Return the gain in log evidence that a name needs, for a number of effects sought.
 
-    By what of the whole that speaks for it is left without each of the poses (P,).
+    If none of them is there, the probability that any reaches it is at most the error rate.
+    """
+    return float(np.log(max(effect_count, 1) / error_rate))
+
+
+def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: float) -> str | None:
+    """Return the pose that alone is the evidence of a name; None for none.
+
+    Args:
+        labels: (P,) poses.
+        left: (P,) evidence that remains without each pose.
+        whole: evidence by all poses.
+        needed: evidence that a name needs.
     """
     worst = int(left.argmin())
     carried = left[worst] < min(needed, JUDGING.carried_share * whole)
@@ -127,21 +140,21 @@ def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: floa
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """What may stand in the place of an effect that was found."""
+    """An effect that may be there in place of one that was found."""
 
     effect: Effect
-    # (B,) log score of the data with it there, less that with the effect found: of each block of
-    # poses held out, or one number where repeats are the judge
+    # (B,) log score of the data with it, less that with the effect found: of each held-out block of
+    # poses, or one number where repeats are the judge
     nats: Array
-    weight: float = 1.0  # how likely it is beside that effect before the data are looked at
+    weight: float = 1.0  # prior odds, relative to the effect found
 
 
 @dataclass(frozen=True)
 class Explanations:
-    """What may explain what was found, with probabilities that sum to one."""
+    """Explanations of what was found, with probabilities that sum to one."""
 
     named: tuple[tuple[Effect, float], ...]  # effects of the vocabulary, the likeliest first
-    none_of_these: float  # of something without a name, or that was not tried
+    none_of_these: float  # probability of something without a name, or that was not tried
 
     def of(self, effect: Effect) -> float:
         """Return the probability of an effect."""
@@ -149,22 +162,22 @@ class Explanations:
 
     @property
     def smallest_set(self) -> tuple[Effect, ...]:
-        """Return the effects of the smallest set that surely holds what is there.
+        """Return the effects of the smallest set that holds the truth with enough probability.
 
-        What none of these is, is a member of it, too, where it is that likely.
+        "None of these" is a member, in the order of its probability, but not returned.
         """
         members: list[Effect] = []
-        open_to = 1.0 - PROBABILITIES.surely
-        left, without = 1.0, self.none_of_these
+        allowed = 1.0 - PROBABILITIES.surely  # probability that may remain outside the set
+        outside, none_of_these = 1.0, self.none_of_these
         for effect, probability in self.named:
-            if left <= open_to:
+            if outside <= allowed:
                 break
-            if without > probability:
-                left, without = left - without, 0.0
-                if left <= open_to:
+            if none_of_these > probability:
+                outside, none_of_these = outside - none_of_these, 0.0
+                if outside <= allowed:
                     break
             members.append(effect)
-            left -= probability
+            outside -= probability
         return tuple(members)
 
 
@@ -176,46 +189,44 @@ class Finding(Generic[P]):
     """One effect that was found."""
 
     effect: Effect  # which, and where
-    # x and covariance: its reported parameters, and their covariance
-    x: Array
-    covariance: Array
+    x: Array  # (k,) its reported parameters
+    covariance: Array  # (k, k) of them
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
     proof: P  # the statistics that decided
-    # whatever else was tried in its place, of the vocabulary and without a name
-    rivals: tuple[Rival, ...] = ()
+    rivals: tuple[Rival, ...] = ()  # all that was tried in its place, with and without a name
     unknown: float = PROBABILITIES.unknown  # probability that nothing that was tried is there
 
     @cached_property
     def explanations(self) -> Explanations:
-        """Return how probable it is, among all that was tried in its place.
+        """Return the probabilities of the effect and of all that was tried in its place.
 
-        Of blocks of poses by Bayesian bootstrap of their scores (pseudo-BMA+; Yao, Vehtari, Simpson
-        and Gelman, Bayesian Analysis 13, 2018). What is as good and has no score has that of the
-        effect itself.
+        Scores of blocks are averaged by the Bayesian bootstrap (pseudo-BMA+; Yao, Vehtari, Simpson
+        and Gelman, Bayesian Analysis 13, 2018). An alternative without a score of its own has that
+        of the effect.
         """
-        rivals = {name_of(each.effect).name: each for each in self.rivals}
-        # Another form of the effect itself is no other name.
+        rivals = {name_of(rival.effect).name: rival for rival in self.rivals}
+        rivals.pop(name_of(self.effect).name, None)  # another form of the effect has its name
         effects: dict[Name, Effect] = {}
-        for each in (self.effect, *self.alternatives, *(e.effect for e in self.rivals)):
-            effects.setdefault(name_of(each).name, each)
-        rivals.pop(name_of(self.effect).name, None)
-        blocks = max((len(each.nats) for each in self.rivals), default=1)
+        for effect in (self.effect, *self.alternatives, *(rival.effect for rival in self.rivals)):
+            effects.setdefault(name_of(effect).name, effect)
+        blocks = max((len(rival.nats) for rival in self.rivals), default=1)
         nats = np.zeros((len(effects), blocks))
         weight = np.ones(len(effects))
         for k, name in enumerate(effects):
             if name in rivals:
-                # One score of all blocks is that of each, in equal parts.
+                # One score of all blocks is shared equally among them.
                 nats[k] = rivals[name].nats * len(rivals[name].nats) / blocks
                 weight[k] = rivals[name].weight if k else 1.0
         drawn = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
         share = softmax(blocks * drawn @ nats.T + np.log(weight), axis=1).mean(axis=0)
         share *= 1.0 - self.unknown
-        every = list(zip(effects.values(), share.tolist(), strict=True))
-        named = [pair for pair in every if not pair[0].generic]
-        return Explanations(
-            tuple(sorted(named, key=lambda pair: -pair[1])),
-            max(0.0, 1.0 - sum(probability for _, probability in named)),
-        )
+        named = {
+            effect: probability
+            for effect, probability in zip(effects.values(), share.tolist(), strict=True)
+            if not effect.generic
+        }
+        likeliest_first = sorted(named.items(), key=lambda pair: -pair[1])
+        return Explanations(tuple(likeliest_first), max(0.0, 1.0 - sum(named.values())))
 
     @property
     def id(self) -> str:
@@ -229,12 +240,12 @@ class Finding(Generic[P]):
 
     @property
     def gain(self) -> float | None:
-        """Return the part of the squared error of poses left out that it explains, if known."""
+        """Return the part of the squared error of held-out poses that it explains, if known."""
         return self.proof.explains
 
     @property
     def carrier(self) -> str | None:
-        """Return the one pose that carries it, without which nothing speaks for it; else None."""
+        """Return the one pose without which there is no evidence of it; None for none."""
         return self.proof.carrier
 
     @property
@@ -244,49 +255,46 @@ class Finding(Generic[P]):
 
     @property
     def is_unlikely(self) -> bool:
-        """Whether something that has no name is likelier than its name."""
-        said = self.explanations
-        return said.none_of_these > max(PROBABILITIES.nameless, said.of(self.effect))
+        """Return whether something without a name is likelier than the effect."""
+        known = self.explanations
+        return known.none_of_these > max(PROBABILITIES.nameless, known.of(self.effect))
 
     def about(self, other: Effect) -> Self:
-        """Return the same with one of its rivals as its name: nothing is more or less probable."""
-        known = {name_of(each.effect).name: each for each in self.rivals}
-        # What is as good and has no score has that of the effect itself.
+        """Return the finding with a rival as its effect: all probabilities stay as they are."""
+        known = {name_of(rival.effect).name: rival for rival in self.rivals}
+        # An alternative without a score of its own has that of the effect.
         for effect in (*self.alternatives, self.effect):
             known.setdefault(name_of(effect).name, Rival(effect, np.zeros(1)))
         chosen = known.pop(name_of(other).name)
-        blocks = max(len(each.nats) for each in self.rivals)
+        blocks = max(len(rival.nats) for rival in self.rivals)
 
-        def of_blocks(nats: Array) -> Array:
-            return np.broadcast_to(nats * len(nats) / blocks, blocks)
+        def by_block(rival: Rival) -> Array:
+            return np.broadcast_to(rival.nats * len(rival.nats) / blocks, blocks)
 
         rivals = tuple(
-            Rival(
-                each.effect,
-                of_blocks(each.nats) - of_blocks(chosen.nats),
-                each.weight / chosen.weight,
-            )
-            for each in known.values()
+            Rival(rival.effect, by_block(rival) - by_block(chosen), rival.weight / chosen.weight)
+            for rival in known.values()
         )
         others = (self.effect, *self.alternatives)
         alternatives = tuple(e for e in others if name_of(e).name != name_of(other).name)
         return replace(self, effect=other, rivals=rivals, alternatives=alternatives)
 
     def with_likely(self) -> Self:
-        """Return it with what is likely enough as its alternatives, the likeliest first."""
+        """Return the finding with all likely effects as alternatives, the likeliest first."""
         likely = (e for e, p in self.explanations.named if p >= PROBABILITIES.least)
         return replace(self, alternatives=tuple(e for e in likely if e != self.effect))
 
     def record(self, witness: JointWitness | None = None) -> discovery.FoundEffect:
-        """Return it as it is written, with what says whose error an error by angle is."""
+        """Return the finding as it is written; a witness says whether sensor or gear errs."""
         form = None
         if is_error_map(self.effect) and self.effect.spectrum is not None:
             kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
             keys = {"knots": self.effect.knots, kind: asdict(self.effect.spectrum)}
             form = MapForm.model_validate(keys)
-        said = self.explanations
-        listed = tuple(
-            discovery.Alternative(**dict(name_of(effect)), probability=said.of(effect))
+        known = self.explanations
+        listed = (self.effect, *self.alternatives)
+        alternatives = tuple(
+            discovery.Alternative(**dict(name_of(effect)), probability=known.of(effect))
             for effect in self.alternatives
         )
         return discovery.FoundEffect(
@@ -294,14 +302,11 @@ class Finding(Generic[P]):
             of=self.of,
             form=form,
             parameters=self.parameters,
-            probability=said.of(self.effect),
-            alternatives=listed,
-            others=max(
-                0.0,
-                1.0 - said.none_of_these - sum(map(said.of, (self.effect, *self.alternatives))),
-            ),
-            none_of_these=said.none_of_these,
-            set95=tuple(map(name_of, said.smallest_set)),
+            probability=known.of(self.effect),
+            alternatives=alternatives,
+            others=max(0.0, 1.0 - known.none_of_these - sum(map(known.of, listed))),
+            none_of_these=known.none_of_these,
+            set95=tuple(map(name_of, known.smallest_set)),
             evidence=self.proof.evidence,
             witness=witness,
             weights=self.proof.weights,
@@ -330,12 +335,11 @@ class Untestable:
 
     effect: Effect  # which, and where
     why: str  # the reason
-    # whether other poses might show it; not where what it needs was not logged
-    by_these_poses: bool = True
+    by_these_poses: bool = True  # whether other poses may show it; else a quantity was not logged
 
 
 def with_a_name(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, ...]:
-    """Return the effects with a name among those that the data cannot show."""
+    """Return those effects that have a name, as they are written."""
     return tuple(
         discovery.NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
         for entry in entries
@@ -343,9 +347,7 @@ def with_a_name(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, .
     )
 
 
-# Faults of a log that discovery finds: what is wrong, where, and what to do.
-
-#: Kinds of what a calibration finds in its input that are faults of the log.
+#: Faults of the log by the kinds of findings that a calibration has about its input.
 _OF_INPUT: dict[str, FaultKind] = {
     "joint_sign": "joint_sign",
     "joint_order": "joint_sign",
@@ -357,34 +359,33 @@ _OF_INPUT: dict[str, FaultKind] = {
 
 
 class DiagnosedFault(discovery.Fault):
-    """Something in the log that is wrong, and what it does to the verdict; that is not written."""
+    """A fault of the log, with what it does to the verdict, which is not written."""
 
     gain: float | None = None
-    # whether the verdict is `check_the_log` whatever else was found; a reading with a gross error,
-    # once excluded, leaves the effects found standing
+    # whether the verdict is `check_the_log` whatever else was found; not for a reading with a gross
+    # error, which is excluded
     decides: bool = Field(default=True, exclude=True)
-    # of a step that is told as a fact, its most likely time; readings before and after have bases
-    # of their own
+    # most likely time of a certain step; readings before and after it have bases of their own
     at_s: float | None = Field(default=None, exclude=True)
-    # effect that it is as well; found, that is what it is
+    # an effect that looks the same; if it is found, there is no fault
     effect: EffectName | None = Field(default=None, exclude=True)
 
 
 def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
-    """Return the times of the steps that are told as facts [s], the most certain first."""
+    """Return the times of certain steps [s], the most certain first."""
     return tuple(fault.at_s for fault in faults if fault.at_s is not None)
 
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:
-    """Return a fault found as a term, which explains a part of the squared error."""
-    told = term.fault_text(x, np.sqrt(np.diag(covariance)))
+    """Return a fault that was found as a term, with the part of the squared error it explains."""
+    text = term.fault_text(x, np.sqrt(np.diag(covariance)))
     return DiagnosedFault(
-        kind=term.kind, where=told.where, what=told.what, remedy=told.remedy, gain=gain
+        kind=term.kind, where=text.where, what=text.what, remedy=text.remedy, gain=gain
     )
 
 
 def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault, ...]:
-    """Return what the calibration found wrong in the input, as far as it is a fault of the log."""
+    """Return those findings of the calibration about its input that are faults of the log."""
     faults = []
     for finding in suspicions:
         kind = _OF_INPUT.get(finding.kind)
@@ -405,5 +406,5 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
 
 
 def to_check(faults: Sequence[DiagnosedFault], *, effects: bool) -> bool:
-    """Return whether a verdict is `check_the_log`, by its faults and whether effects stand."""
+    """Return whether a verdict is `check_the_log`, by its faults and whether it has effects."""
     return any(fault.decides or not effects for fault in faults)

@@ -1,4 +1,4 @@
-"""How much nearer the extended model comes to the measurement: paired, pose by pose."""
+"""The gap between models and measurement, paired pose by pose, and what effects explain of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import gammaln, stdtrit
 
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration.uncertainty import summarise
+from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.linear import rms
 from pa10cal.discovery.other_numbers import FIELD
@@ -33,20 +33,17 @@ class PairedErrors:
     """The gap between two models and measurement on some configurations."""
 
     poses: Observations  # P configurations
-    # found_before and found_after: deviations of the calibrated baseline and of the extended model,
-    # configuration by configuration
-    found_before: Deviations
-    found_after: Deviations
+    found_before: Deviations  # of the calibrated baseline, configuration by configuration
+    found_after: Deviations  # of the extended model
     noise_floor_mm: float  # mean error that their noise alone would leave
-    # (P,) configurations that keep to the joint positions that the fit has seen; the others are
-    # extrapolated. None where that is not needed
+    # (P,) configurations within the joint positions of the fit; the others are extrapolated. None
+    # where that does not matter
     inside: Mask | None = None
-    # deviations before and after with the motion of the base that was found taken out of the
-    # readings. It is in no model, and in none of the other numbers. None where no motion was
-    # found.
+    # deviations before and after, less the motion of the base that was found; it is in no model and
+    # in none of the other numbers. None where no motion was found
     without_motion: tuple[Deviations, Deviations] | None = None
-    # deviations with all that the search held and has no name in the model as well, which is not
-    # the one that is written; None where it held nothing of the kind
+    # deviations of the model that also has what the search held without a name, and that is not
+    # written; None where it held nothing of the kind
     with_rivals: Deviations | None = None
 
     @cached_property
@@ -66,15 +63,15 @@ class PairedErrors:
 
     @cached_property
     def campaigns(self) -> dict[str, Mask]:
-        """Return which configurations (P,) are of each campaign of a group; none of one alone."""
+        """Return the configurations (P,) of each campaign of a group; empty for no group."""
         number = np.asarray(self.poses.states.campaign)
         names = [name for name, _ in self.poses.measured.campaigns]
         return {name: number == k for k, name in enumerate(names) if np.any(number == k)}
 
     def reduction_of(self, rows: Mask | slice) -> Reduction:
-        """Return the mean reduction over some configurations, paired over their poses.
+        """Return the mean reduction of some configurations, paired over their poses.
 
-        Its interval is the mean where there is one pose.
+        With one pose the interval is the mean.
         """
         saved_mm = self.found_before.distance_mm - self.found_after.distance_mm
         _, group = np.unique(self.poses.pose[rows], return_inverse=True)
@@ -95,14 +92,11 @@ class PairedErrors:
         )
 
     def record(self, suspected: Mask | None = None) -> SetGap:
-        """Return the gap as it is written: over all loads, by load, and by what the fit saw.
-
-        Configurations that have a suspected reading (P,) are counted apart as well.
-        """
+        """Return the gap as it is written; also without configurations (P,) that are suspected."""
         load_N, still = self.poses.states.load_N, self.without_motion
         loads = {f"{load:g}N": load_N == load for load in np.unique(load_N)}
 
-        def each(parts: Mapping[str, Mask]) -> dict[str, LoadGap]:
+        def by_part(parts: Mapping[str, Mask]) -> dict[str, LoadGap]:
             return {
                 name: LoadGap(
                     before=summarise(self.found_before, rows),
@@ -117,13 +111,13 @@ class PairedErrors:
             after=self.after,
             noise_floor_mm=self.noise_floor_mm,
             reduction=self.reduction,
-            per_load=each(loads),
-            per_campaign=each(self.campaigns) or None,
+            per_load=by_part(loads),
+            per_campaign=by_part(self.campaigns) or None,
             inside=self.accuracies(self.inside),
             outside=None if self.inside is None else self.accuracies(~self.inside),
-            trusted=None
-            if suspected is None or not suspected.any()
-            else self.accuracies(~suspected),
+            trusted=self.accuracies(~suspected)
+            if suspected is not None and suspected.any()
+            else None,
             without_motion=None
             if still is None
             else BeforeAfter(before=summarise(still[0]), after=summarise(still[1])),
@@ -145,7 +139,7 @@ class PairedErrors:
         )
 
     def with_nuisances_of(self, other: PairedErrors) -> PairedErrors:
-        """Return it with what another has that is in no model, where it has none of its own."""
+        """Return the gap, with deviations of another that are in no model where it has none."""
         return replace(
             self,
             without_motion=self.without_motion or other.without_motion,
@@ -154,10 +148,11 @@ class PairedErrors:
 
     @property
     def noise_rms_mm(self) -> float:
-        """Return the root mean square error that noise alone would leave, equal along all axes."""
+        """Return the root mean square error that isotropic noise of that mean would leave."""
         measured = self.poses.measured
         count = np.median(measured.components_seen[:, measured.position_columns].sum(axis=1))
         d = max(float(count), 1.0)
+        # The mean of a chi distribution of d degrees of freedom, over its root mean square.
         of_mean = np.sqrt(d / 2.0) * np.exp(gammaln(d / 2.0) - gammaln((d + 1.0) / 2.0))
         return float(of_mean * self.noise_floor_mm)
 
@@ -177,10 +172,8 @@ def gap(
         before: the calibrated model.
         after: the extended model, as it is exported.
         noise_floor_mm: mean error that the noise of these configurations would leave.
-        seen: joint positions that the fit of the extended model has seen; None where it has seen
-            all that it may predict.
-        T_moved: (P, 4, 4) how the base had moved at each, which neither model holds; None where it
-            had not.
+        seen: joint positions of the fit of the extended model; None where it holds everywhere.
+        T_moved: (P, 4, 4) motion of the base at each, which is in neither model; None for none.
     """
     return PairedErrors(
         poses,
@@ -195,7 +188,7 @@ def gap(
 
 
 def beside_motion(found: PairedErrors) -> PairedErrors:
-    """Return the gap with the motion of the base taken out of the readings, where it was found."""
+    """Return the gap less the motion of the base, where such a motion was found."""
     if found.without_motion is None:
         return found
     before, after = found.without_motion
@@ -208,7 +201,7 @@ def fallen_back(found: PairedErrors, outside: Mask) -> PairedErrors:
 
 
 def trusted(found: PairedErrors | None, suspected: Mask | None) -> PairedErrors | None:
-    """Return the gap without configurations that are suspected; None where nothing is left."""
+    """Return the gap without suspected configurations; None where none remains."""
     if found is None or suspected is None or not suspected.any():
         return found
     if suspected.all():
@@ -227,7 +220,7 @@ def trusted(found: PairedErrors | None, suspected: Mask | None) -> PairedErrors 
 
 @dataclass(frozen=True)
 class ErrorsByName:
-    """What remains as effects join the calibrated model one by one, the largest first."""
+    """The errors as effects join the calibrated model one by one, the largest first."""
 
     steps: tuple[NamingStep, ...]  # the calibrated model, then with one effect more each
     # deviations at held-out poses, or else at those fitted, of the model with all effects but one
@@ -243,56 +236,56 @@ def errors_by_name(
 ) -> ErrorsByName:
     """Return the errors of the calibrated model, and as effects join it, the largest first.
 
-    They join in the order of what the model with all of them loses without each: alone, an effect
-    may be masked by another. The last step is the gap that is given. Where effects hold within some
-    joint positions alone, models are the calibrated one beyond.
+    Their order is by the error of the model without each: alone, an effect may be masked by
+    another. The last step is the given gap. Where effects hold within some joint positions only,
+    the errors beyond are those of the calibrated model.
     """
     gaps = [train] if holdout is None else [train, holdout]
-    before = [of.found_before for of in gaps]
+    before = [gap.found_before for gap in gaps]
 
-    def left_with(some: Sequence[Effect]) -> list[Deviations]:
-        model, left = fitted_with(tuple(some)), []
-        for of in gaps:
-            found = errors_of(model, of.poses)
+    def errors_with(some: Sequence[Effect]) -> list[Deviations]:
+        model, errors = fitted_with(tuple(some)), []
+        for gap in gaps:
+            found = errors_of(model, gap.poses)
             if within is not None:
-                found = found.with_others(~within.inside(of.poses.states.q_rad), of.found_before)
-            left.append(found)
-        return left
+                outside = ~within.inside(gap.poses.states.q_rad)
+                found = found.with_others(outside, gap.found_before)
+            errors.append(found)
+        return errors
 
     joining: list[tuple[Sequence[Effect], list[Deviations]]] = [((), before)]
     without = dict.fromkeys(effects, before)
     if len(effects) > 1:
-        for each in effects:
-            without[each] = left_with([other for other in effects if other != each])
-        effects = sorted(effects, key=lambda each: -summarise(without[each][-1]).rms_mm)
-        joining += [(effects[:k], left_with(effects[:k])) for k in range(1, len(effects) - 1)]
+        for effect in effects:
+            without[effect] = errors_with([other for other in effects if other != effect])
+        effects = sorted(effects, key=lambda effect: -summarise(without[effect][-1]).rms_mm)
+        joining += [(effects[:k], errors_with(effects[:k])) for k in range(1, len(effects) - 1)]
         joining.append((effects[:-1], without[effects[-1]]))
     if effects:
-        joining.append((effects, [of.found_after for of in gaps]))
+        joining.append((effects, [gap.found_after for gap in gaps]))
     steps = tuple(
         NamingStep(
             effects=tuple(map(name_of, some)),
-            train=summarise(left[0]),
-            holdout=summarise(left[1]) if len(left) > 1 else None,
+            train=summarise(errors[0]),
+            holdout=summarise(errors[1]) if len(errors) > 1 else None,
         )
-        for some, left in joining
+        for some, errors in joining
     )
-    return ErrorsByName(steps, {each: without[each][-1] for each in effects})
+    return ErrorsByName(steps, {effect: without[effect][-1] for effect in effects})
 
 
 def errors_of(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
-    """Return what a model leaves of complete poses, at which the base had moved (P, 4, 4)."""
+    """Return the deviations of complete poses from a model, by default with a base that stands."""
     T_base_ee = model.as_read(poses) if T_moved is None else T_moved @ model.as_read(poses)
     return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)
 
 
-# How much of the error beyond noise is explained, and by what.
+# Shares of the error beyond noise.
 #
-# The share of all effects is what the mean square error over held-out poses falls by, from the
-# calibrated model to the one that is exported, as part of what it had beyond noise. It is divided
-# among them by what the exported model loses without each, all else fitted again: joining one by
-# one, an effect may be masked by another. Shares sum to the whole. Errors without one are told as
-# no larger than those without any.
+# The share of all effects is the decrease of the mean square error over held-out poses, from the
+# calibrated to the exported model, over what the former has beyond noise. It is divided among the
+# effects by the increase without each, all else fitted again: alone, an effect may be masked by
+# another. Errors without one effect count as no larger than those without any.
 
 
 def taken_away(
@@ -301,11 +294,10 @@ def taken_away(
     after_mm: Array,
     weights: Literal["assumed"] | None = None,
 ) -> ExplainedEffect:
-    """Return what an effect takes away of errors (P,), its share of the whole not yet known."""
-    said = finding.explanations
-    itself = finding.id, finding.of
-    others = (one for one in said.smallest_set if (one.id, one.of) != itself)
-    names = {name_of(one): said.of(one) for one in others}
+    """Return the effect of a finding on errors (P,), its share not yet known."""
+    known = finding.explanations
+    others = (e for e in known.smallest_set if (e.id, e.of) != (finding.id, finding.of))
+    names = {name_of(other): known.of(other) for other in others}
     here = {name.id: p for name, p in names.items() if name.of == finding.of}
     elsewhere = {name: p for name, p in names.items() if name.of != finding.of}
     return ExplainedEffect(
@@ -313,7 +305,7 @@ def taken_away(
         of=finding.of,
         elsewhere=tuple(elsewhere),
         weights=weights,
-        probability=said.of(finding.effect),
+        probability=known.of(finding.effect),
         others_probability=(*here.values(), *elsewhere.values()),
         share=0.0,
         before_mm=rms(before_mm),
@@ -322,7 +314,7 @@ def taken_away(
 
 
 def by_field(by_joint: Array, before_mm: Array, after_mm: Array) -> ExplainedEffect:
-    """Return what a field takes away of errors (P,), by the part (n,) that goes with each joint."""
+    """Return the effect of a field on errors (P,), by the part (n,) that follows each joint."""
     joints = {str(k): float(part) for k, part in enumerate(by_joint, start=1)}
     return ExplainedEffect(
         ids=(Field.id,),
@@ -340,10 +332,10 @@ def explained_by(
     noise_mm: float,
     over: Literal["held-out poses", "fitted poses"] = "held-out poses",
 ) -> Explained | None:
-    """Return what effects take away; None where there is no more than noise to explain.
+    """Return effects with their shares; None where the error is not above noise.
 
     Args:
-        effects: the last of them ends at the model with all.
+        effects: effects on the errors; after the last, errors are those of the model with all.
         before_mm: root mean square error of the model without any.
         noise_mm: root mean square error that noise alone would leave.
         over: what the poses are.
@@ -354,13 +346,13 @@ def explained_by(
         return None
     after_mm = effects[-1].after_mm if effects else before_mm
     share = float(np.clip((before_mm**2 - after_mm**2) / beyond, 0.0, 1.0))
-    taken = [max(effect.before_mm**2 - effect.after_mm**2, 0.0) for effect in effects]
-    each = share / sum(taken) if sum(taken) > 0.0 else 0.0
+    removed = [max(effect.before_mm**2 - effect.after_mm**2, 0.0) for effect in effects]
+    scale = share / sum(removed) if sum(removed) > 0.0 else 0.0
     entries = [
         effect.model_copy(
-            update={"share": each * own, "before_mm": min(effect.before_mm, before_mm)}
+            update={"share": scale * squares, "before_mm": min(effect.before_mm, before_mm)}
         )
-        for effect, own in zip(effects, taken, strict=True)
+        for effect, squares in zip(effects, removed, strict=True)
     ]
     return Explained(
         share=share,

@@ -1,7 +1,7 @@
-"""Gates of the verdict: what a name must fulfil, and what `none` must, after the search.
+"""Acceptance checks of a verdict after the search: of every name, and of the word `none`.
 
-An effect that does not pass is no name: the model is fitted anew without it, and what it stood for
-is unexplained.
+An effect that fails is no name: the model is fitted anew without it, and what it explained is
+unexplained.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from pa10cal.discovery.verdict import (
     without_names,
 )
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.weighed_arm import open_unknowns
+from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
@@ -43,20 +43,20 @@ from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.structure import BaseDrift
+from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.weights import holds_weights
 
 S = TypeVar("S", bound=Scorer)
 
-#: Grades of the calibration with which `none` is not said.
-NO_COMFORT = ("suspect_input", "not_converged")
-#: Where repeats show the noise, a model that lacks something by them is no comfort either. Where
-#: they do not, only a stated uncertainty says so, which may be off by `names.agree_ratio`.
-NO_COMFORT_BY_REPEATS = (*NO_COMFORT, "incomplete")
+#: Grades of the calibration that rule out the verdict `none`.
+AGAINST_NONE = ("suspect_input", "not_converged")
+#: The same where repeats show the noise. Without repeats the grade `incomplete` rests on a stated
+#: uncertainty, which may be off by `names.agree_ratio`.
+AGAINST_NONE_BY_REPEATS = (*AGAINST_NONE, "incomplete")
 
 
 def gated(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict whose names and whose `none` have passed the gates."""
+    """Return a verdict whose names, or whose `none`, have passed the checks."""
     found = _without_unlikely_names(_with_likeliest_names(_with_names_that_pass(found)))
     found = _without_names_that_move_nothing(with_pulls(found))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
@@ -69,20 +69,20 @@ def gated(found: Verdict[S]) -> Verdict[S]:
 
 
 def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict in which what is likelier than a name has its place, if it does as well.
+    """Return a verdict in which likelier rivals take the place of names, if they fit as well.
 
-    Rows about the calibrated model made it likelier; all parameters fitted anew may say otherwise.
+    Probabilities are by rows linear about the calibrated model; the new fit decides.
     """
     for finding in found.effects:
-        told = in_doubt(found, finding).explanations
-        likely = [(effect, p) for effect, p in told.named if is_named(effect)]
-        taken = {name_of(each.effect) for each in found.findings}
-        known = {name_of(each.effect) for each in finding.rivals}
+        known = in_doubt(found, finding).explanations
+        likely = [(effect, p) for effect, p in known.named if is_named(effect)]
         if not is_named(finding.effect) or not likely:
             continue
         best, probability = likely[0]
-        likelier = probability > NAMES.likelier * told.of(finding.effect)
-        if not likelier or name_of(best) in taken or name_of(best) not in known:
+        held = {name_of(other.effect) for other in found.findings}
+        rivals = {name_of(rival.effect) for rival in finding.rivals}
+        likelier = probability > NAMES.likelier * known.of(finding.effect)
+        if not likelier or name_of(best) in held or name_of(best) not in rivals:
             continue
         tried = fitted_instead(found, finding, finding.about(best))
         most_mm = NAMES.worse_ratio * found.train.after.rms_mm
@@ -92,17 +92,17 @@ def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
 
 
 def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] | None:
-    """Return the verdict fitted anew with a finding in another's place; None if that is unfit."""
-    # A fit takes an effect in the place of one of which it is an alternative.
+    """Return the verdict fitted anew with a finding in another's place; None if it is unfit."""
+    # A new fit accepts alternatives of findings only.
     known = replace(old, alternatives=(new.effect, *old.alternatives))
     tried = replace(found, findings=instead(found, known))
     tried = with_findings(tried, instead(found, new, old.effect))
-    now = next(each for each in tried.findings if each.effect == new.effect)
+    now = next(finding for finding in tried.findings if finding.effect == new.effect)
     return None if any(unfit(now, tried.model, tried.states)) else tried
 
 
 def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict without the effects that do not pass; an alternative that does stands in."""
+    """Return a verdict without names that fail, each replaced by an alternative that passes."""
     for finding in found.effects:
         if not is_named(finding.effect):
             continue
@@ -110,16 +110,15 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
         if not reasons:
             found = _of_the_robot(found, finding)
             continue
-        # Where joints are commanded and not read back, a controller stops short of its command, or
-        # beyond: by either sign, which lost motion has not.
+        # Of joints that are commanded and not read back, a controller may stop short of its command
+        # or beyond: either sign is possible, unlike that of lost motion.
         stops = ArrivalError(finding.of, found.context.campaigns)
         commanded = finding.id == Backlash.id and found.context.commanded
         if commanded and stops not in finding.alternatives:
             finding = replace(finding, alternatives=(stops, *finding.alternatives))
             found = replace(found, findings=instead(found, finding))
-        better = _alternative(found, finding)
         found = (
-            better
+            _alternative(found, finding)
             or _taken_up(found, finding, reasons)
             or without_names(found, {finding: "; ".join(reasons)})
         )
@@ -127,14 +126,14 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
 
 
 def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Verdict[S] | None:
-    """Return the verdict without an effect of which the rest of the model, fitted anew, took all.
+    """Return the verdict without an effect that the rest of the model, fitted anew, replaces.
 
-    Then it may as well be zero, and the poses come out no worse without it: nothing of it is left
-    to be explained. None where it is otherwise.
+    Its amount may as well be zero and poses are predicted no worse without it, so that nothing
+    remains unexplained. None for any other effect.
     """
     if set(reasons) - set(holds_zero(finding.effect, found.model)):
         return None
-    without = with_findings(found, [one for one in found.findings if one != finding])
+    without = with_findings(found, [other for other in found.findings if other != finding])
     most_mm = NAMES.worse_ratio * found.train.after.rms_mm
     if without.train.after.rms_mm > most_mm or harmed(without.holdout, found.holdout):
         return None
@@ -142,20 +141,19 @@ def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Ve
 
 
 def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict without names that are less likely than something that has none.
+    """Return a verdict without names that are less likely than something without a name.
 
-    What held-out poses need stays, with its probability.
+    A name that held-out poses need stays, with its probability.
     """
-    names = [in_doubt(found, one) for one in found.findings if is_named(one.effect)]
-    for finding in sorted(names, key=lambda one: one.explanations.of(one.effect)):
+    names = [in_doubt(found, name) for name in found.findings if is_named(name.effect)]
+    for finding in sorted(names, key=lambda name: name.explanations.of(name.effect)):
         if not finding.is_unlikely:
             continue
-        said = finding.explanations
         why = (
             "what has no name, or something of several effects, explains as much in its place "
-            f"(probability {said.none_of_these:.2f})"
+            f"(probability {finding.explanations.none_of_these:.2f})"
         )
-        (now,) = (one for one in found.findings if one.effect == finding.effect)
+        (now,) = (other for other in found.findings if other.effect == finding.effect)
         without = without_names(found, {now: why})
         held_out = found.trusted_holdout
         if harmed(held_out) or not harmed(without.trusted_holdout, held_out):
@@ -164,12 +162,12 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
 
 
 def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:
-    """Return a harmless verdict, without names that take nothing away.
+    """Return a harmless verdict, without names that remove no error.
 
-    Where the extended model is the calibrated one everywhere, and the poses of the fit themselves
-    come out no better by it than chance makes, what is named moves nothing.
+    That is so if the model falls back on the calibrated one everywhere, and the poses of the fit
+    are not significantly better by it either.
     """
-    safe, names = harmless(found), [one for one in found.findings if is_named(one.effect)]
+    safe, names = harmless(found), [name for name in found.findings if is_named(name.effect)]
     if not safe.holds_nowhere or not names or found.train.reduction.interval95_mm[0] > 0.0:
         return safe
     before_mm, after_mm = found.train.before.mean_mm, found.train.after.mean_mm
@@ -177,29 +175,30 @@ def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:
         f"it removes no error, {before_mm:.4g} mm before and "
         f"{after_mm:.4g} mm with it at the poses of the fit, and no less at others"
     )
-    safe = harmless(with_findings(found, [one for one in found.findings if one not in names]))
+    rest = [finding for finding in found.findings if finding not in names]
+    safe = harmless(with_findings(found, rest))
     unknown = (no_name(name, safe.train.after.mean_mm, why) for name in names)
     return replace(safe, unexplained=(*safe.unexplained, *unknown))
 
 
 def of_order(finding: Finding, campaign: Prepared) -> Iterator[str]:
-    """Return why a drift is none: the poses came in the order of a joint or a rail."""
+    """Yield why a drift cannot be named: the poses came in the order of a joint or a rail."""
     states, slides = campaign.readings.states, campaign.baseline.arm.prismatic
     if finding.id != BaseDrift.id or measured_again(campaign.readings):
         return
     slow = slow_joints(states)
-    along = [str(one) for one in drivers(states, slides) if one.joint and slow[one.joint - 1]]
+    along = [str(by) for by in drivers(states, slides) if by.joint and slow[by.joint - 1]]
     if along:
         joints = " and ".join(along)
         yield f"the order of the poses follows {joints}, whose error may look the same"
 
 
 def with_pulls(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict in which a pull at a joint is an alternative of what looks the same.
+    """Return a verdict in which a pull at a joint is an alternative of its gear ratio error.
 
-    A cable that pulls a joint like a spring turns it by way of its stiffness in proportion to its
-    angle, as a wrong gear ratio does. Only a log of its torque tells them apart. A pull has no
-    name: the map of the joint stands for it. A joint that slides has none.
+    A cable that pulls like a spring turns a compliant joint in proportion to its angle, as a wrong
+    gear ratio does; only logged torques distinguish them. A pull has no name: the map of the joint
+    stands for it. Sliding joints have none.
     """
     turning = {f"joint {joint}" for joint in turning_joints(found.context)}
     if found.prepared.torques == "logged":
@@ -207,9 +206,9 @@ def with_pulls(found: Verdict[S]) -> Verdict[S]:
     held = {finding.of for finding in found.findings if finding.id == JointErrorMap.id}
     for finding in found.findings:
         if finding.id == GearRatioError.id and finding.of in turning - held:
-            others = [one for one in finding.alternatives if one.id != JointErrorMap.id]
+            others = [e for e in finding.alternatives if e.id != JointErrorMap.id]
             map_of_joint = JointErrorMap(finding.of)
-            rivals = [one for one in finding.rivals if one.effect.id != JointErrorMap.id]
+            rivals = [rival for rival in finding.rivals if rival.effect.id != JointErrorMap.id]
             pull = Rival(map_of_joint, np.zeros(1), PROBABILITIES.pull)
             wider = replace(finding, alternatives=(*others, map_of_joint), rivals=(*rivals, pull))
             found = replace(found, findings=instead(found, wider))
@@ -218,11 +217,11 @@ def with_pulls(found: Verdict[S]) -> Verdict[S]:
 
 def _alternative(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
     """Return the verdict with the first alternative of a finding that passes in its place."""
-    held = {one.effect for one in found.findings}
+    held = {other.effect for other in found.findings}
     for other in finding.alternatives[: NAMES.most_alternatives]:
         if not is_named(other) or other in held:
             continue
-        rest = tuple(one for one in finding.alternatives if one != other)
+        rest = tuple(effect for effect in finding.alternatives if effect != other)
         stands_in = replace(finding, effect=other, alternatives=rest)
         if (tried := fitted_instead(found, finding, stands_in)) is not None:
             return tried
@@ -230,26 +229,26 @@ def _alternative(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
 
 
 def _of_the_robot(found: Verdict[S], finding: Finding) -> Verdict[S]:
-    """Return the verdict with an effect of the robot in the place of one of the instrument.
+    """Return the verdict with an effect of the robot in place of the instrument's, if one fits.
 
-    Between both it is never the instrument's: no prediction has that, and the geometry fitted
-    beside it would move the robot by what it took away.
+    Where both fit, the robot's is named: predictions leave out the instrument's, and geometry
+    fitted beside a wrong one is off by as much.
     """
     if not finding.effect.falsifies_readings:
         return found
-    robots = [one for one in finding.alternatives if not one.falsifies_readings]
-    others = [one for one in finding.alternatives if one not in robots]
+    robots = [effect for effect in finding.alternatives if not effect.falsifies_readings]
+    others = [effect for effect in finding.alternatives if effect not in robots]
     first = replace(finding, alternatives=(*robots, *others, finding.effect))
     return _alternative(found, first) or found
 
 
 def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
-    """Return why the amount of an effect of a model may as well be zero.
+    """Yield why the amount of an effect of a model may as well be zero.
 
-    Zero is in the region that holds its linear parameters with a probability of 95 %, or in the
-    interval of each of them: what is off zero in a combination alone has amounts that the poses do
-    not determine, and the rest of the model follows these all the same. Scales of three axes are
-    known by their differences: what they have in common the arm's lengths take up.
+    Zero is in the 95 % confidence region of its linear parameters, or in the interval of each: if
+    only a combination differs from zero, the poses do not determine the amounts, and other
+    parameters depend on them. Scales of three axes are exempt from the latter: only their
+    differences are determined, their mean is correlated with the arm's lengths.
     """
     linear = slice(0, effect.linear)
     if model.covariance is None:
@@ -269,10 +268,10 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
 
 
 def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None) -> Iterator[str]:
-    """Return why an effect cannot be named, by the calibrated model with the effects found.
+    """Yield why an effect cannot be named, by the calibrated model with the effects found.
 
     Args:
-        states: poses in which it must not do what it cannot do; None for any.
+        states: poses at which its turns must be possible; None for no such check.
     """
     effect = finding.effect
     linear = slice(0, effect.linear)
@@ -298,9 +297,9 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
 
 
 def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
-    """Return whether something else than its plausible size says how large an effect may be.
+    """Return whether the size of an effect is limited otherwise than by its plausible size.
 
-    Compliances under weights that nobody stated are as uncertain as these: turns alone are known.
+    Compliances under weights that nobody stated are as uncertain as these: only turns are limited.
     """
     by_turn = effect.most_rad is not None and weights_known(model.arm).assumed
     return effect.possible is not None or by_turn
@@ -309,7 +308,7 @@ def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
 def _turns_too_far(
     finding: Finding, x: Array, states: PoseStates, most_rad: float, why: str
 ) -> Iterator[str]:
-    """Return why an effect is none that turns joints or links farther than they can."""
+    """Yield why an effect cannot be named that turns joints or links farther than they can."""
     effect = finding.effect
     value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
     turn_rad = effect.turn_rad(states, x)
@@ -319,37 +318,40 @@ def _turns_too_far(
         yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
 
-def reasons_against_none(found: Verdict) -> Iterator[str]:
-    """Return why it cannot be said that nothing is missing."""
+def _disagreements(found: Verdict) -> Iterator[str]:
+    """Yield where errors, repeatability and stated uncertainty do not agree."""
     train, holdout = found.train, found.trusted_holdout
-    measured = train.poses.measured
-    floor_mm = train.noise_floor_mm
-    # Residuals are smaller than errors by what the fit takes up; predictions add its uncertainty.
+    measured, floor_mm = train.poses.measured, train.noise_floor_mm
+    # Residuals of the fit are smaller than errors by the parameters it takes up; predictions have
+    # its uncertainty in addition.
     unknowns, components = open_unknowns(found.model.model), int(measured.components_seen.sum())
     taken = min(unknowns / max(components, 1), GRADES.most_taken_share)
-    error_mm = train.after.mean_mm / np.sqrt(1.0 - taken)
-    spread_mm = measured.spread_mm
-    stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)
-    joints_mm = GRADES.joint_rad * spread_mm
-    compared = [("the remaining error", error_mm, floor_mm)]
+    compared = [("the remaining error", train.after.mean_mm / np.sqrt(1.0 - taken), floor_mm)]
     if holdout is not None:
         expected_mm = float(np.hypot(holdout.noise_floor_mm, floor_mm * np.sqrt(taken)))
         compared.append(("the held-out error", holdout.after.mean_mm, expected_mm))
-    # Errors below what repeats show are no errors of these readings; below what is stated nothing
-    # is seen, and nothing has to be.
+    # Errors below the repeatability are not those of these readings. Errors below a stated
+    # uncertainty cannot be seen, and need not be.
     by_repeats = found.noise_floor_from is None
     for name, value_mm, expected_mm in compared:
         below = by_repeats and value_mm < expected_mm / NAMES.agree_ratio
         if below or value_mm > NAMES.agree_ratio * expected_mm:
             yield f"{name} is {value_mm:.3g} mm where the repeatability gives {expected_mm:.3g} mm"
-    too_large = (
-        stated_mm > most_stated(NAMES.agree_ratio, from_touches=measured.from_touches) * floor_mm
-    )
-    if too_large or floor_mm > NAMES.agree_ratio * np.hypot(stated_mm, joints_mm):
+    stated_mm = mean_error_of_noise_mm(measured, measured.stated_covariance)
+    joints_mm = GRADES.joint_rad * measured.spread_mm
+    most = most_stated(NAMES.agree_ratio, from_touches=measured.from_touches)
+    too_small = stated_mm > most * floor_mm
+    if too_small or floor_mm > NAMES.agree_ratio * np.hypot(stated_mm, joints_mm):
         yield (
             f"the repeatability is {floor_mm:.3g} mm where the stated uncertainty gives "
             f"{stated_mm:.3g} mm"
         )
+
+
+def reasons_against_none(found: Verdict) -> Iterator[str]:
+    """Yield why the verdict cannot be that nothing is missing."""
+    yield from _disagreements(found)
+    train = found.train
     weights = [term for term in found.model.model.terms if holds_weights(term)]
     before_mm, after_mm = train.before.mean_mm, train.after.mean_mm
     if (
@@ -372,5 +374,6 @@ def reasons_against_none(found: Verdict) -> Iterator[str]:
             f"the logged torques differ from those of the weights: F = {torque.F:.3g}, "
             "as with wrong loads, masses or directions"
         )
-    if found.baseline.grade in (NO_COMFORT_BY_REPEATS if by_repeats else NO_COMFORT):
+    by_repeats = found.noise_floor_from is None
+    if found.baseline.grade in (AGAINST_NONE_BY_REPEATS if by_repeats else AGAINST_NONE):
         yield f"the calibration is {found.baseline.grade}"

@@ -1,15 +1,14 @@
-"""Lines of gears whose ratio nobody stated: how many cycles a turn an error of a joint has.
+"""Spectral lines of gears whose ratio nobody stated: periodic errors of joints by their angle.
 
-No map follows a hundred cycles a turn, and a search cannot try every number. So the spectrum of
-what a model leaves is looked at first, joint by joint: at angles as poses have them, what the
-model's own parameters take up aside (Scargle, Astrophysical Journal 263, 1982, with parameters
-integrated out). A line has to stand out of all numbers that were tried; what is made of it is the
-search's affair.
+No map follows a hundred cycles a turn, and a search cannot try every order. So the periodogram of
+the residual is computed first, joint by joint, at the unevenly spaced angles of the poses, with the
+model's own parameters integrated out (Scargle, Astrophysical Journal 263, 1982). A line must be
+significant among all orders tried; the search decides whether the effect is there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,16 +33,16 @@ def gear_lines(
     error_rate: float,
     known: Collection[str] = (),
 ) -> tuple[GearLine, ...]:
-    """Return a line of each joint of which what a model leaves has one, or what its maps stand for.
+    """Return the line of each joint that has one, in the residual of a model or in its maps.
 
-    None of a joint of which two numbers of cycles do equally well, as where its angles are whole
-    steps, nor at what a stated gear ratio gives.
+    None for a joint where two orders do equally well, as if its angles are whole steps, nor at
+    twice a stated gear ratio, which has an effect of its own.
 
     Args:
         at: the model, fitted to the poses.
         poses: P complete poses.
-        left: (P, b) what it leaves of them, predicted less measured.
-        whiten: (P, b, b) by which their components are white.
+        left: (P, b) its residual, predicted less measured.
+        whiten: (P, b, b) that makes their components white.
         error_rate: the probability allowed of finding a line where there is none.
         known: places of lines that the model has.
     """
@@ -63,54 +62,66 @@ def gear_lines(
     data = -(whiten @ left[:, :, None])[:, :, 0]
     by_joint = whiten @ linear.by_joints(at, poses, joints)
     of_targets = whiten @ linear.by_targets(at, poses)
-    for _ in range(2):
-        own = np.concatenate([*columns.values(), of_targets], axis=2)
-        said = Gaussian.of(own, data)
-        spectra = [
-            _Spectrum.of(said, own, data, by_joint[:, :, k], poses.states.q_rad[:, joint - 1])
-            for k, joint in enumerate(joints)
-        ]
-        needed = float(np.log(sum(len(each.orders) for each in spectra) / error_rate))
-        found = []
-        for joint, spectrum in zip(joints, spectra, strict=True):
-            order = spectrum.line(needed)
-            stated = 2.0 * float(arm.gear_ratio[joint - 1])
-            if order is not None and not abs(order - stated) < spectrum.width:
-                found.append(GearLine(f"joint {joint}", round(order, 3)))
-        maps = [term for term in columns if is_error_map(term)]
-        if found or not maps:
-            break
-        for term in maps:  # a fine one follows a line, too
-            data = data + columns.pop(term) @ (
-                at.values_of(term) / sizes[at.model.columns_of(term)]
-            )
+    found = _lines(at, poses, joints, [*columns.values(), of_targets], data, by_joint, error_rate)
+    maps = [term for term in columns if is_error_map(term)]
+    if found or not maps:
+        return found
+    for term in maps:  # a fine map may follow a line: seek it in the residual without maps
+        sized = at.values_of(term) / sizes[at.model.columns_of(term)]
+        data = data + columns.pop(term) @ sized
+    return _lines(at, poses, joints, [*columns.values(), of_targets], data, by_joint, error_rate)
+
+
+def _lines(
+    at: FittedModel,
+    poses: Observations,
+    joints: Sequence[int],
+    own: Sequence[Array],
+    data: Array,
+    by_joint: Array,
+    error_rate: float,
+) -> tuple[GearLine, ...]:
+    """Return the lines of joints, by whitened columns and data as `_Spectrum.of` has them."""
+    columns = np.concatenate(own, axis=2)
+    equations = Gaussian.of(columns, data)
+    spectra = [
+        _Spectrum.of(equations, columns, data, by_joint[:, :, k], poses.states.q_rad[:, joint - 1])
+        for k, joint in enumerate(joints)
+    ]
+    needed = float(np.log(sum(len(spectrum.orders) for spectrum in spectra) / error_rate))
+    found = []
+    for joint, spectrum in zip(joints, spectra, strict=True):
+        order = spectrum.line(needed)
+        stated = 2.0 * float(at.model.chain.arm.gear_ratio[joint - 1])
+        if order is not None and not abs(order - stated) < spectrum.width:  # nan if not stated
+            found.append(GearLine(f"joint {joint}", round(order, 3)))
     return tuple(found)
 
 
 def _angles(poses: Observations, joint: int) -> int:
-    """Return at how many different angles of a joint, from 1, poses are."""
+    """Return the number of different angles of a joint, counted from 1."""
     return len(np.unique(np.round(poses.states.q_rad[:, joint - 1], 4)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Spectrum:
-    """What is left of a model, by waves of one joint's angle."""
+    """Periodogram of the residual by one joint's angle."""
 
     q_rad: Array  # (P,) the joint's angles
-    own: Gaussian  # what the rows say of the model's own parameters
-    follows: Array  # (P, n) products of each pose's own columns with what the joint moves
-    moves: Array  # (P,) squares of what the joint moves
-    left: Array  # (P,) products of that with what is left
-    rows: int  # rows that were seen
+    own: Gaussian  # normal equations of the model's own parameters
+    follows: Array  # (P, n) products of own columns with the joint's column, pose by pose
+    moves: Array  # (P,) squares of the joint's column
+    left: Array  # (P,) products of the joint's column with the data
+    rows: int  # number of components seen
 
     @classmethod
     def of(
-        cls, said: Gaussian, own: Array, data: Array, by_joint: Array, q_rad: Array
+        cls, equations: Gaussian, own: Array, data: Array, by_joint: Array, q_rad: Array
     ) -> _Spectrum:
-        """Return that of columns (P, b, n), data (P, b) and what a joint moves (P, b)."""
+        """Return that of whitened own columns (P, b, n), data (P, b), and joint's column (P, b)."""
         return cls(
             q_rad=q_rad,
-            own=said,
+            own=equations,
             follows=np.einsum("pbn,pb->pn", own, by_joint),
             moves=np.sum(by_joint**2, axis=1),
             left=np.sum(by_joint * data, axis=1),
@@ -119,18 +130,19 @@ class _Spectrum:
 
     @property
     def width(self) -> float:
-        """Return the width of a line: two of them are told apart at one cycle in all angles."""
+        """Return the width of a line: one cycle over the range of the joint's angles."""
         return float(2.0 * np.pi / np.ptp(self.q_rad))
 
     @property
     def orders(self) -> Array:
-        """Return the cycles a turn that are tried."""
+        """Return the orders that are tried [cycles a turn]."""
         return np.arange(*LINES.orders, 0.5 * self.width)
 
     def line(self, needed: float) -> float | None:
-        """Return the cycles of the line that stands out by so many nats; None where none does."""
+        """Return the order of the line that gains what is needed [nat]; None if none does."""
         orders = self.orders
-        gains = np.concatenate([self.gains(some) for some in _parts(orders)])
+        firsts = range(0, len(orders), LINES.at_once)
+        gains = np.concatenate([self.gains(orders[k : k + LINES.at_once]) for k in firsts])
         best = int(np.argmax(gains))
         if gains[best] < needed:
             return None
@@ -154,9 +166,3 @@ class _Spectrum:
         projection = np.tensordot(self.left, waves, axes=1)
         gains, _ = self.own.of_each_further(followed, gram, projection).gains(self.rows)
         return np.asarray(gains / PROBABILITIES.blocks)
-
-
-def _parts(orders: Array) -> Iterator[Array]:
-    """Yield orders, as many at once as are computed together."""
-    for first in range(0, len(orders), LINES.at_once):
-        yield orders[first : first + LINES.at_once]

@@ -1,36 +1,45 @@
-"""The calibrated model with effects that are given, fitted to a campaign as a search would fit it.
+"""Calibration with given effects: the fit, its grade, and the record of the calibration with it.
 
-What was named becomes part of the model: the weights, the noise and the solver are those of the
-scorer that would judge the campaign, and nothing is searched.
+Effects that were named become part of the model. Weights of poses, noise and solver are those of
+the scorer that would judge the campaign; nothing is searched.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
-from pa10cal.calibration import uncertainty
+from pa10cal.calibration import accuracy, uncertainty
 from pa10cal.calibration.fit_summary import FitSummary, names_of
-from pa10cal.calibration.health import GradeEvidence, health
+from pa10cal.calibration.grade_evidence import GradeEvidence
+from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.discovery.blocked_cv.block_rows import weighted_rows
 from pa10cal.discovery.blocked_cv.family import computable_shapes
-from pa10cal.discovery.blocked_cv.refit import refit, weighted_rows, with_tilts_shown
+from pa10cal.discovery.blocked_cv.refit import refit, with_tilts_shown
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
-from pa10cal.discovery.evidence.problem import covariance_of, prepare, targets_off_m
+from pa10cal.discovery.evidence.fit import covariance_of, targets_off_m
+from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.gates import holds_zero
 from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.linear import ModelWithEffects, residual, residual_and_jacobian
 from pa10cal.discovery.noise import whitener_of
-from pa10cal.discovery.preparation import MeasurementSetup, complete_about, prepared, setup_of
+from pa10cal.discovery.preparation import (
+    MeasurementSetup,
+    Prepared,
+    complete_about,
+    prepared,
+    setup_of,
+)
 from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, remedy_for
@@ -41,7 +50,7 @@ from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
-from pa10cal.observe.order import HeldOutPlaces
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.quantities import Deviations
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import (
@@ -63,6 +72,8 @@ from pa10cal.terms.effects.effect import (
 from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.term import Role
 from pa10cal.terms.wording import sized
+
+R = TypeVar("R", bound=CalibrationRecord)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +100,8 @@ def calibrate_with(
 ) -> CalibratedWith:
     """Fit a calibrated model with effects, all parameters anew.
 
-    Effects that may as well be zero are not in it: it would follow amounts that nothing determines.
-    Readings with a gross error are out of the fit, as they are out of a search.
+    Effects whose amounts may as well be zero are left out of the model: the data do not determine
+    them. Readings with a gross error are excluded from the fit, as from a search.
 
     Args:
         every: single readings of a campaign, of all kinds.
@@ -98,7 +109,7 @@ def calibrate_with(
         setup: what is known of the campaign besides the poses.
         effects: what to add: effects of a model, or their names and places.
         suspected: poses, with their load [N], that the calibration without effects suspects; like
-            readings with a gross error they have no part in the remaining error.
+            readings with a gross error they do not count in the remaining error.
         wanted_mm: standard uncertainty that predicted positions are to have; None for any.
 
     Raises:
@@ -107,37 +118,16 @@ def calibrate_with(
         DiscoveryError: when there are too few poses, or too little is repeated.
     """
     campaign = prepared(every, model.with_bends(_bent(effects, model.arm)), setup)
-    fitted: ModelWithEffects
-    readings = campaign.trusted
-    if judged_by_blocks(readings):
-        judged = Survey.of(campaign)
-        chosen = _effects(effects, judged.context)
-        rows = weighted_rows(judged, computable_shapes(judged)[0], MAPS.spacings[-1][0])
-        rate, whiten = setup.options.error_rate, rows.weights.whiteners()
-        chosen = _with_cycles(chosen, effects, campaign.baseline, judged.poses, whiten, rate)
-        starts = tuple(effect.starts[0] for effect in chosen)
-        found = refit(judged, chosen, starts, rows.weights)
-        if tilted := with_tilts_shown(judged, found):
-            found = refit(replace(judged, baseline=tilted), chosen, starts, rows.weights)
-        fitted = found
-        used, covariance = judged.poses, found.covariance
-        whitener, off_m = found.weights.whiteners(), np.zeros(0)
+    if judged_by_blocks(campaign.trusted):
+        fit = _fit_by_blocks(campaign, effects)
     else:
-        logged = campaign.torques == "logged"
-        problem = prepare(readings, campaign.baseline, setup, torques_logged=logged)
-        chosen, whiten = _effects(effects, problem.context), whitener_of(problem.cell_cov)
-        at, rate = campaign.baseline, setup.options.error_rate
-        chosen = _with_cycles(chosen, effects, at, problem.cells, whiten, rate)
-        problem, fit = fit_given(problem, chosen)
-        fitted, used = fit, problem.cells
-        covariance, off_m = covariance_of(problem, fit), targets_off_m(problem, fit)
-        whitener = whitener_of(problem.cell_cov)
-    calibrated = replace(fitted.fitted(covariance), targets_off_m=off_m)
-    if zero := tuple(_may_be_zero(fitted, covariance)):
-        gone = {(effect.id, effect.of) for effect, _ in zero}
-        rest = [each for each in effects if (each.id, each.of) not in gone]
-        others = calibrate_with(every, model, setup, rest, suspected, wanted_mm)
-        return replace(others, without=(*(why for _, why in zero), *others.without))
+        fit = _fit_by_repeats(campaign, effects)
+    if zero := tuple(_may_be_zero(fit.fitted, fit.covariance)):
+        names = {(effect.id, effect.of) for effect, _ in zero}
+        others = [each for each in effects if (each.id, each.of) not in names]
+        found = calibrate_with(every, model, setup, others, suspected, wanted_mm)
+        return replace(found, without=(*(why for _, why in zero), *found.without))
+    calibrated = replace(fit.fitted.fitted(fit.covariance), targets_off_m=fit.targets_off_m)
 
     def ready(poses: Observations) -> Observations:
         return complete_about(poses, campaign.baseline, calibrated, setup)
@@ -147,64 +137,123 @@ def calibrate_with(
     labels = zip(poses.pose.tolist(), poses.states.load_N.tolist(), strict=True)
     flagged = np.array([label in suspected for label in labels])
     flagged |= np.bincount(reading_groups(campaign.readings), campaign.gross) > 0.0
-    calibrated = replace(
-        calibrated, discrepancy=discrepancy_of(calibrated, poses.take(np.flatnonzero(~flagged)))
-    )
+    discrepancy = discrepancy_of(calibrated, poses.take(np.flatnonzero(~flagged)))
+    calibrated = replace(calibrated, discrepancy=discrepancy)
     held_out = None
     if campaign.held_out is not None:
-        away, wrong = ready(campaign.held_out), campaign.suspected
-        trusted = np.ones(len(away), dtype=bool)
+        held_out_poses, wrong = ready(campaign.held_out), campaign.suspected
+        trusted = np.ones(len(held_out_poses), dtype=bool)
         if wrong is not None and not wrong.all():
             trusted = ~wrong
-        held_out = uncertainty.HeldOut.of(
-            calibrated.deviations(away),
-            HeldOutPlaces.of(away, poses),
+        held_out = accuracy.HeldOut.of(
+            calibrated.deviations(held_out_poses),
+            HeldOutPlaces.of(held_out_poses, poses),
             trusted,
             poses.readings,
-            away.readings,
+            held_out_poses.readings,
         )
-    noise = np.asarray(np.linalg.inv(np.swapaxes(whitener, 1, 2) @ whitener), dtype=np.float64)
-    jacobian = residual_and_jacobian(fitted.at, used)[1]
-    every_parameter = (*fitted.model.parameters, *used.measured.target_parameters)
-    # Weights that nobody stated exactly are known to their uncertainty: poses need not show them.
-    kept = np.ones(len(every_parameter), dtype=bool)
-    kept[: len(fitted.model.parameters)] = ~fitted.model.having("weight")
-    parameters = tuple(each for each, stays in zip(every_parameter, kept, strict=True) if stays)
-    of_target: Role = "target"
-    roles = (*fitted.model.roles, *(of_target for _ in used.measured.target_parameters))
-    jacobian, x = jacobian[:, :, kept], fitted.x[: len(kept)][kept]
-    white = whitener @ jacobian
-    scale = np.array([parameter.scale for parameter in parameters])
-    rank = identify(white.reshape(-1, white.shape[2]), scale)
-    why = "the last step was small" if fitted.converged else "steps were not enough"
-    free = np.zeros(len(parameters), dtype=bool)
-    ended = FitSummary(
-        Solution(x, free, 0.0, 0, fitted.converged, why),
-        pose=used.pose,
-        parameters=parameters,
-        roles=tuple(role for role, stays in zip(roles, kept, strict=True) if stays),
-        departures=fitted.model.departures,
-        covariance=covariance[np.ix_(kept, kept)],
-        identifiability=rank,
-        white=white,
-        position_gram=uncertainty.gram(uncertainty.of_one_target(used.measured, jacobian)),
-        not_identifiable=not_identifiable(rank, parameters),
-    )
+    measured = fit.poses.measured
+    noise = np.asarray(np.linalg.inv(np.swapaxes(fit.whitener, 1, 2) @ fit.whitener), np.float64)
+    summary = _summary(fit)
     evidence = GradeEvidence(
-        ended=ended,
-        train_rms_mm=uncertainty.summarise(deviations, ~flagged).rms_mm,
+        ended=summary,
+        train_rms_mm=accuracy.summarise(deviations, ~flagged).rms_mm,
         held_out=held_out,
         suspected_outliers=int(flagged.sum()),
-        noise_mm=uncertainty.position_noise_mm(used.measured, noise),
+        noise_mm=accuracy.position_noise_mm(measured, noise),
         noise_is_found=True,
-        spread_mm=used.measured.spread_mm,
+        spread_mm=measured.spread_mm,
         wanted_mm=wanted_mm,
     )
-    return CalibratedWith(calibrated, poses, deviations, flagged, ended, health(evidence))
+    return CalibratedWith(calibrated, poses, deviations, flagged, summary, health(evidence))
+
+
+class _Fit(NamedTuple):
+    """The calibrated model with effects, fitted as a scorer fits it."""
+
+    fitted: ModelWithEffects
+    poses: Observations  # those fitted, P of them
+    covariance: Array  # (k, k) of all unknowns
+    whitener: Array  # (P, b, b) of their components
+    targets_off_m: Array  # (a,) deviations of stated coordinates of targets
+
+
+def _fit_by_blocks(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
+    """Fit effects to a campaign whose poses are read once."""
+    survey = Survey.of(campaign)
+    rows = weighted_rows(survey, computable_shapes(survey)[0], MAPS.spacings[-1][0])
+    effects = _with_orders(
+        _effects(wanted, survey.context),
+        wanted,
+        campaign.baseline,
+        survey.poses,
+        rows.weights.whiteners(),
+        campaign.setup.options.error_rate,
+    )
+    starts = tuple(effect.starts[0] for effect in effects)
+    found = refit(survey, effects, starts, rows.weights)
+    if tilted := with_tilts_shown(survey, found):
+        found = refit(replace(survey, baseline=tilted), effects, starts, rows.weights)
+    return _Fit(found, survey.poses, found.covariance, found.weights.whiteners(), np.zeros(0))
+
+
+def _fit_by_repeats(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]) -> _Fit:
+    """Fit effects to a campaign whose poses are repeated."""
+    baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
+    problem = prepare(campaign.trusted, baseline, setup, torques_logged=logged)
+    effects = _with_orders(
+        _effects(wanted, problem.context),
+        wanted,
+        baseline,
+        problem.cells,
+        whitener_of(problem.cell_cov),
+        setup.options.error_rate,
+    )
+    problem, fit = fit_given(problem, effects)
+    return _Fit(
+        fitted=fit,
+        poses=problem.cells,
+        covariance=covariance_of(problem, fit),
+        whitener=whitener_of(problem.cell_cov),
+        targets_off_m=targets_off_m(problem, fit),
+    )
+
+
+def _summary(fit: _Fit) -> FitSummary:
+    """Return how a fit ended, without uncertain weights of the arm.
+
+    Those are known to their uncertainty: the poses need not determine them.
+    """
+    model, measured = fit.fitted.model, fit.poses.measured
+    every = (*model.parameters, *measured.target_parameters)
+    of_target: Role = "target"
+    roles = (*model.roles, *(of_target for _ in measured.target_parameters))
+    kept = np.ones(len(every), dtype=bool)
+    kept[: len(model.parameters)] = ~model.having("weight")
+    parameters = tuple(each for each, stays in zip(every, kept, strict=True) if stays)
+    jacobian = residual_and_jacobian(fit.fitted.at, fit.poses)[1][:, :, kept]
+    white = fit.whitener @ jacobian
+    scale = np.array([parameter.scale for parameter in parameters])
+    rank = identify(white.reshape(-1, white.shape[2]), scale)
+    converged, x = fit.fitted.converged, fit.fitted.x[: len(kept)][kept]
+    why = "the last step was small" if converged else "steps were not enough"
+    at_bound = np.zeros(len(parameters), dtype=bool)
+    return FitSummary(
+        Solution(x, at_bound, 0.0, 0, converged, why),
+        pose=fit.poses.pose,
+        parameters=parameters,
+        roles=tuple(role for role, stays in zip(roles, kept, strict=True) if stays),
+        departures=model.departures,
+        covariance=fit.covariance[np.ix_(kept, kept)],
+        identifiability=rank,
+        white=white,
+        position_gram=accuracy.gram(accuracy.of_one_target(measured, jacobian)),
+        not_identifiable=not_identifiable(rank, parameters),
+    )
 
 
 def _may_be_zero(found: ModelWithEffects, covariance: Array) -> Iterator[tuple[Effect, str]]:
-    """Yield the names whose amounts may as well be zero, and how it is said."""
+    """Yield the named effects whose amounts may as well be zero, and the warning for each."""
     for effect in filter(is_named, found.effects):
         for why in holds_zero(effect, found.fitted(covariance)):
             values = sized(effect_parameters(effect, *found.reported(effect, covariance)))
@@ -267,8 +316,8 @@ def _bent(effects: Sequence[EffectOfPlace | Effect], arm: Arm) -> list[int]:
 def _effects(
     wanted: Sequence[EffectOfPlace | Effect], context: CandidateContext
 ) -> tuple[Effect, ...]:
-    """Return the effects that are wanted, in the form that the campaign gives them."""
-    # Whoever names scales of three axes may know that a machine with three axes measured.
+    """Return the wanted effects in the form that suits the campaign."""
+    # Scales of three axes may be asked for even if the instrument is not known to have them.
     context = replace(context, three_axes=None)
     known = {
         (effect.id, effect.of): effect for effect in everywhere_but(every_effect(), context, ())
@@ -291,22 +340,22 @@ def _effects(
     return tuple(found)
 
 
-def _with_cycles(
-    chosen: tuple[Effect, ...],
-    asked: Sequence[EffectOfPlace | Effect],
+def _with_orders(
+    effects: tuple[Effect, ...],
+    wanted: Sequence[EffectOfPlace | Effect],
     at: FittedModel,
     poses: Observations,
     whiten: Array,
     error_rate: float,
 ) -> tuple[Effect, ...]:
-    """Return effects with the cycles of lines of gears that were asked for by their place alone.
+    """Return effects in which gear lines that are wanted by their place alone have their order.
 
     Raises:
-        CalibrationError: where what the model leaves has no line at that joint.
+        CalibrationError: where the residual of the model has no line at that joint.
     """
-    places = {each.of for each in chosen if each.id == GearLine.id and each not in asked}
+    places = {effect.of for effect in effects if effect.id == GearLine.id and effect not in wanted}
     if not places:
-        return chosen
+        return effects
     lines = gear_lines(at, poses, residual(at, poses), whiten, error_rate)
     found = {line.of: line for line in lines}
     for place in sorted(places - set(found)):
@@ -318,26 +367,22 @@ def _with_cycles(
             remedy="omit the effect, or measure poses at other angles of this joint",
         )
     return tuple(
-        found[each.of] if each.id == GearLine.id and each.of in places else each for each in chosen
+        found[effect.of] if effect.id == GearLine.id and effect.of in places else effect
+        for effect in effects
     )
 
 
-# The record of a calibration with effects: that without them, its fit replaced.
-
-R = TypeVar("R", bound=CalibrationRecord)
-
-
 def with_effects(record: R, found: CalibratedWith, campaign: CampaignIdentity) -> R:
-    """Return the record of a calibration whose last fit is that with effects."""
+    """Return the record of a calibration, with its last fit replaced by that with effects."""
     about = FittedTo.of(found.poses, record.load, found.health, campaign)
     model = replace(found.model, fitted_to=about)
     load_N = found.poses.states.load_N
     ended, errors = found.ended, dict(record.errors)
-    less = uncertainty.summarise_trusted(found.found, found.found, load_N, found.flagged)
-    for load, after in uncertainty.summarise_by_load(found.found, load_N).items():
+    of_trusted = accuracy.summarise_trusted(found.found, found.found, load_N, found.flagged)
+    for load, after in accuracy.summarise_by_load(found.found, load_N).items():
         if load in errors:
             before = errors[load].trusted or errors[load]
-            trusted = less.get(load)
+            trusted = of_trusted.get(load)
             if trusted is not None:
                 trusted = BeforeAfter(before=before.before, after=trusted.after)
             update = {"after": after, "trusted": trusted}
@@ -378,13 +423,13 @@ _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 
 def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
     """Return every parameter with value, standard uncertainty and unit, effects by their place."""
-    model, openly = found.model, found.ended.not_identifiable
+    model, not_found = found.model, found.ended.not_identifiable
     assert model.covariance is not None
     parameters: dict[str, CalibratedParameter] = {}
     for term in model.model.terms:
         columns = model.model.columns_of(term)
         report = term.report(model.x[columns])
-        is_open = np.array([parameter.name in openly for parameter in term.parameters], dtype=bool)
+        is_open = np.array([each.name in not_found for each in term.parameters], dtype=bool)
         held = names_of(report.parameters, (report.jacobian[:, is_open] != 0.0).any(axis=1))
         covariance = model.covariance[columns, columns]
         of_term = uncertainty.calibrated_parameters(
@@ -396,17 +441,11 @@ def _parameters(found: CalibratedWith) -> dict[str, CalibratedParameter]:
     return parameters | base_parameters(model.T_instr_base, model.covariance[-6:, -6:], R)
 
 
-# The calibrated model with the effects that were found missing.
-
-
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """The model with the effects that were missing."""
+    """The calibrated model with the effects that a verdict found missing."""
 
     model: FittedModel
-    # joint angles that its maps have learnt from; None where it has learnt nothing that stops
-    # there
-    seen: AngleCoverage | None = None
-    # times at which the verdict has it that instrument or base moved suddenly [s], the most certain
-    # first
+    seen: AngleCoverage | None = None  # joint angles that its maps were fitted to; None without any
+    # times of sudden motions of instrument or base by the verdict [s], the most certain first
     steps_s: tuple[float, ...] = ()

@@ -1,9 +1,9 @@
-"""What effects predict together, none of them named: their sizes by how likely they make the rows.
+"""What effects of the vocabulary predict together where none of them can be named.
 
-Beside a model that stays as it is, departures of its geometry and effects of the vocabulary are
-fitted all at once, each in a size of its own: x ~ N(0, size² Q), the size being the one that makes
-the rows most likely (MacKay, Bayesian Interpolation, Neural Computation 4, 1992). What is not there
-goes to nothing. One effect after the other may find none, where effects mask each other.
+The model stays as it is. Departures of its geometry and effects are fitted to its residual all at
+once, each with a prior x ~ N(0, size² Q) whose size maximises the marginal likelihood (MacKay,
+Bayesian Interpolation, Neural Computation 4, 1992). The size of an effect that is not there goes to
+zero. Selecting one effect after the other may find none, where effects mask each other.
 """
 
 from __future__ import annotations
@@ -40,8 +40,9 @@ def nameless_effects(
 ) -> tuple[Effect, ...]:
     """Return the effects that may stand for what has no name: they move the arm with the pose.
 
-    All that have names and that the model does not hold, by states of complete poses. Those that
-    yield to torques are left to springs; nothing that a log, an instrument or time alone shows.
+    They are the named effects that the model does not hold and that the states of complete poses
+    determine. Effects that yield to torques are left to springs; effects of the log, of the
+    instrument or of time alone are none of the arm.
     """
     kinds = [
         kind
@@ -60,21 +61,21 @@ def nameless_effects(
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What stands beside a model, which stays as it is."""
+    """Terms added to a model whose own parameters stay as they are."""
 
-    model: Fitted  # with it
-    terms: tuple[Term, ...]  # the last ones of that model
-    rows: RowsAboutFit  # about it
+    model: Fitted  # the model with the terms
+    terms: tuple[Term, ...]  # the added ones, last in that model
+    rows: RowsAboutFit  # about that model
     scatter: float  # standard deviation of a row
 
     @classmethod
     def none(cls, model: Fitted, poses: Observations) -> Beside:
-        """Return that nothing stands beside a model."""
+        """Return that no term is added to a model."""
         return cls(model, (), RowsAboutFit.of(model, poses), 1.0)
 
     @property
     def amounts(self) -> Gaussian:
-        """Return what all rows say of its amounts, each in its size."""
+        """Return the normal equations of the amounts, each in units of its size."""
         columns = self.rows.columns[:, :, self.rows.of_field]
         return Gaussian.of(columns / self.scatter, self.rows.data / self.scatter)
 
@@ -82,18 +83,18 @@ class Beside:
 def beside(
     model: Fitted, terms: Sequence[Term], poses: Observations, scatter: float, weight: Array
 ) -> Beside:
-    """Return terms beside a model in the amounts that are most likely, linear about it."""
+    """Return terms added to a model in their most likely amounts, linear about it."""
     at = with_terms(model, terms)
     none = Beside(at, tuple(terms), RowsAboutFit.of(at, poses, weight), scatter)
     x, of_field = at.x.copy(), at.model.having("field")
-    # What is left is predicted less seen.
+    # The residual is predicted less measured.
     x[of_field] = -none.amounts.mean * none.rows.sizes[none.rows.of_field]
     at = replace(at, x=x)
     return replace(none, model=at, rows=RowsAboutFit.of(at, poses, weight))
 
 
 def with_terms(model: F, terms: Sequence[Term]) -> F:
-    """Return a model with terms beside it in no amount, on a chain that may bend as they do."""
+    """Return a model with terms added in amounts of zero, on a chain that bends as they do."""
     count, bent = sum(len(term.parameters) for term in terms), model.bending_as(terms)
     return replace(
         bent,
@@ -105,9 +106,9 @@ def with_terms(model: F, terms: Sequence[Term]) -> F:
 
 
 def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -> Beside | None:
-    """Return departures and effects beside a model, in their most likely sizes and amounts.
+    """Return departures and effects added to a model, in their most likely sizes and amounts.
 
-    None where every effect goes to nothing.
+    None where the size of every effect goes to zero.
     """
     chain, geometry = model.model.chain, _departures(model)
     whole = _nameless(chain, geometry, effects, [1.0] * len(effects))
@@ -115,21 +116,22 @@ def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -
     every = Gaussian.of(rows.columns[:, :, rows.of_field], rows.data)
     own = sum(len(term.parameters) for term in geometry)
     ends = own + np.cumsum([0, *(len(effect.parameters) for effect in effects)])
-    groups, count = [np.arange(*each) for each in pairwise(ends)], int(np.count_nonzero(rows.data))
+    groups = [np.arange(*pair) for pair in pairwise(ends)]
+    count = int(np.count_nonzero(rows.data))
     sizes, scatter = _most_likely(every, count, own, groups)
     kept = [k for k, size in enumerate(sizes) if size > FIELD.sizes[0]]
     if not kept:
         return None
     terms = [_nameless(chain, geometry, [effects[k] for k in kept], [sizes[k] for k in kept])]
     found = beside(model, terms, poses, scatter, rows.weight)
-    # Poses count anew, by what is left of them now.
+    # Poses are weighed anew, by their residuals now.
     again = RowsAboutFit.of(found.model, poses)
     scatter *= float(np.linalg.norm(again.left) / np.linalg.norm(found.rows.left))
     return beside(model, terms, poses, scatter, again.weight)
 
 
 def _departures(model: Fitted) -> tuple[Term, ...]:
-    """Return departures of links, base and tool beside those of a model; the base where it may."""
+    """Return departures of links, base (where it is free) and tool in addition to those there."""
     links = [term for term in model.model.terms if term.constant and term.of == "links"]
     base = base_frame()
     free = zip(base.parameters, held_of_base(model), strict=True)
@@ -139,6 +141,7 @@ def _departures(model: Fitted) -> tuple[Term, ...]:
 def _nameless(
     chain: Chain, geometry: Sequence[Term], effects: Sequence[Effect], sizes: Sequence[float]
 ) -> Nameless:
+    """Return departures and effects as one term; sizes are in units of plausible ones."""
     departures = possible_sizes(Model(chain, tuple(geometry)))
     of_effects = (
         size * np.sqrt(np.diag(effect.prior_factor @ effect.prior_factor.T))
@@ -153,35 +156,40 @@ def _most_likely(
 ) -> tuple[Array, float]:
     """Return the most likely size of each group of unknowns, and the scatter of a row.
 
-    By fixed-point steps: of expectation first, as those of MacKay run away from a bad start.
+    Fixed-point iteration: expectation maximisation first, since MacKay's faster steps diverge from
+    a bad start.
 
     Args:
-        count: rows that were seen.
-        own: unknowns before the groups, in their own sizes.
+        every: normal equations of rows of unit scatter.
+        count: number of components seen.
+        own: number of unknowns before the groups, whose sizes are known.
+        groups: unknowns of each group.
     """
     gram, projection, squares = every.gram, every.projection, every.squares
     none, first, most = (size**2 for size in FIELD.sizes)
     of_expectation, steps = FIELD.size_steps
-    variances, each = np.full(len(groups), first), np.ones(len(projection))
+    variances = np.full(len(groups), first)
+    prior_variances = np.ones(len(projection))
     scatter2, least = squares / count, none**2
     for step in range(steps):
         for at, variance in zip(groups, variances, strict=True):
-            each[at] = variance
-        found = every.in_sizes(np.sqrt(each / scatter2))
-        # The data are still those of rows that scatter by more than one.
-        x = np.sqrt(each) * found.taken_of(found.projection / np.sqrt(scatter2))
-        unknown = each * np.diag(found.covariance)
-        before, taken = variances.copy(), np.zeros(len(groups))
+            prior_variances[at] = variance
+        found = every.in_sizes(np.sqrt(prior_variances / scatter2))
+        # Projections are still those of rows that are not divided by their scatter.
+        x = np.sqrt(prior_variances) * found.taken_of(found.projection / np.sqrt(scatter2))
+        posterior_variances = prior_variances * np.diag(found.covariance)
+        before = variances.copy()
+        dof = np.zeros(len(groups))  # effective number of parameters of each group
         for k, at in enumerate(groups):
-            taken[k] = max(len(at) - unknown[at].sum() / variances[k], least)
+            dof[k] = max(len(at) - posterior_variances[at].sum() / variances[k], least)
             amount = float(x[at] @ x[at])
             if step < of_expectation:
-                variances[k] = (amount + unknown[at].sum()) / len(at)
+                variances[k] = (amount + posterior_variances[at].sum()) / len(at)
             else:
-                variances[k] = amount / taken[k]
+                variances[k] = amount / dof[k]
         variances = np.clip(variances, least, most)
-        left = squares - 2.0 * float(projection @ x) + float(x @ gram @ x)
-        scatter2 = left / max(count - own - float(taken.sum()), 1.0)
+        remaining = squares - 2.0 * float(projection @ x) + float(x @ gram @ x)
+        scatter2 = remaining / max(count - own - float(dof.sum()), 1.0)
         there = variances > none
         moved = np.abs(np.log(variances / before))[there].max(initial=0.0)
         if step > of_expectation and moved < FIELD.settled:

@@ -1,19 +1,18 @@
-"""What to measure next: poses that tell rivals apart, or take joints to angles not seen.
+"""What to measure next: poses that separate rival effects, or take joints to angles not seen.
 
-An effect and its rival are far apart where one, in the size found, leaves rows that the model's own
-parameters and the other together cannot follow; what these cost the other is the difference in log
-evidence to be expected. Either of the two may be the truth, so the lesser of both ways counts.
+The separation of an effect from its rival is the expected difference of their log evidence if the
+effect is true in the size found: the squares that the rival and the model's own parameters leave of
+it. Either of the two may be the truth, so the lesser of both separations counts.
 
-Poses are chosen by how much they are expected to say of which it is (expected information; Lindley,
-Annals of Mathematical Statistics 27, 1956): what is settled already asks for none.
+Poses are chosen by the information that they are expected to give about which of the two is true
+(Lindley, Annals of Mathematical Statistics 27, 1956): pairs that are settled need no poses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
@@ -23,29 +22,20 @@ from pa10cal.arm import room
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.evidence.problem import (
-    EvidenceFit,
-    EvidenceProblem,
-    NoiseModel,
-    noise_models,
-)
-from pa10cal.discovery.evidence.search import linearise
+from pa10cal.discovery.evidence.candidates import linearise
+from pa10cal.discovery.evidence.fit import EvidenceFit
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Finding, Untestable
-from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
-from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.other_numbers import NEXT_POSES
-from pa10cal.discovery.preparation import complete, targets_m
+from pa10cal.discovery.predicted_rows import predicted
+from pa10cal.discovery.preparation import targets_m
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import Plan, label_of
-from pa10cal.discovery.wander import TimeFindings
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import with_torques
 from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, greedy_order
-from pa10cal.observe.instrument import Instrument
-from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import end_travel, move_shares
+from pa10cal.observe.arrivals import end_travel, move_shares
 from pa10cal.results.discovery import Separation as ExpectedSeparation
 from pa10cal.results.discovery import SuggestedPose
 from pa10cal.rules import ANGLES
@@ -62,7 +52,7 @@ _GRID_NATS = np.append(0.0, np.geomspace(*NEXT_POSES.grid_nats))
 
 @dataclass(frozen=True)
 class PairProbability:
-    """How probable an effect found and its rival are, and what more log evidence would say."""
+    """Probabilities of an effect found and of its rival, and the information in log evidence."""
 
     effect: float
     rival: float
@@ -74,31 +64,31 @@ class PairProbability:
 
     @property
     def probability(self) -> float:
-        """Return that of the effect found, between the two."""
+        """Return the probability of the effect found, given that it is one of the two."""
         return self.effect / self.both if self.both else 0.5
 
     @property
     def open_bits(self) -> float:
-        """Return what is open between the two."""
+        """Return the entropy of which of the two it is, times the probability of both."""
         return self.both * float(_entropy_bits(np.array(self.probability)))
 
     def information_bits(self, nats: Array) -> Array:
-        """Return what more log evidence (...) is expected to say of which of the two it is."""
+        """Return the information about which of the two it is, expected of log evidence (...)."""
         return np.interp(nats, _GRID_NATS, self._on_grid)
 
     def expected_probability(self, nats: float) -> float:
-        """Return the probability that whichever is the likelier then is expected to have."""
+        """Return the probability expected, after so much evidence, of the likelier of the two."""
         return float(self._expected(np.array([nats]))[1][0])
 
     @cached_property
     def _on_grid(self) -> Array:
-        left_bits, _ = self._expected(_GRID_NATS)
-        # Quadrature may be out by its last digits, information does not fall.
-        said = np.maximum.accumulate(left_bits[0] - left_bits)
-        return np.asarray(self.both * said)
+        entropy_bits, _ = self._expected(_GRID_NATS)
+        # Information never falls; its quadrature may, in the last digits.
+        gained_bits = np.maximum.accumulate(entropy_bits[0] - entropy_bits)
+        return np.asarray(self.both * gained_bits)
 
     def _expected(self, nats: Array) -> tuple[Array, Array]:
-        """Return the entropy (N,) expected after so much, and the larger probability of the two.
+        """Return the entropy (N,) expected after log evidence (N,), and the larger probability.
 
         The log odds of the truth grow by d on average, with a variance of 2 d (Good, Weighing
         evidence, 1950).
@@ -107,13 +97,13 @@ class PairProbability:
         grown = nats[:, None] + np.sqrt(2.0 * nats)[:, None] * _NODES
         truths = ((p, expit(logit(p) + grown)), (1.0 - p, expit(grown - logit(p))))
         weights = _WEIGHTS / _WEIGHTS.sum()
-        left_bits = sum(prior * (_entropy_bits(after) @ weights) for prior, after in truths)
+        entropy_bits = sum(prior * (_entropy_bits(after) @ weights) for prior, after in truths)
         likelier = sum(prior * (np.maximum(q, 1.0 - q) @ weights) for prior, q in truths)
-        return np.asarray(left_bits), np.asarray(likelier)
+        return np.asarray(entropy_bits), np.asarray(likelier)
 
 
 def _entropy_bits(p: Array) -> Array:
-    """Return the entropy of what has a probability p (...) or else is not."""
+    """Return the entropy of an event of probability p (...)."""
     return np.asarray((entr(p) + entr(1.0 - p)) / np.log(2.0))
 
 
@@ -122,9 +112,9 @@ Rivals = Mapping[Pair, PairProbability | None]
 
 
 def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) -> Array:
-    """Draw joint positions (N, n) where arm and tool may go, near the measured poses.
+    """Draw joint positions (N, n) that keep clear of obstacles, near the measured poses.
 
-    Whether links, rods and instrument collide otherwise is not looked at.
+    Collisions of links with rods or the instrument are not checked.
 
     Raises:
         DiscoveryError: when none is found.
@@ -156,30 +146,27 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     return found.q
 
 
-# Poses that tell rivals apart.
-
-
 def unresolved(
     effects: Sequence[Finding], not_testable: Sequence[Untestable] = ()
 ) -> dict[Pair, PairProbability | None]:
-    """Return what other poses might settle: effects found against their alternatives, first.
+    """Return the pairs that other poses might settle, those of largest open entropy first.
 
-    Of these the most open first. An effect that is not testable has no rival but the model's own
-    parameters, and no probability.
+    Effects found are paired with their alternatives. After them come effects that are not testable,
+    whose rival are the model's own parameters alone, without a probability.
     """
-    rivals = {
-        (found.effect, other): PairProbability(
-            found.explanations.of(found.effect), found.explanations.of(other)
+    found = {
+        (finding.effect, other): PairProbability(
+            finding.explanations.of(finding.effect), finding.explanations.of(other)
         )
-        for found in effects
-        for other in found.alternatives
+        for finding in effects
+        for other in finding.alternatives
     }
-    by_openness = sorted(rivals, key=lambda pair: -rivals[pair].open_bits)
-    asked: dict[Pair, PairProbability | None] = {pair: rivals[pair] for pair in by_openness}
+    by_openness = sorted(found, key=lambda pair: -found[pair].open_bits)
+    pairs: dict[Pair, PairProbability | None] = {pair: found[pair] for pair in by_openness}
     for hidden in not_testable:
         if hidden.by_these_poses and not hidden.effect.generic:
-            asked[hidden.effect, None] = None
-    return dict(list(asked.items())[: NEXT_POSES.most_pairs])
+            pairs[hidden.effect, None] = None
+    return dict(list(pairs.items())[: NEXT_POSES.most_pairs])
 
 
 def separating_poses(
@@ -190,73 +177,67 @@ def separating_poses(
     random_seed: int = 0,
     alike: float = 1.0,
 ) -> Plan:
-    """Choose the poses that are expected to say most of which effect of each pair it is.
+    """Choose the poses that are expected to give most information about which effect is true.
 
-    Out of a pool drawn at random, in the order in which each pose says most. Pairs that no such
-    choice would split are omitted. The fit is the model with what was found; of each pair the first
-    is an effect of it, or one that is not testable. Log evidence is divided by a number where poses
-    err alike.
+    They are chosen from a random pool, in the order of the information that each adds. Pairs that
+    no choice would separate do not count.
+
+    Args:
+        problem: the campaign.
+        found: the fit of the model with what was found.
+        asked: pairs of effects; the first of each is an effect of the fit, or not testable.
+        count: number of poses.
+        random_seed: of the pool.
+        alike: factor by which log evidence is divided where poses share errors.
 
     Raises:
         DiscoveryError: when nothing can be predicted, or an effect needs what is not known.
     """
     if not asked:
         return Plan((), ())
-    rivals = list(asked)
+    labels = [label_of(*pair) for pair in asked]
     hidden = PairProbability(0.5 * NEXT_POSES.hidden, 0.5 * NEXT_POSES.hidden)
-    odds = [each or hidden for each in asked.values()]
+    odds = [known or hidden for known in asked.values()]
     pool = _pool(problem, random_seed)
-    pairs = _separations(problem, found, rivals, predicted(problem, found, pool))
+    pairs = _separations(problem, found, list(asked), predicted(problem, found, pool))
     every, count = Combined(pairs), min(count, len(pool))
-    before = every.values
+    before = every.values  # of each pair, by the measured poses
 
     def information_bits(nats: Array) -> Array:
-        """Return what is expected to be learnt of each pair, by its log evidence (pairs, ...)."""
-        added = [
-            np.maximum(now - then, 0.0) / alike for now, then in zip(nats, before, strict=True)
-        ]
-        said = [each.information_bits(more) for each, more in zip(odds, added, strict=True)]
-        # What is as good as settled still is the better the further it comes apart.
-        return np.asarray(np.array(said) + NEXT_POSES.further_bits * np.log1p(added))
+        """Return the information expected of each pair by its log evidence, (pairs, ...)."""
+        added = np.array(
+            [np.maximum(now - then, 0.0) / alike for now, then in zip(nats, before, strict=True)]
+        )
+        bits = [pair.information_bits(more) for pair, more in zip(odds, added, strict=True)]
+        # A pair that is nearly settled is still better the further it is separated.
+        return np.asarray(np.array(bits) + NEXT_POSES.further_bits * np.log1p(added))
 
     for pair in pairs:
         greedy_order(pair, count)
     possible = every.values
     sought = np.flatnonzero(possible - before >= NEXT_POSES.apart_nats).tolist()
-    order = np.zeros(0, dtype=np.intp)
+    order: list[int] = []
     if sought:
-        said = Combined(pairs, lambda nats: np.asarray(information_bits(nats)[sought].sum(axis=0)))
-        chosen = exchange(
-            said, greedy_order(said, count), most_sweeps=NEXT_POSES.most_sweeps
-        ).chosen
-        order = greedy_order(said, count, among=chosen)
+        total = Combined(pairs, lambda nats: np.asarray(information_bits(nats)[sought].sum(axis=0)))
+        start = greedy_order(total, count)
+        chosen = exchange(total, start, most_sweeps=NEXT_POSES.most_sweeps).chosen
+        order = greedy_order(total, count, among=chosen).tolist()
     every.restart()
     steps = [every.values]
-    for pose in order.tolist():
+    for pose in order:
         every.add(pose)
         steps.append(every.values)
-    nats = np.array(steps)  # of each pair before any pose, and after each
+    nats = np.array(steps)  # (poses + 1, pairs) before any pose, and after each
     bits = information_bits(nats.T).T
-    even_share = (nats[-1] - nats[0]) / max(len(order), 1)
-    suggestions, coupling = [], problem.baseline.arm.coupling
-    for n, pose in enumerate(order.tolist()):
-        last, after, learnt = nats[n], nats[n + 1], bits[n + 1] - bits[n]
-        most = max(sought, key=lambda k: learnt[k])
-        helped = [k for k in sought if k == most or after[k] - last[k] >= even_share[k]]
-        axes_rad = coupling.to_axes(pool.q_rad[pose])
-        suggestions.append(
-            SuggestedPose(
-                q_deg=np.degrees(axes_rad),
-                q_rad=axes_rad,
-                load_N=float(pool.load_N[pose]),
-                arrive_from=-pool.arrival[pose][coupling.own],
-                separation_nats=float(after[sought].min()),
-                for_=tuple(label_of(*rivals[k]) for k in helped),
-            )
-        )
+    poses = []
+    for n, pose in enumerate(order):
+        helped = _separated_by(n, nats, bits, sought)
+        purposes = tuple(labels[k] for k in helped)
+        after_nats = float(nats[n + 1][sought].min())
+        poses.append(_suggested(problem, pool, pose, after_nats, purposes))
     separations = (
         ExpectedSeparation(
-            pair=label_of(*pair),
+            pair=labels[k],
             before_nats=float(before[k]),
             after_nats=float(nats[-1, k]),
             possible_nats=float(max(possible[k], nats[-1, k])),
@@ -266,16 +247,44 @@ def separating_poses(
             if known is None
             else known.expected_probability(float(nats[-1, k] - before[k]) / alike),
         )
-        for k, (pair, known) in enumerate(asked.items())
+        for k, known in enumerate(asked.values())
     )
-    return Plan(tuple(suggestions), tuple(separations))
+    return Plan(tuple(poses), tuple(separations))
+
+
+def _separated_by(n: int, nats: Array, bits: Array, sought: Sequence[int]) -> list[int]:
+    """Return the pairs that the n-th pose serves.
+
+    It is the pair that it informs most, and those to whose log evidence it adds no less than the
+    mean pose. Log evidence and information (poses + 1, pairs) are before any pose and after each.
+    """
+    even_share = (nats[-1] - nats[0]) / (len(nats) - 1)
+    learnt, added = bits[n + 1] - bits[n], nats[n + 1] - nats[n]
+    most = max(sought, key=lambda k: learnt[k])
+    return [k for k in sought if k == most or added[k] >= even_share[k]]
+
+
+def _suggested(
+    problem: EvidenceProblem, pool: PoseStates, pose: int, nats: float, purposes: tuple[str, ...]
+) -> SuggestedPose:
+    """Return a pose of the pool as it is written, with the least separation after it."""
+    coupling = problem.baseline.arm.coupling
+    axes_rad = coupling.to_axes(pool.q_rad[pose])
+    return SuggestedPose(
+        q_deg=np.degrees(axes_rad),
+        q_rad=axes_rad,
+        load_N=float(pool.load_N[pose]),
+        arrive_from=-pool.arrival[pose][coupling.own],
+        separation_nats=nats,
+        for_=purposes,
+    )
 
 
 def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
     """Draw poses that could be measured, with the least load or the largest, from either side.
 
-    A spring that is soft near zero torque shows without load, all else that yields shows with it.
-    All are read at the end of the campaign.
+    A spring that is soft near zero torque shows without load, other compliances with the largest.
+    All poses are read at the end of the campaign.
     """
     q_rad = draw_near(problem, NEXT_POSES.pool, random_seed)
     rng, measured = np.random.default_rng(random_seed), problem.readings.states
@@ -294,15 +303,12 @@ def _pool(problem: EvidenceProblem, random_seed: int) -> PoseStates:
     )
 
 
-# How far rivals are apart, by rows of what was measured and of what could be.
-
-
 def _separations(
     problem: EvidenceProblem, found: EvidenceFit, rivals: Sequence[Pair], ahead: EvidenceProblem
 ) -> list[Combined]:
     """Return, for every pair, the lesser separation of either effect from the other.
 
-    Rows are those of C measured poses, then of N candidates, b components each, of unit variance.
+    Rows are of C measured poses, then of N candidates, with b components of unit variance each.
 
     Raises:
         DiscoveryError: when an effect needs what is not known of the poses ahead.
@@ -310,35 +316,33 @@ def _separations(
     members = (effect for pair in rivals for effect in pair if effect is not None)
     effects = tuple(dict.fromkeys([*found.effects, *members]))
     factors, now = _by_parameters(problem, found, effects)
-    # (C + N, b, k) of the model's own parameters and of the errors common to all poses, at the size
-    # expected of them, and of each effect
-    own, *others = map(
-        np.concatenate, zip(now, _by_parameters(ahead, found, effects)[1], strict=True)
-    )
-    by_effect = dict(zip(effects, others, strict=True))
-    granted = {effect: EVIDENCE.sizes[size] for effect, size in found.size_of.items()}
-    sized = {  # at the size that is granted to it
-        # any size is granted to an effect that is not in the fit
-        effect: by_effect[effect] @ factor * granted.get(effect, EVIDENCE.sizes[-1])
+    _, then = _by_parameters(ahead, found, effects)
+    # (C + N, b, k) of the model's own parameters and of the errors common to all poses, scaled to
+    # their expected sizes, and of each effect
+    own, *of_effects = map(np.concatenate, zip(now, then, strict=True))
+    by_effect = dict(zip(effects, of_effects, strict=True))
+    size_of = {effect: EVIDENCE.sizes[size] for effect, size in found.size_of.items()}
+    sized = {  # scaled to the size of each; the largest for an effect that is not in the fit
+        effect: by_effect[effect] @ factor * size_of.get(effect, EVIDENCE.sizes[-1])
         for effect, factor in zip(effects, factors, strict=True)
     }
-    as_found = {  # (C + N, b, 1) of each effect of the fit, in its own amount
+    as_found = {  # (C + N, b, 1) of each effect of the fit, in the amount found
         effect: by_effect[effect][..., : effect.linear] @ found.of(effect)[: effect.linear, None]
         for effect in found.effects
     }
     measured, components = len(now[0]), len(np.unique(problem.cells.pose)) * own.shape[1]
 
     def adjustable(truth: Effect, rival: Effect | None) -> Array:
-        """Return rows of all that may be adjusted, the rival last."""
+        """Return columns of all that may be adjusted if an effect is true, the rival last."""
         free = [effect for effect in found.effects if effect not in (truth, rival)]
         free += [] if rival is None else [rival]
         return np.concatenate([own, *(sized[effect] for effect in free)], axis=2)
 
     def if_true(truth: Effect, rival: Effect | None) -> Array:
-        """Return the rows (C + N, b, m) of an effect taken for the truth.
+        """Return the signal (C + N, b, m) of an effect if it is true.
 
-        In the amount found; else in that with which it passes for its rival that was found; else in
-        what is plausible of each parameter, on average over its shapes.
+        It has the amount found; or else the amount with which it best imitates its rival that was
+        found; or else plausible amounts of each parameter, on average over its shapes.
         """
         if truth in as_found:
             return as_found[truth]
@@ -348,31 +352,35 @@ def _separations(
         k = columns.shape[2]
         rows = np.concatenate([columns.reshape(-1, k), np.eye(k)])
         target = np.append(as_found[rival][:measured], np.zeros(k))
-        passes = np.linalg.lstsq(rows, target, rcond=None)[0][-sized[truth].shape[2] :]
-        return np.asarray(sized[truth] @ passes[:, None])
+        imitating = np.linalg.lstsq(rows, target, rcond=None)[0][-sized[truth].shape[2] :]
+        return np.asarray(sized[truth] @ imitating[:, None])
 
     def separation(truth: Effect, rival: Effect | None) -> SeparationCriterion:
+        """Return the squares of a true effect that all that may be adjusted leaves."""
         effect = if_true(truth, rival)
         rows = np.concatenate([adjustable(truth, rival), effect], axis=2)
         k = rows.shape[2]
         known = np.concatenate([rows[:measured].reshape(-1, k), np.eye(k)])
         return SeparationCriterion(rows[measured:], known, effect.shape[2], components)
 
-    return [
-        Combined([separation(effect, rival), *([separation(rival, effect)] if rival else [])])
-        for effect, rival in rivals
-    ]
+    combined = []
+    for effect, rival in rivals:
+        both_ways = [separation(effect, rival)]
+        if rival is not None:
+            both_ways.append(separation(rival, effect))
+        combined.append(Combined(both_ways))
+    return combined
 
 
 def _by_parameters(
     problem: EvidenceProblem, found: EvidenceFit, effects: tuple[Effect, ...]
 ) -> tuple[list[Array], list[Array]]:
-    """Return what is expected of effects, and rows of a problem's poses.
+    """Return the columns of effects at a problem's poses, and the factors of their priors.
 
     Returns:
-        The factors (k', k') of each effect, and rows (C, b, k) of all that is common to the rivals,
-        at its size, then of a unit of the parameters of each effect. Errors common to all poses
-        have columns of their own: future poses share them.
+        The factor (k', k') of each effect's prior; and columns (C, b, k), first of all that is
+        common to the rivals, scaled to its size, then of the parameters of each effect. Errors
+        common to all poses have columns of their own, which future poses share.
 
     Raises:
         DiscoveryError: when an effect needs what is not known of the poses.
@@ -380,17 +388,18 @@ def _by_parameters(
     lin, pose = linearise(problem, found, effects), problem.pose
 
     def scaled(channel: NoiseModel, variance: float, rows: Array) -> Array:
-        scaled = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
-        return scaled.reshape(len(channel.whitener), -1, rows.shape[1])
+        """Return rows divided by their noise with the error that all readings of a pose share."""
+        divided = rows / np.sqrt(1.0 + variance * channel.shared_size)[:, None]
+        return divided.reshape(len(channel.whitener), -1, rows.shape[1])
 
     rows = [np.hstack([lin.own, pose.common]), *(block.pose for block in lin.blocks)]
     rows = [scaled(pose, found.pose_variance, part) for part in rows]
     if problem.torque is not None and any(shows_torque(effect) for effect in effects):
         torque = problem.torque
-        # Nothing but effects is seen in poses and torques both.
-        first, last = rows[0].shape[2], torque.common.shape[1]
-        rows[0] = np.pad(rows[0], [(0, 0), (0, 0), (0, last)])
-        of_torques = [np.pad(torque.common, [(0, 0), (first, 0)])]
+        # Effects alone show in poses and torques both: all other columns are zero in one of them.
+        of_poses, of_torque = rows[0].shape[2], torque.common.shape[1]
+        rows[0] = np.pad(rows[0], [(0, 0), (0, 0), (0, of_torque)])
+        of_torques = [np.pad(torque.common, [(0, 0), (of_poses, 0)])]
         of_torques += [block.torque for block in lin.blocks]
         rows = [
             np.concatenate([part, scaled(torque, found.torque_variance, more)], axis=1)
@@ -407,142 +416,35 @@ def _by_parameters(
     return [block.factor for block in lin.blocks], rows
 
 
-def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) -> EvidenceProblem:
-    """Return the problem as it would be of other poses, read as often as the campaign's were.
-
-    A fit to the campaign predicts them; their states have torques nan.
-
-    Raises:
-        DiscoveryError: when torques were logged but the weights that make them are not known.
-    """
-    baseline, setup, readings = problem.baseline, problem.setup, problem.readings
-    if setup.payload is None and np.all(np.isfinite(readings.states.tau_Nm)):
-        raise DiscoveryError(
-            "torques cannot be predicted in configurations that were not measured",
-            where=baseline.model.chain.arm.name,
-            allowed="an arm and a tool whose masses are known",
-            remedy="complete the descriptions of arm and tool",
-        )
-    repeats = round(len(readings) / (1 + int(same_circumstances(readings).max())))
-    states, _ = with_torques(baseline.model, baseline.x, states, setup.payload)
-    label = np.array([f"next {k}" for k in range(len(states))])
-    poses = Observations.single(label, states, _as_seen(problem, baseline, states))
-    poses = replace(poses, readings=np.full(len(states), repeats))
-    states = complete(poses, baseline, setup).states
-    if problem.torques_logged and states.static_loads is not None:
-        tau_Nm = states.static_loads.joint_Nm + found.model.torque_Nm(states, found.at.x)
-        states = replace(states, tau_Nm=tau_Nm)
-    poses = replace(poses, states=states, measured=_as_seen(problem, found.at, states))
-    cov = _reading_cov(problem, poses) / repeats
-    torque_u_Nm = None if problem.torque is None else problem.noise.torque_Nm
-    load_N = problem.cells.states.load_N
-    pose, torque, _ = noise_models(
-        poses, cov, baseline, setup, torque_u_Nm, load_N, problem.in_time
-    )
-    ahead = replace(problem, readings=poses, cells=poses, cell_cov=cov, pose=pose, torque=torque)
-    return replace(ahead, torque_without_weights_Nm=np.zeros_like(states.tau_Nm))
-
-
-def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:
-    """Return what the instrument would see of a model.
-
-    What places of stated targets do to it is about the same along the end's own axes: the mean.
-    """
-    measured = problem.readings.measured
-    T_instr_ee = at.T_instr_base @ at.model.predict(states, at.x)
-    ideal = measured.ideal(T_instr_ee, at.targets_m)
-    if not measured.by_stated_targets.shape[2]:
-        return ideal
-    before = _axes_of_end(at, problem.readings).transpose(0, 2, 1)
-    own = np.mean(before @ measured.by_stated_targets, axis=0)
-    stated: dict[str, Any] = {"by_apparatus": ideal.axes_of_end(T_instr_ee) @ own}
-    return replace(ideal, **stated)
-
-
-def _reading_cov(problem: EvidenceProblem, poses: Observations) -> Array:
-    """Return the covariance of one reading of poses, (P, b, b), from its sources."""
-    readings, noise, at = problem.readings, problem.noise, problem.baseline
-    measured = readings.measured
-    of_joints, ahead_of_joints = (
-        (by_joint * noise.joint_rad**2) @ by_joint.transpose(0, 2, 1)
-        for by_joint in (by_every_joint(at, readings), by_every_joint(at, poses))
-    )
-    stated = noise.instrument**2 * measured.stated_covariance
-    # Noise of neither joints nor instrument is equal in all poses and directions.
-    rest = np.mean(np.diagonal(noise.cov - of_joints - stated, axis1=1, axis2=2), axis=0)
-    for _, columns in measured.component_kinds:
-        rest[columns] = np.maximum(rest[columns].mean(), 0.0)
-    before, turn = _axes_of_end(at, readings), _axes_of_end(at, poses)
-    own = np.mean(before.transpose(0, 2, 1) @ stated @ before, axis=0)
-    total: Array = ahead_of_joints + turn @ own @ turn.transpose(0, 2, 1) + np.diag(rest)
-    return total
-
-
-def _axes_of_end(at: FittedModel, poses: Observations) -> Array:
-    """Return the end's axes in the components of poses, (P, b, b), where a model has the end."""
-    T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
-    return poses.measured.axes_of_end(T_instr_ee)
-
-
-def without_repeats(
-    survey: Survey, found: ModelWithEffects, noise: Noise
-) -> tuple[EvidenceProblem, EvidenceFit]:
-    """Return a campaign of many different poses as one with repeats is weighed, and a fit to it.
-
-    What scatters beyond the noise of readings is the error that every pose may have. Of very many
-    poses some stand for all.
-    """
-    count = len(survey.poses)
-    rows = np.linspace(0, count - 1, min(count, NEXT_POSES.most_measured)).round().astype(np.intp)
-    survey = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
-    poses = survey.poses
-    joint_rad = noise.joint_rad if len(noise.joint_rad) else np.zeros(poses.states.n)
-    noise = replace(noise, cov=noise.cov[rows], joint_rad=joint_rad)
-    white = whitener_of(noise.cov) @ survey.net_residual(found.at)[:, :, None]
-    scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
-    in_time = TimeFindings(survey.wander, has_drift=False)
-    cov = noise.cov * len(rows) / count
-    setup, load_N = survey.setup, poses.states.load_N
-    pose, _, _ = noise_models(poses, cov, survey.baseline, setup, None, load_N, in_time)
-    base, context, logged = survey.baseline, survey.context, survey.torques_logged
-    none_Nm = np.zeros_like(poses.states.tau_Nm)
-    problem = EvidenceProblem(
-        base, setup, poses, poses, cov, noise, pose, None, none_Nm, context, logged, in_time
-    )
-    sizes, variance = ((EVIDENCE.sizes.index(1.0),) * len(found.effects), max(scatter - 1.0, 0.0))
-    return problem, EvidenceFit(found.effects, found.at, found.converged, sizes, variance, 0.0)
-
-
 def poses_at_unseen_angles(
     measured: EvidenceProblem | Survey, seen: AngleCoverage, count: int, random_seed: int = 0
 ) -> tuple[SuggestedPose, ...]:
-    """Choose poses that take joints to angles not seen, the most of them first.
+    """Choose poses that take joints to angles not seen, the one with most such joints first.
 
-    Out of a pool drawn at random, within limits and near the measured places. An angle once chosen
-    counts as seen, so that each pose after the first goes elsewhere. None where all angles within
-    reach were seen, or no pose is admissible.
+    They are chosen from a random pool, within limits and near the measured places. An angle once
+    chosen counts as seen. None where all angles within reach were seen, or no pose is admissible.
     """
-    whole = (  # its turn was seen; prismatic joints do not count
+    all_around = (  # prismatic joints do not count
         not turns or (len(stretches) == 1 and np.ptp(stretches[0]) >= 2.0 * np.pi)
         for turns, stretches in zip(seen.turns, seen.intervals, strict=True)
     )
-    if not count or all(whole):
+    if not count or all(all_around):
         return ()
     try:
         q_rad = draw_near(measured, NEXT_POSES.drawn, random_seed)
     except DiscoveryError:
         return ()
-    new = ~seen.each(q_rad) & np.array(seen.turns)
-    place = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * ANGLES.within_rad)).astype(np.intp)
+    unseen = ~seen.each(q_rad) & np.array(seen.turns)
+    cell = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * ANGLES.within_rad)).astype(np.intp)
     load_N = float(measured.cells.states.load_N.min())
     coupling = measured.baseline.arm.coupling
     chosen: list[SuggestedPose] = []
-    while len(chosen) < count and new.any():
-        best = int(np.argmax(new.sum(axis=1)))
-        joints = np.flatnonzero(new[best])
+    while len(chosen) < count and unseen.any():
+        best = int(np.argmax(unseen.sum(axis=1)))
+        joints = np.flatnonzero(unseen[best])
         purposes = tuple(f"angle of joint {joint + 1} not seen" for joint in joints)
         axes_rad = coupling.to_axes(q_rad[best])
         q_deg = np.degrees(axes_rad)
         chosen.append(SuggestedPose(q_deg=q_deg, q_rad=axes_rad, load_N=load_N, for_=purposes))
-        new[:, joints] &= place[:, joints] != place[best, joints]
+        unseen[:, joints] &= cell[:, joints] != cell[best, joints]
     return tuple(chosen)

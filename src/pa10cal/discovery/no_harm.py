@@ -1,9 +1,9 @@
-"""No harm to poses held out: the last check of a verdict, which chooses no effect.
+"""No harm to held-out poses: the last check of a verdict, which selects no effect.
 
-Where held-out poses are predicted worse than before, be it for the weights of a fit without
-effects, the extended model is the calibrated one: beyond the joint positions that the fit has
-visited, or, where that does not do, everywhere. A name that predicts them worse by far more than
-its own uncertainty allows is contradicted.
+Where held-out poses are predicted worse than before, even by a new fit without effects, the
+extended model is replaced by the calibrated one: beyond the joint positions of the fit or, if that
+is not enough, everywhere. A name with which they are predicted worse by far more than its
+uncertainty explains is contradicted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from pa10cal.arrays import Mask
-from pa10cal.calibration.uncertainty import summarise
+from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, trusted
 from pa10cal.discovery.linear import position_noise, residual_and_jacobian
@@ -29,7 +29,7 @@ from pa10cal.discovery.verdict import (
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
 from pa10cal.observe.observations import average_repeats
-from pa10cal.observe.order import HeldOutPlaces
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results.evaluation import BeforeAfter
 from pa10cal.terms.effects.effect import JointEffect
 
@@ -38,7 +38,7 @@ B = TypeVar("B", bound=Basis)
 
 
 def harmed(held_out: PairedErrors | None, other: PairedErrors | None = None) -> bool:
-    """Return whether held-out poses are predicted worse than before, or than others end with."""
+    """Return whether held-out poses are predicted worse than before, or than after another fit."""
     if held_out is None:
         return False
     if other is not None:
@@ -49,19 +49,22 @@ def harmed(held_out: PairedErrors | None, other: PairedErrors | None = None) -> 
 def harmless(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict whose extended model predicts held-out poses no worse than before.
 
-    Of a path those at unseen stretches neither.
+    Nor those at stretches of a path that the fit has not seen.
     """
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_harmful(_without_contradicted(found, visited))
     found = _harmless_to_every_campaign(found)
-    away = limits(found)
-    return found if away is None else replace(only_within(found, away.within), falls_back=away)
+    falls_back = limits(found)
+    if falls_back is None:
+        return found
+    return replace(only_within(found, falls_back.within), falls_back=falls_back)
 
 
 def limits(found: Verdict) -> FallBack | None:
-    """Return what keeps a verdict's model from predicting held-out poses worse; None for nothing.
+    """Return where a verdict's model must fall back on the calibrated one; None for nowhere.
 
-    Of a path those at unseen stretches, and of a group those of each campaign.
+    No held-out poses are to be predicted worse: neither all, nor those at unseen stretches of a
+    path, nor those of the most harmed campaign of a group.
     """
     held_out = found.trusted_holdout
     if held_out is None:
@@ -75,17 +78,17 @@ def limits(found: Verdict) -> FallBack | None:
     if (most := _most_harmed(found)) is not None:
         judged.append(held_out.campaigns[most[0]])
 
-    def anywhere(gap: PairedErrors) -> BeforeAfter | None:
+    def first_harm(gap: PairedErrors) -> BeforeAfter | None:
         return next((harm for rows in judged if (harm := _harm(gap, rows)) is not None), None)
 
-    there, all_over = _harm(held_out, outside), anywhere(held_out)
-    harm, within = all_over or there, nothing_seen(len(visited.turns))
+    harm_outside = _harm(held_out, outside)
+    harm = first_harm(held_out) or harm_outside
     if harm is None:
         return None
-    where, then = "", "everywhere"
-    beyond = found.falls_back is None and outside.any()
-    if beyond and anywhere(fallen_back(held_out, outside)) is None:
-        harm, within = there or harm, visited
+    within, where, then = nothing_seen(len(visited.turns)), "", "everywhere"
+    may_be_outside = found.falls_back is None and outside.any()
+    if may_be_outside and first_harm(fallen_back(held_out, outside)) is None:
+        harm, within = harm_outside or harm, visited
         where, then = " beyond the joint positions of the fit", "there"
     what = "with the effects" if found.findings else "by the model fitted anew"
     why = (
@@ -98,42 +101,53 @@ def limits(found: Verdict) -> FallBack | None:
 def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[S]:
     """Return the verdict without names that held-out poses contradict.
 
-    Motion of the base that was found is no fault of a name: it is taken out of the readings here.
+    Motion of the base that was found is no fault of a name: it is subtracted here.
     """
-    while (held_out := found.trusted_holdout) is not None:
-        held_out = beside_motion(held_out)
-        q_rad = held_out.poses.states.q_rad
-        every: Mask = np.ones(len(q_rad), dtype=bool)
-        for rows in (~visited.inside(q_rad), every):
-            harm = _harm(held_out, rows)
-            if harm is None or not _is_over(NAMES.much_worse_ratio, harm):
-                continue
-            if _beyond_uncertainty(found, held_out, rows):
-                break
-        else:
-            break
-        # Names of joints that left what was visited; all names where none did.
-        left = np.any(~visited.each(q_rad)[rows], axis=0)
+    while (contradiction := _contradiction(found, visited)) is not None:
+        rows, harm = contradiction
         names = [name for name in found.effects if is_named(name.effect)]
+        if not names:
+            break
+        # Names of joints that left the visited positions there; all names where there are none.
+        assert found.trusted_holdout is not None
+        q_rad = found.trusted_holdout.poses.states.q_rad[rows]
+        left = np.any(~visited.each(q_rad), axis=0)
         of_joints = [
             name
             for name in names
             if isinstance(name.effect, JointEffect) and left[name.effect.joint - 1]
         ]
-        if not names:
-            break
         rms_mm = f"{harm.before.rms_mm:.4f} mm rms before and {harm.after.rms_mm:.4f} mm with it"
         why = f"held-out poses contradict it, {rms_mm}"
         found = without_names(found, dict.fromkeys(of_joints or names, why))
     return found
 
 
-def _without_harmful(found: Verdict[S]) -> Verdict[S]:
-    """Return the verdict without names of several that held-out poses do surely better without.
+def _contradiction(found: Verdict, visited: AngleCoverage) -> tuple[Mask, BeforeAfter] | None:
+    """Return held-out poses (P,) that contradict names, and their errors; None for no such poses.
 
-    Such may be there, where what it hangs on is not known: a base tilts under unstated weights.
+    They are those beyond the visited joint positions, or else all.
     """
-    while len(names := [one for one in found.effects if is_named(one.effect)]) > 1:
+    if (held_out := found.trusted_holdout) is None:
+        return None
+    held_out = beside_motion(held_out)
+    outside = ~visited.inside(held_out.poses.states.q_rad)
+    for rows in (outside, np.ones_like(outside)):
+        harm = _harm(held_out, rows)
+        if harm is None or not _is_over(NAMES.much_worse_ratio, harm):
+            continue
+        if _beyond_uncertainty(found, held_out, rows):
+            return rows, harm
+    return None
+
+
+def _without_harmful(found: Verdict[S]) -> Verdict[S]:
+    """Return the verdict without those of several names that significantly harm held-out poses.
+
+    Such an effect may be there, if what it depends on is not known: a base that tilts under weights
+    that nobody stated.
+    """
+    while len(names := [name for name in found.effects if is_named(name.effect)]) > 1:
         worse: dict[Finding, BeforeAfter] = {}
         for name in names:
             without = found.errors_by_name.without[name.effect]
@@ -141,21 +155,23 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
             if (gap := trusted(gap, found.prepared.suspected)) is None:
                 return found
             harm, _, surely = _worse(gap, np.ones(len(gap.poses), dtype=bool))
-            worse |= {name: harm} if surely and harm is not None else {}
+            if surely and harm is not None:
+                worse[name] = harm
         if not worse:
             break
-        name, harm = max(worse.items(), key=lambda one: one[1].after.rms_mm / one[1].before.rms_mm)
+        name = max(worse, key=lambda name: _ratio(worse[name]))
+        harm = worse[name]
         rms_mm = f"{harm.before.rms_mm:.4f} mm rms for {harm.after.rms_mm:.4f} mm"
         found = without_names(found, {name: f"held-out poses do better without it, {rms_mm}"})
     return found
 
 
 def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
-    """Return the verdict of a group by which none of its campaigns is predicted worse.
+    """Return the verdict on a group in which none of its campaigns is predicted worse.
 
-    The extended model is the calibrated one beyond the joint positions of the other campaigns, or,
-    where that does not do, effects go: those without which that campaign is not predicted worse
-    and the others best, or else that campaign best.
+    Beyond the joint positions of the other campaigns the extended model falls back on the
+    calibrated one. If that is not enough an effect goes: the one without which the campaign is not
+    harmed and all held-out poses are best, or else that campaign is best.
     """
     while found.effects and (most := _most_harmed(found)) is not None:
         campaign, harm = most
@@ -172,9 +188,8 @@ def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
                 "joint positions of the other campaigns"
             )
             return replace(apart, falls_back=FallBack(within, found.baseline, why))
-        tried = [without_names(found, {one: f"with it {worse}"}) for one in found.effects]
-        left = [(_is_harmed(one, campaign), _left_mm(one, campaign)) for one in tried]
-        found = tried[left.index(min(left))]
+        tried = [without_names(found, {name: f"with it {worse}"}) for name in found.effects]
+        found = min(tried, key=lambda one: (_is_harmed(one, campaign), _error_mm(one, campaign)))
     return found
 
 
@@ -185,8 +200,8 @@ def only_within(found: Verdict[B], within: AngleCoverage) -> Verdict[B]:
     )
 
 
-def _left_mm(found: Verdict, campaign: str) -> float:
-    """Return what is left of held-out poses, of those of a campaign where they are harmed."""
+def _error_mm(found: Verdict, campaign: str) -> float:
+    """Return the error of held-out poses, or of those of a campaign if they are harmed."""
     gap = found.trusted_holdout
     assert gap is not None
     rows = gap.campaigns[campaign] if _is_harmed(found, campaign) else slice(None)
@@ -202,14 +217,18 @@ def _most_harmed(found: Verdict) -> tuple[str, BeforeAfter] | None:
         return None
     every = ((name, gap.accuracies(rows)) for name, rows in gap.campaigns.items())
     worse = [(name, harm) for name, harm in every if harm and _is_harmed(found, name)]
-    return max(worse, key=lambda one: one[1].after.rms_mm / one[1].before.rms_mm, default=None)
+    return max(worse, key=lambda pair: _ratio(pair[1]), default=None)
+
+
+def _ratio(harm: BeforeAfter) -> float:
+    return harm.after.rms_mm / harm.before.rms_mm
 
 
 def _is_harmed(found: Verdict, campaign: str) -> bool:
     """Return whether held-out poses of a campaign are predicted worse by more than chance.
 
-    Where they are too few to be sure, the poses of that campaign that were fitted tell whether it
-    is chance: an effect for which the arm comes nearer to other campaigns leaves more of these.
+    Where they are too few to be significant, the fitted poses of that campaign decide: an effect
+    that only suits the other campaigns makes them worse, too.
     """
 
     def worse(gap: PairedErrors | None) -> tuple[bool, bool]:
@@ -222,7 +241,7 @@ def _is_harmed(found: Verdict, campaign: str) -> bool:
 
 
 def _worse(gap: PairedErrors, rows: Mask) -> tuple[BeforeAfter | None, bool, bool]:
-    """Return errors of configurations (P,), whether they are worse, and by more than chance."""
+    """Return errors of configurations (P,), whether they are worse, and whether significantly."""
     harm, paired = gap.accuracies(rows), gap.reduction_of(rows)
     over = harm is not None and _is_over(NAMES.worse_ratio, harm)
     return harm, over, over and paired.poses > 1 and paired.interval95_mm[1] < 0.0
@@ -231,7 +250,7 @@ def _worse(gap: PairedErrors, rows: Mask) -> tuple[BeforeAfter | None, bool, boo
 def _harm(gap: PairedErrors, rows: Mask) -> BeforeAfter | None:
     """Return the errors of configurations (P,) that are predicted worse; None where they are not.
 
-    They are by more than chance, or by more than two parts in a hundred.
+    They count as worse if significantly so, or if larger by the factor `NAMES.worse_ratio`.
     """
     harm = gap.accuracies(rows)
     if harm is None:
@@ -251,8 +270,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
 def _beyond_uncertainty(found: Verdict, gap: PairedErrors, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
-    Where single poses scatter by more than noise, as joints do that stop where friction lets them,
-    by that scatter: it is there in the poses of the fit as well.
+    The scatter of single poses, where it is known, takes the place of noise.
     """
     poses = gap.poses.take(rows)
     jacobian = residual_and_jacobian(found.extended.at, poses)[1]

@@ -19,9 +19,10 @@ from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import TorqueSource, statics_of, with_torques
-from pa10cal.fit.weighed_arm import with_uncertain_weights
+from pa10cal.fit.uncertain_weights import with_uncertain_weights
+from pa10cal.observe.arrivals import reversed_joints, with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
-from pa10cal.observe.order import reversed_joints, slow_joints, with_arrivals
+from pa10cal.observe.order import slow_joints
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates

@@ -454,7 +454,7 @@ class Wobbles:
 
 @dataclass(frozen=True)
 class Ripple:
-    """The motor's ripple in logged torques, which tells sensors from gears."""
+    """The motor's ripple in residuals of joints, which tells sensors from gears."""
 
     false_rate: float = 0.01  # probability allowed of one false line in a whole search (level)
     most_orders: int = 40  # multiples of the gear ratio at which lines are sought (trials)

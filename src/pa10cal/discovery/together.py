@@ -1,10 +1,11 @@
-"""Which effects are there, sought together: sets of them, by how likely they make the rows.
+"""Sets of effects under weights that nobody stated, compared by their log evidence.
 
 Springs, bearings, links and the base give way under the same weights. Where nobody stated these,
-one stands in for another, and what joined first is hard to leave again. So sets are compared as
-wholes: each by the evidence of its amounts and of the weights, which act through every member
-alike, about the model with nothing in it that gives way. A member costs the log of how many may be
-there over the error rate. Poses err alike: their evidence counts as that of blocks does.
+one effect stands in for another, and forward selection keeps what joined first. So sets are
+compared as wholes, by the log evidence of the amounts of their members and of the weights, which
+act through every member. Rows are linear about the model with nothing in it that gives way. A
+member costs the log of the number of candidates over the error rate. Log evidence is divided by
+`PROBABILITIES.blocks`, as in blocks of poses: poses share errors.
 """
 
 from __future__ import annotations
@@ -23,8 +24,7 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, drawn
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
-from pa10cal.discovery.evidence.search import threshold
-from pa10cal.discovery.finding import Rival
+from pa10cal.discovery.finding import Rival, threshold
 from pa10cal.discovery.linear import by_own_terms, by_targets, by_terms
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.preparation import MeasurementSetup, computable
@@ -32,7 +32,7 @@ from pa10cal.discovery.rules import PROBABILITIES, TOGETHER
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of, weighed
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.fit.weighed_arm import weight_sizes
+from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import (
@@ -51,21 +51,21 @@ from pa10cal.terms.weights import holds_weights
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """What may be there: a spring, or an effect at one of its shapes."""
+    """A candidate: a spring, or an effect at one of its shapes."""
 
     term: Term
     effect: Effect  # as it is named: that of a spring is a compliance
-    start: Array  # parameters about which it is linear: no amount
-    sizes: Array  # (k, q) its linear parameters for amounts in their plausible sizes
+    start: Array  # parameters of amount zero, about which it is linear
+    sizes: Array  # (k, q) linear parameters by amounts in units of their plausible sizes
 
     @property
     def name(self) -> tuple[str, str]:
-        """Return what only one of may be there."""
+        """Return id and place; a set has one member of a name at most."""
         return self.effect.id, self.effect.of
 
     @property
     def gives_way(self) -> bool:
-        """Whether it follows the weights."""
+        """Return whether it moves the arm in proportion to the weights."""
         return self.effect.bends or self.effect.yields
 
 
@@ -73,26 +73,26 @@ class Member:
 class Scored:
     """A set, and how likely it is."""
 
-    at: tuple[int, ...]  # which members, rising
-    nats: float  # log evidence, less what its members cost
-    amounts: dict[int, Array] = field(repr=False)  # of each member, in sizes
-    weights: Array = field(repr=False)  # (w,) how far weights are off, in what may be
-    possible: bool = True  # whether no amount is below zero that must not be
+    at: tuple[int, ...]  # indices of its members, rising
+    nats: float  # log evidence, less the cost of its members
+    amounts: dict[int, Array] = field(repr=False)  # of each member, in units of its sizes
+    weights: Array = field(repr=False)  # (w,) deviations of weights, in standard deviations
+    possible: bool = True  # whether no amount is negative that physically cannot be
 
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """Members that may be there, and what rows say of them; all else is integrated out."""
+    """Candidate members and the rows that judge sets of them; all else is integrated out."""
 
     members: tuple[Member, ...]
-    # (r, k + 1) columns of all members, alone and under each weight, and last the data: as many
-    # rows as say the same
+    # (r, k + 1) columns of all members, alone and under each weight, and last the data: the fewest
+    # rows of the same normal equations
     rows: Array
-    # (1 + w, q) columns of each: as weights are described, then what each weight adds; (1, q) of
-    # one that weights do not act through
+    # (1 + w, q) indices of the columns of each member: under weights as described, then by each
+    # weight; (1, q) of one that weights do not act through
     columns: tuple[NDArray[np.intp], ...]
-    weights: Array  # (w, 4 n + 3) these, as columns of `StaticLoads.by_weights`
-    member_nats: float  # what a member costs
+    weights: Array  # (w, 4 n + 3) combinations of weights, as in `StaticLoads.by_weights`
+    member_nats: float  # cost of a member
 
     @classmethod
     def of(
@@ -104,15 +104,15 @@ class Together:
         setup: MeasurementSetup,
         beside: Array | None = None,
     ) -> Together:
-        """Return what poses say of sets, about a model that was fitted to them.
+        """Return the rows of poses about a model that was fitted to them.
 
         Args:
             at: the model, with what was found in it.
-            poses: the complete poses of the fit, P of them.
-            whiten: (P, b, b) by which their components are white.
+            poses: the P complete poses of the fit.
+            whiten: (P, b, b) that makes their components white.
             context: where effects may sit.
             setup: what the arm carries, and the error rate.
-            beside: (P, b, k + 1) columns of what is in no model, and what it comes to; None for
+            beside: (P, b, k + 1) columns of what is in no model, and last its values; None for
                 nothing.
         """
         if len(poses) > TOGETHER.most_poses:
@@ -126,53 +126,31 @@ class Together:
         members = tuple(_members(context, at, poses))
         bare = _without_any(at)
         loads = UnderWeights(at.arm, payload, poses)
-
-        def columns(posed: Observations, some: Sequence[Member]) -> list[Array]:
-            terms, starts = [each.term for each in some], [each.start for each in some]
-            each = by_terms(bare, posed, terms, starts, whiten)
-            return [
-                found[:, :, : len(one.sizes)] @ one.sizes
-                for found, one in zip(each, some, strict=True)
-            ]
-
-        described = columns(loads.described, members)
-        way = [k for k, each in enumerate(members) if each.gives_way]
-        of_way = [members[k] for k in way]
-        every_added = [
-            [more - described[k] for k, more in zip(way, columns(each, of_way), strict=True)]
-            for _, each in loads.heavier()
-        ]
-        mixes = _combinations(every_added)
-        added = [
-            [np.tensordot(mix, np.stack(parts), (0, 0)) for parts in zip(*every_added, strict=True)]
-            for mix in mixes
-        ]
+        of_members, mixes = _columns_under(loads, bare, whiten, members)
         own = np.concatenate(
             [_own_columns(bare, poses, whiten, members), whiten @ beside[:, :, :-1]], axis=2
         )
-        every, places, first = [own], [], own.shape[2]
-        for k, each in enumerate(described):
-            parts = [each, *(more[way.index(k)] for more in added if k in way)]
-            size = each.shape[2]
-            place = first + np.arange(len(parts) * size).reshape(-1, size)
-            places.append(place - own.shape[2])
+        every, columns, first = [own], [], 0
+        for parts in of_members:
+            size = parts[0].shape[2]
+            columns.append(first + np.arange(len(parts) * size).reshape(-1, size))
             every += parts
             first += len(parts) * size
-        left = bare.compared(poses).residual + beside[:, :, -1]
-        data = -(whiten @ left[:, :, None])[:, :, 0]
+        residual = bare.compared(poses).residual + beside[:, :, -1]
+        data = -(whiten @ residual[:, :, None])[:, :, 0]
         tempered = np.sqrt(PROBABILITIES.blocks)
-        said = Gaussian.of(np.concatenate(every, axis=2) / tempered, data / tempered)
-        said = said.without(np.arange(own.shape[2]))
-        names = {each.name for each in members}
+        equations = Gaussian.of(np.concatenate(every, axis=2) / tempered, data / tempered)
+        equations = equations.without(np.arange(own.shape[2]))
+        names = {member.name for member in members}
         cost = threshold(len(names), setup.options.error_rate)
         sizes = loads.sizes
         weights = np.zeros((len(mixes), len(sizes)))
         weights[:, sizes > 0.0] = mixes * sizes[sizes > 0.0]
-        return cls(members, _as_rows(said), tuple(places), weights, cost)
+        return cls(members, _as_rows(equations), tuple(columns), weights, cost)
 
     def holding(self, terms: Iterable[Term]) -> tuple[int, ...]:
-        """Return which members stand for terms that a model has."""
-        there = {(each.id, each.of) for each in terms}
+        """Return the indices of the members that stand for terms of a model, one of each name."""
+        there = {(term.id, term.of) for term in terms}
         chosen: dict[tuple[str, str], int] = {}
         for k, member in enumerate(self.members):
             if (member.term.id, member.term.of) in there:
@@ -180,73 +158,77 @@ class Together:
         return tuple(sorted(chosen.values()))
 
     def giving_way(self, at: Iterable[int]) -> tuple[int, ...]:
-        """Return those of a set that follow the weights."""
+        """Return those members of a set that follow the weights."""
         return tuple(k for k in at if self.members[k].gives_way)
 
     def likeliest(self, *starts: Sequence[int]) -> Scored:
-        """Return the most likely set that is found by single steps from some sets, or from none.
+        """Return the most likely set that single steps lead to, from any of several sets.
 
-        And from each of the members that alone make the rows likeliest: the first to join decides
-        which others have anything left to do.
+        These are the starts, the empty set, and each of the members that alone are likeliest: the
+        first to join decides which others have anything left to explain.
         """
-        none = self.scored(())
+        empty = self.scored(())
         alone: dict[tuple[str, str], Scored] = {}
-        every = (self.scored((k,), none) for k in range(len(self.members)))
-        for each in sorted(every, key=lambda each: -each.nats):
-            alone.setdefault(self.members[each.at[0]].name, each)
-        first = [each.at for each in list(alone.values())[: TOGETHER.begun_with]]
+        of_one = [self.scored((k,), empty) for k in range(len(self.members))]
+        for scored in sorted(of_one, key=lambda scored: -scored.nats):
+            alone.setdefault(self.members[scored.at[0]].name, scored)
+        likeliest = [scored.at for scored in list(alone.values())[: TOGETHER.begun_with]]
         ends: dict[tuple[int, ...], Scored] = {}
-        found = [self._climbed(self.scored(start), ends) for start in ((), *starts, *first)]
-        return max(found, key=lambda each: each.nats)
+        found = [self._climbed(self.scored(start), ends) for start in ((), *starts, *likeliest)]
+        return max(found, key=lambda scored: scored.nats)
 
     def scored(self, at: Iterable[int], known: Scored | None = None) -> Scored:
-        """Return a set with how likely it is; with a known one next to it, to first order."""
+        """Return a set with its log evidence; to first order about a known set that is near.
+
+        Rows are bilinear in amounts and weights: both are found by Gauss-Newton steps.
+        """
         chosen = tuple(sorted(at))
-        weights = np.zeros(len(self.weights)) if known is None else known.weights
         parts = [self.rows[:, self.columns[k]] for k in chosen]  # (r, 1 + w, q) each
-        sizes = [part.shape[2] for part in parts]
+        ends = np.cumsum([0, *(part.shape[2] for part in parts)])
+        places = [slice(*pair) for pair in pairwise(ends.tolist())]
         described = np.concatenate([np.zeros((len(self.rows), 0)), *(p[:, 0] for p in parts)], 1)
-        added = np.zeros((len(self.rows), len(self.weights), sum(sizes)))
-        amounts, first = np.zeros(sum(sizes)), 0
-        for k, part, size in zip(chosen, parts, sizes, strict=True):
+        added = np.zeros((len(self.rows), len(self.weights), ends[-1]))
+        amounts, weights = np.zeros(ends[-1]), np.zeros(len(self.weights))
+        for part, place in zip(parts, places, strict=True):
             if part.shape[1] > 1:
-                added[:, :, first : first + size] = part[:, 1:]
-            if known is not None and k in known.amounts:
-                amounts[first : first + size] = known.amounts[k]
-            first += size
-        steps = TOGETHER.steps if known is None else TOGETHER.steps_beside
-        for _ in range(steps):
+                added[:, :, place] = part[:, 1:]
+        if known is not None:
+            weights = known.weights
+            for k, place in zip(chosen, places, strict=True):
+                amounts[place] = known.amounts.get(k, 0.0)
+        for _ in range(TOGETHER.steps if known is None else TOGETHER.steps_beside):
             by_amounts = described + np.tensordot(weights, added, (0, 1))
             by_weights = added @ amounts
             columns = np.concatenate([by_amounts, by_weights], axis=1)
-            said = Gaussian.of(columns, self.rows[:, -1] + by_weights @ weights)
-            before, amounts, weights = amounts, *np.split(said.mean, [len(amounts)])
+            fit = Gaussian.of(columns, self.rows[:, -1] + by_weights @ weights)
+            before = amounts
+            amounts, weights = np.split(fit.mean, [len(amounts)])
             if np.abs(amounts - before).max(initial=0.0) < TOGETHER.settled:
                 break
-        ends = np.cumsum([0, *sizes]).tolist()
-        each = {k: amounts[slice(*e)] for k, e in zip(chosen, pairwise(ends), strict=True)}
+        of_members = {k: amounts[place] for k, place in zip(chosen, places, strict=True)}
         possible = True
         if known is None:
-            std = np.sqrt(np.diag(said.covariance))
+            std = np.sqrt(np.diag(fit.covariance))
             possible = all(
-                each[k].min() > -TOGETHER.below_zero * std[first] and each[k].max() > 0.0
-                for k, first in zip(chosen, ends, strict=False)
+                of_members[k].min() > -TOGETHER.below_zero * std[place.start]
+                and of_members[k].max() > 0.0
+                for k, place in zip(chosen, places, strict=True)
                 if self.members[k].effect.positive
             )
-        nats = said.log_evidence - self.member_nats * len(chosen)
-        return Scored(chosen, nats, each, weights, possible)
+        nats = fit.log_evidence - self.member_nats * len(chosen)
+        return Scored(chosen, nats, of_members, weights, possible)
 
     def springs(self, found: Scored) -> dict[Term, Array]:
         """Return the springs of a set, each with its parameters."""
-        each = {k: self.members[k] for k in found.at}
+        members = {k: self.members[k] for k in found.at}
         return {
-            one.term: np.maximum(one.sizes @ found.amounts[k], SPRINGS.rigid_rad)
-            for k, one in each.items()
-            if is_spring(one.term)
+            member.term: np.maximum(member.sizes @ found.amounts[k], SPRINGS.rigid_rad)
+            for k, member in members.items()
+            if is_spring(member.term)
         }
 
     def weights_of(self, found: Scored) -> Array:
-        """Return by how much each weight is more than described, (4 n + 3,), with a set."""
+        """Return the deviations (4 n + 3,) of the weights from their description, with a set."""
         return np.asarray(found.weights @ self.weights)
 
     def effects(self, found: Scored) -> tuple[Effect, ...]:
@@ -257,59 +239,64 @@ class Together:
     def missed(self, found: Scored) -> frozenset[tuple[str, str]]:
         """Return the names of the members without which a set is less likely."""
         without = {k: self.scored({*found.at} - {k}, found) for k in found.at}
-        return frozenset(
-            self.members[k].name for k, less in without.items() if less.nats < found.nats
-        )
+        return frozenset(self.members[k].name for k in found.at if without[k].nats < found.nats)
 
     def rivals(self, found: Scored) -> dict[tuple[str, str], tuple[Rival, ...]]:
-        """Return what else may stand for each member of a set, by name.
+        """Return the rivals of each member of a set, by name.
 
-        Scored against the set, or the set with the other beside it where that is likelier: what is
-        there on its own account stands for nothing else. One that makes the rows likelier than what
-        was found counts as equal.
+        A rival in a member's place is scored against the set, or against the set and the rival
+        where that is likelier: an effect that is there anyway is no rival. One that is likelier
+        than the member counts as equal.
         """
-        every: dict[int, dict[Effect, float]] = {k: {} for k in found.at}
+        rivals: dict[int, dict[Effect, float]] = {k: {} for k in found.at}
         for other in self._beside(found.at):
             effect = self.members[other].effect
             beside = self.scored({*found.at, other}, found)
             if beside.nats > found.nats:
                 beside = self.scored(beside.at)
-            least = max(found.nats, beside.nats)
-            for k, best in every.items():
+            compared = max(found.nats, beside.nats)
+            for k, nats_of in rivals.items():
                 instead = self.scored({*found.at, other} - {k}, beside)
-                if instead.nats > least - TOGETHER.near_nats:
+                if instead.nats > compared - TOGETHER.near_nats:
                     instead = self.scored(instead.at)
                 if instead.possible:
-                    nats = min(instead.nats - least, 0.0)
-                    best[effect] = max(nats, best.get(effect, -np.inf))
+                    nats = min(instead.nats - compared, 0.0)
+                    nats_of[effect] = max(nats, nats_of.get(effect, -np.inf))
         return {
-            self.members[k].name: tuple(Rival(e, np.array([nats])) for e, nats in best.items())
-            for k, best in every.items()
+            self.members[k].name: tuple(Rival(e, np.array([nats])) for e, nats in nats_of.items())
+            for k, nats_of in rivals.items()
         }
 
     def _climbed(self, found: Scored, ends: dict[tuple[int, ...], Scored]) -> Scored:
-        """Return the most likely set that single steps lead to: join, leave, be exchanged.
+        """Return the set at which single steps uphill end: a member joins, leaves, is exchanged.
 
-        Ends are where other sets have led to, and get those on the way here.
+        `ends` has the ends of the sets met on earlier climbs, and gets those met here.
         """
         if not found.possible:
             found = replace(found, nats=-np.inf)
-        way: list[tuple[int, ...]] = []
+        path: list[tuple[int, ...]] = []
         while found.at not in ends:
-            way.append(found.at)
-            ahead = [self.scored(each, found) for each in self._steps(found.at)]
-            ahead.sort(key=lambda each: -each.nats)
-            for each in ahead[: TOGETHER.looked_at]:
-                surely = self.scored(each.at)
-                if surely.possible and surely.nats > found.nats + TOGETHER.settled:
-                    found = surely
-                    break
-            else:
+            path.append(found.at)
+            likelier = self._likelier(found)
+            if likelier is None:
                 ends[found.at] = found
-        ends |= dict.fromkeys(way, ends[found.at])
+            else:
+                found = likelier
+        ends |= dict.fromkeys(path, ends[found.at])
         return ends[found.at]
 
+    def _likelier(self, found: Scored) -> Scored | None:
+        """Return the first likelier set among the most promising single steps; None for none."""
+        steps = [self.scored(at, found) for at in self._steps(found.at)]
+        steps.sort(key=lambda step: -step.nats)
+        for step in steps[: TOGETHER.looked_at]:
+            scored = self.scored(step.at)
+            if scored.possible and scored.nats > found.nats + TOGETHER.settled:
+                return scored
+        return None
+
     def _steps(self, at: tuple[int, ...]) -> Iterator[set[int]]:
+        """Yield the sets that differ by one member that leaves, joins, or is exchanged."""
         there = set(at)
         for k in at:
             yield there - {k}
@@ -322,37 +309,42 @@ class Together:
                     yield rest | {k}
 
     def _beside(self, at: Sequence[int]) -> Iterator[int]:
-        """Yield the members that may join some: of each name but one."""
+        """Yield the members that may join some, which have other names."""
         names = {self.members[k].name for k in at}
-        yield from (k for k, each in enumerate(self.members) if each.name not in names)
+        yield from (k for k, member in enumerate(self.members) if member.name not in names)
 
 
 def _members(context: CandidateContext, at: FittedModel, poses: Observations) -> Iterator[Member]:
-    """Yield what may be there: springs of loaded joints, and what moves the arm with the pose."""
+    """Yield the candidates: springs of loaded joints, and effects that follow the pose."""
     arm = at.arm
     torque_Nm = poses.states.tau_Nm
     springs = {term.joint: term for term in at.model.terms if is_spring(term)}
     for joint in loaded_joints(arm, torque_Nm, SPRINGS.least_torque_share):
         tau_ref_Nm = float(np.abs(torque_Nm[:, joint - 1]).max())
-        usual = JointSpring(joint, tau_ref_Nm, cubic=False, plausible_rad=SPRINGS.large_sag_rad)
-        spring = springs.get(joint, usual)
+        new = JointSpring(joint, tau_ref_Nm, cubic=False, plausible_rad=SPRINGS.large_sag_rad)
+        spring = springs.get(joint, new)
         size = TOGETHER.sizes * (spring.plausible_rad or SPRINGS.large_sag_rad)
         effect = JointCompliance(spring.of, spring.tau_ref_Nm)
         yield Member(spring, effect, np.zeros(len(spring.parameters)), np.array([[size]]))
-    every = (kind for kind in every_effect() if kind.yields and not kind.generic)
-    soft = [kind for kind in every if kind is not JointCompliance]
+    soft = [
+        kind
+        for kind in every_effect()
+        if kind.yields and not kind.generic and kind is not JointCompliance
+    ]
     known, _ = computable(
         everywhere_but(soft, context, ()), poses.states, logged=False, weights=True
     )
     others: tuple[Effect, ...] = nameless_effects(context, poses.states, (), logged=False)
-    for other in filter(lambda each: each.in_sets, (*others, *known)):
+    for other in (*others, *known):
+        if not other.in_sets:
+            continue
         sizes = other.prior_factor * (TOGETHER.sizes if other.bends or other.yields else 1.0)
         for start in other.starts:
             yield Member(other, other, start, sizes)
 
 
 def _without_any(at: FittedModel) -> FittedModel:
-    """Return a model with its springs, effects and weights at nothing, on a chain that may bend."""
+    """Return a model with springs, effects and weights at zero, on a chain whose links bend."""
     x, model = at.x.copy(), at.model
     for term in model.terms:
         columns = model.columns_of(term)
@@ -366,19 +358,19 @@ def _without_any(at: FittedModel) -> FittedModel:
 def _own_columns(
     bare: FittedModel, poses: Observations, whiten: Array, members: Sequence[Member]
 ) -> Array:
-    """Return whitened columns (P, b, k) of a model beside the members, each in its size."""
-    names = {each.name for each in members}
+    """Return whitened columns (P, b, k) of a model that no member has, scaled to their sizes."""
+    names = {member.name for member in members}
     terms = bare.model.terms
     others = [t for t in terms if is_effect(t) and (t.id, t.of) not in names]
     own = [t for t in terms if not (is_effect(t) or is_spring(t) or holds_weights(t))]
-    of_others = by_terms(bare, poses, others, [bare.values_of(each) for each in others], whiten)
+    of_others = by_terms(bare, poses, others, [bare.values_of(other) for other in others], whiten)
     targets = possible_sizes(bare.model, poses.measured)[len(bare.x) :]
     return np.concatenate(
         [
             *by_own_terms(bare, poses, own, whiten),
             *(
-                columns[:, :, : each.linear] @ each.prior_factor
-                for columns, each in zip(of_others, others, strict=True)
+                columns[:, :, : other.linear] @ other.prior_factor
+                for columns, other in zip(of_others, others, strict=True)
             ),
             whiten @ (by_targets(bare, poses) * targets),
         ],
@@ -388,7 +380,7 @@ def _own_columns(
 
 @dataclass(frozen=True, eq=False)
 class UnderWeights:
-    """Poses under the weights as described, and as each may be."""
+    """Poses under the weights of arm and payload as described, or with one of them changed."""
 
     arm: Arm
     payload: Payload
@@ -401,14 +393,14 @@ class UnderWeights:
 
     @cached_property
     def sizes(self) -> Array:
-        """Return by how much each weight may be off, (4 n + 3,)."""
+        """Return the standard deviation of each weight, (4 n + 3,)."""
         return weight_sizes(self.arm, self.payload).columns(self.arm)
 
-    def heavier(self) -> Iterator[tuple[int, Observations]]:
-        """Yield each weight that is uncertain, and the poses with it off by its size."""
-        for column in np.flatnonzero(self.sizes).tolist():
+    def heavier(self) -> Iterator[Observations]:
+        """Yield the poses with each uncertain weight, one at a time, off by its size."""
+        for column in np.flatnonzero(self.sizes):
             amounts = np.where(np.arange(len(self.sizes)) == column, self.sizes, 0.0)
-            yield column, self._under(*weighed(self.arm, self.payload, amounts))
+            yield self._under(*weighed(self.arm, self.payload, amounts))
 
     def _under(self, arm: Arm, payload: Payload) -> Observations:
         states = self.poses.states
@@ -418,19 +410,50 @@ class UnderWeights:
         )
 
 
+def _columns_under(
+    loads: UnderWeights, bare: FittedModel, whiten: Array, members: Sequence[Member]
+) -> tuple[list[list[Array]], Array]:
+    """Return whitened columns of members under weights as described, and by combinations of them.
+
+    Returns:
+        Of each member its columns (P, b, q) under the described weights, followed by what each
+        combination adds if weights act through it; and the combinations (w, k) of k weights.
+    """
+
+    def columns(posed: Observations, some: Sequence[Member]) -> list[Array]:
+        terms, starts = [member.term for member in some], [member.start for member in some]
+        by_terms_of = by_terms(bare, posed, terms, starts, whiten)
+        return [
+            by_term[:, :, : len(member.sizes)] @ member.sizes
+            for by_term, member in zip(by_terms_of, some, strict=True)
+        ]
+
+    parts = [[described] for described in columns(loads.described, members)]
+    giving_way = [k for k, member in enumerate(members) if member.gives_way]
+    added = []
+    for heavier in loads.heavier():
+        more = columns(heavier, [members[k] for k in giving_way])
+        added.append([part - parts[k][0] for k, part in zip(giving_way, more, strict=True)])
+    mixes = _combinations(added)
+    for mix in mixes:
+        for k, by_weights in zip(giving_way, zip(*added, strict=True), strict=True):
+            parts[k].append(np.tensordot(mix, np.stack(by_weights), (0, 0)))
+    return parts, mixes
+
+
 def _combinations(added: list[list[Array]]) -> Array:
-    """Return the few combinations (w, k) of k weights that rows could tell from none."""
+    """Return the combinations (w, k) of k weights that the rows can determine."""
     if not (added and added[0]):
         return np.zeros((0, len(added)))
-    flat = np.stack([np.concatenate([part.ravel() for part in each]) for each in added], axis=1)
+    flat = np.stack([np.concatenate([part.ravel() for part in parts]) for parts in added], axis=1)
     values, vectors = np.linalg.eigh(flat.T @ flat / PROBABILITIES.blocks)
     kept: Array = vectors[:, values > TOGETHER.least_squares].T
     return kept
 
 
-def _as_rows(said: Gaussian) -> Array:
-    """Return the fewest rows (r, k + 1) that say the same."""
-    values, vectors = np.linalg.eigh(said.products)
+def _as_rows(equations: Gaussian) -> Array:
+    """Return the fewest rows (r, k + 1) with the same normal equations."""
+    values, vectors = np.linalg.eigh(equations.products)
     kept = values > TOGETHER.rounding * values[-1]
     rows: Array = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     return rows

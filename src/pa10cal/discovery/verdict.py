@@ -35,8 +35,8 @@ from pa10cal.discovery.gap import (
     trusted,
 )
 from pa10cal.discovery.linear import ModelWithEffects, rms
-from pa10cal.discovery.noise import PoseDeviations
 from pa10cal.discovery.other_numbers import PLACES
+from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal

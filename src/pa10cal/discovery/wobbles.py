@@ -1,10 +1,10 @@
-"""Axes that wobble as their joints turn, where nothing that gives way can do the same.
+"""Axes that wobble as their joints turn, beside everything that may give way.
 
-A bearing that is softer about one axis than about another tilts, under weights that turn with the
-joint, nearly as a wobble does. So the tilts of every joint's axis are looked at beside all that may
-give way, integrated out in large sizes: bearings about any axes, links, base and tool, under the
-weights as described and, where nobody stated these, under each by itself. What stands out then is
-no weight's doing, and joins the candidates of the search.
+A bearing that is softer about one axis than about another tilts under weights that turn with the
+joint, nearly as a wobble does. So the tilts of every joint's axis are tested beside all that may
+give way, integrated out with large prior sizes: bearings about any axes, links, base and tool,
+under the weights as described and, where nobody stated these, by each weight. A wobble that is
+significant then is not caused by weights, and joins the candidates of the search.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ def wobbles(
     error_rate: float,
     known: Collection[str] = (),
 ) -> tuple[AxisWobble, ...]:
-    """Return the axis of which a wobble stands out most of what a model leaves; none where none is.
+    """Return the wobble that is significant in a model's residual, and clearly the best; or none.
 
     Args:
         at: the model, fitted to the poses.
         poses: P complete poses.
-        left: (P, b) what it leaves of them, predicted less measured.
-        whiten: (P, b, b) by which their components are white.
+        left: (P, b) its residual, predicted less measured.
+        whiten: (P, b, b) that makes their components white.
         context: where effects may sit.
         payload: what the arm carries; None where no weight is known.
         error_rate: the probability allowed of finding a wobble where there is none.
@@ -68,7 +68,7 @@ def wobbles(
         rows = drawn(len(poses), LINES.most_poses)
         poses, left, whiten = poses.take(rows), left[rows], whiten[rows]
     there = {*known, *(term.of for term in at.model.terms if term.id == AxisWobble.id)}
-    tried = [each for each in AxisWobble.everywhere(context) if each.of not in there]
+    tried = [wobble for wobble in AxisWobble.everywhere(context) if wobble.of not in there]
     if not tried:
         return ()
     at = at.with_bends(range(1, at.arm.n))
@@ -78,16 +78,13 @@ def wobbles(
         *_giving_way(at, poses, whiten, context, payload),
     ]
     data = -(whiten @ left[:, :, None])[:, :, 0]
-    starts = [each.starts[0] for each in tried]
+    starts = [wobble.starts[0] for wobble in tried]
     tilts = linear.by_effects(at, poses, tried, starts, whiten)
     gains = _gains(np.concatenate(own, axis=2), tilts, data)
     best, *others = np.argsort(-gains).tolist()
     needed = float(np.log(len(tried) / error_rate))
-    if gains[best] < needed:
-        return ()
-    if others and gains[others[0]] > gains[best] - WOBBLES.better_nats:
-        return ()
-    return (tried[best],)
+    ambiguous = bool(others) and gains[others[0]] > gains[best] - WOBBLES.better_nats
+    return () if gains[best] < needed or ambiguous else (tried[best],)
 
 
 def _giving_way(
@@ -97,13 +94,13 @@ def _giving_way(
     context: CandidateContext,
     payload: Payload | None,
 ) -> Iterator[Array]:
-    """Yield whitened columns of all that may give way but springs, in large sizes."""
+    """Yield whitened columns of all that may give way but springs, scaled to large sizes."""
     if payload is None or poses.states.static_loads is None:
         return
     kinds = [kind for kind in every_effect() if kind.bends and kind is not LateralCompliance]
-    soft: list[Effect] = [each for kind in kinds for each in kind.everywhere(context)]
+    soft: list[Effect] = [effect for kind in kinds for effect in kind.everywhere(context)]
     soft += _SoftAnyWay.everywhere(context)
-    starts = [each.starts[0] for each in soft]
+    starts = [effect.starts[0] for effect in soft]
 
     def columns(posed: Observations) -> Array:
         found = linear.by_effects(at, posed, soft, starts, whiten)
@@ -112,14 +109,17 @@ def _giving_way(
     described = columns(poses)
     yield described
     if weights_known(at.arm).assumed:
-        for _, heavier in UnderWeights(at.arm, payload, poses).heavier():
+        for heavier in UnderWeights(at.arm, payload, poses).heavier():
             yield columns(heavier) - described
 
 
 def _gains(own: Array, tilts: list[Array], data: Array) -> Array:
-    """Return the gain of log evidence by each of K effects, scatter profiled, (K,).
+    """Return the gain of log evidence (K,) by each of K effects, the scatter profiled.
 
-    By whitened columns of all else (P, b, n), of the effects (P, b, k) each, and the data (P, b).
+    Args:
+        own: (P, b, n) whitened columns of all else.
+        tilts: (P, b, k) whitened columns of each effect.
+        data: (P, b) whitened, measured less predicted.
     """
     columns = np.stack(tilts, axis=2)  # (P, b, K, k)
     across = np.einsum("pbn,pbki->nki", own, columns)

@@ -1,16 +1,16 @@
-"""How two fitted models differ: parameter by parameter, and where they put the robot.
+"""How two fitted models differ: parameter by parameter, and in the poses that they predict.
 
-Parameters of a calibration go together: two good models may differ by many standard uncertainties
-in some of them and put the robot in the same places. So models are judged by their predictions.
-Where the base stands, and how the target sits on the flange, is of each campaign; what a constant
-motion on either side of the arm explains is taken off before models are judged.
+Parameters of a calibration are correlated: two good models may differ by many standard
+uncertainties in some of them and yet predict the same poses. So models are judged by their
+predictions. Base and target sit differently in every campaign: one constant motion of the base and
+one of the tool are fitted and removed first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,13 +27,18 @@ from pa10cal.fit.forward import Forward, states_at
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
-from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.rules import COMPARED
 
-#: Fields of an arm that make its layout; the others do not move a rigid arm.
+#: Fields of an arm that define its rigid kinematics: rows, constant frames; and the other fields.
 _LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
 _FRAMES = ("T_base_row1", "T_row_n_ee")
 _OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
+#: Postures compared, and the seed of their draw (computing).
+POSTURES, SEED = 400, 1
+#: Steps along the range of a joint in which angles seen by both are looked for (computing).
+_STEPS = 3601
+#: Gauss-Newton steps of the fit of base and tool (computing).
+_REFINED = 6
 
 
 def compare_models(
@@ -45,9 +50,9 @@ def compare_models(
         ModelError: when the arms differ in layout, or a model with springs does not know the
             weights that load them.
     """
-    _refuse_other_layout(first.arm, second.arm, names)
+    refuse_other_layout(first.arm, second.arm, names)
     q = _postures(first, second)
-    # Loads of the postures, in turn: none, and the heaviest that both have seen.
+    # Postures alternate between no load and the heaviest that both models have been fitted to.
     heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
     most_N = min(heaviest) if len(heaviest) == 2 else 0.0
     loads_N = (0.0, most_N) if most_N > 0.0 else (0.0,)
@@ -69,7 +74,8 @@ def compare_models(
     )
 
 
-def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
+def refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
+    """Raise ModelError when two arms differ in layout, naming the models."""
     differs = [
         f"{word}: {getattr(one, name)!r} and {getattr(other, name)!r}"
         for word, name in (("joints", "n"), ("convention", "convention"))
@@ -96,13 +102,14 @@ def _refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
+    """Return the fields of arm and payload that differ between the models' descriptions."""
     pairs = {name: (getattr(first.arm, name), getattr(second.arm, name)) for name in _OTHERS}
     payloads = first.payload, second.payload
     if None in payloads:
         pairs["payload"] = payloads
     else:
-        # Of the campaigns of a group the first stands for it.
-        names = [each.name for each in fields(Payload) if each.name != "of_campaigns"]
+        # For a group, the payload of its first campaign is compared.
+        names = [field.name for field in fields(Payload) if field.name != "of_campaigns"]
         pairs |= {f"payload.{name}": tuple(getattr(p, name) for p in payloads) for name in names}
     return tuple(name for name, pair in pairs.items() if not _same(*pair))
 
@@ -135,41 +142,59 @@ def _about(model: FittedModel, other: FittedModel, name: str) -> results.Compare
 
 def _parameters(first: FittedModel, second: FittedModel) -> results.ParameterRows:
     """Return every parameter of two models, in the order of the first."""
-    mine, theirs = (
-        {
-            (term.id, term.of, each.name, each.unit): (value, std, abs(each.scale))
-            for term, each, value, std in model.every_reported()
-        }
-        for model in (first, second)
-    )
-    # Turns of the tool count from the orientation that their own fit began with; the frames show
-    # the whole.
-    began_alike = np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=COMPARED.same)
+    in_first, in_second = _estimates(first), _estimates(second)
+    # Each model counts rotations of the tool from the orientation that its own fit began with.
+    same_start = np.allclose(first.R_ee_target, second.R_ee_target, rtol=0, atol=COMPARED.same)
+    absent = _Estimate(np.nan, np.nan, np.nan)
     rows = []
-    for key in dict.fromkeys((*mine, *theirs)):
+    for key in dict.fromkeys((*in_first, *in_second)):
         term, of, parameter, unit = key
-        (x, u, scale), (y, v, size) = (known.get(key, (np.nan,) * 3) for known in (mine, theirs))
-        difference = y - x if began_alike or (of, unit) != ("tool", "rad") else np.nan
-        # A parameter that no pose determines stays where it began, and one at the end of its range
-        # there: their uncertainties are rounding.
-        determined = u > COMPARED.same * max(scale, abs(x)) and v > COMPARED.same * max(
-            size, abs(y)
-        )
+        one, other = in_first.get(key, absent), in_second.get(key, absent)
+        comparable = same_start or (of, unit) != ("tool", "rad")
+        difference = other.value - one.value if comparable else np.nan
+        expected = np.hypot(one.std, other.std)
+        determined = one.determined and other.determined
         rows.append(
             {
                 "term": term,
                 "of": of,
                 "parameter": parameter,
                 "unit": unit,
-                "first": x,
-                "first_std": u,
-                "second": y,
-                "second_std": v,
+                "first": one.value,
+                "first_std": one.std,
+                "second": other.value,
+                "second_std": other.std,
                 "difference": difference,
-                "over_u": difference / np.hypot(u, v) if determined else np.nan,
+                "over_u": difference / expected if determined else np.nan,
             }
         )
     return results.ParameterRows.model_validate(rows)
+
+
+class _Estimate(NamedTuple):
+    """A reported parameter of a fitted model."""
+
+    value: float
+    std: float
+    scale: float
+
+    @property
+    def determined(self) -> bool:
+        """Return whether its uncertainty is more than rounding.
+
+        It is rounding where no pose determines the parameter, and at an end of its range.
+        """
+        return self.std > COMPARED.same * max(self.scale, abs(self.value))
+
+
+def _estimates(model: FittedModel) -> dict[tuple[str, str, str, str], _Estimate]:
+    """Return the reported parameters of a model by id and place of the term, name and unit."""
+    return {
+        (term.id, term.of, parameter.name, parameter.unit): _Estimate(
+            value, std, abs(parameter.scale)
+        )
+        for term, parameter, value, std in model.every_reported()
+    }
 
 
 def _judged(
@@ -213,20 +238,13 @@ def _judged(
     )
 
 
-# How far apart two fitted models put a frame of the robot, and how far they should.
-
-#: Postures compared, and the seed of their draw (computing).
-POSTURES, SEED = 400, 1
-#: Steps along the range of a joint in which angles seen by both are looked for (computing).
-_STEPS = 3601
-#: Refinements of base and tool: each squares what is left of a wrong one (computing).
-_REFINED = 6
+# Differences in the predicted poses of a frame, and those expected of the covariances.
 
 
 def _postures(first: FittedModel, second: FittedModel) -> Array:
-    """Return postures (P, n) drawn from the joint angles in which both models hold.
+    """Return postures (P, n) drawn from the joint angles at which both models are valid.
 
-    There is none where both have seen no common angle of some joint.
+    Empty where there is a joint of which they have seen no common angles.
     """
     arm = first.arm
     low, high = np.nan_to_num(arm.joint_ranges_rad, posinf=2 * np.pi, neginf=-2 * np.pi).T
@@ -250,50 +268,50 @@ def _predicted(
     """Predict a frame in P postures.
 
     Returns:
-        Its poses (P, 4, 4) [m], and its motions (P, 6, k) under k independent causes of standard
-        size one; None where the covariance is not known.
+        Its poses (P, 4, 4) [m]; a root (P, 6, k) of their covariance, the motions by k independent
+        errors of unit variance, or None where the covariance is not known.
     """
     forward = Forward.of(model, frame)
     states = forward.states(states_at(model, q, load_N, temperature_C=temperature_C))
     end = forward.end(states)
-    noise = None
+    root = None
     if model.covariance is not None:
         variances, axes = np.linalg.eigh(forward.covariance)
-        noise = forward.by_parameters(states, end) @ (axes * np.sqrt(np.maximum(variances, 0.0)))
-    return end.T @ forward.T_end_frame, noise
+        root = forward.by_parameters(states, end) @ (axes * np.sqrt(np.maximum(variances, 0.0)))
+    return end.T @ forward.T_end_frame, root
 
 
 def _compared_frame(
     first: FittedModel, second: FittedModel, frame: str, q: Array, load_N: Array
 ) -> results.ComparedFrame:
     """Compare one frame in postures (P, n) under loads (P,)."""
-    # The temperature between those of both fits.
+    # Both are predicted at the mean of the temperatures of their fits.
     of_fits = [m.fitted_to.temperature_C for m in (first, second) if m.fitted_to]
     known_C = [each for each in of_fits if each is not None]
     temperature_C = None if len(known_C) < 2 else float(np.mean(known_C))
-    T_one, noise_one = _predicted(first, frame, q, load_N, temperature_C)
-    T_other, noise_other = _predicted(second, frame, q, load_N, temperature_C)
+    T_one, root_one = _predicted(first, frame, q, load_N, temperature_C)
+    T_other, root_other = _predicted(second, frame, q, load_N, temperature_C)
     apart_mm, apart_deg = _apart(T_one, T_other)
     moved = _base_and_tool_fitted(T_other, T_one)
-    left_mm, left_deg = _apart(T_one, moved)
+    remaining_mm, remaining_deg = _apart(T_one, moved)
     explained_mm, _ = _apart(moved, T_other)
     expected_mm = expected_deg = chance = None
-    if noise_one is not None and noise_other is not None:
-        noise = np.concatenate([noise_one, noise_other], axis=2)
-        by_place, by_turn = _without_base_and_tool(noise, T_one)
-        expected_m, chance_m = _expected(by_place, 1e-3 * left_mm)
-        expected_rad, chance_rad = _expected(by_turn, np.radians(left_deg))
+    if root_one is not None and root_other is not None:
+        root = np.concatenate([root_one, root_other], axis=2)
+        of_positions, of_rotations = _without_base_and_tool(root, T_one)
+        expected_m, chance_m = _expected(of_positions, 1e-3 * remaining_mm)
+        expected_rad, chance_rad = _expected(of_rotations, np.radians(remaining_deg))
         expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
         chances = chance_m, chance_rad
-        chance = min(1.0, len(chances) * min(chances))
+        chance = min(1.0, len(chances) * min(chances))  # Bonferroni
     return results.ComparedFrame(
         rms_mm=_rms(apart_mm),
         peak_mm=float(apart_mm.max()),
         orientation_deg=_rms(apart_deg),
         base_and_tool_mm=_rms(explained_mm),
-        remaining_rms_mm=_rms(left_mm),
-        remaining_peak_mm=float(left_mm.max()),
-        remaining_deg=_rms(left_deg),
+        remaining_rms_mm=_rms(remaining_mm),
+        remaining_peak_mm=float(remaining_mm.max()),
+        remaining_deg=_rms(remaining_deg),
         expected_mm=expected_mm,
         expected_deg=expected_deg,
         chance=chance,
@@ -312,9 +330,9 @@ def _rms(values: Array) -> float:
 
 
 def _base_and_tool_fitted(T: Array, T_wanted: Array) -> Array:
-    """Return poses carried to others by one motion of the base and one of what the flange carries.
+    """Return poses moved to others by one motion of the base and one of the tool, least squares.
 
-    Places determine the base and where the frame sits on the flange, orientations how it is turned.
+    Positions determine the base and the tool's offset, then orientations the tool's rotation.
     """
     for _ in range(_REFINED):
         step, *_ = np.linalg.lstsq(_by_base_and_tool(T), (T_wanted - T)[:, :3, 3].ravel())
@@ -330,116 +348,39 @@ def _base_and_tool_fitted(T: Array, T_wanted: Array) -> Array:
 
 
 def _by_base_and_tool(T: Array) -> Array:
-    """Return how places follow motions of the base and offsets of the tool, (3 P, 9)."""
+    """Return the derivative of positions by motions of base and tool offset, (3 P, 9)."""
     ones = np.broadcast_to(np.eye(3), (len(T), 3, 3))
     columns = np.concatenate([ones, -cross_matrix(T[:, :3, 3]), T[:, :3, :3]], axis=2)
     return columns.reshape(-1, 9)
 
 
 def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
-    """Return what base and tool leave of motions (P, 6, k): places and orientations, (3 P, k)."""
+    """Return residuals of motions (P, 6, k) after a fit of base and tool.
+
+    Of positions and of orientations, (3 P, k) each; see `_base_and_tool_fitted`.
+    """
     count = motions.shape[2]
-    places = motions[:, :3].reshape(-1, count)
+    positions = motions[:, :3].reshape(-1, count)
     columns = _by_base_and_tool(T)
-    fitted, *_ = np.linalg.lstsq(columns, places)
-    turns = motions[:, 3:] - fitted[3:6]
+    fitted, *_ = np.linalg.lstsq(columns, positions)
+    rotations = motions[:, 3:] - fitted[3:6]
     R = T[:, :3, :3]
-    turns = turns - R @ (np.swapaxes(R, 1, 2) @ turns).mean(axis=0)
-    return places - columns @ fitted, turns.reshape(-1, count)
+    rotations = rotations - R @ (np.swapaxes(R, 1, 2) @ rotations).mean(axis=0)
+    return positions - columns @ fitted, rotations.reshape(-1, count)
 
 
-def _expected(noise: Array, left: Array) -> tuple[float, float]:
-    """Return the rms size expected of differences, and the chance of those that are left.
+def _expected(root: Array, remaining: Array) -> tuple[float, float]:
+    """Return the expected rms of differences, and the probability of larger ones than these (P,).
 
-    By differences (3 P, k) under k independent causes of standard size one, and those found (P,).
-    Their sum of squares is a weighted sum of chi-square variables; one chi-square of the same mean
-    and variance stands for it (Satterthwaite).
+    `root` (3 P, k) is a root of their covariance C. Their sum of squares S is a weighted sum of
+    chi-square variables with mean tr C and variance 2 tr C²; S tr C / tr C² is taken as chi-square
+    with (tr C)² / tr C² degrees of freedom (Satterthwaite).
     """
-    square = noise.T @ noise
-    mean, spread = float(np.trace(square)), float(np.sum(square**2))
-    found = float(np.sum(left**2))
-    expected = float(np.sqrt(mean / len(left)))
-    if spread == 0.0:
-        return expected, float(found == 0.0)
-    return expected, float(chdtrc(mean**2 / spread, found * mean / spread))
-
-
-# One arm over campaigns: its parameters with intervals, and what moved from each to the next.
-
-
-def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRecord:
-    """Return the parameters of an arm over two campaigns or more, in order of time.
-
-    Raises:
-        ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not
-            known.
-    """
-    _refuse(models, names)
-    steps = []
-    for (first, before), (second, after) in pairwise(zip(models, names, strict=True)):
-        _refuse_other_layout(first.arm, second.arm, (before, after))
-        moved = what_moved(first, second)
-        assert moved is not None
-        steps.append(results.DriftStep(first=before, second=after, what_moved=moved))
-    told = [
-        f"{step.first} to {step.second}: {step.what_moved.line}"
-        for step in steps
-        if step.what_moved.verdict != "unchanged"
-    ]
-    return results.DriftRecord(
-        robot=models[0].arm.name,
-        campaigns=tuple(names),
-        parameters=_rows(models, names),
-        steps=tuple(steps),
-        line="; ".join(told) or f"unchanged over {len(models)} campaigns",
-    )
-
-
-def _refuse(models: Sequence[FittedModel], names: Sequence[str]) -> None:
-    if len(models) < 2:
-        raise ModelError(
-            "drift over a single model",
-            where="models",
-            value=len(models),
-            allowed="two models or more, in order of time",
-            remedy="give the models of further campaigns",
-        )
-    for model, name in zip(models, names, strict=True):
-        if model.covariance is None:
-            raise ModelError(
-                "the covariance of a model is not known",
-                where=name,
-                allowed="models with the file of their covariance beside them",
-                remedy="copy model.covariance.npz together with model.yaml, or export it again",
-            )
-    if len(set(names)) < len(names):
-        raise ModelError(
-            "two models of the same name",
-            where="models",
-            value=list(names),
-            allowed="a name for each",
-            remedy="give each campaign once",
-        )
-
-
-def _rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRows:
-    """Return links, springs and effects of all models, with 95 % intervals."""
-    rows = [
-        {
-            "campaign": name,
-            "term": term.id,
-            "of": term.of,
-            "parameter": parameter.name,
-            "unit": parameter.unit,
-            "value": value,
-            "std": std,
-            "low": value - HALF_WIDTH_95 * std,
-            "high": value + HALF_WIDTH_95 * std,
-        }
-        for model, name in zip(models, names, strict=True)
-        for term, parameter, value, std in model.every_reported()
-        if std > 0.0
-        and len(term.parameters) <= COMPARED.most_parameters
-        and (term.holds == "campaign" or {"base", "tool", "weight"}.isdisjoint(term.roles))
-    ]
-    return results.DriftRows.model_validate(rows)
+    square = root.T @ root  # with the traces of C
+    mean, half_variance = float(np.trace(square)), float(np.sum(square**2))
+    sum_of_squares = float(np.sum(remaining**2))
+    expected = float(np.sqrt(mean / len(remaining)))
+    if half_variance == 0.0:
+        return expected, float(sum_of_squares == 0.0)
+    dof, scaled = mean**2 / half_variance, sum_of_squares * mean / half_variance
+    return expected, float(chdtrc(dof, scaled))

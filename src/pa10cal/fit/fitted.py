@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, long_links
+from pa10cal.arm.controller_poses import Angles, controller_columns
 from pa10cal.arm.description import Arm, weights_known
-from pa10cal.arm.exports import Angles, controller_columns
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError

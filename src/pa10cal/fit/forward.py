@@ -14,8 +14,9 @@ from pa10cal.arrays import Array, Index
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
-from pa10cal.fit.weighed_arm import with_weights_by_log
-from pa10cal.terms.effects.joint_error_map import b_splines, b_splines_by_knots, is_error_map
+from pa10cal.fit.uncertain_weights import with_weights_by_log
+from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Term, shows_torque, yields

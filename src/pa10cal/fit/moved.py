@@ -13,7 +13,8 @@ from scipy.special import logsumexp
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.fit.angles_seen import Discrepancy
-from pa10cal.fit.problem import GaussianPrior, Problem, gain_along, widened
+from pa10cal.fit.prior import GaussianPrior, gain_along, remaining_disagreement
+from pa10cal.fit.problem import Problem
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.rules import MOVED
 from pa10cal.terms.effects.effect import is_effect
@@ -136,7 +137,7 @@ def sought(
         if gain < least:
             break
         found.append(MovedPart(left.pop(k), size, gain))
-        disagreed = widened(disagreed, found[-1].directions)
+        disagreed = remaining_disagreement(disagreed, found[-1].directions)
     return tuple(found)
 
 

@@ -1,10 +1,11 @@
-"""Base frame and target on the end-effector from what an instrument saw: closed form, then refined.
+"""Base frame and target on the end-effector, as an instrument measured them.
 
 Robot-world and hand-eye calibration (A X = Y B): with the nominal model's T_base_ee of every pose
 these solve T_instr_target = T_instr_base T_base_ee T_ee_target for the two constant frames; from
-distances they solve d = |T_base_ee p_ee - p_base_point| for target and fixed point. What of the
-target's place the base frame can mimic (its height, where all orientations differ by turns about
-one axis) is held as stated and named.
+distances they solve d = |T_base_ee p_ee - p_base_point| for target and fixed point. Fits start in
+closed form (`target_problem`) and are refined by Gauss-Newton steps. Directions of the target that
+cannot be separated from the base frame (its height, where all orientations differ by turns about
+one axis) are held as stated, and named.
 
 Throughout, T_base_ee is the modelled end-effector (P, 4, 4) [m], and weights (P,) are those of the
 squared residuals of the poses, None for equal ones.
@@ -15,13 +16,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located, by_small_motion
+from pa10cal.frame.located import Located
+from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.frame.target_problem import (
     TargetProblem,
     mean_turn,
@@ -33,25 +36,39 @@ from pa10cal.numerics import least_squares
 from pa10cal.rules import FRAMES
 
 #: The null space depends a little on the solution, so it is found again there (computing).
-PASSES = 2
-#: Part of the cost that makes no difference between two starts (computing).
+_PASSES = 2
+#: Relative change of the cost at which a rough fit has converged (computing).
 _ROUGHLY = 1e-4
 #: Steps after which starts are compared, how many of them go on, and by how many steps (computing).
 _FIRST_STEPS, _MOST_STARTS, _MORE_STEPS = 5, 2, 25
+#: A start turned by less than this from the end of another start is not followed [rad] (computing).
+_SAME_RAD = 0.5
+#: Part of a direction of motion of unit length that counts as zero (computing).
+_NO_MOTION = 1e-6
+#: Smallest distance that is divided by [m] (computing).
+_TINY_M = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Base frame, places of the targets, and orientation of the one whose orientation was seen."""
+    """Values of the unknowns: base frame and targets."""
 
-    R_instr_base: Array
-    p_instr_base_m: Array
-    p_ee_m: Array
-    R_ee_target: Array
+    R_instr_base: Array  # (3, 3)
+    p_instr_base_m: Array  # (3,)
+    p_ee_m: Array  # (B, 3) places of the targets
+    R_ee_target: Array  # (3, 3) orientation of the target, where one was measured
+
+
+class _Refined(NamedTuple):
+    """A refined guess."""
+
+    guess: Guess
+    problem: least_squares.Linearised  # linearised there
+    split: least_squares.Split  # which steps of the targets the poses identify
 
 
 def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array) -> Guess:
-    """Return a guess from rotations of base and target: targets as stated, origin by the mean."""
+    """Return a guess with these rotations: targets as stated, the origin by the mean residual."""
     origins_m = problem.p_instr_m - problem.in_base(problem.p_ee_stated_m) @ R_instr_base.T
     p_instr_base_m = np.average(origins_m, axis=0, weights=problem.root_weight**2)
     return Guess(R_instr_base, p_instr_base_m, problem.p_ee_stated_m, R_ee_target)
@@ -63,44 +80,45 @@ def refined(
     *,
     roughly: bool = False,
     most_steps: int = least_squares.MAX_ITERATIONS,
-) -> tuple[Guess, least_squares.Linearised, least_squares.Split]:
-    """Refine a guess, holding what of the targets the base can mimic.
+) -> _Refined:
+    """Refine a guess; directions of the targets that the poses do not identify are held.
 
     Args:
-        roughly: whether to stop where it is clear which of several guesses leads lowest.
+        roughly: whether to stop when it is clear which of several guesses has the lowest cost.
         most_steps: bound on the steps of a descent.
-
-    Returns:
-        The solution, the problem there, and which steps of the targets (places of all, then the
-        orientation where one was seen) the poses identify.
     """
-    all_moved = False
-    for _ in range(1 if roughly else PASSES):
-        whole, own = _linearise(problem, guess).by_step, problem.of_base
-        split = least_squares.split_identified(whole[:, own:], whole[:, :own])
-        if all_moved and not split.unidentified.size:
+    all_identified = False
+    for _ in range(1 if roughly else _PASSES):
+        by_step, base = _linearise(problem, guess).by_step, problem.base_unknowns
+        split = least_squares.split_identified(by_step[:, base:], by_step[:, :base])
+        if all_identified and not split.unidentified.size:
             break
-        all_moved = not split.unidentified.size
-        guess, at = least_squares.descend(
+        all_identified = not split.unidentified.size
+        guess, linearised = least_squares.descend(
             guess,
             partial(_linearise, problem, free=split.identified),
-            partial(_moved, own=own, free=split.identified),
+            partial(_moved, base=base, free=split.identified),
             _ROUGHLY if roughly else least_squares.COST_TOLERANCE,
             most_steps,
         )
-    return guess, at, split
+    return _Refined(guess, linearised, split)
 
 
-def _moved(guess: Guess, step: Array, *, own: int, free: Array) -> Guess:
-    """Move origin and turn of the base, along its axes, then the targets."""
-    of_targets, places = free @ step[own:], guess.p_ee_m.size
+def _moved(guess: Guess, step: Array, *, base: int, free: Array) -> Guess:
+    """Return a guess after a step: shift and turn of the base along its axes, then the targets.
+
+    Args:
+        base: number of unknowns of the base, the first ones.
+        free: (t, f) directions of the targets in which they move: places of all, then the turn.
+    """
+    of_targets, places = free @ step[base:], guess.p_ee_m.size
     R_instr_base, R_ee_target = guess.R_instr_base, guess.R_ee_target
-    turns = np.concatenate([step[3:own], of_targets[places:]]).reshape(-1, 3)
+    turns = np.concatenate([step[3:base], of_targets[places:]]).reshape(-1, 3)
     if len(turns):
-        turned = Rotation.from_rotvec(turns).as_matrix()
-        R_instr_base = R_instr_base @ turned[0]
+        rotations = Rotation.from_rotvec(turns).as_matrix()
+        R_instr_base = R_instr_base @ rotations[0]
         if len(of_targets) > places:
-            R_ee_target = turned[1] @ R_ee_target
+            R_ee_target = rotations[1] @ R_ee_target
     return Guess(
         R_instr_base,
         guess.p_instr_base_m + guess.R_instr_base @ step[:3],
@@ -110,30 +128,38 @@ def _moved(guess: Guess, step: Array, *, own: int, free: Array) -> Guess:
 
 
 def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[Array, Array]:
-    """Return seen less modelled positions (K, 3), or distances (K, 1), and turns (P, 3)."""
+    """Return residuals in the base frame: seen less modelled positions (K, 3) and turns (P, 3).
+
+    Of distances the residuals are (K, 1).
+
+    Args:
+        p_base_m: (K, 3) modelled positions of the targets in the base frame.
+    """
     R = guess.R_instr_base
-    off_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
+    residuals_m = (problem.p_instr_m - guess.p_instr_base_m) @ R - p_base_m
     if problem.d_m is not None:
-        off_m = (problem.d_m - np.linalg.norm(off_m, axis=1))[:, None]
+        residuals_m = (problem.d_m - np.linalg.norm(residuals_m, axis=1))[:, None]
     if problem.R_instr_target is None:
-        return off_m, np.zeros((0, 3))
+        return residuals_m, np.zeros((0, 3))
     modelled = problem.R_base @ guess.R_ee_target
-    return off_m, Rotation.from_matrix(
-        R.T @ problem.R_instr_target @ np.swapaxes(modelled, 1, 2), assume_valid=True
-    ).as_rotvec()
+    differences = R.T @ problem.R_instr_target @ np.swapaxes(modelled, 1, 2)
+    return residuals_m, Rotation.from_matrix(differences, assume_valid=True).as_rotvec()
 
 
 def _linearise(
     problem: TargetProblem, guess: Guess, *, free: Array | None = None
 ) -> least_squares.Linearised:
-    """Return the problem in the step of `_moved`; with all of the targets where none is named.
+    """Return the weighted problem, linear in the step of `_moved`.
 
     The derivative of a squared angle by a small turn is exact also where the angle is not small.
+
+    Args:
+        free: (t, f) directions of the targets in which they move; None for all.
     """
     p_base_m = problem.in_base(guess.p_ee_m)
-    off_m, off_rad = _residuals(problem, guess, p_base_m)
-    residual = [problem.root_weight[:, None] * off_m]
-    rows, places, orientations = len(off_m), problem.p_ee_stated_m.size, problem.orientations
+    residuals_m, residuals_rad = _residuals(problem, guess, p_base_m)
+    residual = [problem.root_weight[:, None] * residuals_m]
+    rows, places, orientations = len(residuals_m), problem.p_ee_stated_m.size, problem.orientations
     if problem.d_m is None:
         by_step = np.zeros((3 * (rows + orientations), 6 + places + (3 if orientations else 0)))
         of_places = by_step[: 3 * rows].reshape(rows, 3, -1)
@@ -141,8 +167,8 @@ def _linearise(
         of_places[:, :, 6 : 6 + places] = problem.by_places
         of_places *= problem.root_weight[:, None, None]
     else:
-        way_m = guess.p_instr_base_m + p_base_m
-        unit = way_m / np.maximum(np.linalg.norm(way_m, axis=1), _NOWHERE_M)[:, None]
+        line_m = guess.p_instr_base_m + p_base_m  # from the fixed point to the target
+        unit = line_m / np.maximum(np.linalg.norm(line_m, axis=1), _TINY_M)[:, None]
         by_target = (unit[:, None] @ problem.by_places)[:, 0]
         by_step = problem.root_weight[:, None] * np.hstack([unit, by_target])
     if orientations:
@@ -150,17 +176,12 @@ def _linearise(
         of_turns = by_step[3 * rows :].reshape(orientations, 3, -1)
         of_turns[:, :, 3:6] = root[:, None, None] * np.eye(3)
         of_turns[:, :, -3:] = root[:, None, None] * problem.R_base
-        residual.append(root[:, None] * off_rad)
+        residual.append(root[:, None] * residuals_rad)
     if free is not None:
-        own, count = problem.of_base, free.shape[1]
-        by_step[:, own : own + count] = by_step[:, own:] @ free
-        by_step = by_step[:, : own + count]
+        base, count = problem.base_unknowns, free.shape[1]
+        by_step[:, base : base + count] = by_step[:, base:] @ free
+        by_step = by_step[:, : base + count]
     return least_squares.Linearised(by_step, np.concatenate(residual).ravel())
-
-
-#: A start turned by less than this from where another led, leads there too [rad] (computing).
-_SAME_RAD = 0.5
-_NOWHERE_M = np.finfo(float).tiny
 
 
 def hand_eye_from_poses(
@@ -172,11 +193,10 @@ def hand_eye_from_poses(
 ) -> Located:
     """Solve T_instr_target (P, 4, 4) = T_instr_base T_base_ee T_ee_target for the frames.
 
-    Rotations start from the dominant singular vectors of the sum of Kronecker products of measured
-    and modelled orientations (exact for exact data with turns about more than one axis), from the
-    positions alone, and from a target that is not turned; all starts are refined together with the
-    translations by Gauss-Newton steps, and the best is returned. What the poses do not identify of
-    the target stays at the end-effector.
+    Rotations start from the orientations in closed form (exact for exact data with turns about more
+    than one axis), from the positions alone, and from a target that is not turned; the best of all
+    refined starts is returned. Directions of the target that the poses do not identify stay at the
+    end-effector.
 
     Args:
         roughly: whether the scatter to a part in a million is enough.
@@ -202,9 +222,9 @@ def hand_eye_from_poses(
 
 
 def target_on_base(T_instr_base: Array, T_base_ee: Array, T_instr_target: Array) -> Array:
-    """Return the mean T_ee_target (4, 4) of poses (P, 4, 4), with a base frame that is known."""
-    each = np.linalg.inv(T_instr_base @ T_base_ee) @ T_instr_target
-    T_ee_target = each.mean(axis=0)
+    """Return the mean T_ee_target (4, 4) of poses (P, 4, 4), with a known base frame."""
+    T_ee_targets = np.linalg.inv(T_instr_base @ T_base_ee) @ T_instr_target
+    T_ee_target = T_ee_targets.mean(axis=0)
     T_ee_target[:3, :3] = nearest_rotation(T_ee_target[:3, :3])
     return np.asarray(T_ee_target)
 
@@ -220,15 +240,14 @@ def hand_eye_from_points(
 ) -> Located:
     """Solve p_instr = T_instr_base (T_base_ee p_ee) for the base frame and the places of B targets.
 
-    Carried into the base frame the equations are linear in a general matrix in the place of the
-    base's rotation; its nearest rotation starts the Gauss-Newton steps from any base and any
-    places. A rigid fit of the stated places is another start; the best is returned.
+    Rotations start from the positions in closed form, and from a rigid fit of the targets at their
+    stated places; the better of the refined starts is returned.
 
     Args:
         p_instr_m: (P, B, 3) measured positions [m], nan where a target was not seen.
         p_ee_stated_m: (B, 3) value where the poses do not identify a position; None for the
             origin of the end-effector.
-        names: (B,) names of the targets, for what is held.
+        names: (B,) names of the targets, for the directions that are held.
         roughly: whether the scatter to a part in a million is enough.
 
     Raises:
@@ -270,10 +289,7 @@ def ranging(
 ) -> Located:
     """Solve d = |T_base_ee p_ee - p_base| for the target p_ee and the fixed point p_base.
 
-    Squared, the equation is linear in target, point, their products and squares, which gives a
-    start from anywhere where there are poses enough. For targets at and about the stated place a
-    linearised sphere gives the point, and its mirror image in the plane that the poses are nearest
-    to. All starts are refined by Gauss-Newton steps, and the best is returned.
+    The best of the refined starts of `points_by_distances` is returned.
 
     Args:
         d_m: (P,) measured distances [m].
@@ -300,26 +316,28 @@ def ranging(
 def _best(
     problem: TargetProblem, starts: Sequence[Guess], names: list[str], roughly: bool
 ) -> Located:
-    """Return the best of all refined starts; some of the poses decide which is best."""
+    """Return the best of all refined starts; a sample of the poses decides which is best."""
     few, directional = problem.thinned(), problem.d_m is None
-    ends: list[tuple[Guess, least_squares.Linearised, least_squares.Split]] = []
+    ends: list[_Refined] = []
     for start in starts:
-        if not (directional and any(_leads_to(start, guess) for guess, _, _ in ends)):
+        if not (directional and any(_leads_to(start, end.guess) for end in ends)):
             ends.append(refined(few, start, roughly=True, most_steps=_FIRST_STEPS))
-    ahead = sorted(ends, key=lambda end: end[1].cost)[:_MOST_STARTS]
-    ends = [refined(few, guess, roughly=True, most_steps=_MORE_STEPS) for guess, _, _ in ahead]
-    guess, at, split = min(ends, key=lambda end: end[1].cost)
+    best_ends = sorted(ends, key=lambda end: end.problem.cost)[:_MOST_STARTS]
+    ends = [refined(few, end.guess, roughly=True, most_steps=_MORE_STEPS) for end in best_ends]
+    guess, linearised, split = min(ends, key=lambda end: end.problem.cost)
     if split.unidentified.size:
         guess = replace(guess, p_ee_m=problem.p_ee_stated_m)
     if split.unidentified.size or few is not problem or not roughly:
-        guess, at, split = refined(problem, guess, roughly=roughly)
+        guess, linearised, split = refined(problem, guess, roughly=roughly)
     if not directional:
-        _refuse_open_point(_linearise(problem, guess).by_step[:, :3])
+        _refuse_unidentified_point(_linearise(problem, guess).by_step[:, :3])
     orientations = problem.orientations
     residuals_m, residuals_rad = _residuals(problem, guess, problem.in_base(guess.p_ee_m))
-    spare = max(len(at.residual) - at.by_step.shape[1], 1)
-    covariance = np.linalg.pinv(at.by_step.T @ at.by_step)[3:6, 3:6] * at.cost / spare
-    across = (np.trace(covariance) - np.diag(covariance)) / 2.0
+    by_step = linearised.by_step
+    dof = max(len(linearised.residual) - by_step.shape[1], 1)
+    of_turn = np.linalg.pinv(by_step.T @ by_step)[3:6, 3:6] * linearised.cost / dof
+    # The direction of an axis varies by turns about the other two.
+    across = (np.trace(of_turn) - np.diag(of_turn)) / 2.0
     return Located(
         T_instr_base=homogeneous(guess.R_instr_base, guess.p_instr_base_m),
         scatter_m=_rms(residuals_m, problem.root_weight**2),
@@ -328,20 +346,21 @@ def _best(
         scatter_rad=_rms(residuals_rad, problem.weights) if orientations else None,
         T_ee_target=homogeneous(guess.R_ee_target, guess.p_ee_m[0]) if orientations else None,
         p_ee_targets_m=None if orientations else guess.p_ee_m,
-        held=tuple(_said(direction, names) for direction in split.unidentified.T),
+        held=tuple(_direction_text(direction, names) for direction in split.unidentified.T),
     )
 
 
 def _leads_to(start: Guess, guess: Guess) -> bool:
-    """Return whether base and target of a start are turned nearly as where another led."""
-    ends, own = (np.array([at.R_instr_base, at.R_ee_target]) for at in (guess, start))
-    # The trace of a rotation's matrix is 1 + 2 cos(angle).
-    traces = np.sum(ends * own, axis=(1, 2))
+    """Return whether the rotations of a start are near those of a guess, refined from another."""
+    ends = np.array([guess.R_instr_base, guess.R_ee_target])
+    starts = np.array([start.R_instr_base, start.R_ee_target])
+    # The trace of the rotation between them is 1 + 2 cos(angle).
+    traces = np.sum(ends * starts, axis=(1, 2))
     return bool(traces.min() > 1.0 + 2.0 * np.cos(_SAME_RAD))
 
 
-def _refuse_open_point(by_point: Array) -> None:
-    """Refuse poses from which the fixed point is seen in directions of a plane or a line."""
+def _refuse_unidentified_point(by_point: Array) -> None:
+    """Refuse poses whose directions to the fixed point, (P, 3), are nearly in one plane."""
     _, size, directions = np.linalg.svd(by_point, full_matrices=False)
     if size[2] > least_squares.OPEN * size[0]:
         return
@@ -363,23 +382,17 @@ def _rms(residuals: Array, weights: Array) -> float:
     return float(np.sqrt(np.average((residuals**2).sum(axis=1), weights=weights)))
 
 
-#: Part of a direction of motion of unit length that is none (computing).
-_NO_MOTION = 1e-6
-
-
-def _said(direction: Array, names: Sequence[str]) -> str:
-    """Describe a direction of the targets: all positions (3 B), then any orientation."""
+def _direction_text(direction: Array, names: Sequence[str]) -> str:
+    """Return in words a direction of the targets: places (3 B), then a turn if one is measured."""
     places, turn = direction[: 3 * len(names)].reshape(-1, 3), direction[3 * len(names) :]
     parts = []
     if len(names) > 1 and np.abs(places - places[0]).max() < _NO_MOTION:
         parts.append(f"all targets along {least_squares.axis_text(places[0])}")
     else:
-        moved = np.linalg.norm(places, axis=1) > _NO_MOTION
-        named = zip(names, places, strict=True)
         parts += [
-            f"{k} along {least_squares.axis_text(p)}"
-            for (k, p), far in zip(named, moved, strict=True)
-            if far
+            f"{name} along {least_squares.axis_text(place)}"
+            for name, place in zip(names, places, strict=True)
+            if np.linalg.norm(place) > _NO_MOTION
         ]
     if len(turn) and np.linalg.norm(turn) > _NO_MOTION:
         parts.append(f"{names[0]} about {least_squares.axis_text(turn)}")

@@ -1,9 +1,8 @@
-"""Fixed targets that were read wrongly, or moved against each other: which, when, by how much.
+"""Fixed targets that were read wrongly, or moved relative to each other: which, when, how far.
 
-Whatever the instrument did, the shape that the targets make stays as it is. What of the readings no
-rigid motion makes is therefore noise: a single reading far out of it is wrong, and a step in it
-shows that a target was knocked. Neither counts where it is smaller than the stated uncertainty:
-what is within that is expected of good readings.
+Fixed targets keep their shape, however the instrument moves. The residuals of the best rigid motion
+are therefore noise: a single large residual is an outlier, and a step of the residuals in time
+shows that a target was knocked. Neither counts within the stated uncertainty.
 
 Throughout, p_m are readings (P, K, 3) of K targets in order of time, nan where one was not seen,
 and u_m their stated standard uncertainties.
@@ -21,25 +20,25 @@ from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.rules import KNOCKS
 
-#: Directions that rigid motions move less than this part are left to noise; and a size that is
-#: none (computing).
+#: Singular values of the rigid motions below this part of the largest are zero; and the smallest
+#: size that is divided by (computing).
 _RANK, _TINY = 1e-6, 1e-300
 
 
 @dataclass(frozen=True)
 class Knock:
-    """Targets of which one moved against the others."""
+    """A step of one target relative to the others."""
 
-    # numbers of those that explain the step equally well, from 0; one as a rule
+    # numbers, from 0, of the targets that explain the step equally well; usually one
     targets: tuple[int, ...]
-    row: int  # the first reading after the step
-    shift_m: float  # how far it moved, in the directions that show
+    row: int  # the first configuration after the step
+    shift_m: float  # length of the step, in the directions that show
 
 
 def wrong_by_themselves(p_m: Array, u_m: Array) -> Mask:
-    """Return readings (P, K) far from those of the same target around them, where others are not.
+    """Return the outliers (P, K) from the running median of each target.
 
-    Targets that are far off together, in the shape that they always make, were moved together.
+    Where several targets are far off but keep their shape, they moved together and are no outliers.
     """
     off_m = np.full(p_m.shape, np.nan)
     for k in range(p_m.shape[1]):
@@ -56,123 +55,135 @@ def wrong_by_themselves(p_m: Array, u_m: Array) -> Mask:
 
 
 def wrong_in_shape(p_m: Array, u_m: Array) -> Mask:
-    """Return readings (P, K) that make the targets' shape another one.
+    """Return the readings (P, K) of configurations in which the shape of the targets is wrong.
 
-    Of three targets or more the one without which the shape is right, if there is no other such;
-    else all of a configuration.
+    If the shape is right without one of three targets or more, this one alone is wrong.
     """
     wrong = np.zeros(p_m.shape[:2], dtype=bool)
     places_m = np.nanmedian(p_m, axis=0)
-    square, count = misfits(p_m, u_m, places_m)
-    shown = count > 0
+    square, dof = misfits(p_m, u_m, places_m)
+    shown = dof > 0
     if not shown.any():
         return wrong
-    usual = float(np.median(square[shown] / chdtri(count[shown], 0.5)))
-    variance = max(usual, 1.0)
-    off = np.zeros(len(p_m), dtype=bool)
-    off[shown] = square[shown] > variance * chdtri(count[shown], KNOCKS.error_rate / shown.sum())
-    for row in np.flatnonzero(off):
+    variance = max(float(np.median(square[shown] / chdtri(dof[shown], 0.5))), 1.0)
+    misshapen = np.zeros(len(p_m), dtype=bool)
+    limit = variance * chdtri(dof[shown], KNOCKS.error_rate / shown.sum())
+    misshapen[shown] = square[shown] > limit
+    for row in np.flatnonzero(misshapen):
         wrong[row] = np.isfinite(p_m[row, :, 0])
-        if (alone := _the_wrong_one(p_m[row], u_m[row], places_m, variance)) is not None:
-            wrong[row] = np.arange(len(places_m)) == alone
+        target = _single_outlier(p_m[row], u_m[row], places_m, variance)
+        if target is not None:
+            wrong[row] = np.arange(len(places_m)) == target
     return wrong
 
 
-def _the_wrong_one(p_m: Array, u_m: Array, places_m: Array, variance: float) -> int | None:
-    """Return the one target without which a configuration's shape is right; None if several are."""
+def _single_outlier(p_m: Array, u_m: Array, places_m: Array, variance: float) -> int | None:
+    """Return the one target without which the shape (K, 3) is right; None if it is not unique."""
     seen = np.flatnonzero(np.isfinite(p_m[:, 0]))
     if len(seen) < 3:
         return None
     without = np.repeat(p_m[None], len(seen), axis=0)
     without[range(len(seen)), seen] = np.nan
-    square, count = misfits(without, np.broadcast_to(u_m, without.shape), places_m)
+    square, dof = misfits(without, np.broadcast_to(u_m, without.shape), places_m)
     best, second = np.argsort(square)[:2]
-    right = square[best] <= variance * chdtri(max(int(count[best]), 1), KNOCKS.error_rate)
+    right = square[best] <= variance * chdtri(max(int(dof[best]), 1), KNOCKS.error_rate)
     if not right or (square[second] - square[best]) / 2.0 < KNOCKS.as_well_nats * variance:
         return None
     return int(seen[best])
 
 
 def misfits(p_m: Array, u_m: Array, places_m: Array) -> tuple[Array, Index]:
-    """Return what no rigid motion makes of the readings (R, K, 3) of each configuration.
+    """Return the misfit of each configuration (R, K, 3) to the places (K, 3), moved rigidly.
 
     Returns:
-        (R,) sums of its squares in stated standard deviations, and of how many components.
+        (R,) weighted sums of squared residuals after the best small rigid motion, and (R,) their
+        degrees of freedom.
     """
     seen = np.isfinite(p_m[..., 0])
-    square, count = np.zeros(len(p_m)), np.zeros(len(p_m), dtype=np.intp)
-    patterns, of = np.unique(seen, axis=0, return_inverse=True)
+    square, dof = np.zeros(len(p_m)), np.zeros(len(p_m), dtype=np.intp)
+    patterns, pattern_of = np.unique(seen, axis=0, return_inverse=True)
     for number, pattern in enumerate(patterns):
         if pattern.sum() < 2:
             continue
-        rows = np.flatnonzero(of.ravel() == number)
-        middle_m = places_m[pattern].mean(axis=0)
-        modes = by_small_motion(places_m[pattern] - middle_m).reshape(-1, 6)
+        rows = np.flatnonzero(pattern_of.ravel() == number)
+        mean_m = places_m[pattern].mean(axis=0)
+        modes = by_small_motion(places_m[pattern] - mean_m).reshape(-1, 6)
         rank = np.linalg.matrix_rank(modes, tol=_RANK * np.linalg.norm(modes, 2))
-        over = u_m[rows][:, pattern].reshape(len(rows), -1)
-        left = np.linalg.svd(modes / over[..., None], full_matrices=False)[0][..., :rank]
-        off = (p_m[rows][:, pattern] - places_m[pattern]).reshape(len(rows), -1) / over
-        off -= np.einsum("rij,rkj,rk->ri", left, left, off, optimize=True)
-        square[rows] = np.sum(off**2, axis=1)
-        count[rows] = over.shape[1] - rank
-    return square, count
+        u_rows_m = u_m[rows][:, pattern].reshape(len(rows), -1)
+        whitened = modes / u_rows_m[..., None]
+        basis = np.linalg.svd(whitened, full_matrices=False)[0][..., :rank]
+        residual = (p_m[rows][:, pattern] - places_m[pattern]).reshape(len(rows), -1) / u_rows_m
+        residual -= np.einsum("rij,rkj,rk->ri", basis, basis, residual, optimize=True)
+        square[rows] = np.sum(residual**2, axis=1)
+        dof[rows] = u_rows_m.shape[1] - rank
+    return square, dof
 
 
 def without_knocked(p_m: Array, u_m: Array) -> tuple[tuple[Knock, ...], Array]:
-    """Return knocked targets, and the readings (P, K, 3) without theirs of the shorter stretch."""
+    """Return knocked targets, and the readings (P, K, 3) with the shorter part of theirs removed.
+
+    The shorter part is that before or after the knock.
+    """
     kept_m, found = p_m.copy(), []
-    standing = list(range(p_m.shape[1]))
+    others = list(range(p_m.shape[1]))  # targets that were not knocked
     for _ in range(2 * p_m.shape[1]):
-        knock = knocks(kept_m[:, standing], u_m[:, standing]) if len(standing) > 1 else None
+        if len(others) < 2:
+            break
+        knock = clearest_knock(kept_m[:, others], u_m[:, others])
         if knock is None:
             break
-        named = tuple(standing[k] for k in knock.targets)
-        found.append(Knock(named, knock.row, knock.shift_m))
-        after = 2 * knock.row < len(p_m)
-        for k in named:
-            kept_m[slice(0, knock.row) if after else slice(knock.row, None), k] = np.nan
-            standing.remove(k)
+        targets = tuple(others[k] for k in knock.targets)
+        found.append(Knock(targets, knock.row, knock.shift_m))
+        longer_after = 2 * knock.row < len(p_m)
+        removed = slice(0, knock.row) if longer_after else slice(knock.row, None)
+        for k in targets:
+            kept_m[removed, k] = np.nan
+            others.remove(k)
     return tuple(found), kept_m
 
 
-def knocks(p_m: Array, u_m: Array) -> Knock | None:
-    """Return the clearest step of one target against the others; None without any."""
-    shape, across, rows = _shape(p_m, u_m)
+def clearest_knock(p_m: Array, u_m: Array) -> Knock | None:
+    """Return the clearest step of one target relative to the others; None without any.
+
+    For a step at each row the means before and after are compared, by the likelihood ratio of the
+    directions in which each target moves the shape. Far values are clipped.
+    """
+    shape, by_target, rows = _shape(p_m, u_m)
     count = len(shape)
     if count < 2 * KNOCKS.either_side + 1 or not shape.shape[1]:
         return None
     sigma = _scale(shape)
-    middle = np.median(shape, axis=0)
-    spread = np.maximum(MEDIAN_TO_SIGMA * np.median(np.abs(shape - middle), axis=0), sigma)
-    clipped = np.clip(shape - middle, -KNOCKS.far_errors * spread, KNOCKS.far_errors * spread)
+    median = np.median(shape, axis=0)
+    spread = np.maximum(MEDIAN_TO_SIGMA * np.median(np.abs(shape - median), axis=0), sigma)
+    clipped = np.clip(shape - median, -KNOCKS.far_errors * spread, KNOCKS.far_errors * spread)
     summed = np.cumsum(clipped, axis=0)
     first = np.arange(KNOCKS.either_side, count - KNOCKS.either_side + 1)
     before = summed[first - 1] / first[:, None]
     after = (summed[-1] - summed[first - 1]) / (count - first)[:, None]
     scaled = np.sqrt(first * (count - first) / count)[:, None] * (after - before) / sigma
-    gains = np.stack([np.sum((scaled @ _directions(each)) ** 2, axis=1) for each in across])
+    # Of each target and row of the step, (K, rows): twice the gain in log likelihood.
+    gains = np.stack([np.sum((scaled @ _directions(each)) ** 2, axis=1) for each in by_target])
     best = gains.max(axis=1)
-    k, at = int(best.argmax()), int(first[gains[best.argmax()].argmax()])
-    moved = np.median(shape[at:], axis=0) - np.median(shape[:at], axis=0)
-    within = across[k] @ np.linalg.pinv(across[k], rcond=KNOCKS.follows_share) @ moved
-    shift_m = np.linalg.lstsq(across[k], within, rcond=KNOCKS.follows_share)[0]
-    said_m = float(np.nanmedian(u_m))
-    size_m = float(np.linalg.norm(shift_m)) * said_m
-    if (
-        best[k] / 2.0 < KNOCKS.needed_nats
-        or size_m < KNOCKS.least_errors * max(sigma, 1.0) * said_m
-    ):
+    k = int(best.argmax())
+    row = int(first[gains[k].argmax()])
+    step = np.median(shape[row:], axis=0) - np.median(shape[:row], axis=0)
+    of_target = by_target[k] @ np.linalg.pinv(by_target[k], rcond=KNOCKS.follows_share) @ step
+    shift = np.linalg.lstsq(by_target[k], of_target, rcond=KNOCKS.follows_share)[0]
+    stated_m = float(np.nanmedian(u_m))
+    shift_m = float(np.linalg.norm(shift)) * stated_m
+    smallest_m = KNOCKS.least_errors * max(sigma, 1.0) * stated_m
+    if best[k] / 2.0 < KNOCKS.needed_nats or shift_m < smallest_m:
         return None
-    as_well = tuple(int(j) for j in np.flatnonzero(best > best[k] - 2.0 * KNOCKS.as_well_nats))
-    return Knock(as_well, int(rows[at]), size_m)
+    as_good = tuple(int(j) for j in np.flatnonzero(best > best[k] - 2.0 * KNOCKS.as_well_nats))
+    return Knock(as_good, int(rows[row]), shift_m)
 
 
 def _shape(p_m: Array, u_m: Array) -> tuple[Array, list[Array], Index]:
-    """Return what no rigid motion makes of the readings.
+    """Return the components of the readings that no small rigid motion makes.
 
     Returns:
         (R, m) components in stated standard deviations, in the R configurations that show all
-        targets; how they follow each target's place (m, 3); and which configurations.
+        targets; their derivatives (m, 3) by the place of each target; and the R configurations.
     """
     rows = np.flatnonzero(np.isfinite(p_m[..., 0]).all(axis=1))
     if not len(rows):
@@ -180,11 +191,11 @@ def _shape(p_m: Array, u_m: Array) -> tuple[Array, list[Array], Index]:
     places_m = np.median(p_m[rows], axis=0)
     targets = len(places_m)
     modes = by_small_motion(places_m - places_m.mean(axis=0)).reshape(3 * targets, 6)
-    left, sizes, _ = np.linalg.svd(modes)
-    others = left[:, int(np.sum(sizes > _RANK * sizes[0])) :]
-    whole = (p_m[rows] - places_m).reshape(len(rows), -1) / np.nanmedian(u_m)
-    across = others.T.reshape(-1, targets, 3)
-    return whole @ others, [across[:, k] for k in range(targets)], rows
+    basis, sizes, _ = np.linalg.svd(modes)
+    not_rigid = basis[:, int(np.sum(sizes > _RANK * sizes[0])) :]
+    offsets = (p_m[rows] - places_m).reshape(len(rows), -1) / np.nanmedian(u_m)
+    by_place = not_rigid.T.reshape(-1, targets, 3)
+    return offsets @ not_rigid, [by_place[:, k] for k in range(targets)], rows
 
 
 def _scale(shape: Array) -> float:
@@ -193,7 +204,7 @@ def _scale(shape: Array) -> float:
     return max(MEDIAN_TO_SIGMA * float(np.median(differences)), np.finfo(float).tiny)
 
 
-def _directions(across: Array) -> Array:
-    """Return an orthonormal basis of where a target's place moves the shape."""
-    left, sizes, _ = np.linalg.svd(across, full_matrices=False)
-    return np.asarray(left[:, sizes > KNOCKS.follows_share * max(sizes.max(), _TINY)])
+def _directions(by_place: Array) -> Array:
+    """Return an orthonormal basis of the components that a target's place moves, (m, r)."""
+    basis, sizes, _ = np.linalg.svd(by_place, full_matrices=False)
+    return np.asarray(basis[:, sizes > KNOCKS.follows_share * max(sizes.max(), _TINY)])

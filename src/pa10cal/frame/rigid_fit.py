@@ -1,9 +1,8 @@
-"""Rigid fits of points to points: closed form, and weighted by the points' covariances."""
+"""Differences of poses, and rigid fits of points: in closed form, and weighted by covariances."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,17 +11,19 @@ from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
 from pa10cal.rules import FRAMES
 
-# The difference of two poses as six numbers, and its derivative.
-#
-# Orientation is compared by twice the vector part of the quaternion of the difference: its length
-# is 2 sin(angle / 2), the chord of the angle, so that the sum of squares is the one that
-# orthogonal Procrustes minimises in closed form; it is smooth, and departs from the angle by
-# angle^3 / 24.
+#: The weighted fit stops when no component moves further than this (lengths and radians), or after
+#: this many steps (computing).
+STEP_TOLERANCE, MAX_ITERATIONS = 1e-13, 50
 
 
 @dataclass(frozen=True)
 class PoseError:
-    """Difference of predicted and measured poses, along the measuring frame's axes."""
+    """Difference of predicted and measured poses, along the measuring frame's axes.
+
+    Orientations are compared by the chord: twice the vector part of the quaternion of the
+    difference, of length 2 sin(angle / 2). It is smooth, differs from the angle by angle^3 / 24,
+    and orthogonal Procrustes minimises its sum of squares in closed form.
+    """
 
     position_m: Array  # (P, 3) predicted minus measured
     chord: Array  # (P, 3) orientation difference: axis times 2 sin(angle / 2)
@@ -48,10 +49,10 @@ def cross_matrix(vector: Array) -> Array:
 
 
 def by_small_motion(arms: Array) -> Array:
-    """Return how points follow a shift and a small turn of what carries them, (..., 3, 6).
+    """Return the derivative (..., 3, 6) of points by a shift and a small turn of their body.
 
     Args:
-        arms: (..., 3) way to the points from where it turns about.
+        arms: (..., 3) vectors from the centre of the turn to the points.
     """
     by_motion = np.zeros((*arms.shape, 6))
     x, y, z = arms[..., 0], arms[..., 1], arms[..., 2]
@@ -61,11 +62,6 @@ def by_small_motion(arms: Array) -> Array:
     by_motion[..., 1, 3], by_motion[..., 1, 5] = -z, x
     by_motion[..., 2, 3], by_motion[..., 2, 4] = y, -x
     return by_motion
-
-
-#: The weighted fit stops when no component moves further than this (lengths and radians); its
-#: most steps; and what is none of the columns of a linear problem (computing).
-STEP_TOLERANCE, MAX_ITERATIONS, NO_COLUMN = 1e-13, 50, 1e-9
 
 
 @dataclass(frozen=True)
@@ -113,7 +109,7 @@ def fit_rigid(source: Array, target: Array) -> RigidFit:
 
 
 def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> WeightedRigidFit:
-    """Fit poses to points that are uncertain each in its own way (Gauss-Newton).
+    """Fit poses to points with a covariance each (Gauss-Newton).
 
     Args:
         source: (k, 3) or (B, k, 3) points in the source frame, k >= 3, taken as exact.
@@ -145,19 +141,19 @@ def fit_rigid_weighted(source: Array, target: Array, covariances: Array) -> Weig
 
 
 def pose_by_source(T: Array, target: Array, covariances: Array) -> Array:
-    """Return how a weighted fit's poses (B, 4, 4) answer to errors in the source points.
+    """Return the derivative of the poses (B, 4, 4) of a weighted fit by the source points.
 
     Returns:
-        (B, 6, 3 k) derivative of (dp, w) by the coordinates of the source points, along the source
-        frame's axes, point by point; of target points and covariances see `fit_rigid_weighted`.
+        (B, 6, 3 k) derivative of (dp, w), see `WeightedRigidFit`, by the coordinates of the source
+        points, point by point.
     """
     R, p = T[:, :3, :3], T[:, :3, 3]
     source = (target - p[:, None, :]) @ R
     jacobian = by_small_motion(source @ np.swapaxes(R, -1, -2))
     weighted = np.swapaxes(jacobian, -1, -2) @ np.linalg.inv(covariances)
     normal = (weighted @ jacobian).sum(axis=1)
-    pulled = -np.linalg.solve(normal[:, None], weighted @ R[:, None])
-    by_source: Array = np.concatenate(list(np.moveaxis(pulled, 1, 0)), axis=-1)
+    by_point = -np.linalg.solve(normal[:, None], weighted @ R[:, None])
+    by_source: Array = np.concatenate(list(np.moveaxis(by_point, 1, 0)), axis=-1)
     return by_source
 
 
@@ -179,134 +175,3 @@ def _refuse_lines(offsets: Array, where: str) -> None:
             allowed="at least three points that are not collinear",
             remedy="measure points further apart across the line",
         )
-
-
-# Base frame from a rigid fit of the nominal model, for campaigns without straight moves.
-
-
-@dataclass(frozen=True)
-class Located:
-    """Base frame and targets, found with the nominal arm."""
-
-    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
-    scatter_m: float  # root mean square of the residuals, positions or distances
-    poses: int  # how many it rests on
-    # (3,) standard uncertainty of the directions of the base's axes, per axis across each, taking
-    # the residuals as independent; None where the instrument has no directions
-    axis_u_rad: Array | None = None
-    # root mean square angle between measured and modelled orientations; None where none is measured
-    scatter_rad: float | None = None
-    # (4, 4) the one target whose orientation is measured; None where it is the end-effector itself,
-    # or there is none
-    T_ee_target: Array | None = None
-    # (B, 3) places of targets, in the order of their names
-    p_ee_targets_m: Array | None = None
-    # (4, 4) `T_ee_target` of each campaign of a group, by its name
-    T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
-    # directions of the targets that the poses do not determine, held as stated
-    held: tuple[str, ...] | None = None
-    # whether the places of the targets are stated; None where it does not matter
-    stated: bool | None = None
-
-    @property
-    def misfit_m(self) -> float:
-        """Return the root mean square of what is left, turns as far as they move the target."""
-        return float(np.hypot(self.scatter_m, FRAMES.lever_m * (self.scatter_rad or 0.0)))
-
-    @property
-    def T_ee_targets(self) -> Array:
-        """Return the targets in the end-effector frame, (B, 4, 4) [m], not turned where none is."""
-        if self.T_ee_target is not None:
-            return self.T_ee_target[None]
-        places_m = np.zeros((0, 3)) if self.p_ee_targets_m is None else self.p_ee_targets_m
-        return homogeneous(np.eye(3), places_m)
-
-    def targets(self, T_base_ee: Array) -> Array:
-        """Return where the targets are in the instrument's frame, (P, B, 4, 4) [m]."""
-        return np.asarray(self.T_instr_base @ T_base_ee[:, None] @ self.T_ee_targets)
-
-
-def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> Located:
-    """Fit the base frame to positions (P, 3) measured, and the nominal model's in the base frame.
-
-    Raises:
-        CalibrationError: with fewer than three poses, or when the positions lie on one line.
-    """
-    count = len(p_instr_m)
-    if count < 3:
-        raise CalibrationError(
-            "too few poses to fit a base frame to",
-            where="unloaded poses",
-            value=count,
-            allowed="at least 3",
-            remedy="measure more unloaded grid poses, or straight moves",
-        )
-    fit = fit_rigid(p_base_m, p_instr_m)
-    variance = float(fit.rms) ** 2 * count / (3 * count - 6)
-    # The covariance scales with the variance; a floor keeps it invertible when the fit is exact.
-    scale = max(variance, np.finfo(float).tiny ** 0.5)
-    points = np.broadcast_to(scale * np.eye(3), (1, count, 3, 3))
-    turning = fit_rigid_weighted(p_base_m, p_instr_m[None], points).covariance[0, 3:, 3:]
-    axes = fit.T[:3, :3]
-    along = np.einsum("ik,ij,jk->k", axes, turning, axes)
-    across = (np.trace(turning) - along) / 2.0
-    return Located(fit.T, float(fit.rms), count, np.sqrt(across))
-
-
-# How far the nominal model moves for one measured length: the unit of what was measured.
-#
-# Where the target is on the end-effector and where the instrument is are not known, and need not
-# be: both enter the measurement in ways that are linear in the nominal model's position and
-# orientation, and the remaining motion of the model is as large as the measured one, whatever they
-# are.
-
-
-def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
-    """Return how far the nominal model moves for one unit that the target was measured to.
-
-    Positions (N, 3) of one target should be in metres, as the model's poses (N, 4, 4) are. None
-    where the rows do not determine the scale, such as positions along one line.
-    """
-    if len(p_m) < FRAMES.scale_rows:
-        return None
-    extent_m = np.linalg.svd(p_m - p_m.mean(axis=0), compute_uv=False)
-    if extent_m[1] < FRAMES.least_breadth * extent_m[0]:
-        return None
-    # x = S p + s - R u, linear in the general matrix S, in s and in the target's place u.
-    of_S = np.kron((p_m - p_m.mean(axis=0))[:, None, :], np.eye(3)).reshape(-1, 9)
-    others = np.concatenate([np.tile(np.eye(3), (len(p_m), 1, 1)), T_base_ee[:, :3, :3]], axis=2)
-    found = _explained(T_base_ee[:, :3, 3].ravel(), of_S, others.reshape(-1, 6))
-    if found is None or found[1] < FRAMES.least_motion_m:
-        return None
-    # Of positions in one plane a third singular value is nought.
-    return float(np.linalg.svd(found[0].reshape(3, 3), compute_uv=False)[1])
-
-
-def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
-    """Return how far the nominal model moves for one unit that the distance (N,) changed.
-
-    See `scale_of_points`; the distances are those of one target from a fixed point.
-    """
-    if len(d_m) < FRAMES.scale_rows:
-        return None
-    # |x|^2 = k^2 d^2 + 2 x.c - |c|^2 for a target at the origin, and with its products elsewhere.
-    x, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
-    others = [x, np.ones((len(x), 1))]
-    if len(d_m) >= FRAMES.rows_for_target:
-        others += [np.einsum("pji,pj->pi", R, x), R.reshape(-1, 9)]
-    found = _explained((x**2).sum(axis=1), d_m[:, None] ** 2, np.hstack(others))
-    if found is None or found[1] < FRAMES.least_motion_m**2 or found[0][0] <= 0.0:
-        return None
-    return float(np.sqrt(found[0][0]))
-
-
-def _explained(values: Array, by_these: Array, by_others: Array) -> tuple[Array, float] | None:
-    """Return what explains that part of values which others leave, and that part's rms; or None."""
-    together = np.column_stack([values, by_these])
-    together = together - by_others @ np.linalg.lstsq(by_others, together, rcond=NO_COLUMN)[0]
-    rest, columns = together[:, 0], together[:, 1:]
-    solved = np.asarray(np.linalg.lstsq(columns, rest, rcond=NO_COLUMN)[0], dtype=float)
-    remaining = rest - columns @ solved
-    if remaining @ remaining > (1.0 - FRAMES.explained_share) * (rest @ rest):
-        return None
-    return solved, float(np.sqrt(np.mean(rest**2)))

@@ -1,34 +1,49 @@
-"""Targets on an arm as linear problems: where a fit starts, and what is left at least.
+"""Base frame and targets as linear least squares: design matrices, and closed-form starts of a fit.
 
-Carried into the base frame, base and target are linear unknowns where their rotations may be any
-matrices: the nearest rotations start a fit (`hand_eye`), and no base and no target leaves less than
-any matrices do, so many candidates are told apart before one of them is fitted.
+Targets at p_ee on the end-effector are measured at p_instr, with p_base and R_base the modelled
+pose of the end-effector:
+
+    S p_instr + s = p_base + R_base p_ee,    S = R_instr_base',    s = -S p_instr_base.
+
+With S relaxed to any 3x3 matrix this is linear in S, s and p_ee. The rotation nearest to the
+solution starts the non-linear fit (`hand_eye`), and what the relaxed problem leaves is a lower
+bound of the misfit of every fit (`misfit_bounds`). A row is one target seen in one pose, K in all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from pa10cal.arrays import Array, Index, drawn, nearest_rotation, taken
+from pa10cal.arrays import Array, Index, drawn, nearest_rotation, take_rows
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import NO_COLUMN
 from pa10cal.numerics import least_squares
 from pa10cal.rules import FRAMES
 
+#: Singular values below this part of the largest are zero (computing).
+NO_COLUMN = 1e-9
 #: Poses that are needed to fit a base frame, and distances to find a fixed point.
 _NEEDED_POSES = (FRAMES.base_poses, "poses to fit a base frame to", "base frame")
 _NEEDED_DISTANCES = (FRAMES.point_distances, "distances to find the fixed point", "fixed point")
-#: Poses, and distances, that choose between starts (computing).
+#: Poses, and distances, by which starts are compared (computing).
 _MOST_POSES, _MOST_DISTANCES = 100, 300
+#: Offset from its stated place, either way along each axis, at which the target of distances is
+#: tried [m] (computing).
+_TARGET_OFFSET_M = 0.2
+#: Unknowns of the squared distances, see `squared_distance_equations` (computing).
+_SQUARED_UNKNOWNS = 16
 
 
 @dataclass(frozen=True)
 class TargetProblem:
-    """What was seen of B targets in P poses; K of these were seen."""
+    """Measurements of B targets in P poses.
+
+    They are positions, with or without orientations, or else distances of one target from the
+    instrument (`d_m`). Of distances the unknowns are the target and the fixed point from which they
+    were measured: the measured position is then zero, and the base is not turned.
+    """
 
     p_base_m: Array  # (P, 3) modelled positions of the end-effector
     R_base: Array  # (P, 3, 3) modelled orientations
@@ -36,9 +51,7 @@ class TargetProblem:
     R_instr_target: Array | None  # (P, 3, 3) measured orientations, where there are any
     weights: Array  # (P,) weights of the poses
     p_ee_stated_m: Array  # (B, 3) stated places of the targets
-    # (P,) distances of the one target from the instrument's origin, where these alone were
-    # measured: positions are that origin then, and the base is not turned
-    d_m: Array | None = None
+    d_m: Array | None = None  # (P,) distances [m], where these alone were measured
 
     @classmethod
     def of(
@@ -50,19 +63,19 @@ class TargetProblem:
         R_instr_target: Array | None = None,
         d_m: Array | None = None,
     ) -> TargetProblem:
-        """Gather what was seen; see the attributes. None weighs all poses alike.
+        """Return the problem of poses (P, 4, 4); see the attributes. No weights: all are equal.
 
         Raises:
-            CalibrationError: with fewer than three poses.
+            CalibrationError: with fewer than three poses, or fewer than four distances.
         """
         poses = int(np.count_nonzero(np.isfinite(p_instr_m[..., 0]).any(axis=1)))
-        least, what, place = _NEEDED_POSES if d_m is None else _NEEDED_DISTANCES
-        if poses < least:
+        needed, what, frame = _NEEDED_POSES if d_m is None else _NEEDED_DISTANCES
+        if poses < needed:
             raise CalibrationError(
                 f"too few {what}",
-                where=f"poses for the {place}",
+                where=f"poses for the {frame}",
                 value=poses,
-                allowed=f"at least {least}",
+                allowed=f"at least {needed}",
                 remedy="measure more poses",
             )
         weights = np.ones(len(T_base_ee)) if weights is None else weights
@@ -70,8 +83,8 @@ class TargetProblem:
         return cls(p_m, R, p_instr_m, R_instr_target, weights, p_ee_stated_m, d_m)
 
     @property
-    def of_base(self) -> int:
-        """Return how many unknowns the base has: distances show no turn of it."""
+    def base_unknowns(self) -> int:
+        """Return the number of unknowns of the base: distances do not depend on its rotation."""
         return 6 if self.d_m is None else 3
 
     @property
@@ -80,41 +93,48 @@ class TargetProblem:
         return 0 if self.R_instr_target is None else len(self.R_instr_target)
 
     def thinned(self) -> TargetProblem:
-        """Return the problem of few poses, drawn at random, always the same; itself if few."""
+        """Return the problem of a random sample of the poses, always the same; itself if few."""
         most = _MOST_POSES if self.d_m is None else _MOST_DISTANCES
         if len(self.weights) <= most:
             return self
-        return taken(self, drawn(len(self.weights), most), "p_ee_stated_m")
+        return take_rows(self, drawn(len(self.weights), most), "p_ee_stated_m")
 
     @cached_property
     def seen(self) -> tuple[Index, Index]:
-        """Return pose and target of every row, (K,) each."""
+        """Return the pose and the target of every row, (K,) each."""
         pose, target = np.nonzero(np.isfinite(self.p_instr_targets_m[..., 0]))
         return pose, target
 
     @cached_property
     def p_instr_m(self) -> Array:
-        """Return the measured positions, (K, 3)."""
+        """Return the measured position of every row, (K, 3)."""
         return np.asarray(self.p_instr_targets_m[self.seen])
 
     @cached_property
     def root_weight(self) -> Array:
-        """Square root of the weight of every row, (K,)."""
+        """Return the square root of the weight of every row, (K,)."""
         return np.sqrt(self.weights[self.seen[0]])
 
     @cached_property
+    def weighted_offsets_m(self) -> Array:
+        """Return the measured positions about their weighted mean, times `root_weight`, (K, 3)."""
+        root = self.root_weight[:, None]
+        mean_m = np.average(self.p_instr_m, axis=0, weights=root[:, 0] ** 2)
+        return np.asarray(root * (self.p_instr_m - mean_m))
+
+    @cached_property
     def _p_rows_m(self) -> Array:
-        """Modelled position of the end-effector of every row, (K, 3)."""
+        """Return the modelled position of the end-effector of every row, (K, 3)."""
         return self.p_base_m[self.seen[0]]
 
     def in_base(self, p_ee_m: Array) -> Array:
-        """Return the modelled places (K, 3) of the targets in the base frame."""
+        """Return the modelled positions (K, 3) in the base frame of targets at p_ee_m (B, 3)."""
         carried = self.by_places.reshape(-1, p_ee_m.size) @ p_ee_m.ravel()
         return np.asarray(self._p_rows_m + carried.reshape(-1, 3))
 
     @cached_property
     def by_places(self) -> Array:
-        """Return the derivative (K, 3, 3 B) of those places by the targets' places."""
+        """Return the derivative (K, 3, 3 B) of these positions by the targets' places."""
         pose, target = self.seen
         by_places = np.zeros((len(target), 3, self.p_ee_stated_m.size))
         rows, columns = np.arange(len(target))[:, None, None], 3 * target[:, None, None]
@@ -122,166 +142,102 @@ class TargetProblem:
         return by_places
 
 
-# Where a fit starts, in closed form.
-
-
 def turns_by_positions(problem: TargetProblem) -> list[Array]:
-    """Return rotations of the base to start from, by positions; none if they span no plane."""
-    columns, x_base_m = _by_positions(problem)
-    root, off = columns[:, 0, 9:10], columns[:, 0, :9:3]
-    spread = np.linalg.svd(off, compute_uv=False)
-    if spread[1] <= max(
-        least_squares.OPEN * spread[0], FRAMES.least_spread_m * np.linalg.norm(root)
+    """Return rotations R_instr_base to start from, by positions; none if these are collinear.
+
+    One is from the relaxed problem, one from a rigid fit of the targets at their stated places.
+    """
+    root, offsets = problem.root_weight[:, None], problem.weighted_offsets_m
+    singular_values = np.linalg.svd(offsets, compute_uv=False)
+    if singular_values[1] <= max(
+        least_squares.OPEN * singular_values[0], FRAMES.least_spread_m * np.linalg.norm(root)
     ):
         return []
     stated = problem.in_base(problem.p_ee_stated_m)
     stated = root * (stated - np.average(stated, axis=0, weights=root[:, 0] ** 2))
-    solved = _solved(columns.reshape(x_base_m.size, -1), x_base_m.ravel())
-    # The nine go by columns of S, the inverse of the base's rotation.
-    by_equations = solved[:9].reshape(3, 3)
-    return [nearest_rotation(by_equations), nearest_rotation(off.T @ stated)]
+    design, values = position_equations(problem)
+    unknowns = _least_squares(design.reshape(values.size, -1), values.ravel())
+    # The first nine are the columns of S; as rows of a matrix they make S', the base's rotation.
+    by_equations = unknowns[:9].reshape(3, 3)
+    return [nearest_rotation(by_equations), nearest_rotation(offsets.T @ stated)]
 
 
-def _by_positions(problem: TargetProblem) -> tuple[Array, Array]:
-    """Return equations of positions, weighed: their columns (K, 3, 12 + 3 B), and values (K, 3).
+def position_equations(problem: TargetProblem) -> tuple[Array, Array]:
+    """Return the weighted design matrix (K, 3, 12 + 3 B) of positions, and the values (K, 3).
 
-    x = S (p - mean) + s - R_base p_ee is linear in S (nine, by columns), s and the places.
+    Unknowns are the nine of S by columns, the three of s, and the places p_ee of the targets:
+    p_base = S (p_instr - mean) + s - R_base p_ee.
     """
     root = problem.root_weight[:, None]
-    off = root * (
-        problem.p_instr_m - np.average(problem.p_instr_m, axis=0, weights=root[:, 0] ** 2)
-    )
-    columns = np.zeros((len(off), 3, 9 + 3 + problem.p_ee_stated_m.size))
-    for row in range(3):
-        columns[:, row, row:9:3] = off
-        columns[:, row, 9 + row] = root[:, 0]
-    columns[:, :, 12:] = -root[..., None] * problem.by_places
-    return columns, root * problem.p_base_m[problem.seen[0]]
-
-
-#: Starts put the target of distances this far from its stated place, either way along each axis
-#: (computing).
-_ASIDE_M = 0.2
-#: Unknowns of the equation that is linear in products of target and point (computing).
-_PRODUCTS = 16
+    design = np.zeros((len(root), 3, 9 + 3 + problem.p_ee_stated_m.size))
+    for axis in range(3):
+        design[:, axis, axis:9:3] = problem.weighted_offsets_m
+        design[:, axis, 9 + axis] = root[:, 0]
+    design[:, :, 12:] = -root[..., None] * problem.by_places
+    return design, root * problem.p_base_m[problem.seen[0]]
 
 
 def points_by_distances(problem: TargetProblem) -> list[tuple[Array, Array]]:
-    """Return fixed points and targets, (3,) each, to start from."""
+    """Return fixed points and targets, (3,) each, to start from.
+
+    For a target at a given place the squared distances are linear in the fixed point. Poses near a
+    plane hardly tell it from its mirror image in that plane, so both are starts. With poses enough
+    target and point also follow together from `squared_distance_equations`.
+    """
     d_m = np.asarray(problem.d_m)
-    x, R, root = problem.p_base_m, problem.R_base, problem.root_weight
-    starts, aside = [], np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
-    for p_ee_m in problem.p_ee_stated_m + _ASIDE_M * aside:
-        place = x + R @ p_ee_m
-        mean = place.mean(axis=0)
-        off = place - mean
-        # |off|^2 - d^2 = 2 off c + (a constant), c from the mean.
-        sphere = np.hstack([2.0 * off, np.ones((len(off), 1))])
-        square = (off**2).sum(axis=1) - d_m**2
-        c = _solved(root[:, None] * sphere, root * square)[:3]
-        across = np.linalg.svd(off)[2][2]
-        starts += [(mean + c, p_ee_m), (mean + c - 2.0 * (c @ across) * across, p_ee_m)]
-    if len(d_m) >= _PRODUCTS:
-        columns, square = _by_products(x, R, d_m)
-        solved = _solved(root[:, None] * columns, root * square)
-        starts.append((solved[3:6], solved[:3]))
+    p_base_m, R_base, root = problem.p_base_m, problem.R_base, problem.root_weight
+    starts = []
+    directions = np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    for p_ee_m in problem.p_ee_stated_m + _TARGET_OFFSET_M * directions:
+        target_m = p_base_m + R_base @ p_ee_m
+        mean_m = target_m.mean(axis=0)
+        offsets_m = target_m - mean_m
+        # |offset|^2 - d^2 = 2 offset.c + a constant, with the fixed point at mean + c.
+        design = np.hstack([2.0 * offsets_m, np.ones((len(offsets_m), 1))])
+        values = (offsets_m**2).sum(axis=1) - d_m**2
+        c = _least_squares(root[:, None] * design, root * values)[:3]
+        normal = np.linalg.svd(offsets_m, full_matrices=False)[2][2]  # of the plane nearest to them
+        starts.append((mean_m + c, p_ee_m))
+        starts.append((mean_m + c - 2.0 * (c @ normal) * normal, p_ee_m))
+    if len(d_m) >= _SQUARED_UNKNOWNS:
+        design, values = squared_distance_equations(p_base_m, R_base, d_m)
+        unknowns = _least_squares(root[:, None] * design, root * values)
+        starts.append((unknowns[3:6], unknowns[:3]))
     return starts
 
 
-def _by_products(x: Array, R: Array, d_m: Array) -> tuple[Array, Array]:
-    """Return the equations (P, 16) of u, c, the products of their parts, and their squares.
+def squared_distance_equations(p_base_m: Array, R_base: Array, d_m: Array) -> tuple[Array, Array]:
+    """Return the design matrix (P, 16) of squared distances, and the values (P,) [m^2].
 
-    d^2 - |x|^2 = 2 x.R u - 2 x.c - 2 c.R u + (|u|^2 + |c|^2) for target u and point c.
+    With u the target on the end-effector and c the fixed point in the base frame
+    d^2 - |p_base|^2 = 2 p_base.(R_base u) - 2 p_base.c - 2 c.(R_base u) + |u|^2 + |c|^2
+    is linear in u, c, the nine products of their components and the sum of squares.
     """
-    turned, ones = np.einsum("pji,pj->pi", R, x), np.ones((len(x), 1))
-    columns = np.hstack([2.0 * turned, -2.0 * x, -2.0 * R.reshape(-1, 9), ones])
-    return columns, d_m**2 - (x**2).sum(axis=1)
+    p_ee_base_m = np.einsum("pji,pj->pi", R_base, p_base_m)  # along the end-effector's axes
+    ones = np.ones((len(p_base_m), 1))
+    design = np.hstack([2.0 * p_ee_base_m, -2.0 * p_base_m, -2.0 * R_base.reshape(-1, 9), ones])
+    return design, d_m**2 - (p_base_m**2).sum(axis=1)
 
 
-def _solved(columns: Array, values: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(columns, values, rcond=NO_COLUMN)[0], dtype=np.float64)
+def _least_squares(design: Array, values: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(design, values, rcond=NO_COLUMN)[0], dtype=np.float64)
 
 
 def turn_by_orientations(problem: TargetProblem, R_instr_target: Array) -> Array:
-    """Return the rotation of the base by orientations alone.
+    """Return R_instr_base by orientations R_instr_target (P, 3, 3) alone.
 
-    With X the target's rotation R_instr_target X' = R_instr_base R_base, so that the sum of R_base
-    (x) R_instr_target carries X' to as many times R_instr_base as there are poses, and nothing
-    further.
+    With X = R_ee_target every pose has R_instr_target X' = R_instr_base R_base. So the weighted sum
+    of the Kronecker products R_base (x) R_instr_target maps vec(X') to vec(R_instr_base) times the
+    sum of weights, and no vector further: vec(R_instr_base) belongs to its largest singular value.
     """
     weighted = problem.weights[:, None, None] * problem.R_base
     summed = np.einsum("pij,pkl->ikjl", weighted, R_instr_target).reshape(9, 9)
-    first = np.asarray(np.linalg.svd(summed)[0][:, 0], dtype=float)
-    dominant = first.reshape(3, 3).T  # by columns
-    return nearest_rotation(dominant if np.linalg.det(dominant) > 0.0 else -dominant)
+    dominant = np.asarray(np.linalg.svd(summed)[0][:, 0], dtype=float)
+    matrix = dominant.reshape(3, 3).T  # vec goes by columns
+    # A singular vector has either sign; a rotation has a positive determinant.
+    return nearest_rotation(matrix if np.linalg.det(matrix) > 0.0 else -matrix)
 
 
 def mean_turn(weights: Array, turns: Array) -> Array:
     """Return the chordal mean of rotations (P, 3, 3)."""
     return nearest_rotation(np.tensordot(weights, turns, axes=1))
-
-
-# What is left at least.
-
-#: Part by which what is left at least may be off by rounding; and part of the trace of its normal
-#: equations that keeps them regular (computing).
-SURELY, _REGULAR = 1.001, 1e-12
-
-
-def first_of_least(
-    least: Sequence[float], fitted: Callable[[int], float], most: float
-) -> tuple[float, int] | None:
-    """Return the least misfit of candidates, at most so much, and the first that has it.
-
-    Of each it is known what is left at `least`; those are `fitted` that may have less than the best
-    so far. None where none has so little.
-    """
-    best: tuple[float, int] | None = None
-    for k in np.argsort(least, kind="stable").tolist():
-        if least[k] > SURELY * (most if best is None else best[0]):
-            break
-        misfit = fitted(k)
-        if misfit <= most and (best is None or (misfit, k) < best):
-            best = misfit, k
-    return best
-
-
-def least_misfit_of_targets(
-    T_base_ee: Array, p_instr_m: Array, R_instr_target: Array | None = None
-) -> float:
-    """Return what is left at least [m] of targets (P, B, 3), and of orientations (P, 3, 3).
-
-    Carried into the base frame all is linear in the rotations of base and target, which may here be
-    any matrices; a turn is at least the difference of the matrices over the root of two.
-    """
-    p_m, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
-    nowhere, alike = np.zeros((p_instr_m.shape[1], 3)), np.ones(len(p_m))
-    columns, values = _by_positions(TargetProblem(p_m, R, p_instr_m, None, alike, nowhere))
-    rows, unknowns = len(columns), columns.shape[2]
-    columns, values = columns.reshape(values.size, unknowns), values.ravel()
-    if R_instr_target is not None:
-        turns = np.zeros((len(p_m), 3, 3, unknowns + 9))  # S R_instr_target = R_base X
-        for axis, across in np.ndindex(3, 3):
-            turns[:, axis, across, axis:9:3] = R_instr_target[:, :, across]
-            turns[:, axis, across, unknowns + across :: 3] = -R[:, axis]
-        turns *= FRAMES.lever_m / np.sqrt(2.0)
-        columns = np.vstack([np.pad(columns, ((0, 0), (0, 9))), turns.reshape(-1, unknowns + 9)])
-        values = np.concatenate([values, np.zeros(9 * len(p_m))])
-    return float(np.sqrt(_left(columns, values) / rows))
-
-
-def least_misfit_of_distances(T_base_ee: Array, d_m: Array) -> float:
-    """Return what is left at least [m] of distances (P,), by the squares of `_by_products`."""
-    columns, square = _by_products(T_base_ee[:, :3, 3], T_base_ee[:, :3, :3], d_m)
-    off_m2, root = np.sqrt(_left(columns, square) / len(d_m)), np.sqrt(len(d_m))
-    # |d^2 - m^2| is at most e (2 d + e) of an error e, none of which exceeds the root of all.
-    far_m = float(d_m.max())
-    return float((np.sqrt(far_m**2 + root * off_m2) - far_m) / root)
-
-
-def _left(columns: Array, values: Array) -> float:
-    """Return the sum of squares that a linear problem leaves."""
-    normal = columns.T @ columns
-    normal.flat[:: len(normal) + 1] += _REGULAR * np.trace(normal)
-    solved = np.linalg.solve(normal, columns.T @ values)
-    return float(np.sum((values - columns @ solved) ** 2))

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import ObservedTargets
-from pa10cal.arrays import Array, Index, Mask, Rows, homogeneous, taken
+from pa10cal.arrays import Array, Index, Mask, Rows, homogeneous, take_rows
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located, cross_matrix
+from pa10cal.frame.located import Located
+from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.observe import quantities
 from pa10cal.rules import READINGS
 from pa10cal.terms.term import TermParameter
@@ -100,7 +101,7 @@ class Instrument(ABC):
 
     def take(self, rows: Rows) -> Self:
         """Return what was measured in some of the poses; arrays have one entry a pose."""
-        return taken(self, rows, *self._of_all)
+        return take_rows(self, rows, *self._of_all)
 
     @abstractmethod
     def averaged(self, code: Index) -> Self:
@@ -431,7 +432,7 @@ class BaseTargets:
 
     def take(self, rows: Rows) -> BaseTargets:
         """Return some of the configurations."""
-        return taken(self, rows, "names", "found")
+        return take_rows(self, rows, "names", "found")
 
     @property
     def T_moved(self) -> Array:

@@ -1,7 +1,7 @@
 """Campaigns of one robot, measured each in its own way, as what one instrument measured.
 
 Components are those of every campaign, one after the other; in each pose those of its own campaign
-are seen. All campaigns stand in one frame, that of the first (see `observe.group`).
+are seen. All campaigns stand in one frame, that of the first (see `join`).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array, Index, Rows
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located
+from pa10cal.frame.located import Located
+from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import JointLog, Observations
-from pa10cal.observe.order import with_arrivals
 from pa10cal.observe.quantities import Comparison, Deviations, Misfit, Start, Words
 from pa10cal.rules import READINGS
 from pa10cal.terms.of_campaign import of_campaign

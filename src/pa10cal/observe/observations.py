@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import TypeVar
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index, Rows, taken
+from pa10cal.arrays import Array, Index, Rows, take_rows
 from pa10cal.errors import RawDataError
 from pa10cal.observe.instrument import BaseTargets, Instrument, group_means
 from pa10cal.observe.pose import Pose
@@ -35,7 +35,7 @@ class JointLog:
 
     def take(self, rows: Rows) -> JointLog:
         """Return some of the configurations."""
-        return taken(self, rows)
+        return take_rows(self, rows)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Observations(Generic[M_co]):
 
     def take(self, rows: Rows) -> Observations[M_co]:
         """Return some of the poses."""
-        return taken(self, rows)
+        return take_rows(self, rows)
 
     def thinned_by_pose(self, most: int) -> Observations[M_co]:
         """Return every n-th pose, with all its rows: all poses where there are few rows enough."""
@@ -82,7 +82,7 @@ class Observations(Generic[M_co]):
             return {}
         found: dict[str, Observations] = {}
         for number, (name, part) in enumerate(self.measured.campaigns):
-            own: Observations = taken(self, campaign == number, "measured")
+            own: Observations = take_rows(self, campaign == number, "measured")
             states = replace(own.states, campaign=None)
             found[name] = replace(own, states=states, measured=part, base=None)
         return found

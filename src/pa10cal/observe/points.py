@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array, Index, homogeneous
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
-from pa10cal.frame.target_problem import least_misfit_of_distances, least_misfit_of_targets
+from pa10cal.frame.located import Located
+from pa10cal.frame.measured_scale import scale_of_distances, scale_of_points
+from pa10cal.frame.misfit_bounds import distance_misfit_bound_m, target_misfit_bound_m
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,
@@ -166,21 +168,19 @@ class Points(Instrument):
         seen = np.isfinite(self.p_instr_m[..., 0])
         return (f"targets {', '.join(self.names)} seen {seen.sum()} times of {seen.size}",)
 
-    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
         found = hand_eye_from_points(
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names, roughly=roughly
         )
         return replace(found, stated=self.p_ee_stated_m is not None)
 
     def least_misfit_m(self, T_base_ee: Array) -> float:
-        return least_misfit_of_targets(T_base_ee, self.p_instr_m)
+        return target_misfit_bound_m(T_base_ee, self.p_instr_m)
 
     def scale(self, T_base_ee: Array) -> float | None:
         seen = np.isfinite(self.p_instr_m[..., 0])
         best = int(seen.sum(axis=0).argmax())
-        return rigid_fit.scale_of_points(
-            self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]]
-        )
+        return scale_of_points(self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]])
 
     def scaled(self, factor: float) -> Self:
         return replace(self, p_instr_m=factor * self.p_instr_m)
@@ -367,7 +367,7 @@ class Distance(Instrument):
     def places_m(self) -> Array:
         return self.d_m[:, None, None]
 
-    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
         """Find fixed point and target by ranging.
 
         Distances show no orientation of the instrument's frame: its axes are along those of the
@@ -378,10 +378,10 @@ class Distance(Instrument):
         return replace(found, T_instr_base=T_instr_base, stated=self.p_ee_stated_m is not None)
 
     def least_misfit_m(self, T_base_ee: Array) -> float:
-        return least_misfit_of_distances(T_base_ee, self.d_m)
+        return distance_misfit_bound_m(T_base_ee, self.d_m)
 
     def scale(self, T_base_ee: Array) -> float | None:
-        return rigid_fit.scale_of_distances(self.d_m, T_base_ee)
+        return scale_of_distances(self.d_m, T_base_ee)
 
     def scaled(self, factor: float) -> Self:
         return replace(self, d_m=factor * self.d_m)

@@ -16,7 +16,9 @@ from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.target_problem import least_misfit_of_targets
+from pa10cal.frame.located import Located, seed_from_nominal
+from pa10cal.frame.measured_scale import scale_of_points
+from pa10cal.frame.misfit_bounds import target_misfit_bound_m
 from pa10cal.observe import quantities
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points
@@ -149,18 +151,18 @@ class Pose(Instrument):
     def places_m(self) -> Array:
         return self.T_instr_target[:, None, :3, 3]
 
-    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
         return hand_eye_from_poses(T_base_ee, self.T_instr_target, roughly=roughly)
 
     def least_misfit_m(self, T_base_ee: Array) -> float:
         T = self.T_instr_target
-        return least_misfit_of_targets(T_base_ee, T[:, None, :3, 3], T[:, :3, :3])
+        return target_misfit_bound_m(T_base_ee, T[:, None, :3, 3], T[:, :3, :3])
 
     def target_on(self, T_instr_base: Array, T_base_ee: Array) -> Array | None:
         return target_on_base(T_instr_base, T_base_ee, self.T_instr_target)
 
     def scale(self, T_base_ee: Array) -> float | None:
-        return rigid_fit.scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
+        return scale_of_points(self.T_instr_target[:, :3, 3], T_base_ee)
 
     def scaled(self, factor: float) -> Self:
         T = self.T_instr_target.copy()
@@ -380,9 +382,9 @@ class Touched(Pose):
             targets_m = np.mean((self.balls.p_instr_m - origin) @ R, axis=0).ravel()
         return super().readout(T_instr_ee, targets_m)
 
-    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> rigid_fit.Located:
+    def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
         del roughly  # its solution is closed
-        return rigid_fit.seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
+        return seed_from_nominal(self.T_instr_target[:, :3, 3], T_base_ee[:, :3, 3])
 
     def least_misfit_m(self, T_base_ee: Array) -> float:
         return 0.0

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arrays import Array, Mask, Rows, taken
+from pa10cal.arrays import Array, Mask, Rows, take_rows
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.rules import FRAMES
 
@@ -91,7 +91,7 @@ class Deviations:
 
     def take(self, rows: Rows) -> Deviations:
         """Return some of the configurations."""
-        return taken(self, rows)
+        return take_rows(self, rows)
 
     def with_others(self, rows: NDArray[np.bool_], others: Deviations) -> Deviations:
         """Return these deviations, in some of the configurations (P,) the others'."""

@@ -1,6 +1,7 @@
-"""A part of a command in a process of its own, so that what ends it does not end the command.
+"""Runs part of a command in a child process, so that whatever ends the child spares the command.
 
-The child is a fork: what is imported already is imported once. It ends with its parent.
+The child is a fork, so modules that are imported already are not imported again. It ends with its
+parent.
 """
 
 from __future__ import annotations
@@ -21,29 +22,8 @@ from pa10cal.running.run_lock import PARENTS, end_with_parents
 #: Exit code of a child that was interrupted.
 _INTERRUPTED = 130
 
-Say = Callable[[Mapping[str, Any]], None]
-
-
-@dataclass(frozen=True)
-class Child:
-    """How a child ended."""
-
-    said: Mapping[str, Any]  # what it said, the later over the earlier
-    code: int  # its exit code; of a signal the negative number
-
-    @property
-    def why(self) -> str:
-        """Return what ended it, in words."""
-        if self.code >= 0:
-            return f"its process ended with exit code {self.code} before it could say why"
-        with suppress(ValueError):
-            name = signal.Signals(-self.code).name
-            return f"its process was killed by signal {-self.code} ({name}){_AS.get(name, '')}"
-        return f"its process was killed by signal {-self.code}"
-
-
 #: What most often sends a signal.
-_AS = {
+_USUAL_CAUSES = {
     "SIGKILL": ", as where there is not enough memory: use fewer cores, or a machine with more",
     "SIGABRT": ", as by a library that needs more memory than there is, or that fails",
     "SIGSEGV": ", a fault of a library",
@@ -51,12 +31,35 @@ _AS = {
     "SIGXCPU": ", a limit on time that this machine sets",
 }
 
+#: Sends the parent a mapping that JSON can hold; keys sent again overwrite the earlier ones.
+Say = Callable[[Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class Child:
+    """How a child ended."""
+
+    said: Mapping[str, Any]  # all that it sent, merged; see `Say`
+    code: int  # its exit code; minus the number of the signal that ended it
+
+    @property
+    def why(self) -> str:
+        """Return in words what ended a child that did not succeed."""
+        if self.code >= 0:
+            return f"its process ended with exit code {self.code} before it could say why"
+        killed = f"its process was killed by signal {-self.code}"
+        name = {number.value: number.name for number in signal.Signals}.get(-self.code)
+        return killed if name is None else f"{killed} ({name}){_USUAL_CAUSES.get(name, '')}"
+
 
 def in_child(work: Callable[[Say], None]) -> Child:
-    """Do some work in a child, and return how that ended.
+    """Do some work in a child process, and return how the child ended.
+
+    Fork copies locks that other threads hold: call this before libraries such as numpy, which start
+    threads, are imported.
 
     Args:
-        work: takes a function by which it says things to the parent.
+        work: gets the function by which it sends mappings to the parent.
 
     Raises:
         KeyboardInterrupt: when the child, or this process, was interrupted.
@@ -66,13 +69,13 @@ def in_child(work: Callable[[Say], None]) -> Child:
     reading, writing = os.pipe()
     me = os.getpid()
     with warnings.catch_warnings():
-        # Python warns of other threads: that of `end_with_parents` holds no locks.
+        # Python warns of other threads; the one of `end_with_parents` holds no locks.
         warnings.simplefilter("ignore", DeprecationWarning)
         child = os.fork()
     if not child:
         os.close(reading)
         os.environ[PARENTS] = str(me)
-        _become(work, writing)
+        _run_and_exit(work, writing)
     os.close(writing)
     try:
         with os.fdopen(reading, "rb") as pipe:
@@ -85,17 +88,23 @@ def in_child(work: Callable[[Say], None]) -> Child:
     if code in (_INTERRUPTED, -signal.SIGINT):
         raise KeyboardInterrupt
     said: dict[str, Any] = {}
-    for line in lines[:-1]:  # the last has no end: there is none, or it was cut
+    for line in lines[:-1]:  # after the last newline: nothing, or a line the child did not finish
         said |= json.loads(line)
     return Child(said, code)
 
 
-def _become(work: Callable[[Say], None], writing: int) -> None:
-    """Do the work, and end this process."""
+def _run_and_exit(work: Callable[[Say], None], writing: int) -> None:
+    """Do the work in the child, then end this process."""
     code = 1
     try:
         end_with_parents()
-        work(lambda said: _write(writing, json.dumps(dict(said)).encode() + b"\n"))
+        pipe = os.fdopen(writing, "wb")
+
+        def say(content: Mapping[str, Any]) -> None:
+            pipe.write(json.dumps(dict(content)).encode() + b"\n")
+            pipe.flush()
+
+        work(say)
         code = 0
     except KeyboardInterrupt:
         code = _INTERRUPTED
@@ -108,17 +117,13 @@ def _become(work: Callable[[Say], None], writing: int) -> None:
         os._exit(code)
 
 
-def _write(file: int, content: bytes) -> None:
-    while content:
-        content = content[os.write(file, content) :]
-
-
 def _stop(child: int) -> None:
-    """End a child as an interrupt does; at once where that takes too long for somebody."""
+    """Interrupt a child and wait for its end; kill it if this process is interrupted meanwhile."""
     try:
         with suppress(ProcessLookupError, ChildProcessError):
             os.kill(child, signal.SIGINT)
             os.waitpid(child, 0)
     except BaseException:
-        os.kill(child, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(child, signal.SIGKILL)
         raise

@@ -1,8 +1,8 @@
-"""What has no name, as terms: a smooth displacement by the joints' positions, and a sum of terms.
+"""Unexplained errors as terms: a smooth displacement by the joint positions, and a sum of terms.
 
-The displacement is a Gaussian process through some places (Rasmussen and Williams, Gaussian
-Processes for Machine Learning, 2006, chapter 2; the places as in the subset of regressors, section
-8.3.1): far from where anything was measured it is zero.
+The displacement is a Gaussian process with inducing points, here called places (Rasmussen and
+Williams, Gaussian Processes for Machine Learning, 2006, chapter 2; subset of regressors, section
+8.3.1): far from all places it is zero.
 """
 
 from __future__ import annotations
@@ -21,39 +21,39 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
 from pa10cal.terms.term import OPTIONAL, Report, Role, Term, TermParameter, Traits
 
-#: Part of a variance that no neighbour foretells; keeps the covariance of places well conditioned.
+#: Variance added to the correlation matrix of places, so that it is well conditioned.
 _JITTER = 1e-6
 _AXES = 3
-#: How the correlation of two places falls with their distance over the length. By the exponential
-#: the displacement is continuous and has no derivative, by its square it is smooth.
+#: Covariance function of the distance over the length: with `exponential` the displacement is
+#: continuous but has no derivative, with `squared exponential` it is smooth.
 Kernel = Literal["squared exponential", "exponential"]
 _POWERS: dict[Kernel, str] = {"squared exponential": "-d_k^2 / (2 length_m^2)"}
 _POWERS["exponential"] = "-d_k / length_m"
-#: Where it stands among the places of what is explained.
+#: The place of predicted errors without a name, in lists of what is explained.
 NO_NAME = "without a name, predicted"
 
 
 @dataclass(frozen=True)
 class Field(Traits):
-    """Moves the arm along base axes, by amounts that change smoothly with the joints' positions.
+    """Moves the end along base axes, by amounts that change smoothly with the joint positions.
 
-    Solved in amounts, those of all places along one axis after the other, that are independent of
-    each other and of the size expected before anything is measured.
+    Its parameters, those of all places along x, then y, then z, are a priori independent with the
+    standard deviation `size_m`.
     """
 
-    q: tuple[tuple[float, ...], ...]  # (m, n) places [rad, m]
-    # (n,) how far a joint moves the end: metres a radian where it turns, 1 where it slides
+    q: tuple[tuple[float, ...], ...]  # (m, n) joint positions of the places [rad, m]
+    # (n,) distance that a joint moves the end by: metres a radian where it turns, 1 where it slides
     lever_m: tuple[float, ...]
     turns: tuple[bool, ...]  # (n,) whether a joint turns
-    length_m: float  # distance of poses over which it changes
-    size_m: float  # standard deviation expected of the displacement along each axis
+    length_m: float  # correlation length, in distances as of `embedded`
+    size_m: float  # prior standard deviation of the displacement along each axis
     kernel: Kernel = field(default="squared exponential", metadata={OPTIONAL: True})
     id: ClassVar[str] = "field"
     of: ClassVar[str] = "joints"
-    #: It was learnt where one campaign measured; of another arm, tool or day it is not known.
+    #: It was learnt in the poses of one campaign: it is unknown for another arm, tool or day.
     stays_with_arm: ClassVar[bool] = False
     known_elsewhere: ClassVar[bool] = False
-    #: What it is called, and does, at the joints that it goes with mostly.
+    #: Words for it, see `Effect`; {at} are the joints that it mostly depends on.
     nouns: ClassVar[tuple[str, ...]] = ("what has no name and is predicted",)
     clauses: ClassVar[tuple[str, ...]] = ("what has no name is predicted, mostly by {at}",)
 
@@ -96,11 +96,11 @@ class Field(Traits):
         return np.asarray(along_axes.reshape(len(features), _AXES, -1))
 
     def report(self, x: Array) -> Report:
-        """Return nothing: amounts at places are no parameters that readers know."""
+        """Return nothing: the amounts have no meaning one by one."""
         return Report((), np.zeros(0), np.zeros((0, len(x))))
 
     def features(self, q: Array) -> Array:
-        """Return how much of the amount at each place there is at positions (N, n), (N, m)."""
+        """Return the derivative of the displacement by the parameters of one axis, (N, m)."""
         near = self._correlation(self._points(q), self._places)
         return np.asarray(solve_triangular(self._lower, near.T, lower=True, check_finite=False).T)
 
@@ -124,14 +124,14 @@ class Field(Traits):
 
 @dataclass(frozen=True)
 class Nameless(Traits):
-    """What terms do together, of which none is said to be there: a part of what has no name.
+    """A sum of terms that predicts an unexplained error; none of them is claimed to be present.
 
-    Departures of the geometry and effects of the vocabulary, each in proportion to its amounts.
-    None yields to torques or shows in them.
+    Terms are departures of the geometry and effects, proportional to their parameters. None turns
+    a joint under torque or shows in logged torques.
     """
 
-    terms: tuple[Term, ...]  # those that it is the sum of
-    sizes: tuple[float, ...]  # (k,) standard deviation expected of each amount, term by term
+    terms: tuple[Term, ...]  # the summands
+    sizes: tuple[float, ...]  # (k,) prior standard deviation of each parameter, term by term
     id: ClassVar[str] = "nameless"
     of: ClassVar[str] = "joints"
     formula: ClassVar[str] = (
@@ -179,7 +179,7 @@ class Nameless(Traits):
         return derivative
 
     def report(self, x: Array) -> Report:
-        """Return nothing: these amounts are of no use alone."""
+        """Return nothing: the amounts have no meaning one by one."""
         return Report((), np.zeros(0), np.zeros((0, len(x))))
 
     @cached_property
@@ -194,13 +194,16 @@ def is_nameless(term: Term) -> TypeGuard[Nameless]:
 
 
 def embedded(q: Array, lever_m: Array, turns: NDArray[np.bool_]) -> Array:
-    """Return joint positions (N, n) as points whose distance is that of the poses [m]."""
+    """Return joint positions (N, n) as points (N, d) whose distances are those of poses [m].
+
+    A joint that turns gives cosine and sine of its angle, times its lever: distances are chords.
+    """
     around = lever_m[turns] * np.stack([np.cos(q[:, turns]), np.sin(q[:, turns])])
     return np.concatenate([*around, (lever_m * q)[:, ~turns]], axis=1)
 
 
 def well_spread(points: Array, count: int) -> Index:
-    """Return rows of points (P, d), each in turn the farthest from those before, in order."""
+    """Return `count` rows of points (P, d), sorted: each is chosen farthest from those before."""
     chosen = [0]
     away = np.linalg.norm(points - points[0], axis=1)
     while len(chosen) < min(count, len(points)) and away.max() > 0.0:

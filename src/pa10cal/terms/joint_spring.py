@@ -10,7 +10,8 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import PoseStates, UnitDeflection, deflection_rad, unit_deflection
+from pa10cal.arm.joint_stiffness import UnitDeflection, deflection_rad, unit_deflection
+from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances

@@ -1,17 +1,17 @@
-"""A model: a chain plus terms."""
+"""A model: a chain plus terms; its poses, torques and reported parameters with derivatives."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.terms.derivative_cache import Kept
 from pa10cal.terms.term import (
     Report,
     Role,
@@ -37,7 +37,7 @@ class PoseJacobian:
     def jacobian(self) -> Array:
         """(P, 6, k) velocity of the end over its angular velocity, along base axes.
 
-        Worked out when it is asked for: a step that leads uphill needs none.
+        It is computed on first use: a step of a fit that is rejected needs none.
         """
         return self.derivative()
 
@@ -48,8 +48,7 @@ class Model:
 
     chain: Chain  # the nominal chain
     terms: tuple[Term, ...]  # what moves it off nominal
-    # keeps derivatives where the same terms are asked again and again at the same states; None to
-    # work them out each time
+    # cache of derivatives for many fits of the same terms in the same poses; None for none
     kept: Kept | None = field(default=None, compare=False, repr=False)
 
     @cached_property
@@ -63,7 +62,7 @@ class Model:
         return tuple(role for term in self.terms for role in term.roles)
 
     def having(self, *roles: Role) -> Mask:
-        """Return which parameters (k,) are unknowns of some kinds."""
+        """Return which parameters (k,) have one of these roles."""
         return np.array([role in roles for role in self.roles], dtype=bool)
 
     @property
@@ -81,12 +80,12 @@ class Model:
         return replace(self, terms=tuple(term.only(names) for term in self.terms))
 
     def without(self, *roles: Role) -> Model:
-        """Return the model without the parameters that are unknowns of some kinds."""
+        """Return the model without the parameters that have one of these roles."""
         every = zip(self.parameters, self.roles, strict=True)
         return self.only({parameter.name for parameter, role in every if role not in roles})
 
     def terms_of(self, *roles: Role) -> tuple[Term, ...]:
-        """Return the terms of which a parameter is an unknown of some kind."""
+        """Return the terms with a parameter that has one of these roles."""
         return tuple(term for term in self.terms if not set(roles).isdisjoint(term.roles))
 
     @property
@@ -111,12 +110,12 @@ class Model:
         jacobian = np.empty((len(states), 6, len(x)))
         terms, slices = zip(*self._slices, strict=True) if self._slices else ((), ())
         by_terms = self._by_terms(terms, [x[columns] for columns in slices], end, states, x)
-        for columns, found in zip(slices, by_terms, strict=True):
-            jacobian[:, :, columns] = found
+        for columns, by_term in zip(slices, by_terms, strict=True):
+            jacobian[:, :, columns] = by_term
         return jacobian
 
     def parameter_indices(self, *terms: Term) -> Index:
-        """Return where the parameters of some terms are in x, term by term."""
+        """Return the indices in x of the parameters of terms, term by term."""
         every = np.arange(len(self.parameters))
         return np.concatenate([every[:0], *(every[self.columns_of(term)] for term in terms)])
 
@@ -127,11 +126,11 @@ class Model:
     def by_terms(
         self, states: PoseStates, x: Array, terms: Sequence[Term], points: Sequence[Array]
     ) -> tuple[Array, list[Array]]:
-        """Return predicted poses, and how they would follow terms, of the model or not.
+        """Return predicted poses and their derivatives by terms, which the model need not have.
 
         Returns:
-            T_base_ee (P, 4, 4); for each term, at its parameters (k',) in `points`, (P, 6, k'),
-            velocity of the end over its angular velocity, along base axes.
+            T_base_ee (P, 4, 4); for each term the derivative (P, 6, k') at its parameters (k',) in
+            `points`: velocity of the end over its angular velocity, along base axes.
         """
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))
         moved = self._moved_columns((*terms, *(t for t, _ in (*self._yielding, *self._bending))))
@@ -156,42 +155,42 @@ class Model:
             else:
                 by_parameter = self.kept.derivative(term, carried, point)
             plain = by_parameter.base is identity(by_parameter.shape[2])  # offsets, mostly
-            found = screws if plain else screws @ by_parameter
+            by_term = screws if plain else screws @ by_parameter
             if yielding and shows_torque(term) and not term.acts_on_joint:
-                if by_torque is None:  # how the pose follows the torques of joints that yield
+                if by_torque is None:  # derivative of the pose by torques of joints that yield
                     turned = [
                         end.screws[:, :, self.chain.columns(soft.coordinates)[0]]
                         * soft.by_torque(carried, x[columns])[:, None]
                         for soft, columns in self._yielding
                     ]
                     by_torque = np.stack(turned, axis=2)
-                found = found - by_torque @ term.torque_derivative(states, point)[:, yielding]
+                by_term = by_term - by_torque @ term.torque_derivative(states, point)[:, yielding]
             if weighs(term) and self._bending:
-                found = found + self._by_weights(term, end, carried, x)
-            yield found
+                by_term = by_term + self._by_weights(term, end, carried, x)
+            yield by_term
 
     def _by_weights(self, term: Weighing, end: EndPose, carried: PoseStates, x: Array) -> Array:
-        """Return how the pose follows weights by way of what bends, (P, 6, k)."""
-        found = np.zeros((len(carried), 6, len(term.parameters)))
-        for k, unit in enumerate(np.eye(found.shape[2])):
+        """Return the derivative of the pose by weights through the terms that bend, (P, 6, k)."""
+        by_weights = np.zeros((len(carried), 6, len(term.parameters)))
+        for k, unit in enumerate(np.eye(by_weights.shape[2])):
             heavier = term.carried(carried, unit)
             for soft, columns in self._bending:
                 screws = end.screws[:, :, self.chain.columns(soft.coordinates)]
                 more = soft.shift(heavier, x[columns]) - soft.shift(carried, x[columns])
-                found[:, :, k] += (screws @ more[:, :, None])[:, :, 0]
-        return found
+                by_weights[:, :, k] += (screws @ more[:, :, None])[:, :, 0]
+        return by_weights
 
     def carried(self, states: PoseStates, x: Array, others: Iterable[Term] = ()) -> PoseStates:
-        """Return the states with what joints carry, and links and base where some term bends them.
+        """Return the states with the torques that joints carry, and the model's weights.
 
-        A term of the model, or one of some others.
+        Weights only where links or base bend, by a term of the model or one of `others`.
         """
-        found = self.with_joint_torques(states, x)
+        carried = self.with_joint_torques(states, x)
         if self._bending or any(term.bends for term in others):
             for term, columns in self._slices:
                 if weighs(term):
-                    found = term.carried(found, x[columns])
-        return found
+                    carried = term.carried(carried, x[columns])
+        return carried
 
     def with_joint_torques(self, states: PoseStates, x: Array) -> PoseStates:
         """Return the states with the torques that the joints carry, in place of those logged."""
@@ -199,12 +198,12 @@ class Model:
             term.torque_Nm(states, x[columns])
             for term, columns in self._slices
             if shows_torque(term)
-            and not term.acts_on_joint  # it shows in the log and not in the joints
+            and not term.acts_on_joint  # the log has it, the joint does not carry it
         ]
         return replace(states, tau_Nm=states.tau_Nm - sum(false_Nm)) if false_Nm else states
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what the terms add to the weights in the logged torques, (P, n)."""
+        """Return what the terms add to the torques of the weights in the log, (P, n)."""
         total = np.zeros_like(states.tau_Nm)
         for term, columns in self._slices:
             if shows_torque(term):
@@ -220,7 +219,7 @@ class Model:
         return jacobian
 
     def report(self, x: Array) -> Report:
-        """Return all parameters in the form readers know them."""
+        """Return all reported parameters."""
         reports = [term.report(x[columns]) for term, columns in self._slices]
         jacobian = np.zeros((sum(len(report.values) for report in reports), len(x)))
         row = 0
@@ -244,8 +243,8 @@ class Model:
     def u_scale(self) -> float:
         """Return the relative standard uncertainty of the weights as a whole.
 
-        Of weights that nobody stated poses show the shape, and stiffness over weight; what is said
-        of a stiffness alone is as uncertain as how heavy the arm is. 0 where weights are stated.
+        Of assumed weights, poses determine only ratios and stiffness over weight: a stiffness alone
+        has this uncertainty besides. 0 where weights are stated.
         """
         return max((term.u_scale for term in self.terms), default=0.0)
 
@@ -285,61 +284,3 @@ class Model:
             slices.append((term, slice(start, stop)))
             start = stop
         return slices
-
-
-# Derivatives of terms proportional to their parameters, kept while the states stay the same.
-#
-# A search fits hundreds of sets of the same effects at the same poses. What a proportional term
-# makes of a pose depends on the pose alone, and mostly not on the torques that the fit makes of
-# it: it is worked out again only where something differs that it read.
-
-_FIELDS = frozenset(field.name for field in fields(PoseStates))
-
-
-class _Watched(PoseStates):
-    """States that note which of their fields are read."""
-
-    @classmethod
-    def of(cls, states: PoseStates) -> _Watched:
-        """Return the same states, watched from now on."""
-        watched = cls(**{name: getattr(states, name) for name in _FIELDS})
-        vars(watched)["read"] = set()
-        return watched
-
-    def __getattribute__(self, name: str) -> Any:
-        if name in _FIELDS:
-            vars(self).get("read", set()).add(name)
-        return super().__getattribute__(name)
-
-
-class Kept:
-    """What terms made of the states that they were last asked about."""
-
-    def __init__(self) -> None:
-        """Know nothing yet."""
-        #: Derivatives, each with what was read of the states for it.
-        self._known: dict[Term, tuple[Array, dict[str, Any]]] = {}
-
-    def derivative(self, term: Term, states: PoseStates, x: Array) -> Array:
-        """Return `term.derivative(states, x)`, from what is known where that is the same."""
-        if not self._holds(term, states):
-            if not term.proportional:
-                return term.derivative(states, x)
-            watched = _Watched.of(states)
-            found = term.derivative(watched, x)
-            read = {name: getattr(states, name) for name in vars(watched)["read"]}
-            self._known[term] = found, read
-        return self._known[term][0]
-
-    def shift(self, term: Term, states: PoseStates, x: Array) -> Array:
-        """Return `term.shift(states, x)`, from its derivative where that is known."""
-        if not self._holds(term, states):
-            return term.shift(states, x)
-        shift: Array = self._known[term][0] @ x
-        return shift
-
-    def _holds(self, term: Term, states: PoseStates) -> bool:
-        """Return whether something is known, of states that hold the very same arrays."""
-        if not term.proportional or term not in self._known:
-            return False
-        return all(getattr(states, name) is of for name, of in self._known[term][1].items())

@@ -17,15 +17,15 @@ from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import TermError
 from pa10cal.terms.term import Holds, Report, Role, Term, TermParameter, Traits
 
-#: Between the name of a parameter or target and that of its campaign, in no name of either.
+#: Separates the name of a parameter or target from that of its campaign; neither contains it.
 OF = "@"
 
 
 class _InSomePoses(Traits):
-    """Adds what another term does, in some poses alone."""
+    """Another term, restricted to some poses."""
 
-    term: Term  # the term; it neither yields to torques nor shows in them
-    name: str  # of those poses, which the parameters bear
+    term: Term  # the term; it neither turns joints under torque nor shows in logged torques
+    name: str  # name of those poses, which names of parameters end with
 
     def __post_init__(self) -> None:
         if self.term.yields or self.term.shows_torque:
@@ -71,8 +71,8 @@ class _InSomePoses(Traits):
         return np.asarray(self._here(states)[:, None, None] * self.term.derivative(states, x))
 
     def report(self, x: Array) -> Report:
-        found = self.term.report(x)
-        return replace(found, parameters=self._named(found.parameters))
+        report = self.term.report(x)
+        return replace(report, parameters=self._named(report.parameters))
 
     def _named(self, parameters: Sequence[TermParameter]) -> tuple[TermParameter, ...]:
         return tuple(replace(each, name=of_campaign(each.name, self.name)) for each in parameters)
@@ -84,11 +84,11 @@ class _InSomePoses(Traits):
 
 @dataclass(frozen=True)
 class OfCampaign(_InSomePoses):
-    """Adds what another term does, in the poses of one campaign alone."""
+    """Another term, restricted to the poses of one campaign of a group."""
 
-    term: Term  # the term; it neither yields to torques nor shows in them
+    term: Term  # see `_InSomePoses`
     campaign: int  # number of the campaign in the group, from 0
-    name: str  # its name, which the parameters bear
+    name: str  # its name
     id: ClassVar[str] = "of_campaign"
     holds: ClassVar[Holds] = "campaign"
 
@@ -99,19 +99,19 @@ class OfCampaign(_InSomePoses):
         return replace(self, term=self.term.only(kept))
 
     def _here(self, states: PoseStates) -> NDArray[np.bool_]:
-        """Return which poses are of the campaign, (P,); (1,) where no campaign is meant."""
+        """Return which poses are of the campaign, (P,); (1,) where states name no campaigns."""
         campaign = np.zeros(1) if states.campaign is None else states.campaign
         return np.asarray(campaign == self.campaign)
 
 
 @dataclass(frozen=True)
 class OfPart(_InSomePoses):
-    """Adds what another term does, in the poses of one part of a campaign alone."""
+    """Another term, restricted to the poses of one part of a campaign."""
 
-    term: Term  # the term; it neither yields to torques nor shows in them
+    term: Term  # see `_InSomePoses`
     from_s: float  # the part begins after this time
-    to_s: float  # and ends with this one; infinite of the last
-    name: str  # its name, which the parameters bear
+    to_s: float  # and ends with this one; infinite for the last part
+    name: str  # its name
     id: ClassVar[str] = "of_part"
     holds: ClassVar[Holds] = "part"
 
@@ -131,10 +131,10 @@ def of_one_campaign(term: Term) -> TypeGuard[OfCampaign]:
 
 
 def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
-    """Return the parameters of terms (k,) once the motion of the base has become its frame.
+    """Return the parameters of terms (k,) once a motion of the base (6,) is part of its frame.
 
-    How the base of another campaign or part departs is added to that motion (6,); about the frame
-    moved by it the departure is a little different. The base's own motion is none of the terms.
+    Base terms of a campaign or part add to that motion. Their values about the moved frame follow
+    from T(motion)^-1 T(motion + x); `terms` do not include the motion itself.
     """
     x, first = x.copy(), 0
     back = np.linalg.inv(motion_of_base(small))
@@ -152,11 +152,11 @@ def about_moved_base(terms: Sequence[Term], x: Array, small: Array) -> Array:
 
 
 def motion_of_base(small: Array) -> Array:
-    """Return the poses (..., 4, 4) that six small motions of the base (..., 6) come to."""
+    """Return the poses (..., 4, 4) of six small motions of the base (..., 6)."""
     return homogeneous(Rotation.from_euler("XYZ", small[..., 3:]).as_matrix(), small[..., :3])
 
 
 def small_motion(T: Array) -> Array:
-    """Return the six small motions (6,) that come to a pose; see `motion_of_base`."""
+    """Return the six small motions (6,) of a pose (4, 4): the inverse of `motion_of_base`."""
     turn = Rotation.from_matrix(T[:3, :3]).as_euler("XYZ")
     return np.concatenate([T[:3, 3], turn])

@@ -1,4 +1,4 @@
-"""What a term is: a few parameters that shift chain coordinates, with the derivative."""
+"""What a term is: parameters that shift chain coordinates or torques; offsets and fixed terms."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from pa10cal.options import Tolerances
 OPTIONAL = "optional"
 
 
-#: What a parameter is an unknown of: a length or twist of a link, the zero of a joint, the tilt of
-#: an axis against a parallel one; how far a joint winds up, and the part of that which is cubic; a
-#: weight; where the base stands, the tool sits or a target is; an effect; an amount of a field.
+#: What a parameter describes: a length or twist of a link, the zero of a joint, the tilt of an axis
+#: against a parallel one; windup and cubic share of a joint's spring; a weight; the pose of base or
+#: tool, the position of a target; an effect; an amount of a field.
 Role = Literal[
     "link", "zero", "tilt", "windup", "cubic", "weight", "base", "tool", "target", "effect", "field"
 ]
@@ -35,34 +35,34 @@ class TermParameter:
 
     name: str  # unique within a model
     unit: str  # SI unit
-    scale: float  # a typical size, by which it is scaled in solving and in judging rank
+    scale: float  # typical size, the unit in which fits are solved and rank is judged
     # manufacturing tolerance (paper, Section II.C), or None where it has none
     tolerance: float | None = None
-    # lower and upper: ends of the range with a physical meaning, or None
+    # lower and upper: ends of the physically possible range, or None
     lower: float | None = None
     upper: float | None = None
-    # size to be expected of an effect, a standard deviation about zero, or None
+    # prior standard deviation of an effect, about zero, or None
     plausible: float | None = None
 
 
 @dataclass(frozen=True)
 class Report:
-    """Parameters in the form readers know them, from those a term is solved in."""
+    """Parameters in the form that is reported, by those that a term is solved in."""
 
     parameters: tuple[TermParameter, ...]  # k' reported parameters
     values: Array  # (k',) their values
     jacobian: Array  # (k', k) derivative by the solved parameters, for uncertainties
-    # (k',) change of the values for all weights heavier by their own size; None where they do not
-    # go with the weights
+    # (k',) derivative by a common relative error of all weights; None where they do not depend on
+    # the weights
     by_weights: Array | None = None
-    # names of those that are zero by the form of the term, as K_cub of a linear spring
+    # names of parameters that are zero by definition, as K_cub of a linear spring
     zero: frozenset[str] = frozenset()
 
     def covariance(self, of_solved: Array, u_scale: float = 0.0) -> Array:
         """Return the covariance (k', k') of the reported parameters.
 
         Args:
-            of_solved: (k, k) that of the solved ones.
+            of_solved: (k, k) covariance of the solved parameters.
             u_scale: relative standard uncertainty of the weights as a whole, see `Model.u_scale`.
         """
         found: Array = self.jacobian @ of_solved @ self.jacobian.T
@@ -71,56 +71,56 @@ class Report:
         return found
 
 
-#: In the poses of which a term holds: of all, of one campaign of a group, of a part of one.
+#: Where a term applies: in all poses, in those of one campaign of a group, or of a part of one.
 Holds = Literal["everywhere", "campaign", "part"]
 
 
 class Traits(Protocol):
-    """What any term is asked for, with the answer that most give; a class states another."""
+    """Properties of any term, with the value of most; a class that differs states its own."""
 
-    #: Whether it turns a joint under the torque it carries, as `Yielding`.
+    #: Whether it turns a joint under the torque that this carries, see `Yielding`.
     yields: ClassVar[bool] = False
-    #: Whether it shows in the logged torques, as `TorqueTerm`.
+    #: Whether it changes the logged torques, see `TorqueTerm`.
     shows_torque: ClassVar[bool] = False
-    #: Whether it says what arm and tool weigh, as `Weighing`.
+    #: Whether it changes the weights of arm and tool, see `Weighing`.
     weighs: ClassVar[bool] = False
-    #: Whether links or base bend by it under the weights, in proportion to what they carry.
+    #: Whether it bends links or base in proportion to the loads that they carry.
     bends: ClassVar[bool] = False
-    #: In which poses it holds.
+    #: In which poses it applies.
     holds: ClassVar[Holds] = "everywhere"
-    #: What of a pose's state, beside joints and loads, it differs with; None for nothing.
+    #: On which of a pose's states it depends beside joints and loads; None for none.
     depends_on: ClassVar[Literal["temperature_C", "time_s"] | None] = None
-    #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: of
-    #: many parameters four matter in a pose.
+    #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: its
+    #: rows are sparse in B-splines.
     at_knots: ClassVar[bool] = False
 
     @property
     def falsifies_log(self) -> bool:
-        """Return whether it shows in a log of joints or torques alone, and moves no robot."""
+        """Return whether it is an error of the log of joints or torques, not of the robot."""
         return False
 
     @property
     def constant(self) -> bool:
-        """Return whether it is the same in all poses in which it holds."""
+        """Return whether its shift is the same in all poses in which it applies."""
         return False
 
     @property
     def proportional(self) -> bool:
-        """Return whether it is proportional to all its parameters, where that is known."""
+        """Return whether it is known to be proportional to all its parameters."""
         return False
 
     @property
     def stays_with_arm(self) -> bool:
-        """Return whether it stays with the arm from campaign to campaign, its size as well."""
+        """Return whether it holds for the arm in other campaigns, with the same parameters."""
         return True
 
     @property
     def known_elsewhere(self) -> bool:
-        """Return whether one campaign tells its parameters in another, where it is there too."""
+        """Return whether its parameters in one campaign are informative about another."""
         return True
 
     def elsewhere(self: Term) -> Term | None:
-        """Return the term in another campaign of the arm; None where it plays no part there."""
+        """Return the term for another campaign of the arm; None where it does not apply there."""
         return self if self.stays_with_arm else None
 
     @property
@@ -129,7 +129,7 @@ class Traits(Protocol):
         return 0.0
 
     def only(self: Term, names: Collection[str]) -> Term:
-        """Return the term with the parameters that are named; whole, where it needs all of them."""
+        """Return the term with the named parameters only; unchanged, where it needs all of them."""
         return self
 
     def restated(self: Term, other: Term, x: Array) -> tuple[Array, Array]:
@@ -145,7 +145,7 @@ class Traits(Protocol):
         return x, identity(len(x))
 
     def scattered(self: Term, generator: np.random.Generator, spread: float) -> Array:
-        """Return parameters (k,) to start from, nominal ones at spread 0, to search from at 1."""
+        """Return parameters (k,) to start a fit from: nominal at spread 0, random at 1."""
         sizes = np.array([parameter.scale for parameter in self.parameters])
         return np.asarray(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
 
@@ -163,7 +163,7 @@ class Term(Traits, Protocol):
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type, by the parameters it reports."""
+        """Return the formula as plain text, in terms of the reported parameters."""
 
     @property
     def parameters(self) -> tuple[TermParameter, ...]:
@@ -171,7 +171,7 @@ class Term(Traits, Protocol):
 
     @property
     def roles(self) -> tuple[Role, ...]:
-        """Return what each of its k parameters is an unknown of."""
+        """Return the role of each of its k parameters."""
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -199,24 +199,24 @@ class Yielding(Term, Protocol):
 
 
 class TorqueTerm(Term, Protocol):
-    """A term that shows in the logged torques."""
+    """A term that changes the logged torques."""
 
     @property
     def acts_on_joint(self) -> bool:
         """Return whether the joint carries that torque; else only the log shows it."""
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what the log shows beyond the weights, (P, n)."""
+        """Return the torques that it adds to those of the weights in the log, (P, n)."""
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
 
 
 class Weighing(Term, Protocol):
-    """A term that says what arm and tool weigh."""
+    """A term that changes the weights of arm and tool."""
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
-        """Return states in which links and base carry these weights, in place of those they do."""
+        """Return states with the loads of links and base by these weights."""
 
 
 def yields(term: Term) -> TypeGuard[Yielding]:
@@ -225,21 +225,21 @@ def yields(term: Term) -> TypeGuard[Yielding]:
 
 
 def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
-    """Return whether a term shows in the logged torques."""
+    """Return whether a term changes the logged torques."""
     return term.shows_torque
 
 
 def weighs(term: Term) -> TypeGuard[Weighing]:
-    """Return whether a term says what arm and tool weigh."""
+    """Return whether a term changes the weights of arm and tool."""
     return term.weighs
 
 
 def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:
-    """Report parameters that readers know in the form they are solved in."""
+    """Report parameters in the form that they are solved in."""
     return Report(parameters, x, np.eye(len(x)))
 
 
-# What terms share that show in torques and move the arm by way of the springs alone.
+# Base classes of terms that change torques, and move the arm through its springs alone.
 
 
 class TorqueOnly(Traits):
@@ -270,7 +270,7 @@ class TorqueOnly(Traits):
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
-        """Return what logged torques have beyond weights, or calculated ones have too much."""
+        """Return the torques that it adds to those of the weights in the log, (P, n)."""
         torque: Array = self.torque_derivative(states, x) @ x
         return torque
 
@@ -282,7 +282,7 @@ class JointTorqueOnly(TorqueOnly):
 
     @abstractmethod
     def per_unit(self, states: PoseStates) -> Array:
-        """Return the torque a unit of each parameter, (P, k), or (P,) of a single one [N m]."""
+        """Return the joint's torque by a unit of each parameter, (P, k); (P,) for one [N m]."""
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
@@ -320,7 +320,7 @@ class Offsets(Traits):
         return tuple(_ROLES.get(_KIND.split(name)[0], "link") for name in self.coordinates)
 
     def only(self, names: Collection[str]) -> Offsets:
-        """Return the parameters that are named, with their coordinates, in the order here."""
+        """Return the named parameters with their coordinates, in the order of this term."""
         kept = [k for k, parameter in enumerate(self.parameters) if parameter.name in names]
         return replace(
             self,
@@ -373,7 +373,7 @@ def link_departures(arm: Arm, tolerances: Tolerances) -> Offsets:
 
 
 def base_frame() -> Offsets:
-    """Build the six small motions of the base away from where the chain is put."""
+    """Build the six small motions of the base from its estimated frame."""
     return _small_motions(BASE, "base")
 
 
@@ -390,14 +390,14 @@ def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
     return Offsets(tuple(parameters), names, of=of)
 
 
-# A term whose parameters are settled.
+# Terms with fixed parameters.
 
 
 @dataclass(frozen=True, eq=False)
 class Fixed(Traits):
-    """What a term adds at known parameters; nothing of it is unknown any more."""
+    """A term at fixed parameters: it has no unknowns."""
 
-    term: Term  # the term, whose effect on chain coordinates is kept
+    term: Term
     x_term: Array  # (k,) its parameters
     parameters: ClassVar[tuple[TermParameter, ...]] = ()
     roles: ClassVar[tuple[Role, ...]] = ()
@@ -435,9 +435,9 @@ class Fixed(Traits):
 
 @dataclass(frozen=True, eq=False)
 class FixedTorque(Fixed):
-    """What a term that shows in torques adds to them at known parameters."""
+    """A term that changes torques, at fixed parameters."""
 
-    term: TorqueTerm  # the term, whose effect on torques is kept too
+    term: TorqueTerm
     shows_torque = True
 
     @property
@@ -452,5 +452,5 @@ class FixedTorque(Fixed):
 
 
 def fixed(term: Term, x_term: Array) -> Fixed:
-    """Return a term whose parameters (k,) are settled."""
+    """Return a term at fixed parameters (k,)."""
     return FixedTorque(term, x_term) if shows_torque(term) else Fixed(term, x_term)

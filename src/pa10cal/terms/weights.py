@@ -1,4 +1,4 @@
-"""Weights that are not known exactly, or stated wrongly: what they do to torques."""
+"""Weights of an arm as unknowns, and faults of a log by a load or a tool stated wrongly."""
 
 from __future__ import annotations
 
@@ -53,22 +53,22 @@ class WeightSizes:
 
 @dataclass(frozen=True)
 class Weights(TorqueOnly):
-    """Masses, first moments and level as unknowns about what is described.
+    """Masses, first moments and direction of gravity as unknowns: differences from the described.
 
-    For torques that were calculated from the masses described: the joints carry those torques and,
-    beyond them, what the weights differ by; so do links and base. It moves the arm by way of what
-    gives way. Its `torque_Nm` is what the calculated torques have too much, hence its minus sign.
+    For torques that were calculated from the described masses. Joints, links and base carry the
+    loads of the differences too, which move the arm through springs and bends. `torque_Nm` is the
+    excess of the calculated torques over the true ones, hence its minus sign.
     """
 
     n: int  # joints of the arm
     columns: tuple[int, ...]  # which columns of `StaticLoads.by_weights` are unknowns
     sizes: tuple[float, ...]  # standard uncertainty of each, about what is described
-    unknown_tool: bool = False  # whether the mass of the tool is not known at all
-    # column that follows the others, so that the weights as a whole stay as heavy as they are
-    # described: stiffness is then known relative to these. None where some load of known size sets
-    # the scale, and no column is held.
+    unknown_tool: bool = False  # whether nobody stated the mass of the tool
+    # column that is a linear function of the others, so that the torques keep their overall size:
+    # stiffness is then relative to the described weights. None where a load of known size
+    # determines the scale.
     held: int | None = field(default=None, metadata={OPTIONAL: True})
-    # change of the held column for a unit of each of `columns`
+    # derivative of the held column by each of `columns`
     by_held: tuple[float, ...] = field(default=(), metadata={OPTIONAL: True})
     # relative standard uncertainty of the weights as a whole, where a column is held
     u_scale: float = field(default=0.0, metadata={OPTIONAL: True})
@@ -80,7 +80,7 @@ class Weights(TorqueOnly):
 
     @classmethod
     def about(cls, arm: Arm, sizes: WeightSizes, only: range | None = None) -> Weights:
-        """Return those of an arm that are uncertain, all or only some of the columns."""
+        """Return the uncertain weights of an arm, among all columns or some."""
         every = sizes.columns(arm)
         chosen = [k for k in only or range(len(every)) if every[k] > 0.0]
         return cls(arm.n, tuple(chosen), tuple(float(every[k]) for k in chosen))
@@ -98,11 +98,11 @@ class Weights(TorqueOnly):
         return f"{formula}; {self._name(self.held)[0]} = {factors}"
 
     def relative(self, torque_Nm: Array, by_weights: Array) -> Weights:
-        """Return the weights of which only the shape is unknown, not how heavy they are.
+        """Return the weights with their overall size held.
 
-        With springs of unknown stiffness poses show torque over stiffness. So the torques that
-        weights lead to are kept as large as those calculated (P, n): what they add is at right
-        angles to these, over poses and joints; for the derivative see `StaticLoads.by_weights`.
+        With springs of unknown stiffness, poses determine only torque over stiffness. So torques
+        that the weights add are held orthogonal to the calculated ones (P, n), over poses and
+        joints; for the derivative (P, n, 4 n + 3) see `StaticLoads.by_weights`.
         """
         grows = np.einsum("pj,pjc->c", torque_Nm, by_weights)[list(self.columns)]
         has_mass = np.array(self.columns) <= 4 * self.n
@@ -128,7 +128,7 @@ class Weights(TorqueOnly):
                 *self._name(column),
                 scale=size,
                 plausible=size,
-                # A tool weighs something, or nothing where that is what is stated.
+                # The mass of a tool that nobody stated is counted from 0.
                 lower=0.0 if column == 4 * self.n and self.unknown_tool else None,
             )
             for column, size in zip(self.columns, self.sizes, strict=True)
@@ -143,11 +143,11 @@ class Weights(TorqueOnly):
         return np.asarray(-(self._loads(states).by_weights @ self.amounts(x)))
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
-        """Return states in which links and base carry these weights, in place of those they do."""
+        """Return states with the loads of links and base by these weights."""
         return replace(states, static_loads=self._loads(states).with_weights(self.amounts(x)))
 
     def amounts(self, x: Array) -> Array:
-        """Return by how much each weight is more than described, (4 n + 3,)."""
+        """Return the difference of each weight from what is described, (4 n + 3,)."""
         amounts = np.zeros(4 * self.n + 3)
         amounts[list(self.columns)] = x
         if self.held is not None:
@@ -162,10 +162,10 @@ class Weights(TorqueOnly):
         return -by_weights
 
     def _loads(self, states: PoseStates) -> StaticLoads:
-        """Return what weights do in some poses.
+        """Return the static loads of the poses.
 
         Raises:
-            CalibrationError: when that was not computed for these poses.
+            CalibrationError: when they were not computed for these poses.
         """
         if states.static_loads is None:
             raise CalibrationError(
@@ -191,15 +191,15 @@ class Weights(TorqueOnly):
 
 
 def holds_weights(term: Term) -> TypeGuard[Weights]:
-    """Return whether a term holds weights of which something is unknown."""
+    """Return whether a term is that of unknown weights."""
     return term.weighs
 
 
-# Faults of a log as terms: what a whole log is wrong by, reported and never named as an effect.
+# Faults of a whole log as terms: reported as faults, never named as effects.
 
-#: Part by which a load may well be misstated.
+#: Plausible relative error of a stated load.
 _LOAD_PART = 0.1
-#: Part of its mass by which a tool may well be misstated, and its centre [m].
+#: Plausible relative error of a stated tool mass, and error of its centre [m].
 _TOOL_PART = 0.3
 _TOOL_M = 0.05
 
@@ -222,7 +222,7 @@ class LogFault(Effect):
 
     @abstractmethod
     def fault_text(self, x: Array, std: Array) -> FaultText:
-        """Return it in words, by its reported parameters and their standard uncertainties."""
+        """Return the fault in words, by its reported parameters and their uncertainties."""
 
 
 def is_fault(effect: Effect) -> TypeGuard[LogFault]:
@@ -232,17 +232,17 @@ def is_fault(effect: Effect) -> TypeGuard[LogFault]:
 
 @dataclass(frozen=True)
 class WeightStated(TorqueOnly, LogFault):
-    """A weight that is not what is stated: the joints hold more than the weights described.
+    """A weight that differs from what is stated: the joints carry its torque besides.
 
-    A log of torques shows it, and the springs know of it. Torques that were calculated lack it,
-    and it moves the arm by way of the springs.
+    Logged torques contain that torque, as do the deflections of springs. Calculated torques lack
+    it: then it moves the arm through the springs.
     """
 
     of_calculated: bool  # whether torques were calculated
 
     @property
     def acts_on_joint(self) -> bool:
-        """Return whether the joints are known to carry it, by their log."""
+        """Return whether the torque counts as carried: logged torques contain it already."""
         return not self.of_calculated
 
     @property
@@ -251,7 +251,7 @@ class WeightStated(TorqueOnly, LogFault):
 
     @abstractmethod
     def per_unit(self, states: PoseStates) -> Array:
-        """Return what the joints hold beyond what is stated, a unit of each parameter (P, n, k)."""
+        """Return the torque beyond the stated weights by each parameter, (P, n, k)."""
 
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         extra_Nm = self.per_unit(states)
@@ -342,5 +342,5 @@ FAULTS: tuple[type[LogFault], ...] = (LoadStated, ToolStated)
 def fault_candidates(
     context: CandidateContext, of_model: Iterable[Term] = ()
 ) -> tuple[Effect, ...]:
-    """Return every fault wherever a log may have it, but those that a model has."""
+    """Return every fault at every place that a log may have it, except those that a model has."""
     return everywhere_but(FAULTS, context, of_model)

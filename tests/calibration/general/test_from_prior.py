@@ -23,11 +23,11 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.moved import Misfit
-from pa10cal.fit.problem import GaussianPrior, disagreement, gain_along, widened
+from pa10cal.fit.prior import GaussianPrior, disagreement, gain_along, remaining_disagreement
 from pa10cal.rules import MOVED
 from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.effects.structure import BaseDrift
+from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.model import Model
 from pa10cal_lab.simulated import (
     exact_observations,
@@ -243,7 +243,7 @@ def test_the_gain_of_a_widening_is_that_of_the_likelihood():
     rise = evidence(expected.widened(2.0 * directions)) - evidence(expected)
     assert gain == pytest.approx(rise, rel=1e-6)
     more = rng.normal(size=(4, 1))
-    again, _ = gain_along(widened(disagreed, 2.0 * directions), more, (1.0,))
+    again, _ = gain_along(remaining_disagreement(disagreed, 2.0 * directions), more, (1.0,))
     both = expected.widened(2.0 * directions)
     assert again == pytest.approx(evidence(both.widened(more)) - evidence(both), rel=1e-5)
 

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from calibrated import general
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import find_start, start_of
-from pa10cal.calibration.general.case import contradictions, fitted, per_campaign_fits
+from pa10cal.calibration.general.case import fitted
+from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model, save_model

@@ -12,12 +12,12 @@ from made_up_model import on_springs
 from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
+from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.placed import refit_frames, with_tool_of
-from pa10cal.calibration.uncertainty import summarise
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
-from pa10cal.fit.weighed_arm import with_uncertain_weights
+from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances

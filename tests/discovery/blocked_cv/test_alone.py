@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.refit import ANGLES_RAD, pair_of, visited
+from pa10cal.discovery.blocked_cv.by_campaign import ANGLES_RAD, pair_of, visited
 from pa10cal.results.calibration import JointErrorAlone
 
 EVERYWHERE = np.ones(len(ANGLES_RAD), dtype=bool)

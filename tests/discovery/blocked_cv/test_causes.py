@@ -7,17 +7,15 @@ import pytest
 
 import pa10cal
 from mended import write_simulated
-from pa10cal.discovery.blocked_cv import by_blocks
+from pa10cal.discovery.blocked_cv import by_blocks, causes
 from pa10cal.discovery.blocked_cv.bands import in_bands
-from pa10cal.discovery.blocked_cv.family import Candidate
-from pa10cal.discovery.blocked_cv.refit import weighted_rows
-from pa10cal.discovery.blocked_cv.search import level
-from pa10cal.discovery.blocked_cv.survey import ShapedEffect
+from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect, weighted_rows
+from pa10cal.discovery.blocked_cv.linear_fit import linear_fit
 from pa10cal.discovery.verdict import with_findings
 from pa10cal.discovery.verdict_records import verdict_keys, verdict_record
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 from pa10cal.stages.discover import verdict_lines
-from pa10cal.terms.effects.joint_error_map import FadingPrior
+from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 from pa10cal_lab.cell.effects.effect import Site
 from pa10cal_lab.cell.effects.joint import SimulatedSensorError as CellSensorError
 
@@ -72,7 +70,7 @@ def test_it_is_told_and_written(found, campaign):
 
 @pytest.mark.slow
 def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
-    monkeypatch.setattr(by_blocks, "agreement", lambda _: None)
+    monkeypatch.setattr(causes, "agreement", lambda _: None)
     (finding,) = by_blocks.with_causes(found).effects
     assert (finding.id, [each.id for each in finding.alternatives]) == (
         "sensor_error",
@@ -84,8 +82,8 @@ def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
 def as_map(found, monkeypatch):
     """The verdict before its map had a name, of a joint whose motor shows no ripple."""
     effect = found.effects[0].effect
-    said = by_blocks.JointErrorMap("joint 3", effect.knots, effect.spectrum)
-    monkeypatch.setattr(by_blocks, "witnesses", lambda *_: (None,) * 6)
+    said = JointErrorMap("joint 3", effect.knots, effect.spectrum)
+    monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
     return by_blocks._renamed(found, {effect: said}, {})
 
 
@@ -99,10 +97,10 @@ def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("agreement", lambda _: None), ("MAPS", replace(by_blocks.MAPS, fine_knots=1000))],
+    [("agreement", lambda _: None), ("MAPS", replace(causes.MAPS, fine_knots=1000))],
 )
 def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, name, value):
-    monkeypatch.setattr(by_blocks, name, value)
+    monkeypatch.setattr(causes, name, value)
     (finding,) = by_blocks.with_causes(as_map).effects
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
 
@@ -110,12 +108,12 @@ def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, 
 @pytest.mark.slow
 def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     effect = replace(found.effects[0].effect, knots=216, spectrum=FadingPrior(3e-4, 60.0))
-    members = (Candidate(np.zeros(0, int), np.zeros(0), ShapedEffect(effect)),)
+    members = (ShapedEffect(effect),)
     rows = weighted_rows(found.scorer.survey, (), 144)
-    rough = level(rows, members)
+    rough = linear_fit(rows, members)
     banded = in_bands(rows, rough)
-    (member,) = banded.level.members
-    assert (member.effect.knots, member.effect.spectrum) == (360, banded.found.bands[0])
+    (member,) = banded.fit.members
+    assert (member.effect.knots, member.effect.spectrum) == (360, banded.estimates.bands[0])
     before, after = (banded.of_time.sum(axis=0) + banded.of_angles.sum(axis=0)).tolist()
     assert after < before
     keys = verdict_keys(replace(found, scorer=replace(found.scorer, bands=banded)))
@@ -126,5 +124,5 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     assert 0.92 < keys.scatter.inside95_train < 0.98
     assert len(keys.scatter.joints) == 6
     assert set(keys.scatter.kinds) == {"position", "attitude"}
-    smooth = replace(members[0], shaped=ShapedEffect(replace(effect, knots=72)))
+    smooth = ShapedEffect(replace(effect, knots=72))
     assert in_bands(rows, replace(rough, members=(smooth,))) is None

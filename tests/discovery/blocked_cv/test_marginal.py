@@ -5,9 +5,14 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.bands import Waves, minus_twice_log_likelihood, most_likely
+from pa10cal.discovery.blocked_cv.band_likelihood import (
+    Waves,
+    minus_twice_log_likelihood,
+    most_likely,
+)
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.terms.effects.joint_error_map import BandPrior, harmonic_orders
+from pa10cal.numerics.periodic_spline import harmonic_orders
+from pa10cal.terms.effects.joint_error_map import BandPrior
 
 NOISE_RAD = 3e-5
 TRUE = BandPrior(8e-5, 3e-5, 8e-5, 7.0, 20.0, 3.0, 3e-6)

@@ -10,33 +10,23 @@ from scipy.sparse import csr_array
 import pa10cal
 from made_up_survey import observe
 from mended import write_simulated
-from pa10cal.discovery.blocked_cv.family import (
-    Columns,
-    below_detection_limit,
-    computable_shapes,
-    family,
-)
-from pa10cal.discovery.blocked_cv.refit import weighted_rows
-from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.blocked_cv.survey import (
-    BlockedRows,
-    ShapedEffect,
-    Survey,
-    in_terms_of,
+from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect, weighted_rows
+from pa10cal.discovery.blocked_cv.effect_set import Columns
+from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
+from pa10cal.discovery.blocked_cv.normal_equations import (
+    in_map_bases,
     map_columns,
-    said_by,
+    normal_equations_of,
 )
+from pa10cal.discovery.blocked_cv.search import Search
+from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
 from pa10cal.discovery.noise import unweighted
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonics_at_knots
 from pa10cal.terms.effects.joint import TorqueGain
-from pa10cal.terms.effects.joint_error_map import (
-    FadingPrior,
-    JointErrorMap,
-    b_splines_by_knots,
-    harmonics_at_knots,
-)
+from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
 from pa10cal_lab.cell.trials import draw_trials
 
 
@@ -87,9 +77,9 @@ def test_sparse_columns_of_a_map_are_those_of_the_term(few):
 
 
 def test_products_are_those_of_dense_rows(rows):
-    found = rows.products()
+    found = rows.normal_equations()
     for b in (0, 9):
-        block = rows.block(b)
+        block = rows.design(b)
         maps = block.maps([rows.knots] * len(rows.joints)).toarray()
         turned = maps.reshape(len(maps), len(rows.joints), -1) @ rows.basis
         every = np.concatenate([block.dense, turned.reshape(len(maps), -1)], axis=1)
@@ -108,8 +98,8 @@ def test_products_in_terms_of_other_parameters_are_those_of_turned_columns():
     dense, first, second = (rng.standard_normal((50, n)) for n in (3, 8, 5))
     bases = [rng.standard_normal((8, 6)), rng.standard_normal((5, 5))]
     data = rng.standard_normal(50)
-    said = said_by(data, dense, csr_array(np.hstack([first, second])))
-    found = in_terms_of(said, 3, bases)
+    said = normal_equations_of(data, dense, csr_array(np.hstack([first, second])))
+    found = in_map_bases(said, 3, bases)
     turned = np.hstack([dense, first @ bases[0], second @ bases[1]])
     np.testing.assert_allclose(found.gram, turned.T @ turned, atol=1e-10)
     np.testing.assert_allclose(found.projection, turned.T @ data, atol=1e-10)
@@ -118,7 +108,7 @@ def test_products_in_terms_of_other_parameters_are_those_of_turned_columns():
 
 def test_left_of_is_the_data_less_what_the_columns_say(rows):
     rng = np.random.default_rng(4)
-    found = rows.products()
+    found = rows.normal_equations()
     x = 1e-2 * rng.standard_normal((len(found.projection[0]), 2))
     here = np.flatnonzero(rows.survey.block == 3)
     whitened = rows.weights.whiteners(here) @ rows.block_residual(3, x)
@@ -129,12 +119,12 @@ def test_left_of_is_the_data_less_what_the_columns_say(rows):
 
 
 def test_columns_stand_where_rows_say(rows):
-    eccentric, square = rows.of_shaped()
+    eccentric, square = rows.columns_of_effects()
     assert [each.effect.id for each in rows.shaped] == ["cmm_squareness", "encoder_eccentricity"]
     own = len(rows.baseline_columns)
     assert (eccentric.tolist(), square.tolist()) == ([own], [own + 1, own + 2])
-    assert rows.of_map(1)[0] == own + 3
-    assert rows.of_map(6)[-1] + 1 == len(rows.products().projection[0])
+    assert rows.columns_of_map(1)[0] == own + 3
+    assert rows.columns_of_map(6)[-1] + 1 == len(rows.normal_equations().projection[0])
     assert rows.basis.shape == (36, 35)
     np.testing.assert_allclose(
         np.linalg.solve(b_splines_by_knots(36), rows.basis),
@@ -148,7 +138,7 @@ def test_the_family_has_every_map_in_every_form_and_says_what_it_lacks(few):
     assert all(isinstance(each, ShapedEffect) for each in shaped)
     assert {entry.why for entry in unknown} == {"the torques were not logged"}
     rows = BlockedRows(few, unweighted(few.poses.measured), shaped, 144)
-    found = family(rows, rows.products())
+    found = family(rows, rows.normal_equations())
     maps = [each for each in found.shown if each.is_map]
     assert len(maps) == 6 * 9
     assert {each.effect.of for each in maps} == {f"joint {joint}" for joint in range(1, 7)}
@@ -174,7 +164,7 @@ def test_an_effect_below_its_detection_limit_is_listed_and_sought_all_the_same(f
     weights = replace(rows.weights, weight=np.full(len(few.poses), 2e-3))
     name, found = ("cmm_squareness", "instrument"), []
     for each in (rows, replace(rows, weights=weights)):
-        products = each.products()
+        products = each.normal_equations()
         known = family(each, products)
         search = Search(
             products, Columns(each.baseline_columns, each.baseline_sizes), known.shown, 0.0, 0.05

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.blocked_cv.family import Candidate, Columns, both_kinds_agree, start
+from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect
+from pa10cal.discovery.blocked_cv.effect_set import Candidate, Columns, both_kinds_agree, start
 from pa10cal.discovery.blocked_cv.judge import in_place_of, over_floor, unexplained
+from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.blocked_cv.survey import Products, ShapedEffect
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.results.discovery import Remaining, Tried
 from pa10cal.terms.effects.joint import Backlash
@@ -18,7 +19,7 @@ BLOCKS, ROWS = 5, 40
 
 def products_of(columns, data):
     """Return the products of columns (B, R, k) and data (B, R) of blocks."""
-    return Products(
+    return BlockEquations(
         np.einsum("bri,brj->bij", columns, columns),
         np.einsum("bri,br->bi", columns, data),
         np.sum(data**2, axis=1),
@@ -35,7 +36,7 @@ def rows():
     return (
         columns,
         data,
-        Products(products.gram, products.projection, products.squares, of_positions=products),
+        BlockEquations(products.gram, products.projection, products.squares, of_positions=products),
     )
 
 
@@ -49,14 +50,14 @@ def started(rows, *members):
     """Return the set of some members, which join one after the other."""
     found = start(rows[2], OWN)
     for each in members:
-        found = found.extended(each)
+        found = found.with_member(each)
     return found
 
 
 def by_hand(rows, members):
     """Sums of squares of blocks left out, each by its own least squares."""
     columns, data, _ = rows
-    at = np.concatenate([each.at for each in members])
+    at = np.concatenate([each.index for each in members])
     prior = np.diag(1.0 / np.concatenate([each.sizes for each in members]))
     found = []
     for b in range(BLOCKS):
@@ -70,7 +71,7 @@ def by_hand(rows, members):
 
 def test_members_that_join_and_leave_are_as_if_solved_anew(rows):
     grown = started(rows, ONE, TWO, THREE)
-    less = grown.reduced(1)
+    less = grown.without_member(1)
     assert less.members == (ONE, THREE)
     for state in (grown, less):
         np.testing.assert_allclose(state.squares, by_hand(rows, (OWN, *state.members)), rtol=1e-8)
@@ -79,7 +80,7 @@ def test_members_that_join_and_leave_are_as_if_solved_anew(rows):
 
 def test_candidates_are_judged_without_joining_and_members_without_leaving(rows):
     state = started(rows, ONE, TWO)
-    joined, left = started(rows, ONE).with_each([TWO, THREE]), state.without_each()
+    joined, left = started(rows, ONE).squares_with_each([TWO, THREE]), state.squares_without_each()
     sets = ((ONE, TWO), (ONE, THREE), (TWO,), (ONE,))
     for squares, members in zip((*joined, *left), sets, strict=True):
         np.testing.assert_allclose(squares, by_hand(rows, (OWN, *members)), rtol=1e-8)
@@ -91,7 +92,7 @@ def with_told(rows, told):
     products = rows[2]
     gram = products.gram.copy()
     gram[:, np.arange(14), np.arange(14)] += told
-    return Products(gram, products.projection, products.squares, None, told)
+    return BlockEquations(gram, products.projection, products.squares, None, told)
 
 
 def test_what_is_known_of_weights_is_neither_a_position_nor_an_orientation(rows):
@@ -100,10 +101,10 @@ def test_what_is_known_of_weights_is_neither_a_position_nor_an_orientation(rows)
     told = np.zeros(14)
     told[0] = 50.0
     before = start(with_told(rows, told), OWN)
-    after = before.extended(ONE)
+    after = before.with_member(ONE)
     for state in (before, after):
         (positions,) = state.squares_by_kind
-        beside = state.solution**2 @ told[state.at]
+        beside = state.solution**2 @ told[state.index]
         np.testing.assert_allclose(positions + beside, state.squares)
         assert beside.max() > 0.0
     assert both_kinds_agree(before, after)
@@ -125,8 +126,8 @@ def test_orientations_that_come_out_worse_contradict():
             name: getattr(positions, name) + getattr(attitudes, name)
             for name in ("gram", "projection", "squares")
         }
-        before = start(Products(**both, of_positions=positions), own)
-        after = before.extended(effect)
+        before = start(BlockEquations(**both, of_positions=positions), own)
+        after = before.with_member(effect)
         assert after.squares.sum() < before.squares.sum()
         assert both_kinds_agree(before, after) is agree
 
@@ -208,11 +209,11 @@ def test_what_imitates_a_rival_is_no_alternative_to_a_name():
     )
     own = Columns(np.array([0]), np.ones(1))
     search = Search(products, own, (backlash, nameless, spring), BLOCKS * 2.0, 0.01)
-    with_rival = start(products, own).extended(backlash).extended(nameless)
-    alone = with_rival.reduced(1)
+    with_rival = start(products, own).with_member(backlash).with_member(nameless)
+    alone = with_rival.without_member(1)
 
     def found(chosen):
-        beside = dict(zip((spring,), chosen.with_each((spring,)), strict=True))
+        beside = dict(zip((spring,), chosen.squares_with_each((spring,)), strict=True))
         return in_place_of(search, chosen, 0, beside, len(data))
 
     close, (rival_of_it,) = found(alone)
@@ -237,8 +238,8 @@ def test_what_can_do_more_than_a_name_weighs_less_beside_one(found):
     )
     own = Columns(np.array([0]), np.ones(1))
     search = Search(products, own, (member, *rivals), BLOCKS * 2.0, 0.01)
-    chosen = start(products, own).extended(member)
-    beside = dict(zip(rivals, chosen.with_each(rivals), strict=True))
+    chosen = start(products, own).with_member(member)
+    beside = dict(zip(rivals, chosen.squares_with_each(rivals), strict=True))
     _, tried = in_place_of(search, chosen, 0, beside, len(data))
     of_map = 1.0 if found == JointErrorMap("joint 1") else PROBABILITIES.flexible
     weights = {each.effect: each.weight for each in tried}

@@ -8,9 +8,9 @@ import pytest
 
 from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
-from pa10cal.discovery.evidence import search
-from pa10cal.discovery.evidence.problem import fit, prepare
-from pa10cal.discovery.evidence.search import indistinguishable, linearise
+from pa10cal.discovery.evidence.candidates import indistinguishable, linearise, split_testable
+from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
 from pa10cal.discovery.rules import CANDIDATES
 from pa10cal.observe.kinds import instruments
@@ -139,7 +139,7 @@ NOT_LOGGED, UNSEEN = "what it depends on was not logged", "the poses do not exer
 
 class TestTestable:
     def divide(self, null, *effects):
-        shown, refused = search.testable(null.problem, null.start, effects)
+        shown, refused = split_testable(null.problem, null.start, effects)
         assert len(shown) + len(refused) == len(effects)
         return shown, {entry.effect: entry for entry in refused}
 
@@ -180,16 +180,14 @@ class TestTestable:
         readings = replace(readings, states=replace(readings.states, temperature_C=warm))
         problem = prepare(readings, null.baseline, null.setup)
         start = fit(problem, (), (), (0.0, 0.0))
-        assert search.testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
+        assert split_testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
 
     def test_an_effect_that_needs_masses_is_not_where_they_are_not_known(self, null):
         setup = replace(null.setup, payload=None)
         problem = prepare(null.readings, null.baseline, setup)
         start = fit(problem, (), (), (0.0, 0.0))
         names = [("link_bending", "forearm"), ("friction_torque", "joint 3")]
-        shown, refused = search.testable(
-            problem, start, tuple(null.effect(*name) for name in names)
-        )
+        shown, refused = split_testable(problem, start, tuple(null.effect(*name) for name in names))
         assert not shown
         why = {entry.effect.id: entry.why for entry in refused}
         assert "moments of the weights" in why["link_bending"]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drawn_examples import examples
 from made_up_poses import at_rest, measured_poses
-from pa10cal.discovery.evidence.problem import gather, shared_error
+from pa10cal.discovery.evidence.noise_model import average_into_cells, shared_error
 from pa10cal.discovery.rules import EVIDENCE
 
 
@@ -45,7 +45,7 @@ def some_readings(draw):
 @examples(40)
 def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
     cov_ee = np.arange(1.0, len(readings) + 1)[:, None, None] * np.eye(6)
-    cells, cell_cov = gather(readings, cov_ee)
+    cells, cell_cov = average_into_cells(readings, cov_ee)
     held = cells.states.q_rad > 0.0
     assert (held.sum(axis=0) == 1).all()
     assert (held.sum(axis=1) == cells.readings).all()
@@ -63,7 +63,7 @@ def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
 @given(some_readings())
 @examples(40)
 def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
-    cells, _ = gather(readings, readings.measured.cov)
+    cells, _ = average_into_cells(readings, readings.measured.cov)
     held = cells.states.q_rad > 0.0
     time_s = readings.states.time_s
     keys = list(zip(cells.pose, cells.states.load_N, map(tuple, cells.states.arrival), strict=True))
@@ -93,19 +93,19 @@ def test_turned_rows_of_the_shared_error_are_independent(seed, variance):
     load_N, side = rng.choice([0.0, 22.0, 44.0], len(pose)), rng.choice([-1.0, 1.0], len(pose))
     time_s, repeats = rng.permutation(len(pose)) * 50.0, rng.integers(1, 5, len(pose))
     found = shared_error(rows_of(pose, load_N, side, time_s, repeats))
-    np.testing.assert_allclose(found.turn @ found.turn.T, np.eye(len(pose)), atol=1e-12)
-    assert not found.turn[pose[:, None] != pose].any()
+    np.testing.assert_allclose(found.rotation @ found.rotation.T, np.eye(len(pose)), atol=1e-12)
+    assert not found.rotation[pose[:, None] != pose].any()
     covariance = np.eye(len(pose))
     for each in range(4):
         here = np.flatnonzero(pose == each)
         # A unit of the error is one standard deviation of a reading; a mean of k is whiter.
         shapes = shapes_of(load_N[here], time_s[here], side[here]) * np.sqrt(repeats[here, None])
         covariance[np.ix_(here, here)] += variance * shapes @ shapes.T
-    turned = found.turn @ covariance @ found.turn.T
-    np.testing.assert_allclose(turned, np.diag(1.0 + variance * found.size), atol=1e-8)
+    turned = found.rotation @ covariance @ found.rotation.T
+    np.testing.assert_allclose(turned, np.diag(1.0 + variance * found.variance), atol=1e-8)
 
 
 def test_a_pose_of_one_cell_shares_with_nothing():
     found = shared_error(rows_of([0, 1], [0.0, 0.0], [1.0, 1.0], [0.0, 1.0], [3, 1]))
-    np.testing.assert_allclose(np.abs(found.turn), np.eye(2))
-    assert found.size == pytest.approx([3.0, 1.0])
+    np.testing.assert_allclose(np.abs(found.rotation), np.eye(2))
+    assert found.variance == pytest.approx([3.0, 1.0])

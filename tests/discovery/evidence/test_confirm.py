@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_up_arm import forced, measure
-from pa10cal.discovery.evidence.judge import confirm
+from pa10cal.discovery.evidence.confirmation import confirm
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.evidence.search import evidence_about
 from pa10cal.discovery.rules import EVIDENCE

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_arm import TARGETS_M, Missing, at_joint, measure, scored
-from pa10cal.discovery.evidence.problem import (
+from pa10cal.discovery.evidence.fit import (
     EvidenceFit,
     covariance_of,
     fit,

@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
 from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, CandidateRows, SetEvidence
-from pa10cal.discovery.evidence.problem import NoiseModel, SharedByCells
+from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedByCells
 from pa10cal.discovery.rules import EVIDENCE
 
 CELLS, OWN = 10, 3
@@ -177,11 +177,11 @@ def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance)
     rows = 400
     shared = SharedByCells(np.eye(rows), rng.uniform(1.0, 4.0, rows))
     channel = NoiseModel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
-    data = np.sqrt(1.0 + variance * shared.size) * rng.normal(size=rows)
+    data = np.sqrt(1.0 + variance * shared.variance) * rng.normal(size=rows)
     found = SetEvidence(channel, None, data, np.zeros(0), np.zeros((rows, 0)), ()).score(())
 
     def minus_log(log_variance):
-        total = 1.0 + np.exp(log_variance) * shared.size
+        total = 1.0 + np.exp(log_variance) * shared.variance
         return 0.5 * float(np.sum(data**2 / total + np.log(total)))
 
     best = minimize_scalar(minus_log, bracket=(-1.0, 4.0))

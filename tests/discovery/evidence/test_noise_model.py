@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pa10cal.discovery.evidence.problem import NoiseModel, SharedByCells
+from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedByCells
 
 CELLS, B, COMMON = 7, 3, 4
 POSE = np.array([0, 0, 0, 1, 1, 2, 2])

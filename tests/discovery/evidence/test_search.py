@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from made_up_arm import ERROR_RATE, Missing, harmonic, measure
-from pa10cal.discovery.evidence.problem import fit
-from pa10cal.discovery.evidence.search import evidence_about, less, refit, search, threshold
+from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.search import evidence_about, less, refit, search
+from pa10cal.discovery.finding import threshold
 from pa10cal.discovery.linear import residual
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import TermParameter

@@ -6,7 +6,7 @@ import pytest
 import made_up_survey
 from made_up_arm import Missing, at_joint, measure
 from made_up_poses import at_rest
-from pa10cal.discovery.discover import with_proposals
+from pa10cal.discovery.proposals import with_proposals
 from pa10cal.discovery.short_forms import FormComparison, choose
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.stages.discover import verdict_lines

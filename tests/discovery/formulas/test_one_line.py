@@ -6,7 +6,7 @@ import pytest
 import made_up_survey
 from made_up_arm import Missing, harmonic, measure
 from made_up_survey import Hidden, at_joint, observe
-from pa10cal.discovery.discover import with_lines_named, with_proposals
+from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.terms.effects.joint import PeriodicError
 from pa10cal.terms.forms import catalogue
 from pa10cal.terms.forms.catalogue import all_around

@@ -10,16 +10,18 @@ from hypothesis.extra.numpy import arrays
 
 from drawn_examples import examples
 from made_up_poses import at_rest
+from pa10cal.numerics.periodic_spline import (
+    b_splines,
+    b_splines_by_knots,
+    harmonic_orders,
+    harmonics_at_knots,
+)
 from pa10cal.terms.effects.joint_error_map import (
     TYPICAL,
     FadingPrior,
     GearError,
     JointErrorMap,
     SensorError,
-    b_splines,
-    b_splines_by_knots,
-    harmonic_orders,
-    harmonics_at_knots,
 )
 
 FINE = JointErrorMap("joint 2", 36, FadingPrior(1e-4, 4.0))

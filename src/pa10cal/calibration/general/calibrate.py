@@ -1,4 +1,9 @@
-"""Calibration with the general model, whatever the arm and the instrument."""
+"""Calibration with the general model: what is fitted, what the readings do not show, the start.
+
+First all parameters are fitted that arm and instrument can identify. Then springs and tilts of
+parallel axes are dropped that the readings do not show. Torques calculated from masses depend a
+little on the fitted arm; in the end they are calculated anew until that moves nothing.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,7 @@ import numpy as np
 from pa10cal.arm.chain import BASE, Chain
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.problem import (
     GeneralProblem,
@@ -19,7 +24,11 @@ from pa10cal.calibration.general.problem import (
     general_problem,
     loaded_joints,
 )
-from pa10cal.calibration.general.springs import rigid_at, springs_not_shown, with_proven_springs
+from pa10cal.calibration.general.springs import (
+    SpringFit,
+    springs_not_shown,
+    with_proven_springs,
+)
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import FIT, SPRINGS
 from pa10cal.errors import RecordError
@@ -34,17 +43,17 @@ from pa10cal.terms.model import Model
 
 @dataclass(frozen=True)
 class GeneralCalibration(GeneralProblem):
-    """A calibrated general model: the problem as it was solved in the end.
+    """A calibrated general model: the problem of the last fit, its start, and its solution.
 
-    `x_start` is where the last fit began: springs and tilts that were dropped are not in it.
+    Springs and tilts that were dropped are in none of them.
     """
 
-    # tilts of parallel axes left at zero, as the readings do not show them, with the uncertainty
-    # that they would have had
+    # tilts of parallel axes that are zero, as the readings do not show them, with the uncertainty
+    # that they had when they were fitted
     settled: dict[str, CalibratedParameter]
-    fit: GeneralSolution  # where it ended
-    prior: PriorPart | None = None  # what it started from, and what moved since; None for nothing
-    # joints, from 1, whose springs the poses fitted show, and held-out clusters of them do not
+    fit: GeneralSolution  # the solution
+    prior: PriorPart | None = None  # the prior, and what moved since; None without one
+    # joints, from 1, with springs that the fit shows but that do not help to predict held-out poses
     unproven: tuple[int, ...] = ()
 
 
@@ -59,10 +68,6 @@ def calibrate_general(
 ) -> GeneralCalibration:
     """Calibrate the general model.
 
-    All that may be identified is fitted; springs that the readings do not show go, then tilts of
-    parallel axes that they do not show; in the end torques of the masses are computed anew where
-    the arm stands, until they move nothing.
-
     Args:
         payload: what the arm carries; None where it is not known. Springs need torques, logged or
             of the masses that the description of the arm states.
@@ -75,53 +80,73 @@ def calibrate_general(
     options = options or CalibrationOptions()
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = general_problem(arm, observations, start, payload, options, links=links)
-    problem, x_start, springs = posed.problem, posed.x_start, posed.springs
-    states_as_logged, source = observations.states, posed.torques_from
-    tau_Nm = problem.observations.states.tau_Nm
-    check_enough(problem)
-    found = fitted(problem, x_start)
-    # Under weights that nobody stated no spring is sure to be there, and any may stand in for
-    # another: they go one by one, each with what it takes along.
-    assumed = source == "masses" and weights_known(arm).assumed
-    sure = () if assumed else loaded_joints(arm, tau_Nm, SPRINGS.full_torque_share)
-    searched = options.general.springs == "auto"
-    while searched and (
-        rigid := springs_not_shown(problem, found, springs, sure, stepwise=assumed)
-    ):
-        springs = tuple(joint for joint in springs if joint not in rigid)
-        problem, kept = rigid_at(problem, rigid)
-        x_start = found.x[kept]
-        found, searched = fitted(problem, x_start), assumed
+    check_enough(posed.problem)
+    source = posed.torques_from
+    found = fitted(posed.problem, posed.x_start)
+    last = SpringFit(posed.problem, found, posed.springs, posed.x_start)
     unproven: tuple[int, ...] = ()
-    if assumed and springs and options.general.springs == "auto":
-        names = (each.name for each in posed.problem.parameters)
-        begin = dict(zip(names, posed.x_start.tolist(), strict=True))
-        if fewer_springs := with_proven_springs(problem, found, springs, begin, fitted):
-            judged = springs
-            problem, found, springs, x_start = fewer_springs
-            unproven = tuple(joint for joint in judged if joint not in springs)
+    if options.general.springs == "auto":
+        assumed = source == "masses" and weights_known(arm).assumed
+        last = _with_shown_springs(last, fitted, stepwise=assumed)
+        if assumed and last.springs:
+            names = (each.name for each in posed.problem.parameters)
+            begin = dict(zip(names, posed.x_start.tolist(), strict=True))
+            shown_springs = last.springs
+            last = with_proven_springs(last, begin, fitted)
+            unproven = tuple(joint for joint in shown_springs if joint not in last.springs)
+    problem, found, springs, x_start = last
     settled = tilts_not_shown(problem, found)
     by_masses = bool(springs) and source == "masses"
     if settled:
         kept = np.array([parameter.name not in settled for parameter in problem.parameters])
         problem = replace(problem, model=problem.model.without("tilt"))
-        # Where the others go with the tilts at zero, to first order.
-        covariance = found.covariance[np.ix_(~kept, ~kept)]
-        follow = found.covariance[np.ix_(kept, ~kept)] @ np.linalg.inv(covariance)
-        about, x_start = found.x[kept], found.x[kept] - follow @ found.x[~kept]
+        x_start = _where_others_go(found, kept)
+        about = found.x[kept]
         if by_masses:
-            problem = _with_torques_at(problem, x_start, states_as_logged, payload)
-        fewer = fitted(problem, x_start, scatter_start=found.scatter, about=about)
-        # That they are zero is not known: what the others are known to is what it was with them.
-        found = replace(fewer, covariance=found.covariance[np.ix_(kept, kept)])
+            problem = _with_torques_at(problem, x_start, observations.states, payload)
+        without_tilts = fitted(problem, x_start, scatter_start=found.scatter, about=about)
+        # Whether the tilts are zero is not known, so the others keep their uncertainty with them.
+        found = replace(without_tilts, covariance=found.covariance[np.ix_(kept, kept)])
     if by_masses:
         covariance = found.covariance
-        problem, found = at_rest(problem, found, states_as_logged, payload, fitted)
+        problem, found = at_rest(problem, found, observations.states, payload, fitted)
         found = replace(found, covariance=covariance) if settled else found
     return GeneralCalibration(
-        *(problem, x_start, start, posed.redundant, source, payload, settled, found),
+        problem=problem,
+        x_start=x_start,
+        start=start,
+        redundant=posed.redundant,
+        torques_from=source,
+        payload=payload,
+        settled=settled,
+        fit=found,
         unproven=unproven,
     )
+
+
+def _with_shown_springs(
+    full: SpringFit, fitted: Callable[..., GeneralSolution], *, stepwise: bool
+) -> SpringFit:
+    """Return a fit without the springs that the readings do not show.
+
+    Args:
+        stepwise: whether springs are dropped one by one. Under weights that nobody stated none is
+            sure to be there, and any of them may stand in for another.
+    """
+    arm, tau_Nm = full.problem.model.chain.arm, full.problem.observations.states.tau_Nm
+    sure = () if stepwise else loaded_joints(arm, tau_Nm, SPRINGS.full_torque_share)
+    while rigid := springs_not_shown(full, sure, stepwise=stepwise):
+        full = full.without(rigid, fitted)
+        if not stepwise:
+            break
+    return full
+
+
+def _where_others_go(found: GeneralSolution, kept: Mask) -> Array:
+    """Return the unknowns kept, (kept,), if all others are set to zero, to first order."""
+    dropped_covariance = found.covariance[np.ix_(~kept, ~kept)]
+    by_dropped = found.covariance[np.ix_(kept, ~kept)] @ np.linalg.inv(dropped_covariance)
+    return np.asarray(found.x[kept] - by_dropped @ found.x[~kept])
 
 
 def at_rest(
@@ -131,11 +156,15 @@ def at_rest(
     payload: Payload | None,
     fitted: Callable[..., GeneralSolution],
 ) -> tuple[Problem, GeneralSolution]:
-    """Fit again, from where a fit ended, until the torques of weights move nothing any more.
+    """Fit again with the torques of the weights at the solution, until they move nothing.
 
     Args:
-        problem, found: what was solved, and where that ended.
-        fitted: fits a problem from a point, with a scatter to set out with; see `fit`.
+        problem, found: the problem, and its solution.
+        states_as_logged: the states before torques were calculated.
+        fitted: fits a problem from a start; see `fit`.
+
+    Returns:
+        The problem with these torques, and its solution.
     """
     for _ in range(FIT.most_refits):
         weighed = _with_torques_at(problem, found.x, states_as_logged, payload)
@@ -150,7 +179,7 @@ def at_rest(
 def _with_torques_at(
     problem: Problem, x: Array, states_as_logged: PoseStates, payload: Payload | None
 ) -> Problem:
-    """Return the problem with the torques of weights at a point; itself if that moves nothing."""
+    """Return the problem with the torques of the weights at x (k,); itself if nothing moves."""
     states, _ = with_torques(problem.model, problem.of_model(x), states_as_logged, payload)
     states = with_loads_read_by(problem.model.terms, states)
     weighed = replace(problem, observations=problem.observations.with_states(states))
@@ -158,15 +187,12 @@ def _with_torques_at(
     return weighed if np.abs(moved).max() > FIT.moves_nothing_m else problem
 
 
-# Whether the readings show that parallel axes are tilted.
-#
-# Hayati's parameters take up a tilt across the common normal. Where axes are as parallel as they
-# were designed, within the uncertainty of the readings, these parameters only spread the noise:
-# zero then predicts better. Schwarz's criterion (1978) decides, over all of them together.
-
-
 def tilts_not_shown(problem: Problem, fit: GeneralSolution) -> dict[str, CalibratedParameter]:
-    """Return the tilts of parallel axes that the readings do not show; none where they do."""
+    """Return the tilts of parallel axes if the readings do not show them, all together.
+
+    Hayati's parameters are tilts across the common normal. Where axes are as parallel as designed,
+    within the uncertainty of the readings, they only fit noise, and zero predicts better.
+    """
     names = [parameter.name for parameter in problem.parameters]
     at = np.flatnonzero(problem.having("tilt"))
     covariance = fit.covariance[np.ix_(at, at)]
@@ -190,16 +216,17 @@ def tilts_not_shown(problem: Problem, fit: GeneralSolution) -> dict[str, Calibra
 
 
 def shown(values: Array, covariance: Array, readings: int) -> bool:
-    """Return whether so many readings show parameters (k,) all together, by Schwarz's criterion."""
+    """Return whether readings show parameters (k,), by Schwarz's criterion (1978) for all of them.
+
+    Args:
+        readings: number of scalar readings.
+    """
     gain = float(values @ np.linalg.solve(covariance, values))
     return bool(gain > len(values) * np.log(readings))
 
 
-# Frames and targets from which a fit starts, by the nominal arm, and where the base moves to.
-
-
 def find_start(arm: Arm, observations: Observations) -> Start:
-    """Find frames and targets by the nominal arm, from any place of instrument and target.
+    """Find approximate frames and targets by the nominal arm, without a prior guess.
 
     Raises:
         CalibrationError: when the poses do not determine them.
@@ -209,7 +236,7 @@ def find_start(arm: Arm, observations: Observations) -> Start:
 
 
 def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
-    """Return where frames and targets are, from what `seed/base_frame.json` holds.
+    """Return approximate frames and targets, as `seed/base_frame.json` holds them.
 
     Raises:
         RecordError: when it lacks a target.
@@ -232,6 +259,10 @@ def start_of(seed: BaseFrameRecord, measured: Instrument) -> Start:
 
 
 def base_motion(model: Model, x_base: Array) -> Array:
-    """Return the six small motions (6,) of the base, zero for those that are no unknowns."""
+    """Return the six small motions (6,) of the base; those that are no unknowns are zero.
+
+    Args:
+        x_base: values of the last term, which is that of the base.
+    """
     values = dict(zip(model.terms[-1].coordinates, x_base, strict=True))
     return np.array([values.get(name, 0.0) for name in BASE])

@@ -1,9 +1,10 @@
 """Weighted, robust least squares for the general model, by Gauss-Newton steps.
 
-Unknowns are expected within a reach of their start. It is far wider than the uncertainty from the
-readings, so it matters only along directions that readings hardly determine (a joint that hardly
-moved, nearly parallel axes): these stay about where they were instead of moving by metres, and
-count as not identifiable. What an earlier fit says of some of them takes the place of their reach.
+Every unknown has a normal prior about its start; its standard deviation is called reach. It is far
+larger than the uncertainty from the readings, so it matters only along directions that the readings
+hardly determine (a joint that hardly moved, nearly parallel axes): these stay near the start
+instead of moving by metres, and count as not identifiable. Unknowns that an earlier fit determined
+have the normal distribution of that fit as prior instead.
 """
 
 from __future__ import annotations
@@ -18,27 +19,33 @@ from scipy.linalg.lapack import dtrtri
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.rules import FIT, UNKNOWNS
 from pa10cal.fit.identifiability import Identifiability, triangle_of
-from pa10cal.fit.problem import GaussianPrior, Problem, Rows, Solution
+from pa10cal.fit.prior import GaussianPrior
+from pa10cal.fit.problem import Problem, Rows, Solution
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.rules import PARAMETERS
 
+#: Why a fit ended whose unknowns still move while its predictions do not (format).
 _STILL = "predictions stand still along directions that the poses hardly identify"
 
 
 @dataclass(frozen=True)
 class Span:
-    """Where the k unknowns may lie, and what is expected of them before any reading."""
+    """Bounds and prior of the k unknowns."""
 
     bounds: Bounds  # ends of their physical range
-    reach: Array  # (k,) how far from the start they may well be
-    known: int  # of how many, the first, something is known in place of start and reach
-    centre: Array  # (k,) where they are expected
-    rows: Array  # (k, k) rows of unit variance that say so, those of the known first
+    reach: Array  # (k,) standard deviation of the prior about the start
+    known: int  # the first unknowns, so many, have an informative prior in place of the reach
+    centre: Array  # (k,) mean of the prior
+    rows: Array  # (k, k) root W of its precision W'W, rows of the known unknowns first
 
     @classmethod
     def about(cls, problem: Problem, x_start: Array, expected: GaussianPrior | None) -> Span:
-        """Return what is expected of the unknowns (k,) of a problem about a point."""
+        """Return the prior of a problem's unknowns about a start (k,).
+
+        Args:
+            expected: informative prior of the first unknowns; None for none.
+        """
         bounds, reach = Bounds.of(problem.parameters), reach_of(problem)
         centre, rows, known = bounds.clip(x_start), np.diag(1.0 / reach), 0
         if expected is not None:
@@ -49,41 +56,40 @@ class Span:
 
     @cached_property
     def precision(self) -> Array:
-        """Return how precisely the unknowns are known before any reading, (k, k)."""
+        """Return the precision (inverse covariance) of the prior, (k, k)."""
         return np.asarray(self.rows.T @ self.rows)
 
     def pull(self, x: Array) -> tuple[float, Array]:
-        """Return the squares of what takes unknowns back, and half their gradient (k,)."""
-        off = self.rows @ (x - self.centre)
-        return float(off @ off), self.rows.T @ off
+        """Return the sum of squares of the prior at x (k,), and half its gradient (k,)."""
+        residual = self.rows @ (x - self.centre)
+        return float(residual @ residual), self.rows.T @ residual
 
 
 @dataclass(frozen=True)
 class GeneralSolution(Solution):
     """Where a fit of the general model ended."""
 
-    # standard deviation of each kind beyond what the instrument states [m, rad]
+    # standard deviation of each kind of component beyond what the instrument states [m, rad]
     scatter: dict[str, float]
-    weights: Array  # (P,) of the poses, 1 where the robust loss leaves them alone
+    weights: Array  # (P,) robust weights of the poses, 1 for those that are no outliers
     distance: Array  # (P,) Mahalanobis distance of each pose's residual
     residual: Array  # (P, b) predicted less seen
-    whitener: Array  # (P, b, b) that makes stated errors and scatter independent and of unit size
-    # (k, k) of the unknowns, such that 1.96 standard uncertainties make an interval of 95 %: wider
-    # than that of the normal distribution where the scatter was found from few poses (Student's
-    # t). Along directions that the data do not identify it is the reach.
+    whitener: Array  # (P, b, b) makes stated errors and scatter independent, of unit variance
+    # (k, k) of the unknowns, such that 1.96 standard uncertainties make an interval of 95 %, by
+    # Student's t where few poses determine the scatter. Along directions that the data do not
+    # identify it is the square of the reach.
     covariance: Array
-    triangle: Array  # (., k) R of the weighted rows and of the known part of `span`
-    span: Span  # where the unknowns were expected
+    triangle: Array  # (., k) R of the weighted rows and of the informative rows of `span`
+    span: Span  # bounds and prior of the unknowns
     scale: Array  # (k,) their typical sizes
-    # by which factor standard uncertainties are wider for the readings being few
-    widening: float = 1.0
+    widening: float = 1.0  # factor of standard uncertainties by Student's t
 
     @cached_property
     def identifiability(self) -> Identifiability:
         """Return rank and singular values of the weighted rows, in scales.
 
-        Directions identified no better than the reach of the unknowns do not count; those of which
-        something was known before do.
+        Directions that the readings determine no better than the reach do not count; those with an
+        informative prior do.
         """
         return _identified(self.triangle, self.scale, self.span.reach, self.span.known)
 
@@ -101,10 +107,11 @@ def fit(
     """Fit the general model.
 
     Args:
-        x_start: (k,) where to set out.
-        scatter_start: scatter of each kind to set out with [m, rad]; None for that at the start.
-        about: (k,) where unknowns are within their reach; None for where it sets out.
-        expected: what is known of the first unknowns before any reading; None for nothing.
+        x_start: (k,) start.
+        robust: whether poses far outside the scatter get less weight.
+        scatter_start: scatter of each kind at the start [m, rad]; None to estimate it there.
+        about: (k,) mean of the prior of the unknowns; None for the start.
+        expected: informative prior of the first unknowns; None for none.
     """
     span = Span.about(problem, x_start if about is None else about, expected)
     start = span.bounds.clip(x_start)
@@ -127,8 +134,9 @@ def fit(
     root = np.linalg.inv(np.linalg.qr(np.concatenate([triangle, span.rows])[:, free], mode="r"))
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(free, free)] = root @ root.T
-    ahead = _step_ahead(found.equations, free)
-    length = _length_of(ahead, found.equations.normal, int(np.count_nonzero(free)))
+    next_step = _next_step(found.equations, free)
+    length = _length_of(next_step, found.equations.normal, int(np.count_nonzero(free)))
+    nearly = bool(length < FIT.nearly_errors * weighting.tolerance_factor)
     return GeneralSolution(
         x=x,
         at_bound=held,
@@ -143,36 +151,42 @@ def fit(
         scale=problem.scale,
         cost=float(np.sum(weighted.residual**2)),
         iterations=found.iterations,
-        converged=found.converged
-        and (weighting.stand_still or bool(length < FIT.nearly_errors * weighting.patience)),
+        converged=found.converged and (weighting.stand_still or nearly),
         reason=_STILL if found.converged and weighting.stand_still else found.reason,
         widening=scatter.widening,
     )
 
 
-def _step_ahead(here: Equations, free: Mask) -> Array:
-    """Return the next step (k,) of those that are free."""
-    step = np.zeros(len(here.gradient))
-    step[free] = solve_normal(here.normal[free][:, free], here.gradient[free])
+def _next_step(equations: Equations, free: Mask) -> Array:
+    """Return the Gauss-Newton step (k,) of the free unknowns."""
+    step = np.zeros(len(equations.gradient))
+    step[free] = solve_normal(equations.normal[free][:, free], equations.gradient[free])
     return step
 
 
 def _length_of(step: Array, normal: Array, count: int) -> float:
-    """Return the length of a step in standard uncertainties that normal equations tell."""
+    """Return the rms length of a step of `count` unknowns in their standard uncertainties."""
     return float(np.sqrt(max(0.0, float(step @ normal @ step)) / max(1, count)))
 
 
 def reach_of(problem: Problem) -> Array:
-    """Return how far from their start the k unknowns of a problem may well be."""
+    """Return the standard deviation of the prior of the k unknowns of a problem.
+
+    It is what a parameter states as plausible; else the width of its physical range, or a multiple
+    of its scale where that is unbounded.
+    """
     bounds = Bounds.of(problem.parameters)
     width = bounds.upper - bounds.lower
     reach = np.where(np.isfinite(width), width, UNKNOWNS.reach_scales * problem.scale)
-    expected = np.array([each.plausible for each in problem.parameters], dtype=float)
-    return np.where(np.isnan(expected), reach, expected)
+    plausible = np.array([each.plausible for each in problem.parameters], dtype=float)
+    return np.where(np.isnan(plausible), reach, plausible)
 
 
 class _WeightedProblem:
-    """The weighted problem: weights stay while a step is tried, and are renewed at its end."""
+    """The weighted problem: weights stay while a step is tried, and are renewed when it is taken.
+
+    It also decides whether the fit has converged, by the lengths of the last steps.
+    """
 
     def __init__(
         self,
@@ -188,57 +202,57 @@ class _WeightedProblem:
         first = first_scatter(problem, rows)
         self.scatter = first if scatter is None else replace(first, size=scatter)
         self._before = self.scatter
-        self._length = self._ahead = self._moved_ahead = np.inf
-        self._settled = self._turns = False
-        # by how much the last steps moved predictions
+        # Lengths in standard uncertainties: of the last step, and of the next one; of the next one
+        # without the prior, which is how far it moves predictions; and that of the last steps.
+        self._length = self._next_length = self._next_moves = np.inf
         self._moved: deque[float] = deque(maxlen=FIT.still_steps)
+        # Whether the scatter has converged, and whether it alternated between two values.
+        self._settled = self._alternates = False
         if scatter is None:
             self.weighted = weighted_rows(problem, rows, self.scatter, robust)
         else:
             self._renew(start)
-        valley = problem.model.u_scale > 0.0  # of the weights only the shape is known
-        #: How much longer than usual the last step may be.
-        self.patience = FIT.valley_times if valley else 1.0
+        # Where only the shape of the weights is known, weights and springs have a common scale
+        # along which no prediction changes: the last step may be longer by this factor.
+        self.tolerance_factor = FIT.valley_times if problem.model.u_scale > 0.0 else 1.0
 
     def rows(self, x: Array) -> Rows:
-        """Return the rows at a point, those of the last one looked at kept and no others.
-
-        Of large campaigns nothing takes as much room.
-        """
+        """Return the rows at a point; only those of the last point are kept, as they are large."""
         if self._last is None or self._last[0] is not x:
             self._last = None
             self._last = (x, self._problem.rows(x))
         return self._last[1]
 
     def equations(self, x: Array) -> Equations:
-        """Return the problem where the weights were renewed last, with what unknowns expect."""
-        weighted, (squares, pull) = self.weighted, self._span.pull(x)
+        """Return the normal equations, prior included, where the weights were renewed last."""
+        weighted = self.weighted
+        prior_squares, prior_gradient = self._span.pull(x)
+        gradient = weighted.rows.reshape(-1, len(x)).T @ weighted.residual.ravel()
         return Equations(
-            cost=float(np.sum(weighted.residual**2) + squares),
-            gradient=weighted.rows.reshape(-1, len(x)).T @ weighted.residual.ravel() + pull,
+            cost=float(np.sum(weighted.residual**2) + prior_squares),
+            gradient=gradient + prior_gradient,
             normal=weighted.normal + self._span.precision,
         )
 
     def cost(self, x: Array) -> float:
-        """Return the sum of squares at a point, with the weights as they are."""
+        """Return the sum of squares at a point, prior included, with the present weights."""
         root, whitener = np.sqrt(self.weighted.weights)[:, None], self.weighted.whitener
         white = root * np.einsum("pij,pj->pi", whitener, self.rows(x).residual)
         return float(np.sum(white**2) + self._span.pull(x)[0])
 
     def renewed(self, x: Array, taken: Step) -> Equations:
-        """Renew scatter and weights about a point that a step led to."""
+        """Renew scatter and weights at a point that a step led to; return its equations."""
         self._renew(x)
         gained = max(0.0, -float(taken.before.gradient @ taken.step))
         self._length = np.sqrt(gained / max(1, int(np.count_nonzero(~taken.held))))
-        # Without what is expected of the unknowns a step's length is that of its predictions.
         precision, count = self._span.precision, len(x)
         self._moved.append(_length_of(taken.step, taken.before.normal - precision, count))
-        here = self.equations(x)
-        free = ~self._span.bounds.held(x, here.gradient)
-        step = _step_ahead(here, free)
-        self._ahead = _length_of(step, here.normal, int(np.count_nonzero(free)))
-        self._moved_ahead = _length_of(step, here.normal - precision, count)
-        return here
+        equations = self.equations(x)
+        free = ~self._span.bounds.held(x, equations.gradient)
+        step = _next_step(equations, free)
+        self._next_length = _length_of(step, equations.normal, int(np.count_nonzero(free)))
+        self._next_moves = _length_of(step, equations.normal - precision, count)
+        return equations
 
     def _renew(self, x: Array) -> None:
         """Renew scatter and weights about a point."""
@@ -250,43 +264,45 @@ class _WeightedProblem:
         parts = dtrtri(upper)[0] / size[:, None]
         found = refreshed(problem, rows, weighted, parts, self.scatter)
         self._settled = found.is_about(self.scatter)
-        # A scatter that leaves a fit from which the one before is found would go on for ever.
-        self._turns |= not self._settled and found.is_about(self._before)
+        # A scatter that alternates between two values would never converge: halve its steps.
+        self._alternates |= not self._settled and found.is_about(self._before)
         self._before = self.scatter
-        self.scatter = found.halfway(self.scatter) if self._turns else found
+        self.scatter = found.halfway(self.scatter) if self._alternates else found
         if self.scatter.size != self._before.size:
             self.weighted = weighted_rows(problem, rows, self.scatter, self._robust)
 
     def arrived(self, x: Array, taken: Step) -> bool:
         """Return whether step and weights have converged, or predictions stand still."""
         del x, taken
-        near = self._length < FIT.arrived_errors * self.patience or self._ahead < FIT.there_errors
+        near = self._length < FIT.arrived_errors * self.tolerance_factor
+        near = near or self._next_length < FIT.there_errors
         return bool((near or self.stand_still) and self._settled)
 
     @property
     def stand_still(self) -> bool:
-        """Return whether the last steps moved no prediction, however long the step ahead is."""
+        """Return whether the last steps moved no prediction, however long the next step is."""
         path = sum(self._moved)
         if len(self._moved) < FIT.still_steps or path >= FIT.still_errors:
             return False
-        along_a_valley = self._ahead > FIT.not_taken_times * path / FIT.still_steps
-        return along_a_valley and self._moved_ahead < FIT.bottom_errors
+        along_a_valley = self._next_length > FIT.not_taken_times * path / FIT.still_steps
+        return along_a_valley and self._next_moves < FIT.bottom_errors
 
 
 def _identified(rows: Array, scale: Array, reach: Array, known: int) -> Identifiability:
-    """Return what rows (r, k) identify, in scales, at worst within a reach.
+    """Return what rows (r, k) identify of the unknowns, in scales.
 
-    Of the first unknowns so many are known before; the others are identified by what readings say
-    beyond these. A null direction counts for those unknowns whose uncertainty it mostly causes.
+    The first unknowns, `known` in number, have an informative prior and count as identified. Of the
+    others a direction is identified if the rows determine it better than the reach. A direction
+    that is not identified belongs to the unknowns whose uncertainty it mostly causes.
     """
     triangle = np.asarray(np.linalg.qr(rows, mode="r")) if known else rows
     values = np.zeros(len(scale))
     values[: len(triangle)] = np.linalg.svd(triangle * scale, compute_uv=False)
     reach_of_others, others = reach[known:], slice(known, None)
     beyond: Array = triangle[known:, known:] * reach_of_others
-    _, found, right = np.linalg.svd(beyond)
+    _, singular_values, right = np.linalg.svd(beyond)
     size = np.zeros(len(right))
-    size[: len(found)] = found
+    size[: len(singular_values)] = singular_values
     identified = size > max(1.0, PARAMETERS.null_ratio * size[0])
     rank = known + int(np.count_nonzero(identified))
     part = np.abs(right[~identified])

@@ -1,7 +1,9 @@
-"""A calibrated arm in another campaign: known before it, and calibrated anew.
+"""Calibration with a fitted model of the arm as prior: after a crash, a new tool, in a new cell.
 
-Links, springs and effects of the arm are expected where the model has them, with its covariance;
-base, tool and targets are each campaign's own.
+Links, springs and effects of the arm have the model's values and covariance as prior; base, tool
+and targets are free. That covariance holds noise alone, so the readings decide how far the prior is
+trusted: what moved, such as the zero of one joint, is found anew while the rest stays. Where all
+parameters depart by more than noise, as under a model that lacks an effect, the prior is widened.
 """
 
 from __future__ import annotations
@@ -19,12 +21,8 @@ from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
 from pa10cal.calibration.general.placed import Fit, about_known_arm
-from pa10cal.calibration.general.problem import (
-    Unknowns,
-    check_enough,
-    choose_unknowns,
-    with_unknown_frames,
-)
+from pa10cal.calibration.general.problem import check_enough, with_unknown_frames
+from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
 from pa10cal.campaign.description import CampaignDescription
@@ -46,8 +44,9 @@ from pa10cal.fit.moved import (
     smallest_set,
     sought,
 )
-from pa10cal.fit.problem import GaussianPrior, Problem, disagreement
-from pa10cal.fit.weighed_arm import unknown_tool, weight_sizes
+from pa10cal.fit.prior import GaussianPrior, disagreement
+from pa10cal.fit.problem import Problem
+from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.results.calibration import Moved, PriorPart
@@ -58,21 +57,21 @@ from pa10cal.terms.weights import Weights, holds_weights
 
 F = TypeVar("F", bound=Fitted)
 
-#: Grades of calibrations that say nothing reliable of an arm.
+#: Grades of calibrations that are not reliable.
 _UNSOUND = ("suspect_input", "not_converged")
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of an arm."""
+    """What a fitted model says of an arm in another campaign."""
 
-    model: FittedModel  # the fitted model that says it
-    terms: tuple[Term, ...]  # those of its terms that belong to the arm
-    expected: GaussianPrior  # of their parameters
+    model: FittedModel  # the fitted model
+    terms: tuple[Term, ...]  # its terms that belong to the arm
+    expected: GaussianPrior  # prior of their parameters
 
 
 def refuse_unsound(model: FittedModel, *, force: bool = False) -> None:
-    """Refuse a model whose calibration is not to be trusted, unless it is forced all the same.
+    """Refuse a model whose calibration is not reliable, unless `force`.
 
     Raises:
         CalibrationError: naming its grade.
@@ -92,17 +91,16 @@ def refuse_own_readings(
 ) -> None:
     """Refuse a prior that was fitted to the poses to be fitted: their noise would count twice.
 
-    It was if it is of the same campaign, with so many poses between the same times, or of a member
-    of the group.
-
     Raises:
-        CalibrationError: when it was.
+        CalibrationError: when the prior is of a campaign of this name with as many poses between
+            the same times, or of a member of the group.
     """
     of, time_s = model.fitted_to, poses.states.time_s
     if of is None:
         return
-    about = np.array([of.poses, *of.time_s]), np.array([len(poses), time_s.min(), time_s.max()])
-    same = of.campaign == campaign.name and np.array_equal(*about, equal_nan=True)
+    of_prior = np.array([of.poses, *of.time_s])
+    of_poses = np.array([len(poses), time_s.min(), time_s.max()])
+    same = of.campaign == campaign.name and np.array_equal(of_prior, of_poses, equal_nan=True)
     if same or of.campaign in [member.name for member in campaign.campaigns]:
         raise CalibrationError(
             "a campaign is not its own prior: the same readings would count twice",
@@ -114,7 +112,7 @@ def refuse_own_readings(
 
 
 def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
-    """Return what a fitted model says of an arm that may carry another tool.
+    """Return the prior of an arm, which may carry another tool, by a fitted model.
 
     Raises:
         CalibrationError: when the model is of another arm, or its covariance is not known.
@@ -123,43 +121,57 @@ def prior_of(model: FittedModel, arm: Arm, payload: Payload | None) -> Prior:
     assert model.covariance is not None
     covariance = model.covariance[: len(model.x), : len(model.x)].copy()
     terms: list[Term] = []
-    from_: list[int] = []
+    # of every parameter: its column in the model, -1 for one that the model does not determine, and
+    # its standard deviation where nothing is known
+    sources: list[int] = []
     sizes: list[float] = []
     for term in model.model.terms:
         columns = model.model.parameter_indices(term).tolist()
-        there = term.elsewhere()
-        if there is None:
+        transferred = term.elsewhere()
+        if transferred is None:
             continue
         if holds_weights(term):
             weights = _weights(term, arm, payload)
             if weights is None:
                 continue
-            at = dict(zip(term.columns, columns, strict=True))
-            shared = {column for column in term.columns if column <= 4 * (term.n - 1)}
-            columns = [at[c] if c in shared else -1 for c in weights.columns]
-            there = weights
+            column_of = dict(zip(term.columns, columns, strict=True))
+            links = _columns_of_links(term)
+            columns = [column_of[c] if c in links else -1 for c in weights.columns]
+            transferred = weights
         elif not term.known_elsewhere:
-            columns = [-1] * len(there.parameters)
-        terms.append(there)
-        from_ += columns
+            columns = [-1] * len(transferred.parameters)
+        terms.append(transferred)
+        sources += columns
         sizes += [
             GROUPS.bound_squares * each.scale if each.plausible is None else each.plausible
-            for each in there.parameters
+            for each in transferred.parameters
         ]
-    index, fresh = np.array(from_, dtype=np.intp), np.array(from_) < 0
-    mean = np.where(fresh, 0.0, model.x[index])
+    index = np.array(sources, dtype=np.intp)
+    new = index < 0
+    mean = np.where(new, 0.0, model.x[index])
     known = covariance[np.ix_(index, index)]
-    known[fresh] = known[:, fresh] = 0.0
-    open_ = np.diag(known) <= 0.0
-    known[open_, open_] = np.square(sizes)[open_]
-    known[open_, open_] = _at_bound(terms, open_ & ~fresh, np.diag(known))[open_]
+    known[new] = known[:, new] = 0.0
+    without_variance = np.diag(known) <= 0.0  # new, or at a bound
+    known[without_variance, without_variance] = np.square(sizes)[without_variance]
+    variances = _with_windups_at_bound(terms, without_variance & ~new, np.diag(known))
+    known[without_variance, without_variance] = variances[without_variance]
     return Prior(model, tuple(terms), GaussianPrior(mean, known))
 
 
-def _at_bound(terms: Sequence[Term], held: Mask, variances: Array) -> Array:
-    """Return variances (k,), those of windups that a fit held at the end of their range anew.
+def _columns_of_links(term: Weights) -> set[int]:
+    """Return the columns of weights that another tool does not change.
 
-    The poses that showed no windup there would have shown one as well as those of the other joints.
+    Column 4 j is the mass of link j, the next three are its first moment. Of the last link only the
+    mass is without the tool.
+    """
+    return {column for column in term.columns if column <= 4 * (term.n - 1)}
+
+
+def _with_windups_at_bound(terms: Sequence[Term], held: Mask, variances: Array) -> Array:
+    """Return variances (k,), with those of windups that a fit held at a bound estimated.
+
+    The poses would have shown a windup there about as well as those of the other joints, so these
+    have at most the median variance of the others.
     """
     springs = np.array(
         [role in ("windup", "cubic") for term in terms for role in term.roles], dtype=bool
@@ -172,7 +184,7 @@ def _at_bound(terms: Sequence[Term], held: Mask, variances: Array) -> Array:
 
 
 def _refuse_another_arm(model: FittedModel, arm: Arm) -> None:
-    """Refuse a model of another arm, or of unknown covariance."""
+    """Refuse a model of another arm, or one without covariance."""
     layout = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
     same = model.arm.n == arm.n and model.arm.convention == arm.convention
     differs = [
@@ -205,7 +217,7 @@ def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None
     """Return the weights that are uncertain with another tool; None where there are none."""
     if payload is None:
         return None
-    if any(column <= 4 * (term.n - 1) for column in term.columns):
+    if _columns_of_links(term):
         weights = Weights.about(arm, weight_sizes(arm, payload))
         if term.held is not None:  # stiffness is relative to weights as heavy as these
             size = dict(zip(weights.columns, weights.sizes, strict=True))
@@ -213,15 +225,6 @@ def _weights(term: Weights, arm: Arm, payload: Payload | None) -> Weights | None
             weights = replace(term, sizes=sizes)
         return replace(weights, unknown_tool=not payload.known)
     return next(iter(unknown_tool(arm, payload)), None)
-
-
-# Calibration that starts from a fitted model of the arm: after a crash, a new tool, a new cell.
-#
-# Base, tool and targets are free. Links, springs and effects are expected where the model has
-# them, within its covariance. That holds noise alone, so the readings decide how far it is
-# trusted: what moved, such as the zero of one joint, is found anew while the rest stays; where
-# everything departs by more than noise, as under a model that lacks an effect, all is trusted
-# less.
 
 
 def calibrate_from(
@@ -232,7 +235,12 @@ def calibrate_from(
     payload: Payload | None = None,
     options: CalibrationOptions | None = None,
 ) -> calibrate.GeneralCalibration:
-    """Calibrate an arm of which a fitted model is known.
+    """Calibrate an arm with a fitted model of it as prior.
+
+    What moved since is searched in rounds: the prior is widened along what the last fit shows to
+    have moved, and the arm is fitted again. With few readings the smallest set of changes that
+    explains them is sought in place of that. Readings that contradict the result all the same free
+    the whole arm.
 
     Raises:
         CalibrationError: when there are too few poses to find base and tool.
@@ -244,7 +252,7 @@ def calibrate_from(
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = observations.with_states(states)
 
-    def of_prior(unknowns: Unknowns) -> Fit:
+    def of_prior(unknowns: ChosenUnknowns) -> Fit:
         problem, x_start = with_unknown_frames(model, expected.mean, unknowns, start, posed)
         check_enough(problem, known=len(expected.mean))
         return problem, x_start, fitted(problem, x_start, expected=expected)
@@ -266,20 +274,27 @@ def calibrate_from(
         for each in released:
             expected = expected.widened(each.directions)
         found = fitted(problem, found.x, expected=expected)
-    left, stated = _left(found, observations)
-    if left > GROUPS.contradicted_ratio * stated and not few:
+    residual_m, stated_m = _residual_m(found, observations)
+    if residual_m > GROUPS.contradicted_ratio * stated_m and not few:
         freed = prior.expected.widened(anew.directions)
-        other = fitted(problem, x_start, expected=freed)
-        if _left(other, observations)[0] < GROUPS.explained_share * left:
-            released, expected, found = (MovedPart(anew, 1.0, 0.0),), freed, other
+        fit_of_new_arm = fitted(problem, x_start, expected=freed)
+        if _residual_m(fit_of_new_arm, observations)[0] < GROUPS.explained_share * residual_m:
+            released, expected = (MovedPart(anew, 1.0, 0.0),), freed
+            found = fit_of_new_arm
     if source == "masses":
         about = partial(fitted, expected=expected)
         problem, found = calibrate.at_rest(problem, found, observations.states, payload, about)
     unknown = len(anew.columns) + frames if few else None
-    changed = _changed(prior, problem, found, released, possible, unknown)
-    omitted = unknowns.redundant
     return calibrate.GeneralCalibration(
-        problem, x_start, start, omitted, source, payload, {}, found, changed
+        problem=problem,
+        x_start=x_start,
+        start=start,
+        redundant=unknowns.redundant,
+        torques_from=source,
+        payload=payload,
+        settled={},
+        fit=found,
+        prior=_changed(prior, problem, found, released, possible, unknown),
     )
 
 
@@ -289,18 +304,21 @@ def _more(
     possible: Sequence[Hypothesis],
     released: Sequence[MovedPart],
 ) -> tuple[MovedPart, ...]:
-    """Return what else moved, where many readings show it."""
+    """Return what moved besides the released parts, as the disagreement with the prior shows."""
     k = len(expected.mean)
     covariance = found.covariance[:k, :k] / found.widening**2
     return sought(disagreement(expected, found.x[:k], covariance), possible, released)
 
 
-def _left(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
-    """Return what a fit leaves of a component, and what the instrument states of it [m]."""
+def _residual_m(found: GeneralSolution, observations: Observations) -> tuple[float, float]:
+    """Return the standard deviation of a component by the fit, and as the instrument states it [m].
+
+    It is that of the first kind of components, positions or distances.
+    """
     kind, part = observations.measured.component_kinds[0]
     variances = np.diagonal(observations.measured.stated_covariance, axis1=1, axis2=2)[:, part]
-    stated = float(np.sqrt(np.median(variances)))
-    return float(np.hypot(found.scatter.get(kind, 0.0), stated)), stated
+    stated_m = float(np.sqrt(np.median(variances)))
+    return float(np.hypot(found.scatter.get(kind, 0.0), stated_m)), stated_m
 
 
 def _changed(
@@ -311,10 +329,10 @@ def _changed(
     possible: Sequence[Hypothesis],
     unknown: int | None,
 ) -> PriorPart:
-    """Return what was found anew, and by how much it differs from the prior.
+    """Return what moved, by how much it differs from the prior, and a line that says so.
 
     Args:
-        unknown: of how many unknowns the readings are too few; None where they are enough.
+        unknown: number of unknowns of a new arm, where the readings are too few for it; else None.
     """
     mean, before = prior.expected.mean, np.diag(prior.expected.covariance)
     after, off = np.diag(found.covariance), found.x[: len(mean)] - mean
@@ -325,8 +343,7 @@ def _changed(
         if what.kind == MODEL_ERROR:
             factor += each.size**2
             continue
-        by = std = None
-        unit = ""
+        by, std, unit = None, None, ""
         if len(what.columns) == 1:
             (k,) = what.columns
             by, std = float(off[k]), float(np.sqrt(before[k] + after[k]))
@@ -336,42 +353,44 @@ def _changed(
         moved.append(Moved(kind=what.kind, of=what.of, by=by, std=std, unit=unit, gain=each.gain))
     fitted_to = prior.model.fitted_to
     campaign = None if fitted_to is None else fitted_to.campaign
-    told = list(map(_words, moved))
+    sentences = list(map(_words, moved))
     if factor > 1.0:
-        told.append(
+        sentences.append(
             "links and springs changed by more than noise explains: their variances are "
             f"multiplied by {factor:.0f}, as under a model that lacks an effect"
         )
     if anew:
-        told.insert(0, "more moved than can be separated: all joints, links and springs are anew")
+        sentences.insert(
+            0, "more moved than can be separated: all joints, links and springs are anew"
+        )
     few = "" if unknown is None or anew else _beyond_few(prior, problem, found, unknown)
     if few:
-        told.append(few)
-    elif not told and unknown is not None:
-        told.append("these poses show nothing in it that moved")
-    said = "; ".join(told) or "nothing in it moved, within its uncertainty"
-    line = f"started from the model of {campaign or 'an unnamed campaign'}: {said}"
+        sentences.append(few)
+    elif not sentences and unknown is not None:
+        sentences.append("these poses show nothing in it that moved")
+    text = "; ".join(sentences) or "nothing in it moved, within its uncertainty"
+    line = f"started from the model of {campaign or 'an unnamed campaign'}: {text}"
     return PriorPart(campaign=campaign, moved=tuple(moved), factor=factor, line=line)
 
 
 def _beyond_few(prior: Prior, problem: Problem, found: GeneralSolution, unknown: int) -> str:
-    """Return in words that few readings contradict what was found; empty where they do not."""
-    observations, lacks = problem.observations, prior.model.discrepancy
-    left_m, usual_m = _left(found, observations)
-    if lacks is not None:
-        error_mm = lacks.error_at_mm(observations.states.q_rad)
+    """Return a sentence if few readings contradict the changes found; empty where they do not."""
+    observations, discrepancy = problem.observations, prior.model.discrepancy
+    residual_m, usual_m = _residual_m(found, observations)
+    if discrepancy is not None:
+        error_mm = discrepancy.error_at_mm(observations.states.q_rad)
         usual_m = float(np.hypot(usual_m, 1e-3 * np.sqrt(np.mean(error_mm**2))))
-    if left_m < GROUPS.unexplained_ratio * usual_m:
+    if residual_m < GROUPS.unexplained_ratio * usual_m:
         return ""
     poses = int(np.ceil(unknown * len(observations) / problem.readings)) + 1
     return (
-        f"the poses are off by {1e3 * left_m:.2g} mm on each axis, which no few changes explain: "
-        f"measure {poses} poses or more, to find all joints and links anew"
+        f"the poses are off by {1e3 * residual_m:.2g} mm on each axis, which no few changes "
+        f"explain: measure {poses} poses or more, to find all joints and links anew"
     )
 
 
 def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> list[MovedPart]:
-    """Return what moved by most of its standard uncertainties, where everything was found anew."""
+    """Return the parameters of a new arm that moved by most of their standard uncertainties."""
     std = np.sqrt(np.maximum(variances, 0.0))
     sigmas = [
         (float(abs(by[k]) / std[k]), each)
@@ -387,6 +406,7 @@ def _clearest(possible: Sequence[Hypothesis], by: Array, variances: Array) -> li
 
 
 def _words(moved: Moved) -> str:
+    """Return in words what moved, by how much, with its interval of 95 %."""
     what = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}.get(moved.kind, "")
     if moved.by is None or moved.std is None:
         return f"{what}{moved.of} changed"

@@ -1,6 +1,7 @@
-"""A calibrated arm in another place: only base, tool and targets are found anew.
+"""A calibrated arm in another place: base, tool and targets are fitted anew, and nothing else.
 
-Links, springs and effects of the arm stay as the model has them, with their covariance.
+Links, springs and effects of the arm stay as the model has them, with their covariance. The tool,
+and what it weighs, may be that of another campaign.
 """
 
 from __future__ import annotations
@@ -17,16 +18,13 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
-from pa10cal.calibration.general.problem import (
-    Unknowns,
-    choose_unknowns,
-    with_unknown_frames,
-)
+from pa10cal.calibration.general.problem import with_unknown_frames
+from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.rules import GROUPS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted import FallBack, Fitted
 from pa10cal.fit.problem import Problem
-from pa10cal.fit.weighed_arm import weight_sizes
+from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start
 from pa10cal.options import Tolerances
@@ -37,22 +35,28 @@ from pa10cal.terms.weights import Weights, WeightSizes, holds_weights
 
 F = TypeVar("F", bound=Fitted)
 
-#: A problem, where its fit set out, and the fit.
+#: A problem, the start of its fit, and the solution.
 Fit = tuple[Problem, Array, GeneralSolution]
 
 
-def about_known_arm(unknowns: Unknowns, start: Start, fitted: Callable[[Unknowns], Fit]) -> Fit:
-    """Return the fit of frames about an arm that is known, not as designed.
+def about_known_arm(
+    unknowns: ChosenUnknowns, start: Start, fitted: Callable[[ChosenUnknowns], Fit]
+) -> Fit:
+    """Return a fit of frames about a known arm, with all coordinates of targets if these show.
 
-    Where all axes are parallel by design, the height of a target is that of the base. They lean by
-    a little, and at another height a target moves otherwise, as with another zero of a joint: the
-    height is an unknown of its own where the poses show it.
+    Where all axes are parallel by design, the height of a target cannot be separated from that of
+    the base, and is no unknown. The axes of a known arm are tilted a little, so the height may be
+    identifiable after all.
+
+    Args:
+        fitted: fits the frames with these unknowns.
     """
-    whole = len(unknowns.base.parameters) == len(BASE) and len(unknowns.places) > 0
-    if whole and len(unknowns.places) < len(start.targets_m):
-        found = fitted(replace(unknowns, places=np.arange(len(start.targets_m))))
-        if found[2].identifiability.rank == len(found[0].parameters):
-            return found
+    places_are_unknowns = len(unknowns.base.parameters) == len(BASE) and len(unknowns.places) > 0
+    if places_are_unknowns and len(unknowns.places) < len(start.targets_m):
+        fit_of_all = fitted(replace(unknowns, places=np.arange(len(start.targets_m))))
+        problem, _, found = fit_of_all
+        if found.identifiability.rank == len(problem.parameters):
+            return fit_of_all
     return fitted(unknowns)
 
 
@@ -62,10 +66,11 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     Args:
         model: the calibrated model; everything in it but base, tool and targets stays.
         observations: P poses of the arm, with what its terms need.
-        cuts_s: times at which the base moved: each part has a base of its own, and all one tool.
+        cuts_s: times at which the base moved: each part between has a base of its own; the tool is
+            the same in all.
 
     Raises:
-        CalibrationError: when the fit does not converge, or the poses do not fix the frames.
+        CalibrationError: when the fit does not converge, or the poses do not identify the frames.
     """
     arm = model.model.chain.arm
     start = calibrate.find_start(arm, observations)
@@ -84,7 +89,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
     own_frames = (*unknowns.frames, *parts)
     unknowns, as_known = replace(unknowns, frames=own_frames), Model(chain, tuple(known))
 
-    def placed(unknowns: Unknowns) -> Fit:
+    def placed(unknowns: ChosenUnknowns) -> Fit:
         problem, x_start = with_unknown_frames(as_known, np.zeros(0), unknowns, start, observations)
         return problem, x_start, fit(problem, x_start)
 
@@ -127,13 +132,14 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
 def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> F:
     """Return a calibrated model with what the arm carries in another campaign.
 
-    Weights found beside springs go with the arm. Those of the tool belong to the campaign: where it
-    states its tool, the model takes that; where not, the tool of the model's own campaign is the
-    best guess. What the last link's moment differs by is shared with the tool's by their
-    uncertainties. The direction of gravity in the base frame is that of another base. Logged
-    torques have all weights in them, as they are.
+    Weights of the links that were fitted stay. Those of the tool belong to a campaign: they are
+    taken from the other one if it states its tool, else those of the model's own campaign are the
+    best guess. The first moments of the last link and of the tool were fitted as one number, which
+    is divided by their variances. The direction of gravity in the base frame is that of the new
+    base. Logged torques contain all weights, so fitted ones are dropped.
 
     Args:
+        payload: what the arm carries there; None where it is not known.
         logged: whether torques are logged there.
     """
     away = model.falls_back
@@ -145,13 +151,13 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
             continue
         columns = model.model.parameter_indices(term)
         before = None if model.payload is None else weight_sizes(model.arm, model.payload)
-        kept, left = _of_link(term, before, weight_sizes(model.arm, payload), payload)
+        kept, rest_variance = _of_link(term, before, weight_sizes(model.arm, payload), payload)
         x[columns] *= kept
         if covariance is not None:
             shrink = np.ones(len(covariance))
             shrink[columns] = kept
             covariance = covariance * np.outer(shrink, shrink)
-            covariance[columns, columns] += left
+            covariance[columns, columns] += rest_variance
     return replace(
         model,
         x=x,
@@ -166,40 +172,45 @@ def with_tool_of(model: F, payload: Payload | None, *, logged: bool = False) -> 
 def _of_link(
     term: Weights, before: WeightSizes | None, there: WeightSizes, payload: Payload
 ) -> tuple[Array, Array]:
-    """Return which part of each weight goes with the arm, (k,), and the variance of the rest, (k,).
+    """Return the part of each weight that belongs to the arm, and the variance of the rest, (k,).
+
+    Column 4 j of the weights is the mass of link j, the next three are its first moment; column 4 n
+    is the mass of the tool, and tilts of gravity follow.
 
     Args:
-        before: their uncertainties in the campaign of the model; None where not known.
+        before: uncertainties of the weights in the campaign of the model; None where not known.
         there: their uncertainties in the other campaign.
     """
-    kept, left = np.ones(len(term.columns)), np.zeros(len(term.columns))
+    kept, rest_variance = np.ones(len(term.columns)), np.zeros(len(term.columns))
     tool_kg_m = 0.0 if before is None else before.payload_kg_m
     for k, (column, size) in enumerate(zip(term.columns, term.sizes, strict=True)):
         beyond = column - 4 * term.n
         if beyond > 0:
-            kept[k], left[k] = 0.0, there.level_rad**2
+            kept[k], rest_variance[k] = 0.0, there.level_rad**2
         elif payload.known and beyond == 0:
-            kept[k], left[k] = 0.0, there.payload_kg**2
+            kept[k], rest_variance[k] = 0.0, there.payload_kg**2
         elif payload.known and -4 < beyond < 0:  # first moment of the last link, and of the tool
             own = max(0.0, size**2 - tool_kg_m**2)
             kept[k] = own / size**2
-            left[k] = own * (1.0 - kept[k]) + there.payload_kg_m**2
-    return kept, left
+            rest_variance[k] = own * (1.0 - kept[k]) + there.payload_kg_m**2
+    return kept, rest_variance
 
 
 def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...]) -> Array:
-    """Return the covariance of the arm, of frames found anew, and of the base's six motions.
+    """Return the joint covariance of the arm, of refitted frames, and of the base's six motions.
 
-    Frames follow what the arm's own parameters are off by: what they can take up of an error of the
-    arm is no error of a prediction any more.
+    With d the error of the arm's parameters the refitted frames err by -N^-1 C d, where N is the
+    normal matrix of the frames and C its block by the arm: what frames can take up of an error of
+    the arm is no error of predictions any more. Their noise adds N^-1.
 
     Args:
-        problem: with the terms of the arm, those of the frames and the base's own as unknowns.
+        problem: with the terms of the arm, those of the frames and of the base as unknowns.
+        x: (k,) its unknowns, those of the arm first.
         of_arm: (a, a) covariance of the arm's parameters.
         base: coordinates of the base that were unknowns.
     """
     poses, own = len(problem.observations), len(of_arm)
-    # Some thousand poses say how frames follow; each has a column for every parameter of a map.
+    # A part of the poses is enough, and taken in batches: Jacobians of maps have many columns.
     every = max(1, poses // GROUPS.enough_poses)
     normal = np.zeros((len(x) - own, len(x)))
     for first in range(0, poses, every * GROUPS.at_once):
@@ -223,5 +234,5 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
 
 
 def is_tool(term: Term) -> bool:
-    """Return whether a term is where the tool sits; one that sags moves it too, and is none."""
+    """Return whether a term is the mounting of the tool; a tool that sags is another term."""
     return "tool" in term.roles and set(term.coordinates) <= set(TOOL)

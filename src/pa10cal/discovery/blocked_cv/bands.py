@@ -1,394 +1,255 @@
-"""Maps of a broad band of waves: their spectrum from the data, where it predicts better.
+"""Prior variances of maps by bands of frequencies, where these predict held-out poses better.
 
-A map as fine as the search has them follows waves, not a smooth error. How large waves of each
-order are expected to be then matters twice: for how well left-out stretches of time are predicted,
-and for what is said of angles that no pose has visited. Both are tried: the blocks of the search,
-and stretches of angles of each joint with all their poses left out.
+A map of as many knots as held-out blocks support follows waves, not a smooth error. How large waves
+of each order are expected to be then matters for how well stretches of time that are held out are
+predicted, and for angles that no pose has visited. Both are tried: the blocks of the search, and
+stretches of angles of each joint with all their poses held out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields, replace
-from functools import reduce
-from operator import add
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from pa10cal.arrays import Array
-from pa10cal.discovery.blocked_cv import search
-from pa10cal.discovery.blocked_cv.family import Candidate
-from pa10cal.discovery.blocked_cv.survey import BlockedRows, in_terms_of
+from pa10cal.discovery.blocked_cv.band_likelihood import BandEstimates, Waves, most_likely
+from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect
+from pa10cal.discovery.blocked_cv.linear_fit import (
+    LinearFit,
+    joints_and_knots,
+    linear_fit_of,
+    maps_among,
+    with_form,
+)
+from pa10cal.discovery.blocked_cv.normal_equations import in_map_bases, summed
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonic_orders, harmonics_at_knots
 from pa10cal.results import maps as results
-from pa10cal.terms.effects.joint_error_map import (
-    FINE,
-    TYPICAL,
-    BandPrior,
-    JointErrorMap,
-    Spectrum,
-    b_splines_by_knots,
-    harmonic_orders,
-    harmonics_at_knots,
-)
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import FINE, TYPICAL, BandPrior, JointErrorMap, Spectrum
 
 
 @dataclass(frozen=True, eq=False)
 class InBands:
-    """Maps whose waves have a band, and what was left out to compare them."""
+    """A fit whose maps have bands, and the held-out errors by which these were accepted."""
 
-    level: search.Level  # the members, maps with their bands, by linear least squares
-    found: BandEstimates  # the bands
-    of_time: Array  # (B, 2) squared errors of stretches of time left out, before and with the bands
-    of_angles: Array  # (S, 2) the same of stretches of angles
-    widening: Widening  # how components scatter, and what orientations weigh
+    fit: LinearFit  # the members, maps with their bands
+    estimates: BandEstimates  # of the bands
+    of_time: Array  # (B, 2) squares of held-out stretches of time, without and with bands
+    of_angles: Array  # (S, 2) the same of held-out stretches of angles
+    widening: Widening  # scatter of the components, and weight of orientations
 
     @property
     def record(self) -> results.Bands:
-        """Return the bands, how well they are known, and what was left out."""
+        """Return the bands, their uncertainties, and the held-out errors."""
         names = [field.name for field in fields(BandPrior)]
+        maps = zip(maps_among(self.fit.members), self.estimates.log_std, strict=True)
         return results.Bands(
-            shared=self.found.shared,
-            scatter=self.found.scatter,
+            shared=self.estimates.shared,
+            scatter=self.estimates.scatter,
             maps=tuple(
                 results.BandOfMap(of=each.of, log_std=dict(zip(names, std.tolist(), strict=True)))
-                for each, std in zip(
-                    search.maps_among(self.level.members), self.found.log_std, strict=True
-                )
+                for each, std in maps
             ),
-            of_time=_cv_errors(self.of_time),
-            of_angles=_cv_errors(self.of_angles),
+            of_time=_total_squares(self.of_time),
+            of_angles=_total_squares(self.of_angles),
         )
 
 
-def _cv_errors(squares: Array) -> results.LeftOut:
+def _total_squares(squares: Array) -> results.LeftOut:
     before, after = squares.sum(axis=0).tolist()
     return results.LeftOut(before=before, after=after)
 
 
-def in_bands(rows: BlockedRows, fine: search.Level) -> InBands | None:
-    """Give maps the bands that the data have, where left-out poses are predicted better so.
+class _ByKind(NamedTuple):
+    """Normal equations of the same columns: of position rows, and of other rows."""
 
-    None where no map of what the search found is as fine as helps, or the bands predict no better.
+    positions: Gaussian
+    others: Gaussian
+
+    def weighted(self, weight: float) -> Gaussian:
+        """Return the normal equations of all rows, those of orientations times a weight."""
+        return self.positions + self.others.times(weight**2)
+
+
+def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
+    """Fit maps with bands as their prior.
+
+    None if no map of the fit is as fine as `MAPS.finer_knots`, or if bands predict held-out poses
+    worse.
     """
-    maps = search.maps_among(fine.members)
+    maps = maps_among(fine.members)
     if not maps or max(each.knots for each in maps) < MAPS.finer_knots[0]:
         return None
-    shaped = tuple(member.shaped for member in fine.members if not member.is_map)
-    rows = replace(rows, shaped=shaped)
-    members = tuple(search.with_form(member, FINE) for member in fine.members)
-    waves = _Waves(rows, maps)
-    splines: list[Gaussian] = []  # of all blocks, of positions and of other rows
-    by_kind = []
-    for b in range(BLOCKS.blocks):
-        kinds = rows.products_by_kind(b, *search.joints_and_knots(members))
-        splines = [*map(add, splines, kinds)] if splines else [*kinds]
-        by_kind.append([waves.of(each) for each in kinds])
-    share = _attitudes(by_kind, waves, len(maps))
-    blocks = [_weighed(kinds, share) for kinds in by_kind]
-    total = reduce(add, blocks)
+    rows = rows.with_effects_of(fine.members)
+    members = tuple(with_form(member, FINE) for member in fine.members)
+    waves = _WaveColumns(rows, maps)
+    by_kind, splines = _equations_by_block(rows, members, waves)
+    weight = _orientation_weight(by_kind, waves, len(maps))
+    blocks = [kinds.weighted(weight) for kinds in by_kind]
+    total = summed(blocks)
     measured = rows.survey.poses.measured
     seen = measured.components_seen.sum(axis=0)
     positions = int(seen[measured.position_columns].sum())
-    # Rows that weigh less count as fewer rows.
-    counted = positions + share**2 * (int(seen.sum()) - positions)
-    found = most_likely(Waves(total, round(counted), waves.leading, waves.orders))
-    spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*found.bands]]
-    sizes = [waves.sizes(each, maps, found.scatter) for each in spectra]
+    row_count = positions + weight**2 * (int(seen.sum()) - positions)  # a row counts by its weight
+    estimates = most_likely(Waves(total, round(row_count), waves.leading, waves.orders))
+    spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*estimates.bands]]
+    sizes = [waves.sizes(each, maps, estimates.scatter) for each in spectra]
 
-    def left_out(parts: Iterable[Gaussian]) -> Array:
-        return np.array([[_left(total, out, (out,), each)[0] for each in sizes] for out in parts])
+    def held_out(parts: Iterable[Gaussian]) -> Array:
+        return np.array(
+            [[_held_out_squares(total, part, [part], each)[0] for each in sizes] for part in parts]
+        )
 
-    of_time, of_angles = left_out(blocks), left_out(_stretches(rows, members, waves, share))
+    of_time = held_out(blocks)
+    of_angles = held_out(_stretches_of_angles(rows, members, waves, weight))
     if not _no_worse(of_time, of_angles):
         return None
-    bands = iter(found.bands)
-    members = tuple(
-        search.with_form(member, FINE, next(bands)) if member.is_map else member
-        for member in members
-    )
     return InBands(
-        search.level_of(_weighed(splines, share), rows, members),
-        found,
+        linear_fit_of(splines.weighted(weight), rows, _with_bands(members, estimates.bands)),
+        estimates,
         of_time,
         of_angles,
-        Widening(found.scatter, share, tuple(measured.position_columns.tolist())),
+        Widening(estimates.scatter, weight, tuple(measured.position_columns.tolist())),
     )
 
 
-def _attitudes(by_kind: Sequence[Sequence[Gaussian]], waves: _Waves, maps: int) -> float:
-    """Return what orientations should weigh, in their scatter, for left-out poses.
+def _equations_by_block(
+    rows: BlockedRows, members: tuple[ShapedEffect, ...], waves: _WaveColumns
+) -> tuple[list[_ByKind], _ByKind]:
+    """Return the normal equations in waves of each block, and in B-splines of all blocks."""
+    joints, knots = joints_and_knots(members)
+    in_waves: list[_ByKind] = []
+    splines: _ByKind | None = None
+    for block in range(BLOCKS.blocks):
+        positions, others = rows.equations_by_kind(block, joints, knots)
+        in_waves.append(_ByKind(waves.of(positions), waves.of(others)))
+        if splines is not None:
+            positions, others = splines.positions + positions, splines.others + others
+        splines = _ByKind(positions, others)
+    assert splines is not None
+    return in_waves, splines
 
-    Where a target is tilted or bends their errors average out less than their scatter says. The
-    weight is halved while left-out blocks, each kind with its own scatter, become more likely.
+
+def _with_bands(
+    members: tuple[ShapedEffect, ...], bands: tuple[BandPrior, ...]
+) -> tuple[ShapedEffect, ...]:
+    """Return members with a band for each map, in their order."""
+    band_of: dict[Effect, BandPrior] = dict(zip(maps_among(members), bands, strict=True))
+    return tuple(
+        with_form(member, FINE, band_of[member.effect]) if member.effect in band_of else member
+        for member in members
+    )
+
+
+def _orientation_weight(by_kind: Sequence[_ByKind], waves: _WaveColumns, maps: int) -> float:
+    """Return the weight of orientation rows, in units of that by their scatter.
+
+    Where a target is tilted or bends, errors of orientations average out less than their scatter
+    says. The weight is halved while held-out blocks, each kind with its own scatter, become more
+    likely.
     """
     sizes = waves.sizes([TYPICAL] * maps, [], 1.0)
     best, least = 1.0, np.inf
-    for share in MAPS.attitude_weights:
-        blocks = [_weighed(kinds, share) for kinds in by_kind]
-        total = reduce(add, blocks)
-        left = np.array(
-            [_left(total, out, kinds, sizes) for out, kinds in zip(blocks, by_kind, strict=True)]
+    for weight in MAPS.attitude_weights:
+        blocks = [kinds.weighted(weight) for kinds in by_kind]
+        total = summed(blocks)
+        squares = np.array(
+            [
+                _held_out_squares(total, block, kinds, sizes)
+                for block, kinds in zip(blocks, by_kind, strict=True)
+            ]
         ).sum(axis=0)
-        if left[1] <= 0.0:
+        _, of_orientations = squares
+        if of_orientations <= 0.0:  # none were measured
             return 1.0
-        cost = float(np.log(left).sum())
+        cost = float(np.log(squares).sum())
         if cost >= least:
             break
-        best, least = share, cost
+        best, least = weight, cost
     return best
 
 
-def _weighed(kinds: Sequence[Gaussian], share: float) -> Gaussian:
-    """Return what rows of positions and other rows say, these with a weight."""
-    positions, others = kinds
-    return positions + others.times(share**2)
-
-
 def _no_worse(of_time: Array, of_angles: Array) -> bool:
-    """Return whether bands predict no kind of left-out poses surely worse, each stretch alike."""
+    """Return whether bands predict neither kind of held-out stretches significantly worse.
+
+    By the logarithms of their squares, so that each stretch counts alike.
+    """
     gains = [np.log(squares[:, 0] / squares[:, 1]) for squares in (of_time, of_angles)]
     return all(float(gain.sum()) >= -standard_error(gain) for gain in gains)
 
 
-class _Waves:
-    """What is said of waves, without the model's parameters that are held at their bounds."""
+class _WaveColumns:
+    """Columns of waves for the maps, without the model's parameters that are at their bounds."""
 
     def __init__(self, rows: BlockedRows, maps: Sequence[JointErrorMap]) -> None:
-        self._dense = rows.dense
-        self._free = np.ones(rows.dense + 2 * MAPS.highest_band * len(maps), dtype=bool)
+        wave_count = 2 * MAPS.highest_band  # a sine and a cosine of every order
+        self._dense_count = rows.dense_count
+        self._free = np.ones(rows.dense_count + wave_count * len(maps), dtype=bool)
         self._free[: len(rows.baseline_columns)] = ~rows.at_bound
-        self.orders = harmonic_orders(2 * MAPS.highest_band + 1)[1:]
-        waves = harmonics_at_knots(FINE)[:, 1 : 1 + 2 * MAPS.highest_band]
+        self.orders = harmonic_orders(wave_count + 1)[1:]
+        waves = harmonics_at_knots(FINE)[:, 1 : 1 + wave_count]
         self._bases = [b_splines_by_knots(FINE) @ waves] * len(maps)
 
     @property
     def leading(self) -> int:
         """Return how many columns stand before the waves."""
-        return int(self._free[: self._dense].sum())
+        return int(self._free[: self._dense_count].sum())
 
     def of(self, splines: Gaussian) -> Gaussian:
-        """Return what is said of waves where B-splines were."""
+        """Return normal equations in waves from those in B-splines."""
         free = np.flatnonzero(self._free)
-        return in_terms_of(splines, self._dense, self._bases).along(free)
+        return in_map_bases(splines, self._dense_count, self._bases).along(free)
 
     def sizes(
         self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
     ) -> Array:
-        """Return the sizes (N,) of all columns by the spectra of maps, in the scatter of the rows.
+        """Return the standard deviations (N,) of all columns, in units of the scatter of the rows.
 
-        Of maps that had their spectrum before it goes no further than their knots.
+        By the spectra of the maps. A spectrum that a map had before goes no further than the knots
+        that the map had.
         """
-        found = [np.ones(self.leading)]
+        sizes = [np.ones(self.leading)]
         for k, spectrum in enumerate(spectra):
             assert spectrum is not None
-            sizes = spectrum.sizes_rad(self.orders) / scatter
+            of_map = spectrum.sizes_rad(self.orders) / scatter
             if before and spectrum == before[k].spectrum:
-                sizes[self.orders > before[k].knots / 2] = COMPUTING.no_waves_rad
-            found.append(sizes)
-        return np.concatenate(found)
+                of_map[self.orders > before[k].knots / 2] = COMPUTING.no_waves_rad
+            sizes.append(of_map)
+        return np.concatenate(sizes)
 
 
-def _left(total: Gaussian, out: Gaussian, judged: Sequence[Gaussian], sizes: Array) -> list[float]:
-    """Return the squared error of judged rows, predicted from all but those out; sizes are (N,)."""
-    x = sizes * (total - out).in_sizes(sizes).mean
+def _held_out_squares(
+    total: Gaussian, held_out: Gaussian, judged: Sequence[Gaussian], sizes: Array
+) -> list[float]:
+    """Return the sums of squares of judged rows, predicted from all but those held out.
+
+    The unknowns have standard deviations `sizes` (N,) a priori.
+    """
+    x = sizes * (total - held_out).in_sizes(sizes).mean
     return [each.squares_at(x) for each in judged]
 
 
-def _stretches(
-    rows: BlockedRows, members: tuple[Candidate, ...], waves: _Waves, share: float
+def _stretches_of_angles(
+    rows: BlockedRows, members: tuple[ShapedEffect, ...], waves: _WaveColumns, weight: float
 ) -> Iterator[Gaussian]:
-    """Yield what is said by poses with a joint in a tenth of its visited angles."""
-    maps = search.maps_among(members)
+    """Yield the normal equations of poses with a joint in a tenth of its visited angles."""
+    maps = maps_among(members)
+    joints, knots = joints_and_knots(members)
     for k, each in enumerate(maps):
         angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
         tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
-        for chosen in (
-            MAPS.tenths_left_out
-            if len(maps) <= MAPS.few_joints
-            else MAPS.tenths_left_out[k % 2 :][:1]
-        ):
-            survey = replace(rows.survey, block=np.where(tenth == chosen, 0, -1))
-            chosen_rows = replace(rows, survey=survey)
-            kinds = chosen_rows.products_by_kind(0, *search.joints_and_knots(members))
-            yield waves.of(_weighed(kinds, share))
-
-
-# The band of a joint's error, found from the data by marginal likelihood.
-#
-# Sizes of waves are Gaussian a priori, with a standard deviation by a few numbers: levels below
-# and in a band, its ends, its decay, a floor. With all waves and the model's own parameters
-# integrated out, the data say which of these numbers are likely (type II maximum likelihood,
-# empirical Bayes; MacKay 1992, Neural Computation 4, 415). Products of the rows are all it takes,
-# once; a step costs one factorisation, and gives the gradient with it.
-
-#: Standard deviation, in logarithms, by which the numbers of a band may differ from typical
-#: ones, and by which those of a joint may differ from the arm's.
-_ANYWHERE = np.array(MAPS.band_std)
-_OF_A_JOINT = np.array(MAPS.band_std_of_joint)
-#: Numbers of a band.
-_NUMBERS = len(_ANYWHERE)
-
-
-@dataclass(frozen=True, eq=False)
-class Waves:
-    """What weighed rows say of unknowns in known sizes, then of waves of one map a joint."""
-
-    said: Gaussian  # of N unknowns
-    rows: int  # how many rows there were
-    leading: int  # columns before the waves; each in its size
-    orders: Array  # (M,) cycles a turn of the waves, the same for every map
-
-    @property
-    def maps(self) -> int:
-        """Return how many maps there are."""
-        return (self.said.unknowns - self.leading) // len(self.orders)
-
-
-@dataclass(frozen=True, eq=False)
-class BandEstimates:
-    """The most likely bands."""
-
-    bands: tuple[BandPrior, ...]  # one a map; all the same where the data ask for no more
-    log_std: Array  # (maps, k) standard uncertainty of the logarithms of the numbers of each
-    scatter: float  # of the rows, in their stated unit
-    shared: bool  # whether all maps have one band
-
-
-def most_likely(waves: Waves) -> BandEstimates:
-    """Return the bands under which the data are most likely, one for all maps or one for each."""
-    together = _climb(_Cost(waves, own=False), np.append(_logs(TYPICAL), 0.0))
-    if waves.maps == 1:
-        return _bands(together)
-    at = together.at
-    start = np.concatenate([at[:_NUMBERS], np.zeros(_NUMBERS * waves.maps), at[_NUMBERS:]])
-    apart = _climb(_Cost(waves, own=True), start)
-    return _bands(min(together, apart, key=_minus_twice_log_evidence))
-
-
-def minus_twice_log_likelihood(
-    waves: Waves, log_sizes: Array, log_scatter: float
-) -> tuple[float, Array, float, Array]:
-    """Return minus twice the marginal log-likelihood, and its derivatives.
-
-    By each of the logarithms of the standard deviations of all waves, (maps M,); by that of the
-    scatter of the rows; and the second (maps M, maps M) by the former, as is to be expected.
-    """
-    sizes = np.concatenate([np.ones(waves.leading), np.exp(log_sizes)])
-    said = waves.said.times(float(np.exp(-2.0 * log_scatter))).in_sizes(sizes)
-    x, inverse = said.mean, said.covariance
-    variance = np.diag(inverse)
-    value = 2.0 * (waves.rows * log_scatter - said.log_evidence)
-    left = said.squares_at(x)
-    determined = len(x) - float(variance.sum())
-    of_waves = slice(waves.leading, None)
-    told = np.eye(len(log_sizes)) - inverse[of_waves, of_waves]
-    by_sizes = 2.0 * (1.0 - variance - x**2)[of_waves]
-    return value, by_sizes, 2.0 * (waves.rows - left - determined), 4.0 * told**2
-
-
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """A point of the climb: logarithms of the numbers, what joints have of their own, scatter."""
-
-    at: Array  # (k + own k + 1,) the point; what joints have of their own in `_OF_A_JOINT`
-    value: float  # minus twice the log-likelihood, with what is expected of the numbers
-    gradient: Array  # its derivative
-    curvature: Array  # its second derivative, as is to be expected
-    # (maps 7, k + own k) how the logarithms of every map follow the point, but for the scatter
-    by_point: Array
-
-
-class _Cost:
-    """The cost of points: data, and what is expected of the numbers as if it had been seen."""
-
-    def __init__(self, waves: Waves, *, own: bool) -> None:
-        self._waves, self._own = waves, waves.maps if own else 0
-        self._typical = _logs(TYPICAL)
-        shared = np.tile(np.eye(_NUMBERS), (waves.maps, 1))
-        of_own = np.kron(np.eye(self._own), np.diag(_OF_A_JOINT))
-        self._by_point = np.asarray(np.hstack([shared, of_own]) if own else shared)
-
-    def __call__(self, at: Array) -> _Point:
-        """Return the cost at a point."""
-        waves = self._waves
-        logs = (self._by_point @ at[:-1]).reshape(-1, _NUMBERS)
-        value, by_sizes, by_scatter, curvature = minus_twice_log_likelihood(
-            waves,
-            np.concatenate([_log_sizes(each, waves.orders) for each in logs]),
-            float(at[-1]),
-        )
-        slopes = block_diag(*(_slopes(each, waves.orders) for each in logs)) @ self._by_point
-        off = np.append((at[:_NUMBERS] - self._typical) / _ANYWHERE, at[_NUMBERS:-1])
-        expected = np.append(1.0 / _ANYWHERE, np.ones(len(at) - 1 - _NUMBERS))
-        by_numbers = slopes.T @ curvature @ slopes + np.diag(2.0 * expected**2)
-        return _Point(
-            at,
-            value + float(off @ off),
-            np.append(slopes.T @ by_sizes + 2.0 * expected * off, by_scatter),
-            block_diag(by_numbers, np.full((1, 1), 4.0 * waves.rows)),  # the scatter's is last
-            self._by_point,
-        )
-
-
-def _climb(cost: _Cost, start: Array) -> _Point:
-    """Return the most likely point from a start, by steps of the expected curvature (Fisher)."""
-    here, damping = cost(start), 0.0
-    for _ in range(COMPUTING.band_steps):
-        damped = here.curvature + damping * np.diag(np.diag(here.curvature))
-        step = -np.linalg.solve(damped, here.gradient)
-        step *= min(1.0, COMPUTING.band_longest / float(np.abs(step).max()))
-        ahead = cost(here.at + step)
-        if ahead.value > here.value:
-            damping = max(COMPUTING.damping_up * damping, COMPUTING.band_damping)
-            continue
-        gained, here = here.value - ahead.value, ahead
-        damping *= COMPUTING.damping_down
-        if gained < COMPUTING.band_settled:
-            break
-    return here
-
-
-def _minus_twice_log_evidence(point: _Point) -> float:
-    """Return minus twice the log evidence, the numbers integrated out (Laplace's approximation)."""
-    _, volume = np.linalg.slogdet(0.5 * point.curvature[:-1, :-1])
-    return point.value + float(volume)
-
-
-def _bands(point: _Point) -> BandEstimates:
-    """Return the bands at a point, as uncertain as the expected curvature says."""
-    covariance = 2.0 * np.linalg.inv(point.curvature[:-1, :-1])
-    variances = np.diag(point.by_point @ covariance @ point.by_point.T)
-    return BandEstimates(
-        bands=tuple(map(_band, (point.by_point @ point.at[:-1]).reshape(-1, _NUMBERS))),
-        log_std=np.sqrt(variances).reshape(-1, _NUMBERS),
-        scatter=float(np.exp(point.at[-1])),
-        shared=len(point.at) == 1 + _NUMBERS,
-    )
-
-
-def _logs(band: BandPrior) -> Array:
-    """Return the logarithms of the numbers of a band."""
-    return np.asarray(np.log(np.array(astuple(band))))
-
-
-def _band(logs: Array) -> BandPrior:
-    """Return the band of logarithms."""
-    return BandPrior(*(float(each) for each in np.exp(logs)))
-
-
-def _log_sizes(logs: Array, orders: Array) -> Array:
-    """Return the logarithms of the sizes (M,) of waves."""
-    return np.asarray(np.log(_band(logs).sizes_rad(orders)))
-
-
-def _slopes(logs: Array, orders: Array) -> Array:
-    """Return how the logarithms of sizes follow those of the numbers, (M, k)."""
-    steps = COMPUTING.band_difference * np.eye(_NUMBERS)
-    ahead = [_log_sizes(logs + step, orders) - _log_sizes(logs - step, orders) for step in steps]
-    return np.stack(ahead, axis=1) / (2.0 * COMPUTING.band_difference)
+        tenths = MAPS.tenths_left_out
+        if len(maps) > MAPS.few_joints:  # one of each joint, the first and the second in turn
+            tenths = tenths[k % 2 :][:1]
+        for number in tenths:
+            survey = replace(rows.survey, block=np.where(tenth == number, 0, -1))
+            of_tenth = _ByKind(*replace(rows, survey=survey).equations_by_kind(0, joints, knots))
+            yield waves.of(of_tenth.weighted(weight))

@@ -1,4 +1,8 @@
-"""The whole search on a campaign of many different poses, by held-out blocks of poses."""
+"""The verdict by blocked cross-validation, on a campaign of many different poses.
+
+`discover_by_blocks`, after the scorer `ByBlocks`, runs the search, again about models that it
+shows, and names the causes of maps.
+"""
 
 from __future__ import annotations
 
@@ -14,42 +18,31 @@ from pa10cal.arrays import Array, Index, drawn
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
+from pa10cal.discovery.blocked_cv.by_campaign import by_campaign
+from pa10cal.discovery.blocked_cv.causes import causes_of, names_by_cause
+from pa10cal.discovery.blocked_cv.outcome import SearchWithMotion, search_with_motion
 from pa10cal.discovery.blocked_cv.refit import (
     PartialFits,
     Refit,
-    by_campaign,
     refit,
     seen_by_maps,
     with_tilts_shown,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.gear_lines import gear_lines
-from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.motor_ripple import agreement, joint_series, witnesses
-from pa10cal.discovery.next_poses import (
-    poses_at_unseen_angles,
-    separating_poses,
-    unresolved,
-    without_repeats,
-)
-from pa10cal.discovery.noise import AS_FOUND, Noise, PoseDeviations, scatter_of, share_inside
+from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved
+from pa10cal.discovery.noise import AS_FOUND, Noise
 from pa10cal.discovery.other_numbers import NEXT_POSES
-from pa10cal.discovery.preparation import Prepared, complete_about, sought
-from pa10cal.discovery.rules import BLOCKS, LINES, MAPS, NAMES, PROBABILITIES
+from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
+from pa10cal.discovery.predicted_rows import without_repeats
+from pa10cal.discovery.preparation import Prepared, complete_about
+from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
-from pa10cal.discovery.verdict import (
-    Plan,
-    Scorer,
-    Verdict,
-    with_findings,
-)
-from pa10cal.discovery.wander import NO_MOTION, motion_unexplained, steps_in_time
-from pa10cal.discovery.wobbles import wobbles
+from pa10cal.discovery.verdict import Plan, Scorer, Verdict, with_findings
+from pa10cal.discovery.wander import motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
@@ -59,15 +52,8 @@ from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
-from pa10cal.terms.effects.effect import Effect, is_effect
-from pa10cal.terms.effects.joint import GearLine
-from pa10cal.terms.effects.joint_error_map import (
-    GearError,
-    JointErrorMap,
-    SensorError,
-    is_error_map,
-)
-from pa10cal.terms.effects.structure import AxisWobble
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import motion_of_base
@@ -77,16 +63,15 @@ from pa10cal.terms.weights import holds_weights
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ByBlocks(Scorer):
-    """Held-out blocks of many different poses as what judges effects."""
+    """Judges effects by how well held-out blocks of poses are predicted."""
 
     survey: Survey  # the campaign as it was judged
     remaining: Remaining  # position error of the held-out blocks, and what else was tried on it
-    least_gain: float  # sum of squares by which one must help at least
+    least_gain: float  # sum of squares by which an effect must help at least
     extended: Refit  # the model with the effects found
     noise: Noise  # of single readings
-    # what is known of the cause of each map, by joint
-    causes: Mapping[int, JointWitness] = field(default_factory=dict)
-    bands: InBands | None = None  # of maps that have one; None where none has
+    causes: Mapping[int, JointWitness] = field(default_factory=dict)  # of each map, by joint
+    bands: InBands | None = None  # of the maps; None where none has a band
 
     method: ClassVar[str] = "cross-validation over blocks"
     of_sets: ClassVar[bool] = True
@@ -128,7 +113,7 @@ class ByBlocks(Scorer):
         return self.with_model(refit(self.survey, effects, starts, before.weights, widening))
 
     def with_model(self, extended: Refit) -> ByBlocks:
-        """Return it with another extended model."""
+        """Return the scorer with another extended model."""
         return replace(self, extended=extended, covariance=extended.covariance)
 
     @override
@@ -140,8 +125,7 @@ class ByBlocks(Scorer):
         survey, after, wander = self.survey, self.extended.fitted(), self.survey.wander
         poses = complete_about(poses, survey.baseline, after, survey.setup)
         T_moved = None if wander is None else motion_of_base(wander.motions(poses.states.time_s))
-        calibrated = survey.calibrated or survey.baseline
-        found = gap(poses, calibrated, after, self.remaining.floor_mm, self.seen, T_moved)
+        found = gap(poses, survey.calibrated, after, self.remaining.floor_mm, self.seen, T_moved)
         return found if before is None else found.with_nuisances_of(before)
 
     @override
@@ -170,20 +154,22 @@ class ByBlocks(Scorer):
             return [each.reshape(len(rows) * components, -1)[seen] for each in columns]
 
         def columns_of(effects: Sequence[Effect]) -> list[Array]:
-            there = {term: at.values_of(term) for term in at.model.terms}
-            points = [there.get(effect, effect.starts[0]) for effect in effects]
+            in_model = {term: at.values_of(term) for term in at.model.terms}
+            points = [in_model.get(effect, effect.starts[0]) for effect in effects]
             return flat(linear.by_effects(at, poses, effects, points, whiten))
 
         fitted = [term for term in at.model.terms if not is_error_map(term) and term not in held]
         own = flat(linear.by_own_terms(at, poses, fitted, whiten))
         sizes = possible_sizes(at.model, poses.measured)
         targets = whiten @ linear.by_targets(at, poses) * sizes[len(at.x) :]
-        data = -flat([whiten @ survey.net_residual(at)[rows][:, :, None]])[0][:, 0]
-        noise = float(data @ data) * min(
-            1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2
-        )
+        (white,) = flat([whiten @ survey.net_residual(at)[rows][:, :, None]])
+        data = -white[:, 0]
+        noise_share = min(1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2)
+        noise = float(data @ data) * noise_share
+        # Data are measured less predicted by a model without what is held. The prior of the arm's
+        # weights is about those described, not about the fit.
         for term, columns in zip(fitted, own, strict=True):
-            if holds_weights(term):  # expected about what is described, not about the fit
+            if holds_weights(term):
                 data = data + columns @ (at.values_of(term) / sizes[at.model.columns_of(term)])
         of_held = columns_of(held)
         for effect, columns in zip(held, of_held, strict=True):
@@ -211,18 +197,18 @@ class ByBlocks(Scorer):
 
     @override
     def likelier(self, found: Verdict[ByBlocks]) -> Verdict[ByBlocks] | None:
-        # A calibration knows springs alone, and a search that adds one effect after the other
-        # leaves them what links, bearings and base do. So it is sought anew from the most likely
-        # set, about the weights that go with it, and stays where held-out blocks are predicted
+        # A calibration has springs alone, and a search that adds one effect after the other leaves
+        # to them what links, bearings and base do. The search is therefore repeated from the most
+        # likely set, about the weights that go with it, and taken if it predicts held-out blocks
         # better.
         survey, extended = self.survey, self.extended
         if survey.wander or survey.change:
             return None
         at, whiteners = extended.at, extended.weights.whiteners()
         sets = Together.of(at, survey.poses, whiteners, found.context, survey.setup, self.beside)
-        there = sets.holding(extended.model.terms)
-        likeliest = sets.likeliest(there)
-        if sets.giving_way(likeliest.at) == sets.giving_way(there):
+        present = sets.holding(extended.model.terms)
+        likeliest = sets.likeliest(present)
+        if sets.giving_way(likeliest.at) == sets.giving_way(present):
             return None
         ahead = _searched(found.prepared, _survey_about(found, sets, likeliest))
         moved = ahead.scorer.survey.wander or ahead.scorer.survey.change
@@ -230,24 +216,24 @@ class ByBlocks(Scorer):
 
     @override
     def next_poses(self, found: Verdict[ByBlocks], count: int, random_seed: int) -> Plan:
-        # What is ambiguous comes first; else joints go to angles not seen.
+        # Poses that separate ambiguous effects come first, then joint angles not visited.
         rivals, separations = unresolved(found.effects), None
         few = len(self.extended.at.x) <= NEXT_POSES.most_parameters
         if rivals and few and not self.survey.poses.measured.campaigns:
-            # Axes that tilt may be rivals that the model has no bends for.
+            # Rivals such as tilting axes may need bends that the model does not have.
             others = [other for _, other in rivals if other is not None]
             survey = replace(self.survey, baseline=self.survey.baseline.bending_as(others))
             extended = replace(self.extended, at=self.extended.at.bending_as(others))
             problem, fit = without_repeats(survey, extended, self.noise)
             try:
-                told = separating_poses(
+                plan = separating_poses(
                     problem, fit, rivals, count, random_seed, PROBABILITIES.blocks
                 )
             except DiscoveryError:  # the verdict stands without it
-                told = Plan(())
-            if told.poses:
-                return told
-            separations = told.separations
+                plan = Plan(())
+            if plan.poses:
+                return plan
+            separations = plan.separations
         unseen = poses_at_unseen_angles(
             self.survey, self.seen or self.survey.angles_seen, count, random_seed
         )
@@ -285,15 +271,15 @@ class ByBlocks(Scorer):
 
 
 def pose_scatter(found: Verdict[ByBlocks]) -> PoseScatter | None:
-    """Return what single poses scatter by; None where no map has a band."""
+    """Return the scatter of single poses about the model; None where no map has a band."""
     scorer, model = found.scorer, found.model
     scatter = scorer.scatter
     if scorer.bands is None or scatter is None:
         return None
 
     def inside95(gap: PairedErrors) -> float:
-        left = scorer.survey.net_residual(model, gap.poses)
-        return share_inside(model, scatter, gap.poses, left)
+        residual = scorer.survey.net_residual(model, gap.poses)
+        return share_inside(model, scatter, gap.poses, residual)
 
     return PoseScatter(
         joints=tuple(scatter.joints.tolist()),
@@ -320,121 +306,85 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
 
 
 def _better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
-    """Return whether held-out blocks are predicted better in a verdict than in another."""
+    """Return whether a verdict predicts held-out blocks better than another."""
     return ahead.scorer.remaining.rms_mm < found.scorer.remaining.rms_mm
 
 
-def _searched(campaign: Prepared, judged: Survey) -> Verdict[ByBlocks]:
-    """Search a survey of a campaign."""
-    found = judge.found_in(judged)
-    for _ in range(LINES.most_rounds):
-        more = (*_lines(campaign, found), *_wobbles(campaign, found))
-        if not more:
-            break
-        judged = replace(
-            judged,
-            baseline=judged.baseline.bending_as(more),
-            begins_with=(*judged.begins_with, *more),
-        )
-        found = judge.found_in(judged)
-    fitted, about = found.extended, found.rows.survey
-    whiteners, logged = fitted.weights.whiteners(), about.torques_logged
-    every = tuple(sought(about.context, about.baseline.model.terms))
-    rivals: Mapping[float, tuple[str, ...]] = {}
-    change, in_time = change_of(fitted.at, about.poses, whiteners, every, logged=logged), NO_MOTION
-    if change is not None:
-        found = judge.found_in(judged.changing(change))
-    else:
-        # What is named of time already is one explanation among those of a base that moved.
-        terms = fitted.at.model.terms
-        in_time_too = [each for each in terms if is_effect(each) and each.goes_with_time]
-        known = replace(fitted.at, covariance=None)
-        still = known.only(*(each for each in terms if each not in in_time_too))
-        in_time = in_time_of(still, about.poses, whiteners, every, logged=logged, weights=True)
-        if in_time.wander is not None:
-            rivals = rivals_of_steps(in_time.wander, still, about.poses, whiteners)
-            found = judge.found_in(judged.moving(in_time.wander))
-    found = judge.with_effects_added(
-        found, judge.slow_drift(found.survey, found.holdout_check, found.extended.effects)
-    )
-    judged, extended, poses = found.survey, found.extended, found.survey.poses
-    noise = judged.noise_about(extended.fitted())
+def _searched(campaign: Prepared, survey: Survey) -> Verdict[ByBlocks]:
+    """Return the verdict of the search of a survey."""
+    searched = search_with_motion(survey)
+    verdict = _verdict(campaign, searched)
+    nameless = searched.outcome.nameless
+    return with_causes(_without_motion_for_arm(_with_rivals(verdict, nameless)))
+
+
+def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks]:
+    """Return the verdict of a search, maps without their causes."""
+    found = searched.outcome
+    survey, extended, poses = found.survey, found.extended, found.survey.poses
+    noise = survey.noise_about(extended.fitted())
     floor_mm = linear.mean_error_of_noise_mm(poses.measured, noise.cov)
     remaining = judge.remaining_error(found.rows, found.errors_mm, floor_mm, found.tried)
     findings = tuple(
         Finding(
             effect,
             *extended.reported(effect, extended.covariance),
-            each.alternatives,
-            each.proof,
-            each.rivals,
+            judged.alternatives,
+            judged.proof,
+            judged.rivals,
         )
-        for effect, each in zip(extended.effects, found.judged, strict=True)
+        for effect, judged in zip(extended.effects, found.judged, strict=True)
     )
-    held_out = campaign.held_out
     scorer = ByBlocks(
         extended=extended,
         covariance=extended.covariance,
-        survey=judged,
+        survey=survey,
         remaining=remaining,
         least_gain=found.least_gain,
         noise=noise,
         bands=found.bands,
     )
-    found_by_blocks = Verdict(
+    of_lag = () if survey.lag is None else (survey.lag.unexplained(remaining.mean_mm),)
+    of_change = () if survey.change is None else (survey.change.fault(survey.baseline, poses),)
+    return Verdict(
         prepared=campaign,
         scorer=scorer,
-        context=judged.context,
+        context=survey.context,
         candidates=found.candidates,
         findings=findings,
         unexplained=(
             *judge.unexplained(remaining, found.nameless),
-            *motion_unexplained(in_time, judged.wander, floor_mm),
-            *(() if judged.lag is None else (judged.lag.unexplained(remaining.mean_mm),)),
+            *motion_unexplained(searched.in_time, survey.wander, floor_mm),
+            *of_lag,
         ),
         not_testable=found.hidden,
         below_detection_limit=found.below_detection_limit,
         noise_floor_mm=floor_mm,
         noise_floor_from=noise.origin,
         train=scorer.gap_on(poses),
-        holdout=None if held_out is None else scorer.gap_on(held_out),
+        holdout=None if campaign.held_out is None else scorer.gap_on(campaign.held_out),
         faults_of_rows=(
-            *steps_in_time(judged.wander, extended.at, poses, rivals),
-            *(() if judged.change is None else (judged.change.fault(judged.baseline, poses),)),
+            *steps_in_time(survey.wander, extended.at, poses, searched.rivals_of_jumps),
+            *of_change,
         ),
         nameless=found.nameless if remaining.over_floor else (),
         over_noise=remaining.over_floor,
     )
-    return with_causes(_motion_aside(_with_rivals(found_by_blocks, found.nameless)))
 
 
-def _lines(campaign: Prepared, found: judge.SearchOutcome) -> tuple[Effect, ...]:
-    """Return the lines of gears in what a search leaves, at joints where it has tried none."""
-    about, fitted = found.rows.survey, found.extended
-    known = [each.of for each in about.begins_with if each.id == GearLine.id]
-    rate = campaign.setup.options.error_rate
-    left, whiten = about.net_residual(fitted.at), fitted.weights.whiteners()
-    return gear_lines(fitted.at, about.poses, left, whiten, rate, known)
-
-
-def _wobbles(campaign: Prepared, found: judge.SearchOutcome) -> tuple[Effect, ...]:
-    """Return the axis that wobbles most by what a search leaves, but for those it has tried."""
-    about, fitted = found.rows.survey, found.extended
-    known = [each.of for each in about.begins_with if each.id == AxisWobble.id]
-    rate, payload = campaign.setup.options.error_rate, campaign.setup.payload
-    left, whiten = about.net_residual(fitted.at), fitted.weights.whiteners()
-    return wobbles(fitted.at, about.poses, left, whiten, about.context, payload, rate, known)
-
-
-# Weights that nobody stated: which joints give way is sought anew, together with all else.
+# Surveys about another model: with springs of a likelier set, or with tilts of parallel axes.
 
 
 def _survey_about(found: Verdict[ByBlocks], sets: Together, likeliest: Scored) -> Survey:
-    """Return a survey about the calibrated model with the springs of a set, fitted anew."""
+    """Return a survey about the calibrated model with the springs of a set, fitted again.
+
+    The set is one of what gives way under weights that nobody stated.
+    """
     calibrated = found.scorer.searched_from
     springs = sets.springs(likeliest)
     effects = sets.effects(likeliest)
     terms = [term for term in calibrated.model.terms if not is_spring(term)]
+    # springs stand after the links, else first
     first = 1 + next((k for k, term in enumerate(terms) if term.of == "links"), -1)
     terms[first:first] = springs
     bent = calibrated.bending_as(effects)
@@ -444,7 +394,7 @@ def _survey_about(found: Verdict[ByBlocks], sets: Together, likeliest: Scored) -
     def start(term: Term) -> Array:
         if term in springs:
             return springs[term]
-        if holds_weights(term):  # what gives way but no joint follows them as they stand here
+        if holds_weights(term):  # the set was found about weights of its own
             return weights[list(term.columns)]
         return calibrated.values_of(term)
 
@@ -453,14 +403,14 @@ def _survey_about(found: Verdict[ByBlocks], sets: Together, likeliest: Scored) -
 
 
 def _survey_from(found: Verdict[ByBlocks], about: FittedModel) -> Survey:
-    """Return a survey that sets out from another model than the calibrated one, fitted anew."""
+    """Return a survey whose search sets out from another model, fitted to its poses."""
     campaign = found.prepared
     fitted = refit(Survey.of(campaign, about), (), (), found.scorer.extended.weights).fitted()
-    return replace(Survey.of(campaign, fitted), calibrated=campaign.baseline)
+    return replace(Survey.of(campaign, fitted), calibrated_before=campaign.baseline)
 
 
 def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verdict[ByBlocks]:
-    """Return the verdict with what a model leaves that holds what has no name, too."""
+    """Return the verdict with the errors of a model that has generic effects, too."""
     if not nameless:
         return found
     extended, survey = found.scorer.extended, found.scorer.survey
@@ -475,12 +425,12 @@ def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verd
     return found.with_gaps(with_remaining)
 
 
-def _motion_aside(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
-    """Return the verdict, its model fitted anew without motion where that stood for the arm.
+def _without_motion_for_arm(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
+    """Return the verdict, fitted again without motion of the base if that stood for the arm.
 
-    Where poses and time have nothing in common, the arm fitted beside the motion is nearer to the
-    truth. Where rows go with a joint, the motion takes what the arm does: then the model without it
-    explains more of the readings than so many parameters do by chance.
+    If the order of poses is unrelated to joint positions, the arm fitted together with the motion
+    is nearer to the truth. If rows are ordered by a joint, the motion takes up errors of the arm:
+    the model without it then explains more of the readings than its parameters do by chance.
     """
     scorer, survey = found.scorer, found.scorer.survey
     if survey.wander is None:
@@ -494,53 +444,13 @@ def _motion_aside(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     return found if still.train.after.rms_mm > least_mm else still
 
 
-# Maps whose cause the motor's ripple says, under the name of that cause.
-
-_NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
-
-
 def with_causes(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
-    """Return a verdict in which maps bear the name of their cause, where that is known.
-
-    A map is ambiguous between sensor and gear where by the ripple both err, or nothing shows that
-    the error is the joint's own; and, without a ripple, if it has fine waves on which campaigns or
-    turns agree, or was named already: nothing else turns a joint to and fro ten times a turn. Any
-    other map of a joint whose motor shows no ripple stays a map.
-    """
-    causes = _causes(found.scorer)
-    names: dict[Effect, Effect] = {}
-    alternatives: dict[Effect, tuple[Effect, ...]] = {}
-    for effect in found.extended.effects:
-        if not is_error_map(effect):
-            continue
-        cause = causes[effect.joint]
-        heard = None if cause.ripple is None else cause.ripple.likely
-        agreed = cause.agreement is not None and cause.agreement.holds
-        own = agreed and effect.knots >= MAPS.fine_knots
-        if cause.cause is None and not (heard or own) and effect.id == JointErrorMap.id:
-            continue
-        likely = cause.cause or heard or "sensor"
-        form = (effect.of, effect.knots, effect.spectrum)
-        names[effect] = _NAMES[likely](*form)
-        others = [kind(*form) for name, kind in _NAMES.items() if name != likely]
-        alternatives[effect] = () if cause.cause else tuple(others)
-    found = replace(found, scorer=replace(found.scorer, causes=causes))
+    """Return a verdict in which maps have the name of their cause, where that is known."""
+    scorer = found.scorer
+    causes = causes_of(scorer.survey, scorer.extended)
+    names, alternatives = names_by_cause(scorer.extended.effects, causes)
+    found = replace(found, scorer=replace(scorer, causes=causes))
     return _renamed(found, names, alternatives)
-
-
-def _causes(found: ByBlocks) -> dict[int, JointWitness]:
-    """Return what is known of the cause of every map, by joint."""
-    joints = [each.joint for each in found.extended.effects if is_error_map(each)]
-    if not joints:
-        return {}
-    survey, at = found.survey, found.extended.at
-    whiteners = found.extended.weights.whiteners()
-    series = joint_series(at, survey.poses, survey.net_residual(at), whiteners, joints)
-    said = witnesses(series, at.arm.gear_ratio)
-    return {
-        joint: JointWitness(ripple=said[joint - 1], agreement=agreement(series[joint - 1]))
-        for joint in sorted(joints)
-    }
 
 
 def _renamed(
@@ -551,13 +461,17 @@ def _renamed(
     """Return a verdict with effects under other names of the same form."""
     if not names:
         return found
-    extended, findings = found.scorer.extended, []
+    extended = found.scorer.extended
     effects = tuple(names.get(effect, effect) for effect in extended.effects)
     terms = tuple(names.get(term, term) for term in extended.model.terms)  # type: ignore[call-overload]
     at = replace(extended.at, model=Model(extended.model.chain, terms))
-    for each in found.findings:
-        rivals = (*each.alternatives, *alternatives.get(each.effect, ()))
-        name = names.get(each.effect, each.effect)
-        findings.append(replace(each, effect=name, alternatives=rivals))
+    findings = tuple(
+        replace(
+            finding,
+            effect=names.get(finding.effect, finding.effect),
+            alternatives=(*finding.alternatives, *alternatives.get(finding.effect, ())),
+        )
+        for finding in found.findings
+    )
     scorer = found.scorer.with_model(replace(extended, effects=effects, at=at))
-    return replace(found, findings=tuple(findings), scorer=scorer)
+    return replace(found, findings=findings, scorer=scorer)

@@ -1,10 +1,10 @@
-"""The whole search judged by repeats: from single readings to a verdict and an extended model."""
+"""The verdict by the evidence of repeats: from single readings to an extended model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from typing_extensions import override
@@ -13,43 +13,30 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.calibrate import check_torques
 from pa10cal.discovery import preparation
-from pa10cal.discovery.evidence.judge import (
-    Judgement,
-    floor_mm,
-    judge,
-    shared_error_mm,
-    weighed_rows,
-)
-from pa10cal.discovery.evidence.problem import (
+from pa10cal.discovery.evidence.candidates import split_testable
+from pa10cal.discovery.evidence.confirmation import whitened_rows
+from pa10cal.discovery.evidence.fit import (
     EvidenceFit,
-    EvidenceProblem,
-    NoiseModel,
     covariance_of,
     fit,
     pose_rows,
-    prepare,
     targets_off_m,
     torque_rows,
 )
-from pa10cal.discovery.evidence.search import (
-    EndOfSearch,
-    evidence_about,
-    refit,
-    resized,
-    search,
-    testable,
-    threshold,
-)
-from pa10cal.discovery.finding import Finding
+from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_error_mm
+from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
+from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, refit, resized, search
+from pa10cal.discovery.finding import Finding, Untestable, threshold
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gear_lines import gear_lines
+from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.other_numbers import COMPUTING
-from pa10cal.discovery.row_faults import moved_between_repeats
 from pa10cal.discovery.rules import EVIDENCE, LINES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict
@@ -71,11 +58,11 @@ from pa10cal.terms.weights import is_fault
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ByRepeats(Scorer):
-    """The scatter of repeated poses as what judges effects."""
+    """Judges effects by the evidence that the scatter of repeated poses allows."""
 
-    problem: EvidenceProblem  # the campaign as it was weighed
-    start: EvidenceFit  # the baseline, fitted as everything else is
-    judgement: Judgement  # what the verdict rests on
+    problem: EvidenceProblem  # the campaign, with noise and weights about the extended model
+    start: EvidenceFit  # the baseline, fitted under the same noise models
+    judgement: Judgement  # of the effects that the search found
     extended: EvidenceFit  # the model with the effects found
 
     method: ClassVar[str] = "evidence of repeats"
@@ -88,8 +75,10 @@ class ByRepeats(Scorer):
     @property
     @override
     def torque_test(self) -> PureErrorTest | None:
-        _, *of_torques = channel_tests(self.problem, self.extended)
-        return of_torques[0][0] if of_torques and self.problem.torques_logged else None
+        _, of_torques = channel_tests(self.problem, self.extended)
+        if of_torques is None or not self.problem.torques_logged:
+            return None
+        return of_torques.pure_error
 
     @property
     @override
@@ -124,7 +113,7 @@ class ByRepeats(Scorer):
         poses = preparation.complete_about(poses, problem.baseline, self.extended.at, problem.setup)
         T_moved = None
         if (wander := problem.in_time.wander) is not None:
-            # Poses of the fit are averages: the base has moved by the mean of its motions there.
+            # Poses of the fit are averages: their motion is the mean of those of the readings.
             single, times_s = problem.readings, poses.states.time_s
             group = reading_groups(single)
             of_groups_s = group_means(single.states.time_s, group)
@@ -136,7 +125,7 @@ class ByRepeats(Scorer):
         found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
         if not any(effect.generic for effect in searched.effects):
             return found
-        # The model at the end of the search may hold what has no name, too.
+        # The model at the end of the search has generic effects, too.
         poses = preparation.complete_about(poses, problem.baseline, searched.at, problem.setup)
         return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
 
@@ -148,22 +137,21 @@ class ByRepeats(Scorer):
 
     @override
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
-        # Without effects rows are weighed by the noise of repeats alone: that is to be reached.
         found = self.judgement.found
-        # Its model does not keep what each of many forms makes.
+        # The derivatives of many forms are not worth caching.
         model = replace(found.fit.model, kept=None)
         found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
-        if not held:
+        if not held:  # formulas then have to reach the noise of repeats
             found = replace(found, score=replace(found.score, pose_variance=0.0))
         problem = found.problem
-        rows = weighed_rows(problem, found, ())
-        numbers = [found.fit.effects.index(effect) for effect in held]
+        rows = whitened_rows(problem, found, ())
         columns = np.arange(rows.own.shape[1])
-        of_held = np.concatenate([columns[:0], *(columns[rows.members[k]] for k in numbers)])
+        members = [rows.members[found.fit.effects.index(effect)] for effect in held]
+        of_held = np.concatenate([columns[:0], *(columns[member] for member in members)])
         _, pose = np.unique(problem.cells.pose, return_inverse=True)
 
         def columns_of(forms: Sequence[Form]) -> list[Array]:
-            return list(weighed_rows(problem, found, tuple(forms)).family)
+            return list(whitened_rows(problem, found, tuple(forms)).family)
 
         return FormComparison(
             data=rows.data,
@@ -185,14 +173,14 @@ class ByRepeats(Scorer):
     def next_poses(self, found: Verdict[ByRepeats], count: int, random_seed: int) -> Plan:
         """Return the configurations that best separate what the data cannot.
 
-        None where nothing can be foreseen, as without the masses that make the logged torques, and
-        for a group: which of its instruments would measure is not known.
+        None where torques cannot be predicted, for lack of masses, nor for a group, where it is not
+        known which of its instruments would measure.
         """
         if self.problem.readings.measured.campaigns:
             return Plan((), ())
-        there, rivals = self.judgement.found.fit, unresolved(found.effects, found.not_testable)
+        fitted, rivals = self.judgement.found.fit, unresolved(found.effects, found.not_testable)
         try:
-            return separating_poses(self.problem, there, rivals, count, random_seed)
+            return separating_poses(self.problem, fitted, rivals, count, random_seed)
         except DiscoveryError:  # the verdict stands without it
             return Plan((), ())
 
@@ -219,28 +207,38 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
         DiscoveryError: when too little is repeated.
         CalibrationError: when a joint with a spring has no torque.
     """
-    baseline, error_rate = campaign.baseline, campaign.setup.options.error_rate
-    check_torques(baseline.model, campaign.readings)
+    error_rate = campaign.setup.options.error_rate
+    check_torques(campaign.baseline.model, campaign.readings)
     readings = campaign.trusted
     problem, start = _with_time(readings, campaign)
-    family, refused = testable(problem, start, _sought(problem))
+    family, refused = split_testable(problem, start, _sought(problem))
     lines: tuple[Effect, ...] = ()
     found = search(problem, family, error_rate, start)
     for _ in range(LINES.most_rounds):
-        more = _lines(found, error_rate)
-        if not more:
+        added = _lines(found, error_rate)
+        if not added:
             break
-        family, lines = (*family, *more), (*lines, *more)
-        if problem.in_time.wander is not None:  # what it took for time may be the lines
+        family, lines = (*family, *added), (*lines, *added)
+        if problem.in_time.wander is not None:  # lines may have been taken for motion in time
             problem, start = _with_time(readings, campaign, lines)
         found = search(problem, family, error_rate, start)
     needed = threshold(preparation.effects_in(family), error_rate)
-    judgement = judge(found, needed)
-    problem, extended = judgement.found.problem, judgement.found.fit
+    return _verdict(campaign, judge(found, needed), start, refused)
+
+
+def _verdict(
+    campaign: preparation.Prepared,
+    judgement: Judgement,
+    start: EvidenceFit,
+    refused: Sequence[Untestable],
+) -> Verdict[ByRepeats]:
+    """Return the verdict of a judgement, with the model of the named effects alone."""
+    found = judgement.found
+    problem, extended, family = found.problem, found.fit, found.family
     named = tuple(finding.effect for finding in judgement.findings)
     if named != extended.effects:
         sizes = tuple(extended.size_of[effect] for effect in named)
-        extended = fit(problem, named, sizes, judgement.found.score.variances, extended)
+        extended = fit(problem, named, sizes, found.score.variances, extended)
     scorer = ByRepeats(
         extended=extended,
         covariance=covariance_of(problem, extended),
@@ -250,9 +248,8 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
     )
     held_out, wander, floor = campaign.held_out, problem.in_time.wander, floor_mm(problem)
     places = {(place.form, place.of) for place in judgement.unexplained}
-    # Groups of effects that look the same in these poses, whatever was measured.
-    alike = {tuple(np.flatnonzero(row).tolist()) for row in judgement.found.same}
-    groups = [group for group in sorted(alike) if len(group) > 1]
+    same = {tuple(np.flatnonzero(row).tolist()) for row in found.same}
+    groups = [group for group in sorted(same) if len(group) > 1]
     return Verdict(
         prepared=campaign,
         scorer=scorer,
@@ -265,28 +262,29 @@ def discover_by_repeats(campaign: preparation.Prepared) -> Verdict[ByRepeats]:
         ),
         nameless=tuple(
             effect
-            for effect in judgement.found.fit.effects
+            for effect in found.fit.effects
             if effect.generic and (effect.id, effect.of) in places
         ),
         over_noise=any(place.form is None for place in judgement.unexplained),
-        not_testable=tuple(one for one in refused if not is_fault(one.effect)),
+        not_testable=tuple(each for each in refused if not is_fault(each.effect)),
         indistinguishable=tuple(tuple(family[k] for k in group) for group in groups),
         noise_floor_mm=floor,
-        train=scorer.gap_on(average_repeats(readings)),
+        train=scorer.gap_on(average_repeats(campaign.trusted)),
         holdout=None if held_out is None else scorer.gap_on(held_out),
         faults_of_rows=steps_in_time(wander, extended.at, problem.readings),
     )
 
 
 def _lines(found: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
-    """Return the lines of gears in what a search leaves, at joints where it has tried none."""
+    """Return the lines of gears in the residuals of a search, at joints where none was tried."""
     at, cells = found.fit.at, found.problem.cells
-    known = [each.of for each in found.family if each.id == GearLine.id]
-    left, whiten = residual(at, cells), whitener_of(found.problem.cell_cov)
-    return gear_lines(at, cells, left, whiten, error_rate, known)
+    tried = [each.of for each in found.family if each.id == GearLine.id]
+    whiteners = whitener_of(found.problem.cell_cov)
+    return gear_lines(at, cells, residual(at, cells), whiteners, error_rate, tried)
 
 
 def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
+    """Return the effects to be sought, without those that only replace others."""
     every = preparation.sought(problem.context, problem.baseline.model.terms)
     return tuple(effect for effect in every if not effect.takes_a_place)
 
@@ -294,25 +292,24 @@ def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
 def _with_time(
     readings: Observations, campaign: preparation.Prepared, lines: tuple[Effect, ...] = ()
 ) -> tuple[EvidenceProblem, EvidenceFit]:
-    """Return the problem and its fit with what the readings show of time, where they do.
+    """Return the problem and the fit of its baseline, with motion in time if readings show it.
 
-    Beside all that is sought, and lines of gears that were found.
-
-    The noise is that of repeats without what moved between them: running medians show it at first,
-    what was found in the second round.
+    The motion is estimated together with all effects that are sought, and lines of gears that were
+    found. The noise is that of repeats without the motion between them: by running medians at
+    first, by the motion found in the second round.
 
     Raises:
         DiscoveryError: when too little is repeated.
     """
     baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
     poses = preparation.complete(readings, baseline, setup)
-    left = residual(baseline, poses)
-    moved = moved_between_repeats(poses, left, same_circumstances(poses))
+    moved = moved_between_repeats(poses, residual(baseline, poses), same_circumstances(poses))
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
     start = fit(problem, (), (), (0.0, 0.0))
     every, found = (*_sought(problem), *lines), NO_MOTION
     for _ in range(EVIDENCE.rounds_of_time):
-        # A jump in few repeats may leave directions without noise: a little of what is stated.
+        # A jump within few repeats may leave directions without noise: a part of that stated is
+        # added.
         stated = problem.readings.measured.stated_covariance
         found = in_time_of(
             start.at,
@@ -332,99 +329,104 @@ def _with_time(
 
 
 def _exported(problem: EvidenceProblem, found: EvidenceFit) -> FittedModel:
-    """Return a fit as the model that is exported, its covariance aside."""
+    """Return a fit as the model that is exported, without its covariance."""
     return replace(found.fitted(), targets_off_m=targets_off_m(problem, found))
 
 
-# Where a fit and the data disagree, tested against pure error.
+# Lack of fit, tested against pure error.
+
+
+class ChannelTest(NamedTuple):
+    """Test of the errors that readings of a pose share, in poses or in torques."""
+
+    pure_error: PureErrorTest | None  # None without repeats
+    shared_variance: float  # of these errors, in units of the variance of a reading
 
 
 def evidence_lack_of_fit(problem: EvidenceProblem, found: EvidenceFit) -> LackOfFit:
-    """Compute where a fit and the data disagree.
+    """Compute where a fit and the data disagree, in poses and in torques.
 
-    Two channels: poses, measured against predicted, and torques, logged against the weights. Errors
-    common to all poses take their part first: places of targets on the apparatus, masses, loads,
-    zeros.
+    Residuals are those beyond the most likely errors common to all poses: of places of targets on
+    the apparatus, masses, loads and zeros.
     """
     cells, at = problem.cells, found.at
-    (pure_error, shared), *of_torques = channel_tests(problem, found)
-    components = _left_over(problem.pose, pose_rows(problem, at), shared)
-    left = CellResiduals(at, cells, components, problem.cell_cov, by_every_joint(at, cells))
-    if problem.torque is not None:
-        left_Nm = _left_over(problem.torque, torque_rows(problem, at), of_torques[0][1])
-        left = replace(left, torque_Nm=left_Nm, torque_noise_Nm=problem.noise.torque_Nm)
-    return lack_of_fit(left, pure_error)
+    of_poses, of_torques = channel_tests(problem, found)
+    components = _net_residual(problem.pose, pose_rows(problem, at), of_poses.shared_variance)
+    residuals = CellResiduals(at, cells, components, problem.cell_cov, by_every_joint(at, cells))
+    if problem.torque is not None and of_torques is not None:
+        rows, variance = torque_rows(problem, at), of_torques.shared_variance
+        torque_Nm = _net_residual(problem.torque, rows, variance)
+        residuals = replace(residuals, torque_Nm=torque_Nm, torque_noise_Nm=problem.noise.torque_Nm)
+    return lack_of_fit(residuals, of_poses.pure_error)
 
 
 def channel_tests(
     problem: EvidenceProblem, found: EvidenceFit
-) -> list[tuple[PureErrorTest | None, float]]:
-    """Test what readings of a pose share, in poses and, where they are logged, in torques.
+) -> tuple[ChannelTest, ChannelTest | None]:
+    """Test the errors that readings of a pose share, in poses and, where logged, in torques.
 
-    The parameters' part of every row is taken off its freedom.
-
-    Returns:
-        The tests against pure error, None without repeats, and the variance shared by readings of a
-        pose, in variances of a reading.
+    The degrees of freedom of a row are one less its leverage, by the parameters of the fit.
     """
     channels = [(problem.pose, pose_rows(problem, found.at))]
     if problem.torque is not None:
         channels.append((problem.torque, torque_rows(problem, found.at)))
-    weighed = [channel.weighed(values, 0.0) for channel, values in channels]
-    # Columns by the possible size of each parameter, so that those that the rows do not determine
-    # take no degree of freedom.
-    by_x = [rows[:, 1:] * possible_sizes(found.model, problem.cells.measured) for rows in weighed]
+    whitened = [channel.whitened(values, 0.0) for channel, values in channels]
+    # Columns in units of the possible size of each parameter, so that those that the rows do not
+    # determine take no degree of freedom.
+    sizes = possible_sizes(found.model, problem.cells.measured)
+    columns = [rows[:, 1:] * sizes for rows in whitened]
     nothing = Gaussian.none(len(found.x))
-    both = sum((Gaussian.of(rows, np.zeros(len(rows))) for rows in by_x), nothing)
+    both = sum((Gaussian.of(by_x, np.zeros(len(by_x))) for by_x in columns), nothing)
     tests = []
-    for (channel, values), rows, columns in zip(channels, weighed, by_x, strict=True):
-        taken = both.variances(columns)
-        pure, dof, shares = (
-            problem.noise.differences * values.shape[1],
-            1.0 - taken,
-            channel.shared_size > COMPUTING.no_part,
-        )
-        test, variance, freedom = None, 0.0, float(dof[shares].sum())
-        if freedom > COMPUTING.no_part:
-            test = pure_error_test(float((rows[shares, 0] ** 2).sum()), freedom, pure)
-            beyond = max(test.chi_square - test.dof, 0.0)
-            variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
-        tests.append((test, variance))
-    return tests
+    for (channel, values), rows, by_x in zip(channels, whitened, columns, strict=True):
+        dof = 1.0 - both.variances(by_x)
+        shares = channel.shared_size > COMPUTING.no_part
+        shared_dof = float(dof[shares].sum())
+        if shared_dof <= COMPUTING.no_part:
+            tests.append(ChannelTest(None, 0.0))
+            continue
+        pure_dof = problem.noise.differences * values.shape[1]
+        test = pure_error_test(float((rows[shares, 0] ** 2).sum()), shared_dof, pure_dof)
+        beyond = max(test.chi_square - test.dof, 0.0)
+        variance = beyond / float(dof @ channel.shared_size) if beyond else 0.0
+        tests.append(ChannelTest(test, variance))
+    of_torques = None if problem.torque is None else tests[1]
+    return tests[0], of_torques
 
 
-def _left_over(model: NoiseModel, rows: Array, shared_variance: float) -> Array:
-    """Return measured less predicted (C, b), from rows (C, b, 1 + k), less what poses all share."""
-    left = -model.rows(rows[:, :, :1])
-    left = left - model.common @ model.common_amounts(left, shared_variance)
-    white = model.shared.turn.T @ left.reshape(len(rows), -1)
+def _net_residual(model: NoiseModel, rows: Array, shared_variance: float) -> Array:
+    """Return measured less predicted (C, b) without the errors common to all poses.
+
+    From rows (C, b, 1 + k) of predicted minus measured and its derivative.
+    """
+    residual_rows = -model.rows(rows[:, :, :1])
+    amounts = model.common_amounts(residual_rows, shared_variance)
+    net = residual_rows - model.common @ amounts
+    white = model.shared.rotation.T @ net.reshape(len(rows), -1)
     return np.asarray(np.linalg.solve(model.whitener, white[..., None])[:, :, 0])
-
-
-# The model fitted with effects that are given, weighed as the evidence weighs them.
 
 
 def fit_given(
     problem: EvidenceProblem, effects: tuple[Effect, ...]
 ) -> tuple[EvidenceProblem, EvidenceFit]:
-    """Fit the baseline with effects, whether or not the data speak for them.
+    """Fit the baseline with effects that are given, whether or not the data support them.
 
-    Sizes expected and errors of unknown cause are those of the greatest evidence; noise and weights
-    are computed about the fit, until nothing changes.
+    The sizes expected and the variances of shared errors are those of the greatest evidence. Noise
+    and weights are computed about the fit, until nothing changes.
 
     Returns:
-        The campaign made ready about the fit, and the fit.
+        The campaign prepared about the fit, and the fit.
     """
     current = fit(problem, (), (), (0.0, 0.0))
     sizes = (EVIDENCE.usual_size,) * len(effects)
-    settled: tuple[object, ...] = ()
+    last: tuple[object, ...] = ()
     for _ in range(EVIDENCE.rounds_of_sizes):
         evidence = evidence_about(problem, current, effects)
         chosen = resized(evidence, tuple(enumerate(sizes)))
         score, sizes = evidence.score(chosen), tuple(size for _, size in chosen)
         choice = (sizes, score.grid_index)
         problem, current = refit(problem, effects, sizes, score.variances, current)
-        if choice == settled:
+        if choice == last:
             break
-        settled = choice
+        last = choice
     return problem, current

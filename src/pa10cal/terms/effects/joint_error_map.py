@@ -1,38 +1,54 @@
-"""An error that depends on a joint's angle, of which only the place is known."""
+"""Periodic errors of a joint's angle, of unknown cause, of sensor or gear, and their priors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import TypeGuard
 
 import numpy as np
-from scipy.interpolate import BSpline, CubicSpline, PPoly
-from scipy.sparse import csr_array
+from scipy.interpolate import PPoly
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
+from pa10cal.numerics.periodic_spline import (
+    harmonic_orders,
+    harmonics_at_knots,
+    knots_rad,
+    unit_splines,
+)
 from pa10cal.terms.effects.effect import JointEffect
 from pa10cal.terms.term import Term, TermParameter
 
-# How large the harmonics of a joint's error are expected to be: its spectrum, a Gaussian prior.
-
-#: How steeply a band begins: the power of the order in its step.
+#: Exponent of order over first order in `BandPrior`: how steeply a band begins.
 _STEEP = 8
 #: Highest order that an axis off its centre or an oval ring makes.
 _SLOW = 2
+#: Knots a turn of a map that is sought, and standard deviation expected of its errors there [rad].
+KNOTS = 12
+_PLAUSIBLE_RAD = 3e-4
+#: Angle over which the errors of such a map are correlated [rad].
+_SMOOTH_OVER_RAD = 0.7
+#: Part of the variance that is independent at each knot; it keeps the covariance well conditioned.
+_JITTER = 1e-6
+#: Factor on the size expected of a map's mean over the turn: a constant is no error that depends
+#: on the angle, and belongs to the joint's offset.
+_CONSTANT = 1e-3
+#: Part of the expected variance of a map that orders up to `finest_order` hold.
+_MOST = 0.9
+#: Knots a turn of sensor and gear: enough for every order in which such errors were ever found.
+FINE = 360
 
 
 @dataclass(frozen=True)
 class FadingPrior:
-    """Sizes expected of a map's harmonics: the finer, the less.
+    """Gaussian prior on a map's harmonics that decreases with their order.
 
-    Sine and cosine part of m cycles a turn have the standard deviation
-    size / (1 + (m / half_order)²), each for itself.
+    Sine and cosine amplitude of m cycles a turn are independent, with the standard deviation
+    size / (1 + (m / half_order)²).
     """
 
-    size_rad: float  # of the coarsest
-    half_order: float  # cycles a turn of which half as much is expected
+    size_rad: float  # limit at order 0
+    half_order: float  # order [cycles a turn] at which the standard deviation is half of it
 
     def sizes_rad(self, orders: Array) -> Array:
         """Return the standard deviation of sine and cosine part of orders (M,)."""
@@ -42,21 +58,22 @@ class FadingPrior:
 
 @dataclass(frozen=True)
 class BandPrior:
-    """Sizes expected of a map's harmonics: a band of orders, less above it, down to a floor.
+    """Gaussian prior on a map's harmonics with most of the variance in a band of orders.
 
-    Sine and cosine part of m cycles a turn have the variance
+    Sine and cosine amplitude of m cycles a turn are independent, with the variance
     (below² + (level² - below²) / (1 + (first / m)⁸)) / (1 + (m / last)^(2 decay)) + floor²;
-    those of one and of two cycles, which a ring off its axis or oval makes, slow² + floor².
+    for m = 1 and 2, which a ring off its axis or an oval ring makes, it is slow² + floor².
     """
 
+    # standard deviations of each amplitude
     slow_rad: float  # of one and of two cycles a turn
-    below_rad: float  # level of the orders between them and the band
-    level_rad: float  # level in the band
-    # first_order and last_order: where the band begins and ends, in cycles a turn
+    below_rad: float  # of orders between these and the band
+    level_rad: float  # in the band
+    # first_order and last_order: where the band begins and ends [cycles a turn]
     first_order: float
     last_order: float
-    decay: float  # power of the order by which sizes fall above the band
-    floor_rad: float  # that no order falls below
+    decay: float  # exponent with which the standard deviation falls above the band
+    floor_rad: float  # lower bound of the standard deviation of all orders
 
     def sizes_rad(self, orders: Array) -> Array:
         """Return the standard deviation of sine and cosine part of orders (M,)."""
@@ -71,31 +88,17 @@ class BandPrior:
 Spectrum = FadingPrior | BandPrior
 
 
-KNOTS = 12
-_PLAUSIBLE_RAD = 3e-4
-#: Angle over which neighbouring knots are expected to go together [rad].
-_SMOOTH_OVER_RAD = 0.7
-#: Share of the variance that no neighbour foretells; keeps the covariance well conditioned.
-_JITTER = 1e-6
-#: Size of a map's mean over the turn, in that of its first harmonic: a constant is no error that
-#: depends on the angle, and belongs to the joint's offset.
-_CONSTANT = 1e-3
-#: Part of the variance expected of a map that the orders up to its finest hold.
-_MOST = 0.9
-_DEGREE = 3
-
-
 @dataclass(frozen=True)
 class JointErrorMap(JointEffect):
     """A smooth periodic error of a revolute joint's angle: a cubic spline through knots.
 
-    Solved in the error at each knot [rad]; knot k of K stands at 2 pi k / K. A prismatic joint has
-    no turn after which its error would come again, and gets none.
+    Its parameters are the errors at the knots [rad]; knot k of K stands at 2 pi k / K. It does not
+    apply to prismatic joints, whose errors have no period.
     """
 
     knots: int = KNOTS  # K, knots a turn
-    # sizes expected of the harmonics. Where None, knots at a distance d are expected to go
-    # together as exp(-2 sin²(d/2) / l²), l = 0.7 rad: what 12 knots can follow and little more.
+    # prior on the harmonics. None: errors at knots an angle d apart have the correlation
+    # exp(-2 sin²(d/2) / l²), l = 0.7 rad, about the resolution of 12 knots.
     spectrum: Spectrum | None = None
     id = "joint_error_map"
     nouns = ("error by the angle", "errors by the angle")
@@ -120,7 +123,7 @@ class JointErrorMap(JointEffect):
 
     @property
     def finest_order(self) -> float:
-        """Return the order [cycles a turn] up to which most of what is expected of it lies."""
+        """Return the order [cycles a turn] up to which most of the expected variance lies."""
         if self.spectrum is None:
             return 0.5 * self.knots
         orders = harmonic_orders(self.knots)[1:]
@@ -129,34 +132,35 @@ class JointErrorMap(JointEffect):
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         q_rad = states.q_rad[:, self.joint - 1]
-        alone = _spline_of_knots(self.knots)  # the spline is proportional to its knots
-        spline = PPoly.construct_fast(alone.c @ x, alone.x, extrapolate="periodic")
+        unit = unit_splines(self.knots)  # the spline is linear in the errors at the knots
+        spline = PPoly.construct_fast(unit.c @ x, unit.x, extrapolate="periodic")
         return np.asarray(spline(q_rad), dtype=np.float64)[:, None]
 
     def per_unit(self, states: PoseStates) -> Array:
-        spline = _spline_of_knots(self.knots)
-        return np.asarray(spline(states.q_rad[:, self.joint - 1]), dtype=np.float64)
+        splines = unit_splines(self.knots)
+        return np.asarray(splines(states.q_rad[:, self.joint - 1]), dtype=np.float64)
 
     @property
     def prior_factor(self) -> Array:
-        """Return L (K, K) of smooth knots: neighbours go together.
+        """Return L (K, K) with L L^T the prior covariance of the errors at the knots.
 
-        With a `spectrum`, column by column: the constant, then sine and cosine of each harmonic.
+        With a `spectrum` its columns are the constant, then sine and cosine of each harmonic.
         """
         if self.spectrum is not None:
             sizes = self.spectrum.sizes_rad(harmonic_orders(self.knots))
             sizes[0] *= _CONSTANT
             return harmonics_at_knots(self.knots) * sizes
-        knots_rad = _knots_rad(self.knots)[:-1]
-        half_distance = 0.5 * (knots_rad[:, None] - knots_rad)
+        at_rad = knots_rad(self.knots)
+        half_distance = 0.5 * (at_rad[:, None] - at_rad)
         correlation = np.exp(-2.0 * (np.sin(half_distance) / _SMOOTH_OVER_RAD) ** 2)
         factor = np.linalg.cholesky(correlation + _JITTER * np.eye(self.knots))
         return np.asarray(_PLAUSIBLE_RAD * factor, dtype=np.float64)
 
     def size(self, x: Array) -> float:
-        """Return the root mean square of the errors at the knots, in what is plausible.
+        """Return the root mean square of the errors at the knots over 0.3 mrad, for any spectrum.
 
-        Of hundreds of waves some are always many times as large as was expected of them.
+        Not the largest, as of other effects: of hundreds of harmonics, some always exceed their
+        expected size many times.
         """
         return float(np.sqrt(np.mean(x**2))) / _PLAUSIBLE_RAD
 
@@ -166,63 +170,10 @@ def is_error_map(term: Term) -> TypeGuard[JointErrorMap]:
     return term.at_knots
 
 
-def harmonic_orders(knots: int) -> Array:
-    """Return the cycles a turn, (K,), of the columns of `harmonics_at_knots`: 0, 1, 1, 2, 2, …"""
-    return np.asarray((np.arange(knots) + 1) // 2, dtype=np.float64)
+# Errors of sensor and gear have one form, and poses alone cannot distinguish them: ripple of the
+# motor decides (`discovery/motor_ripple.py`). A search finds a map and names it afterwards.
 
-
-def harmonics_at_knots(knots: int) -> Array:
-    """Return constant, then sine and cosine of every order that K knots can resolve, (K, K).
-
-    Of the highest order of an even K only the cosine is there.
-    """
-    orders = harmonic_orders(knots)
-    phase = _knots_rad(knots)[:-1, None] * orders
-    cosine = np.arange(knots) % 2 == 0
-    if knots % 2 == 0:
-        cosine[-1] = True
-    return np.asarray(np.where(cosine, np.cos(phase), np.sin(phase)), dtype=np.float64)
-
-
-def b_splines(knots: int, q_rad: Array) -> csr_array:
-    """Return the K periodic cubic B-splines at angles (P,), four of them not zero: (P, K) sparse.
-
-    B-spline k is centred on knot k. They span the same functions as the spline through the knots.
-    """
-    stops = 2.0 * np.pi * np.arange(-_DEGREE, knots + _DEGREE + 1) / knots
-    inside = np.minimum(np.mod(q_rad, 2.0 * np.pi), stops[knots + _DEGREE])
-    unwrapped = BSpline.design_matrix(inside, stops, _DEGREE)
-    columns = (unwrapped.indices - 1) % knots
-    return csr_array((unwrapped.data, columns, unwrapped.indptr), shape=(len(q_rad), knots))
-
-
-def b_splines_by_knots(knots: int) -> Array:
-    """Return C (K, K) by which coefficients of B-splines follow from the errors at the knots."""
-    at_knots = b_splines(knots, _knots_rad(knots)[:-1]).toarray()
-    return np.asarray(np.linalg.inv(at_knots), dtype=np.float64)
-
-
-def _knots_rad(knots: int) -> Array:
-    """Return the knots of a whole turn, the first one again at its end, (K + 1,)."""
-    return np.linspace(0.0, 2.0 * np.pi, knots + 1)
-
-
-@cache
-def _spline_of_knots(knots: int) -> CubicSpline[np.float64]:
-    """Return the periodic spline of every knot alone, all in one."""
-    alone = np.eye(knots)
-    return CubicSpline(_knots_rad(knots), np.vstack([alone, alone[:1]]), bc_type="periodic")
-
-
-# A broad band of waves in a joint's angle: made by its sensor, or by its gear.
-#
-# Both have the same form, and poses alone cannot tell them apart: which name is given is decided
-# by a witness outside the map (`discovery/motor_ripple.py`). Neither is sought beside the map
-# whose place it takes.
-
-#: Knots a turn that follow every order in which such errors were ever found.
-FINE = 360
-#: Sizes found on a measured arm (a UR10 in two campaigns): where a search finds its own, those.
+#: Prior as found on a measured arm (a UR10 in two campaigns); a search replaces it by its own.
 TYPICAL = BandPrior(
     slow_rad=1.2e-4,
     below_rad=4.5e-5,

@@ -1,14 +1,13 @@
-"""Effects beside the joints: structure under weights, what goes with time, false readings."""
+"""Effects of the structure: links, bearings, base and tool under weights; axes that wobble."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from pa10cal.arm.chain import BASE, TOOL, Chain, bend_coordinates, frames, link_spans_m, long_links
+from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames, link_spans_m, long_links
 from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -16,27 +15,29 @@ from pa10cal.terms.effects.effect import (
     AtJoint,
     CandidateContext,
     Effect,
-    seen_in,
     static_loads_in,
-    time_in,
 )
 from pa10cal.terms.term import OPTIONAL, TermParameter
 
 _LONG_LINKS = ("upper_arm", "forearm")
 GRAVITY_M_S2 = 9.81
-#: Turn that a structure may well make under the whole weight of its arm [rad].
+#: Plausible rotation of a structure under the whole weight of its arm [rad].
 _TURN_RAD = 3e-4
 
 
 def moment_of_arm_Nm(arm: Arm) -> float | None:
-    """Return the moment that an arm stretched out puts on its base, where weights are assumed."""
+    """Return the moment of a stretched arm on its base; None where its weights are stated."""
     if arm.mass_kg is None or not weights_known(arm).assumed:
         return None
     return 0.5 * GRAVITY_M_S2 * float(arm.mass_kg.sum()) * arm.reach_m
 
 
 def compliance(name: str, scale: float, plausible: float, of_arm_Nm: float | None) -> TermParameter:
-    """Return a compliance [rad/(N m)], as large as is plausible of its arm."""
+    """Return a compliance [rad/(N m)].
+
+    Of an arm of assumed weights its plausible size is relative to the arm's own moment: these may
+    be wrong by any factor, and a compliance then by its inverse.
+    """
     if of_arm_Nm is not None:
         plausible, scale = _TURN_RAD / of_arm_Nm, _TURN_RAD / of_arm_Nm * scale / plausible
     return TermParameter(name, "rad/(N m)", scale, plausible=plausible)
@@ -49,10 +50,9 @@ class LinkEffect(Effect):
     row: int  # the link's row, from 1
     # from the link's joint to its end, along the axes of that end
     span_m: tuple[float, float, float]
-    # moment at which a plausible turn is reached, where weights are assumed and a compliance is as
-    # large as these are small; None where they are stated
+    # moment that causes a plausible rotation, where weights are assumed; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
-    #: Names of the links at which it may sit.
+    #: Links that may have it.
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
     bends = True
     weights_power = -1.0
@@ -64,13 +64,12 @@ class LinkEffect(Effect):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at the long links that may have it."""
-        spans_m = link_spans_m(context.arm)
+        """Return the effect at the long links that may have it."""
+        spans_m = link_spans_m(context.arm).tolist()
         rows = long_links(context.arm)
         return tuple(
-            cls(place, row, (float(x), float(y), float(z)), moment_of_arm_Nm(context.arm))
+            cls(place, row, tuple(spans_m[row - 1]), moment_of_arm_Nm(context.arm))
             for place, row in zip(_LONG_LINKS, rows, strict=False)  # a short arm has fewer
-            for x, y, z in (spans_m[row - 1],)
             if place in cls.places
         )
 
@@ -146,8 +145,7 @@ class LateralCompliance(AtJoint):
     its bearing and the housing around it give way. Of the first joint that is `base_compliance`.
     """
 
-    # moment at which a plausible tilt is reached, where weights are assumed; None where they are
-    # stated
+    # moment that causes a plausible tilt, where weights are assumed; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     id = "lateral_compliance"
     clauses = ("the axis of {at} tilts under load", "the axes of {at} tilt under load")
@@ -177,13 +175,13 @@ class LateralCompliance(AtJoint):
         return tuple(compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("C_x", "C_y"))
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return the moments across the joint's axis, each for its own tilt, (P, 2, 2)."""
+        """Return the moments about x and y, each for the tilt about the same axis, (P, 2, 2)."""
         moment_Nm = static_loads_in(states, self).link_Nm[:, self.joint - 2, :2]
         return np.asarray(moment_Nm[:, :, None] * np.eye(2))
 
 
-#: Least turn of a joint that shows a wobble of its axis [rad]. Of half a turn 0.57 of the wave that
-#: runs against the joint are left beside a constant and one that runs along; of a third 0.29.
+#: Least range of a joint that identifies a wobble of its axis [rad]. Over half a turn 0.57 of the
+#: wave k = -1 remains after a fit of those with k = 0 and 1, over a third of a turn 0.29.
 _WOBBLES_RAD = np.pi
 
 
@@ -191,16 +189,15 @@ _WOBBLES_RAD = np.pi
 class AxisWobble(AtJoint):
     """A joint's axis tilts to and fro as the joint turns: its bearings run out.
 
-    This is the tilt error motion of ISO 230-7. About x and y of the frame in which the joint moves
-    the tilt is x + i y, a sum of waves exp(i k q). k = 0 is another direction of the axis on the
-    link before it, k = 1 one on the link after it, with which it turns: both are geometry, and no
-    error of a joint's angle tilts an axis. Of the first harmonic k = -1 is left, half of a tilt to
-    and fro about one line; of the second k = 2 and -2, all of it. A soft bearing can do the same,
-    so it is sought only where it stands out of all that gives way (`discovery/wobbles`).
+    This is the tilt error motion of ISO 230-7. With the tilts x and y about the axes of the frame
+    in which the joint moves, x + i y is a sum of waves exp(i k q). k = 0 is another direction of
+    the axis on the link before it, k = 1 one on the link after it: both are geometry. Of the first
+    harmonic only k = -1 remains, half of a tilt about one fixed line; of the second k = 2 and -2,
+    all of it. A soft bearing can do the same: the effect is sought only where it explains more than
+    all compliances (`discovery/wobbles`).
     """
 
-    # what a unit tilt about x, and about y, of the first joint is of the base's own six motions;
-    # None of other joints
+    # of the first joint, its unit tilts about x and y as motions of the base (2, 6); else None
     of_base: tuple[tuple[float, ...], ...] | None = field(default=None, metadata={OPTIONAL: True})
     id = "axis_wobble"
     nouns = ("wobble of the axis", "wobbles of the axes")
@@ -223,7 +220,7 @@ class AxisWobble(AtJoint):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return what the first joint tilts of the base; None of a joint that turned too little."""
+        """Return `of_base`; None, for not there, of a joint that turned too little."""
         low, high = context.q_span_rad[joint - 1]
         if high - low < _WOBBLES_RAD:
             return None
@@ -235,19 +232,20 @@ class AxisWobble(AtJoint):
 
     def per_unit(self, states: PoseStates) -> Array:
         q_rad = states.q_rad[:, self.joint - 1]
-        cos, sin, none = np.cos(q_rad), np.sin(q_rad), np.zeros(len(q_rad))
-        twice = [np.cos(2.0 * q_rad), np.sin(2.0 * q_rad)]
-        about_x, about_y = [cos, sin, *twice, none, none], [-sin, cos, none, none, *twice]
+        cos, sin, zero = np.cos(q_rad), np.sin(q_rad), np.zeros(len(q_rad))
+        second = [np.cos(2.0 * q_rad), np.sin(2.0 * q_rad)]
+        about_x = [cos, sin, *second, zero, zero]
+        about_y = [-sin, cos, zero, zero, *second]
         tilts = np.stack([np.stack(about_x, axis=1), np.stack(about_y, axis=1)], axis=1)
         return tilts if self.of_base is None else np.einsum("cm,pck->pmk", self.of_base, tilts)
 
 
 def _tilts_of_base(arm: Arm) -> tuple[tuple[float, ...], ...]:
-    """Return which motions of the base tilt the first joint about its x and its y, (2, 6)."""
+    """Return unit tilts of the first joint about its x and y as motions of the base, (2, 6)."""
     chain = Chain.of(arm)
     T_base_joint = frames(chain, chain.nominal[None]).T_base_joints[0, 0]
-    axes, place = T_base_joint[:3, :2].T, T_base_joint[:3, 3]
-    motions = np.hstack([np.cross(place, axes), axes])
+    axes, origin = T_base_joint[:3, :2].T, T_base_joint[:3, 3]
+    motions = np.hstack([np.cross(origin, axes), axes])
     return tuple(tuple(motion) for motion in motions.tolist())
 
 
@@ -258,8 +256,7 @@ class BaseCompliance(Effect):
     cx and cy in rad/(N m), M about the base's origin along base axes.
     """
 
-    # moment at which a plausible tilt is reached, where weights are assumed; None where they are
-    # stated
+    # moment that causes a plausible tilt, where weights are assumed; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     bends = True
     id = "base_compliance"
@@ -282,7 +279,7 @@ class BaseCompliance(Effect):
         return tuple(compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return the overturning moments, each for its own tilt, (P, 2, 2)."""
+        """Return the overturning moments, each for the tilt about the same axis, (P, 2, 2)."""
         return static_loads_in(states, self).base_Nm[:, :2, None] * np.eye(2)
 
 
@@ -300,223 +297,3 @@ class ToolSag(Effect):
 
     def per_unit(self, states: PoseStates) -> Array:
         return static_loads_in(states, self).down_ee[:, :2]
-
-
-# What changes while a campaign lasts.
-
-_SECONDS_AN_HOUR = 3600.0
-#: Amplitude expected of the slowest wave of a base that drifts; of others a part as of a random
-#: walk.
-_WAVE_M = 1e-4
-
-
-@dataclass(frozen=True)
-class BaseDrift(Effect):
-    """The base moves along its axes at a constant rate [m/h], counted from the first reading.
-
-    In its slow form it moves by a few cosines of the time besides, and stands still before the
-    first and after the last reading, where nothing is known of it. In poses of no time (nan) it is
-    where its frame has it.
-    """
-
-    start_s: float  # time of the first reading
-    end_s: float | None = None  # time of the last one; None of a constant rate, which goes on
-    waves: int = 0  # cosines along each axis, of half a cycle more each; 0 of a constant rate
-    id = "base_drift"
-    depends_on = "time_s"
-    clauses = ("the base moved while the campaign lasted",)
-    sits = "base"
-    coordinates = BASE[:3]
-    goes_with_time = True
-
-    @property
-    def formula(self) -> str:
-        rate = f"base.x, base.y, base.z += rate (time_s - {self.start_s:g}) / 3600"
-        if self.end_s is None:
-            return rate
-        return (
-            f"{rate} + sum of wave_k cos(k pi (time_s - {self.start_s:g}) / "
-            f"{self.end_s - self.start_s:g}), time_s held at {self.start_s:g} and {self.end_s:g}"
-        )
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
-        return (context.time_span_s[0],)
-
-    @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        rates = [TermParameter(f"rate_{axis}", "m/h", 1e-6, plausible=3e-5) for axis in "xyz"]
-        waves = [
-            TermParameter(f"wave_{k}_{axis}", "m", 1e-6, plausible=_WAVE_M / k)
-            for k in range(1, self.waves + 1)
-            for axis in "xyz"
-        ]
-        return (*rates, *waves)
-
-    def per_unit(self, states: PoseStates) -> Array:
-        """Return hours since the first reading, then waves, each axis for itself."""
-        last_s = np.inf if self.end_s is None else self.end_s
-        first_s = -np.inf if self.end_s is None else self.start_s
-        since_s = np.clip(time_in(states, self), first_s, last_s) - self.start_s  # nan: not given
-        courses = [since_s / _SECONDS_AN_HOUR]
-        courses += [
-            np.cos(np.pi * k * since_s / (last_s - self.start_s)) for k in range(1, self.waves + 1)
-        ]
-        known = np.nan_to_num(np.stack(courses, axis=1))
-        return np.asarray(known[:, None, :, None] * np.eye(3)[:, None, :])
-
-
-@dataclass(frozen=True)
-class ThermalGrowth(Effect):
-    """Pedestal and long links grow by alpha (T - reference), alpha in 1/K."""
-
-    lengths: tuple[str, ...]  # chain coordinates of these links' lengths
-    lengths_m: tuple[float, ...]  # their nominal values
-    reference_temperature_C: float  # temperature at which lengths are nominal
-    id = "thermal_growth"
-    depends_on = "temperature_C"
-    clauses = ("the links grow with temperature",)
-    sits = "arm"
-    positive = True
-    goes_with_time = True
-    reported = (TermParameter("alpha", "1/K", 5e-7, plausible=2e-5),)
-    # A part of the arm may stay colder than the air, and so seem to grow less than its material.
-    possible = (0.0, 2.6e-5, "arms are of iron and steel (10 to 13e-6) or light metal (to 26e-6)")
-
-    @property
-    def formula(self) -> str:
-        return (
-            f"{', '.join(self.lengths)} += alpha (temperature_C - "
-            f"{self.reference_temperature_C:g}) times its nominal length"
-        )
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
-        chain = Chain.of(context.arm)
-        ends = [0, *(int(column) for column in chain.joint_columns)]
-        pedestal = range(ends[0], ends[2] if len(ends) > 2 else len(chain.motions))
-        links = (range(ends[row], ends[row + 1]) for row in long_links(context.arm))
-        columns = [
-            column
-            for link in (pedestal, *links)
-            for column in link
-            if chain.nominal[column] != 0.0 and not chain.motions[column].turns
-        ]
-        lengths = tuple(chain.motions[column].coordinate for column in columns)
-        lengths_m = tuple(float(chain.nominal[column]) for column in columns)
-        return lengths, lengths_m, context.reference_temperature_C
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return self.lengths
-
-    def per_unit(self, states: PoseStates) -> Array:
-        return np.outer(states.temperature_C - self.reference_temperature_C, self.lengths_m)
-
-
-# Effects of an instrument that reads the places of its targets falsely.
-
-
-@dataclass(frozen=True)
-class FalseReading(Effect):
-    """The instrument reads each target's place p off by a field e(p), and so the pose.
-
-    The model predicts what is read: the end moves by what the field makes of the fitted pose.
-    """
-
-    falsifies_readings = True
-    sits = "instrument"
-    coordinates = TOOL
-
-    @abstractmethod
-    def field(self, p_instr_m: Array) -> Array:
-        """Return e(p) a unit of each parameter, (P, B, 3, k), at places p (P, B, 3)."""
-
-    def derivative(self, states: PoseStates, x: Array) -> Array:
-        seen = seen_in(states, self)
-        count, targets, _ = seen.p_instr_targets_m.shape
-        field = self.field(seen.p_instr_targets_m).reshape(count, 3 * targets, len(x))
-        derivative: Array = seen.pose_by_targets @ field
-        return derivative
-
-
-@dataclass(frozen=True)
-class CmmScale(FalseReading):
-    """Axis k of the instrument reads (1 + s_k) times the length, s without unit.
-
-    Only a machine that moves along three axes has a scale to each; see `Scale`.
-    """
-
-    by_differences = True
-    id = "cmm_scale"
-    clauses = ("the scales of the instrument's axes are off",)
-    words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
-    reported = tuple(TermParameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return None if context.three_axes is False else ()
-
-    def field(self, p_instr_m: Array) -> Array:
-        return p_instr_m[..., None] * np.eye(3)
-
-
-@dataclass(frozen=True)
-class Scale(FalseReading):
-    """The instrument reads (1 + s) times every length, whatever its direction, s without unit.
-
-    Trackers and cameras have one: that of a wavelength, of a base line or of a tag.
-    """
-
-    id = "scale"
-    clauses = ("the instrument's scale is off",)
-    words = "reading of x, y, z = (1 + s) x, (1 + s) y, (1 + s) z"
-    reported = (TermParameter("s", "1", 3e-6, plausible=1e-4),)
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        return None if context.three_axes else ()
-
-    def field(self, p_instr_m: Array) -> Array:
-        return p_instr_m[..., None]
-
-
-@dataclass(frozen=True)
-class RangeConstant(FalseReading):
-    """The instrument reads every distance from itself longer by c, in m.
-
-    A tracker's distance meter has a zero of its own, and a reflector a radius that is stated. Its
-    frame begins where its beams do; where readings are given in another frame it is not known.
-    """
-
-    id = "range_constant"
-    clauses = ("the instrument reads all distances too long by one length",)
-    words = "reading of x, y, z += c times the unit vector from the instrument to the target"
-    reported = (TermParameter("c", "m", 1e-6, plausible=1e-4),)
-
-    @classmethod
-    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return that it may be there where beams come from outside of the arm's reach."""
-        if context.three_axes is None:  # it is asked for
-            return ()
-        outside = np.linalg.norm(context.p_instr_middle_m) > context.arm.reach_m
-        return () if outside and not context.three_axes else None
-
-    def field(self, p_instr_m: Array) -> Array:
-        length_m = np.linalg.norm(p_instr_m, axis=-1, keepdims=True)
-        along: Array = p_instr_m / np.maximum(length_m, np.finfo(float).tiny)
-        return along[..., None]
-
-
-@dataclass(frozen=True)
-class CmmSquareness(FalseReading):
-    """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
-
-    id = "cmm_squareness"
-    clauses = ("the instrument's axes are not square",)
-    words = "reading of x = x + xy y"
-    reported = (TermParameter("xy", "rad", 3e-6, plausible=1e-4),)
-
-    def field(self, p_instr_m: Array) -> Array:
-        field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
-        return field[..., None]

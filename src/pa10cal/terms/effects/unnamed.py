@@ -14,7 +14,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, Effect, JointEffect, time_in
-from pa10cal.terms.effects.structure import FalseReading
+from pa10cal.terms.effects.readings import FalseReading
 from pa10cal.terms.term import JointTorqueOnly, TermParameter
 
 #: A campaign that was shorter shows no shape [s].

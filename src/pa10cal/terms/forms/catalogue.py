@@ -17,7 +17,7 @@ from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, joint_of, static_loads_in, turning_joints
-from pa10cal.terms.effects.structure import FalseReading
+from pa10cal.terms.effects.readings import FalseReading
 from pa10cal.terms.forms.form import (
     Along,
     AngleForm,

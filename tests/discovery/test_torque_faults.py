@@ -8,8 +8,8 @@ import pytest
 from made_up_poses import at_rest, measured_poses
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload, statics
-from pa10cal.discovery.compliance import stated_wrongly
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
+from pa10cal.discovery.torque_faults import stated_wrongly
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.model import Model

@@ -9,11 +9,7 @@ from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses, ranging
-from pa10cal.frame.target_problem import (
-    first_of_least,
-    least_misfit_of_distances,
-    least_misfit_of_targets,
-)
+from pa10cal.frame.misfit_bounds import distance_misfit_bound_m, target_misfit_bound_m
 from pa10cal.rules import FRAMES
 
 
@@ -30,23 +26,11 @@ def test_what_is_left_at_least_is_less_than_what_a_fit_leaves(tmp_path, changed)
     T = Chain.of(load_arm("ur10")).forward(q)
     poses = hand_eye_from_poses(T, raw.T_instr_target)
     places_m, R = raw.T_instr_target[:, None, :3, 3], raw.T_instr_target[:, :3, :3]
-    of_poses = least_misfit_of_targets(T, places_m, R)
+    of_poses = target_misfit_bound_m(T, places_m, R)
     assert 0.0 <= of_poses <= np.hypot(poses.scatter_m, FRAMES.lever_m * poses.scatter_rad)
-    points = least_misfit_of_targets(T, raw.p_instr_m)
+    points = target_misfit_bound_m(T, raw.p_instr_m)
     assert 0.0 <= points <= hand_eye_from_points(T, raw.p_instr_m).scatter_m + 1e-6
-    distances = least_misfit_of_distances(T, raw.d_m)
+    distances = distance_misfit_bound_m(T, raw.d_m)
     assert 0.0 <= distances <= ranging(T, raw.d_m).scatter_m + 1e-6
     if changed != "nothing":  # and it tells
         assert min(of_poses, points, distances) > 0.01
-
-
-def test_the_first_of_the_least_is_found_without_fitting_all():
-    misfits, fitted = [5.0, 2.0, 3.0, 2.0, 9.0], []
-
-    def fit(k: int) -> float:
-        fitted.append(k)
-        return misfits[k]
-
-    assert first_of_least([4.0, 1.5, 2.5, 1.0, 8.0], fit, 10.0) == (2.0, 1)
-    assert sorted(fitted) == [1, 3]
-    assert first_of_least([4.0, 1.5, 2.5, 1.0, 8.0], fit, 1.9) is None

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.fit.robust_weights import keep_their_distances
+from pa10cal.fit.tails import keep_their_distances
 
 
 def test_targets_that_keep_their_distances_acquit_what_was_read():

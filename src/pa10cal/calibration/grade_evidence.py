@@ -1,0 +1,194 @@
+"""What the grade of a calibration rests on, and what follows from it: errors, noise, departures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pa10cal.arm.description import Arm
+from pa10cal.calibration.accuracy import HeldOut
+from pa10cal.calibration.departures import large_departures
+from pa10cal.calibration.fit_summary import FitSummary, poses_needed
+from pa10cal.calibration.rules import GRADES
+from pa10cal.results import calibration as records
+
+
+@dataclass(frozen=True)
+class GradeEvidence:
+    """What a grade rests on: a fit summary, and the remaining errors of the calibrated model."""
+
+    ended: FitSummary  # how the fit ended
+    # root mean square position error of the poses fitted, without suspected outliers
+    train_rms_mm: float
+    held_out: HeldOut | None  # errors of poses held out, None where there are none
+    noise_mm: float | None  # the error that the noise of readings makes, None where not known
+    spread_mm: float  # root mean square distance of the measured positions from their mean
+    suspected_outliers: int = 0  # number of poses far outside the scatter of the others
+    acquitted: int = 0  # of these, those whose targets keep their distances
+    # the same as `train_rms_mm` with them; None where there are none
+    all_rms_mm: float | None = None
+    noise_is_found: bool = False  # whether `noise_mm` is estimated from repeats, and not stated
+    # error by the places of the targets on an apparatus, common to all poses, that the fit leaves
+    apparatus_mm: float = 0.0
+    # scatter of repeats and stated uncertainty, by kind of component
+    repeats: tuple[records.RepeatScatter, ...] = ()
+    from_touches: bool = False  # whether the instrument touches balls
+    findings: tuple[records.InputFinding, ...] = ()  # what checks of the input found
+    # the same as `train_rms_mm` with rigid joints; None where the model has no springs
+    without_springs_mm: float | None = None
+    # origin of weights that nobody stated: the lengths of the links (`assumed`), or the mass of the
+    # whole arm (`total`); empty where they are stated or not needed
+    weights: str = ""
+    # standard uncertainty of the tool's centre of mass, where it is not stated and springs need it
+    com_u_m: float | None = None
+    # required standard uncertainty of predicted positions; None where none is required
+    wanted_mm: float | None = None
+    # the same as `train_rms_mm` of the nominal arm, base and targets fitted; None where not known
+    nominal_mm: float | None = None
+    arm: Arm | None = None  # as described; None where that is not known
+    # largest turn of the end-effector between two poses [rad]; None where not known
+    turned_rad: float | None = None
+
+    @cached_property
+    def poses(self) -> records.PosesNeeded:
+        """Return how many poses there are, and how many the required uncertainty needs.
+
+        If none is required, it is one that hardly adds to the error.
+        """
+        wanted_mm = self.wanted_mm
+        single_mm = self.single_mm if self.below_noise else self.train_rms_mm
+        small_mm = GRADES.small_share * single_mm if wanted_mm is None else wanted_mm
+        return poses_needed(self.ended, small_mm, wanted_mm)
+
+    @property
+    def u_model_mm(self) -> float:
+        """Return the standard uncertainty of a predicted position; inf where not determined."""
+        return float("inf") if self.poses.u_model_mm is None else self.poses.u_model_mm
+
+    @property
+    def rank(self) -> int:
+        """Return the number of directions that are identified."""
+        return self.ended.identifiability.rank
+
+    @cached_property
+    def rows(self) -> int:
+        """Return the number of scalar readings that were fitted."""
+        return int(np.count_nonzero(np.any(self.ended.white != 0.0, axis=2)))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Return the parameters that these poses do not determine, and other poses could."""
+        return tuple(sorted(self.ended.not_identifiable - self.ended.hidden))
+
+    @property
+    def soft(self) -> bool:
+        """Return whether springs explain a large part of the squared error with rigid joints."""
+        rigid_mm = self.without_springs_mm
+        return rigid_mm is not None and self.train_rms_mm**2 < GRADES.mostly_share * rigid_mm**2
+
+    @property
+    def within_noise(self) -> bool:
+        """Return whether the remaining error is comparable with the noise, whatever its size."""
+        over = self.over_noise
+        return over is not None and over < GRADES.stated_ratio
+
+    @property
+    def fits_not(self) -> bool:
+        """Return whether the error is larger than calibrated arms have, and than the noise."""
+        return self.train_rms_mm > GRADES.no_fit_share * self.spread_mm and not self.within_noise
+
+    @property
+    def confirmed(self) -> bool:
+        """Return whether held-out poses are predicted as well as the fitted ones are explained."""
+        held_out = self.held_out
+        if held_out is None or held_out.accuracy.configurations < GRADES.few_held_out:
+            return False
+        # With a large error, another cause may look like a departure.
+        if self.fits_not or not (self.over_noise is None or self.within_noise):
+            return False
+        known_mm = max(self.error_mm, self.own_noise_mm or 0.0)
+        return held_out.accuracy.rms_mm < GRADES.confirmed_ratio * known_mm
+
+    @property
+    def error_mm(self) -> float:
+        """Return the remaining error, corrected for the degrees of freedom that the fit took."""
+        fitted_share = min(self.rank / max(self.rows, 1), GRADES.most_taken_share)
+        return self.train_rms_mm / float(np.sqrt(1.0 - fitted_share))
+
+    @property
+    def own_noise_mm(self) -> float | None:
+        """Return the error that readings and apparatus make; None where it is not known."""
+        noise_mm = self.reading_noise_mm
+        return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
+
+    @property
+    def reading_noise_mm(self) -> float | None:
+        """Return the noise of the poses fitted: as repeats show it, else as stated."""
+        if self.noise_mm is None or self.noise_is_found or not self.repeats:
+            return self.noise_mm
+        return self.noise_mm * self.repeats[0].ratio
+
+    @cached_property
+    def departures(self) -> tuple[records.InputFinding, ...]:
+        """Return the departures that no arm was built with, where held-out poses confirm them.
+
+        A zero that the checks of the input found counts where the fit shows no such departure.
+        """
+        if not self.confirmed:
+            return ()
+        zeros = tuple(finding for finding in self.findings if finding.kind == "joint_zero")
+        return self.large_departures or zeros
+
+    @property
+    def large_departures(self) -> tuple[records.InputFinding, ...]:
+        """Return the departures that no arm was built with, confirmed or not."""
+        return large_departures(self.ended, self.arm, max(self.over_noise or 1.0, 1.0))
+
+    @property
+    def below_noise(self) -> bool:
+        """Return whether the remaining error is much smaller than the stated noise."""
+        over = self.over_noise
+        return over is not None and over < 1.0 / GRADES.stated_ratio
+
+    @property
+    def single_mm(self) -> float:
+        """Return the error of a single reading: the remaining one, or a much larger stated one."""
+        return (self.own_noise_mm or 0.0) if self.below_noise else self.error_mm
+
+    @property
+    def over_noise(self) -> float | None:
+        """Return the remaining error over the noise; None where that is not known."""
+        noise_mm = self.own_noise_mm
+        return self.error_mm / noise_mm if noise_mm else None
+
+    @property
+    def most_over_noise(self) -> float:
+        """Return the largest remaining error over the noise that chance explains."""
+        own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
+        dof = max(self.rows - self.rank, 1)
+        limit = GRADES.over_noise * (1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * dof)))
+        if not own_mm or reading_mm is None:
+            return limit
+        of_targets_mm = GRADES.apparatus_ratio * self.apparatus_mm
+        return limit * float(np.hypot(reading_mm, of_targets_mm)) / own_mm
+
+    @property
+    def over_expected(self) -> float | None:
+        """Return the held-out error over the expected one, if chance does not explain it; or None.
+
+        Expected is the model error of the fit, the noise (larger where fewer readings were
+        averaged) and the uncertainty of the predictions.
+        """
+        held_out = self.held_out
+        if held_out is None:
+            return None
+        noise_mm = min(self.reading_noise_mm or self.error_mm, self.error_mm)
+        model_mm2 = self.error_mm**2 - noise_mm**2
+        u_mm = self.u_model_mm if held_out.u_mm is None else held_out.u_mm
+        expected_mm = float(np.sqrt(model_mm2 + noise_mm**2 / held_out.repeats + u_mm**2))
+        ratio = held_out.accuracy.rms_mm / expected_mm
+        count = max(held_out.accuracy.configurations, 1)
+        limit = max(GRADES.over_expected, 1.0 + GRADES.chance_errors / np.sqrt(2.0 * count))
+        return ratio if ratio > limit else None

@@ -1,0 +1,262 @@
+"""Changes of how joints were logged: the positions they make, and the finding that reports them.
+
+A controller counts axes; the coupling of the arm makes joint positions of them. A change is linear
+in the positions of the axes: a sign, an exchange or shift of columns, or a part of one axis that is
+added to another. Axes are numbered from 1, and positions (P, m) are in radians or metres.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from typing_extensions import override
+
+from pa10cal.arm.coupling import CoupledJoint
+from pa10cal.arm.description import Arm, neighbouring_axes
+from pa10cal.arrays import Array
+from pa10cal.calibration.checked_campaign import CheckedCampaign
+from pa10cal.calibration.rules import UNKNOWNS
+from pa10cal.campaign.column_map import ColumnMap
+from pa10cal.campaign.conventions import STILL_WRONG
+from pa10cal.files.coupling import coupling_in_words, set_coupling
+from pa10cal.numerics.branch_and_bound import may_be_within
+from pa10cal.results.calibration import InputFinding
+
+#: The remedy where no change that was tried puts the log right.
+CHECK_ALL = "check robot, and order, signs, zeros and units of all joints"
+
+
+@dataclass(frozen=True)
+class LogChange(ABC):
+    """A change of what the controller is taken to count."""
+
+    kind: ClassVar[str]  # that of the finding
+
+    axes: tuple[int, ...]  # whose columns are concerned; more in the subclasses
+
+    @abstractmethod
+    def apply(self, positions: Array) -> Array:
+        """Return positions of axes (P, m) with the change made."""
+
+    @abstractmethod
+    def text(self, arm: Arm) -> str:
+        """Return what seems wrong."""
+
+    def where(self, words: ColumnMap) -> str:
+        """Return the names of the columns concerned."""
+        return ", ".join(words.joint(axis) for axis in self.axes)
+
+
+@dataclass(frozen=True)
+class Reversal(LogChange):
+    """The sign of one axis, or of all, is reversed."""
+
+    kind: ClassVar[str] = "joint_sign"
+
+    @override
+    def apply(self, positions: Array) -> Array:
+        changed = positions.copy()
+        changed[:, [axis - 1 for axis in self.axes]] *= -1.0
+        return changed
+
+    @override
+    def text(self, arm: Arm) -> str:
+        if len(self.axes) > 1:
+            return "the signs of all joints are reversed"
+        return f"the sign of joint {self.axes[0]} is reversed"
+
+
+@dataclass(frozen=True)
+class Exchange(LogChange):
+    """The columns of two axes are exchanged."""
+
+    kind: ClassVar[str] = "joint_order"
+
+    @override
+    def apply(self, positions: Array) -> Array:
+        changed, columns = positions.copy(), [axis - 1 for axis in self.axes]
+        changed[:, columns] = positions[:, columns[::-1]]
+        return changed
+
+    @override
+    def text(self, arm: Arm) -> str:
+        return f"joints {self.axes[0]} and {self.axes[1]} are exchanged"
+
+
+@dataclass(frozen=True)
+class Shift(LogChange):
+    """All columns are shifted: axis k stands in the column of `axes[k - 1]`."""
+
+    kind: ClassVar[str] = "joint_order"
+
+    @override
+    def apply(self, positions: Array) -> Array:
+        changed = positions.copy()
+        changed[:] = positions[:, [axis - 1 for axis in self.axes]]
+        return changed
+
+    @override
+    def text(self, arm: Arm) -> str:
+        return f"the columns are shifted: joint 1 stands in that of joint {self.axes[0]}"
+
+
+@dataclass(frozen=True)
+class AxisCoupling(LogChange):
+    """The first of two axes moves with the second."""
+
+    kind: ClassVar[str] = "joint_coupling"
+
+    factor: float  # part of the second that is added to the first, in radians or metres
+
+    @override
+    def apply(self, positions: Array) -> Array:
+        axis, by = self.axes
+        changed = positions.copy()
+        changed[:, axis - 1] += self.factor * changed[:, by - 1]
+        return changed
+
+    @override
+    def text(self, arm: Arm) -> str:
+        joint, by = self.joints(arm)
+        if arm.prismatic[joint - 1] and not arm.prismatic[by - 1]:
+            return f"joint {joint} slides as joint {by} turns"
+        if joint == by + 1:
+            between = neighbouring_axes(arm)[by - 1]
+            row = between.row - 1
+            along = np.sign(np.cos(arm.alpha_rad[row]) * np.cos(arm.beta_rad[row]))
+            if between.parallel and not arm.prismatic[joint - 1] and self.factor == -along:
+                return f"joint {joint} is logged to the horizontal, not to the link of joint {by}"
+        return f"joint {joint} moves with joint {by}"
+
+    def joints(self, arm: Arm) -> tuple[int, int]:
+        """Return the joints, from 1, that the two axes drive."""
+        axis, by = self.axes
+        own = arm.coupling.own
+        return int(own[axis - 1]) + 1, int(own[by - 1]) + 1
+
+
+@dataclass(frozen=True)
+class ChangedLog:
+    """A log with changes made one after the other; without any, the log as it is."""
+
+    checked: CheckedCampaign
+    changes: tuple[LogChange, ...] = ()
+
+    @property
+    def q(self) -> Array:
+        """Return the positions of the joints, (P, n)."""
+        positions = _with_changes(self.checked.axes, self.changes)
+        return self.checked.arm.coupling.to_joints(positions)
+
+    @property
+    def nominal_m(self) -> float:
+        """Return the misfit of the nominal arm."""
+        return self.checked.nominal_misfit_m(self.q)
+
+    @property
+    def least_nominal_m(self) -> float:
+        """Return a lower bound of the misfit of the nominal arm, without a fit."""
+        return self.checked.least_misfit_m(self.q)
+
+    def may_be_below(self, limit_m: float) -> bool:
+        """Return whether the misfit of the nominal arm may be within a limit."""
+        return may_be_within(self.least_nominal_m, limit_m)
+
+    def with_change(self, change: LogChange) -> ChangedLog:
+        """Return the log with one more change."""
+        return replace(self, changes=(*self.changes, change))
+
+    @property
+    def _signs_and_order(self) -> tuple[LogChange, ...]:
+        return tuple(each for each in self.changes if not isinstance(each, AxisCoupling))
+
+    @property
+    def remedy(self) -> str:
+        """Return what to state in campaign.yaml, so that the changes are made when it is read."""
+        checked, words, changes = self.checked, self.checked.words, self._signs_and_order
+        slides = checked.arm.axes_slide
+        axes = np.arange(1, len(slides) + 1)
+        # Signed permutation (m, m): the row of its entry is the column in which an axis is logged.
+        permutation = _with_changes(np.eye(len(axes)), changes)
+        order = np.abs(permutation).argmax(axis=0) + 1
+        signs = np.array(checked.signs) @ permutation
+        offsets_deg = np.array(checked.offsets_deg) @ permutation
+        remedies = []
+        reordered = order != axes
+        if reordered.any():
+            names = [f"q{k}_{'mm' if slides[k - 1] else 'deg'}" for k in order]
+            columns = ", ".join(words.joint(int(k)) for k in order)
+            by_hand = f"put the columns in the order {columns}"
+            if reordered.sum() == 2:
+                exchange = next(change for change in changes if change.kind == "joint_order")
+                by_hand = f"exchange the columns {exchange.where(words)}"
+            remedies.append(words.set_names(names) if words.key(names[0]) else by_hand)
+        if (signs != checked.signs).any():
+            remedies.append(f"set joint_signs: [{', '.join(str(int(sign)) for sign in signs)}]")
+        if (offsets_deg != checked.offsets_deg).any():
+            remedies.append(set_offsets(offsets_deg))
+        if self.coupled != checked.arm.coupled:
+            remedies.append(set_coupling(self.coupled, checked.arm))
+        only_signs = changes and not reordered.any()
+        also = ", or reverse the axis in the arm's description" if only_signs else ""
+        return " and ".join(remedies) + also
+
+    @property
+    def coupled(self) -> tuple[CoupledJoint, ...]:
+        """Return how joints move together in the changed log, whatever signs and order are."""
+        arm, coupling = self.checked.arm, self.checked.arm.coupling
+        axes = np.eye(len(coupling.own))
+        # Joints follow the axes c of the log by q = C M c, where M makes all changes. Without S,
+        # that of signs and order alone, what remains of M is the coupling.
+        signs_and_order = _with_changes(axes, self._signs_and_order).T
+        all_changes = _with_changes(axes, self.changes).T
+        matrix = coupling.matrix @ all_changes @ np.linalg.inv(signs_and_order)
+        stated = {(each.joint, each.by): each for each in arm.coupled}
+        coupled = []
+        for joint, axis in np.argwhere(np.abs(matrix) > UNKNOWNS.no_part).tolist():
+            if joint == coupling.own[axis]:
+                continue
+            by, follows = int(coupling.own[axis]) + 1, joint not in coupling.own
+            found = CoupledJoint(joint + 1, by, float(matrix[joint, axis]), follows)
+            before = stated.get((found.joint, found.by))
+            same = before is not None and np.isclose(before.factor, found.factor)
+            coupled.append(before if before is not None and same else found)
+        return tuple(coupled)
+
+    def finding(self, fits_to: str, now_mm: float, left_mm: float, *, right: bool) -> InputFinding:
+        """Return the finding that reports the changes.
+
+        Args:
+            fits_to: what is compared, such as "the nominal arm fits to".
+            now_mm, left_mm: its misfit as logged, and with the changes.
+            right: whether the changes put the log right, so that they are the remedy.
+        """
+        arm = self.checked.arm
+        couples = any(isinstance(change, AxisCoupling) for change in self.changes)
+        text = " and ".join(change.text(arm) for change in self.changes)
+        if couples:
+            counted = coupling_in_words(replace(arm, coupled=self.coupled))
+            text += f" ({counted or 'each by itself'})"
+        then = "that is put right" if right else f"so, {STILL_WRONG}"
+        return InputFinding(
+            kind="joint_coupling" if couples else self.changes[0].kind,
+            where="; ".join(change.where(self.checked.words) for change in self.changes),
+            what=f"{text}: {fits_to} {now_mm:.3g} mm as logged, {left_mm:.3g} mm if {then}",
+            remedy=self.remedy if right else CHECK_ALL,
+            would_leave_mm=left_mm,
+        )
+
+
+def _with_changes(positions: Array, changes: Sequence[LogChange]) -> Array:
+    for change in changes:
+        positions = change.apply(positions)
+    return positions
+
+
+def set_offsets(offsets_deg: Iterable[float]) -> str:
+    """Return the remedy that states the offsets of the joints."""
+    return f"set joint_offsets_deg: [{', '.join(f'{each + 0.0:.6g}' for each in offsets_deg)}]"

@@ -1,0 +1,166 @@
+"""Each effect fitted to each campaign of a group alone, and how well the campaigns agree.
+
+The fit to one campaign is one step from the fit to all, over all parameters, with the same priors.
+Errors by a joint's angle are compared over the angles that two campaigns both visited, less their
+means there: a constant is the joint's zero. Errors at neighbouring angles are correlated, so the
+uncertainty of the agreement is found by leaving out arcs (jackknife).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pa10cal.arrays import Array, Mask
+from pa10cal.discovery import linear
+from pa10cal.discovery.blocked_cv.refit import Refit, one_step
+from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.other_numbers import COMPUTING
+from pa10cal.discovery.rules import MAPS
+from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
+from pa10cal.results import calibration as records
+from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.term import Report
+
+#: Angles of a turn at which errors are compared [rad].
+ANGLES_RAD = np.radians(np.arange(float(MAPS.angles_a_turn)))
+
+
+class _FitAlone(NamedTuple):
+    """Unknowns and their covariance by one campaign alone, and its joint positions."""
+
+    x: Array  # (k,)
+    covariance: Array  # (k, k)
+    q_rad: Array  # (p, n)
+
+
+def by_campaign(survey: Survey, found: Refit) -> tuple[records.EffectByCampaign, ...]:
+    """Return every effect as each campaign of a group alone has it; none of a single campaign."""
+    campaign = survey.poses.states.campaign
+    if campaign is None or not found.effects:
+        return ()
+    fits: dict[str, _FitAlone] = {}
+    for number, (name, _) in enumerate(survey.poses.measured.campaigns):
+        rows = np.flatnonzero(campaign == number)
+        if len(rows):
+            x, covariance = one_step(survey, found, rows)
+            fits[name] = _FitAlone(x, covariance, survey.poses.states.q_rad[rows])
+    return tuple(_effect_by_campaign(effect, found, fits) for effect in found.effects)
+
+
+def _effect_by_campaign(
+    effect: Effect, found: Refit, fits: dict[str, _FitAlone]
+) -> records.EffectByCampaign:
+    """Return the parameters of an effect in every campaign, or the curves of a map."""
+    columns = found.columns_of(effect)
+    if not is_error_map(effect):
+        u_scale = found.at.model.u_scale
+        parameters = {
+            name: _parameters(
+                effect.report(fit.x[columns]), fit.covariance[columns, columns], u_scale
+            )
+            for name, fit in fits.items()
+        }
+        return records.EffectByCampaign(
+            id=effect.id, of=effect.of, parameters=parameters, errors=None, agreement=()
+        )
+    splines = b_splines(effect.knots, ANGLES_RAD) @ b_splines_by_knots(effect.knots)
+    curves = {
+        name: records.JointErrorAlone(
+            error_mrad=1e3 * splines @ fit.x[columns],
+            visited=visited(fit.q_rad[:, effect.joint - 1]),
+        )
+        for name, fit in fits.items()
+    }
+    return records.EffectByCampaign(
+        id=effect.id,
+        of=effect.of,
+        parameters=None,
+        errors=curves,
+        agreement=tuple(
+            pair_of((first, curves[first]), (second, curves[second]))
+            for first, second in combinations(curves, 2)
+        ),
+    )
+
+
+def _parameters(
+    report: Report, covariance: Array, u_scale: float
+) -> dict[str, records.ParameterAlone]:
+    """Return the reported parameters with their standard uncertainties."""
+    std = np.sqrt(np.diag(report.covariance(covariance, u_scale)))
+    return {
+        parameter.name: records.ParameterAlone(value=float(value), std=float(sigma))
+        for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True)
+    }
+
+
+def visited(q_rad: Array) -> Mask:
+    """Return near which of `ANGLES_RAD` there are enough joint angles (P,), modulo a turn."""
+    turn_rad = 2.0 * np.pi
+    sorted_rad = np.sort(np.mod(q_rad, turn_rad))
+    around = np.concatenate([sorted_rad - turn_rad, sorted_rad, sorted_rad + turn_rad])
+    first = np.searchsorted(around, ANGLES_RAD - np.radians(MAPS.compared_within_deg))
+    last = np.searchsorted(around, ANGLES_RAD + np.radians(MAPS.compared_within_deg), side="right")
+    return np.asarray(last - first >= MAPS.compared_poses)
+
+
+def pair_of(
+    first: tuple[str, records.JointErrorAlone], second: tuple[str, records.JointErrorAlone]
+) -> records.CampaignsAgree:
+    """Compare the error curves of two campaigns, each with its name.
+
+    The slope is that of the second by the first, both being equally uncertain.
+    """
+    (first_name, first_curve), (second_name, second_curve) = first, second
+    both = first_curve.visited & second_curve.visited
+    x, y = first_curve.error_mrad[both], second_curve.error_mrad[both]
+    arc = (ANGLES_RAD[both] // np.radians(MAPS.compared_arc_deg)).astype(int)
+    arcs = np.unique(arc)
+    pair: dict[str, Any] = {
+        "first": first_name,
+        "second": second_name,
+        "share_of_turn": float(both.mean()),
+    }
+    if len(arcs) < MAPS.compared_arcs or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
+        unknown = dict.fromkeys(records.CampaignsAgree.model_fields)
+        return records.CampaignsAgree(**(unknown | pair))
+
+    def interval(statistic: Callable[[Array, Array], float]) -> tuple[float, float, float]:
+        """Return a statistic and its 95 % interval, by leaving out one arc at a time."""
+        whole = statistic(x, y)
+        without = np.array([statistic(x[arc != k], y[arc != k]) for k in arcs])
+        spread = (len(arcs) - 1) / len(arcs) * np.sum((without - without.mean()) ** 2)
+        half = HALF_WIDTH_95 * float(np.sqrt(spread))
+        return whole, whole - half, whole + half
+
+    z, z_low, z_high = interval(lambda x, y: float(np.arctanh(_correlation(x, y))))
+    slope, low, high = interval(_slope)
+    x, y = x - x.mean(), y - y.mean()
+    return records.CampaignsAgree(
+        **pair,
+        correlation=float(np.tanh(z)),
+        correlation95=(float(np.tanh(z_low)), float(np.tanh(z_high))),
+        slope=slope,
+        slope95=(low, high),
+        first_rms_mrad=linear.rms(x),
+        second_rms_mrad=linear.rms(y),
+        difference_rms_mrad=linear.rms(x - y),
+    )
+
+
+def _correlation(x: Array, y: Array) -> float:
+    return float(
+        np.clip(np.corrcoef(x, y)[0, 1], -COMPUTING.most_correlation, COMPUTING.most_correlation)
+    )
+
+
+def _slope(x: Array, y: Array) -> float:
+    """Return the slope of y by x where both are equally uncertain (Deming regression)."""
+    (xx, xy), (_, yy) = np.cov(x, y)
+    return float((yy - xx + np.hypot(yy - xx, 2.0 * xy)) / (2.0 * xy)) if xy else np.nan

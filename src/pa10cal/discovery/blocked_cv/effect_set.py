@@ -1,0 +1,293 @@
+"""Sets of effects, judged by the sum of squares of blocks of poses held out.
+
+For every block all parameters, those of the calibrated model among them, are estimated from the
+other blocks, each with its expected size; the block is then predicted. All is linear, so an effect
+joins or leaves by block elimination on the inverse of the normal equations, without solving them
+anew. This is written out here because `Gaussian` would factorise them for every block and
+candidate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from pa10cal.arrays import Array, Index
+from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect
+from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations, inverse_of, solve_each
+from pa10cal.discovery.linear import standard_error
+from pa10cal.discovery.rules import BLOCKS
+from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.terms.effects.effect import Effect
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns that join together, with the sizes expected of their parameters."""
+
+    index: Index  # (k,) which columns
+    sizes: Array  # (k,) standard deviation expected of each parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate(Columns):
+    """An effect at one shape, or a map of one spacing and smoothness, and its columns."""
+
+    shaped: ShapedEffect
+
+    @property
+    def effect(self) -> Effect:
+        """Return the effect."""
+        return self.shaped.effect
+
+    @property
+    def is_map(self) -> bool:
+        """Return whether it is a map: it has a joint and no cause."""
+        return self.effect.at_knots
+
+    @property
+    def is_named(self) -> bool:
+        """Return whether it has a cause: it is neither a map nor a generic function."""
+        return not (self.is_map or self.effect.generic)
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Return identifier and place: of one name only one form may be in a model."""
+        return self.shaped.name
+
+
+@dataclass(frozen=True, eq=False)
+class _SameLength:
+    """Candidates of k columns each; maps of several sizes have the same columns."""
+
+    candidates: Index  # (m,) number of each candidate
+    places: Index  # (u, k) distinct columns, as places among the columns of all candidates
+    place: Index  # (m,) which row of `places` each candidate has
+    sizes: Array  # (m, k) standard deviation expected of each parameter
+
+
+def _by_length(candidates: Sequence[Columns], every: Index) -> list[_SameLength]:
+    """Return candidates grouped by how many columns they have; `every` (E,) are all columns."""
+    lengths = np.array([len(each.index) for each in candidates])
+    groups = []
+    for length in np.unique(lengths):
+        numbers = np.flatnonzero(lengths == length)
+        columns = np.stack([candidates[int(k)].index for k in numbers])
+        sizes = np.stack([candidates[int(k)].sizes for k in numbers])
+        distinct, place = np.unique(columns, axis=0, return_inverse=True)
+        places = np.searchsorted(every, distinct)
+        groups.append(_SameLength(numbers, places, place.ravel(), sizes))
+    return groups
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSet:
+    """A set of effects that are fitted together with the calibrated model."""
+
+    equations: BlockEquations  # in all columns, block by block
+    total: Gaussian  # the same of all blocks together
+    baseline: Columns  # of the calibrated model, which stand first
+    members: tuple[Candidate, ...]  # in the order in which they joined
+    inverse: Array  # (B, n, n) inverse of the normal equations with each block held out
+
+    @cached_property
+    def index(self) -> Index:
+        """Return the (n,) columns in use: those of the model, then member by member."""
+        return np.concatenate([self.baseline.index, *(each.index for each in self.members)])
+
+    @cached_property
+    def solution(self) -> Array:
+        """Return the parameters estimated without each block, (B, n)."""
+        projection = (self.total.projection - self.equations.projection)[:, self.index]
+        found: Array = (self.inverse @ projection[:, :, None])[:, :, 0]
+        return found
+
+    @cached_property
+    def squares(self) -> Array:
+        """Return the sum of squares of every block, predicted from the others, (B,)."""
+        return self._squares(self.equations, self.solution)
+
+    @cached_property
+    def squares_by_kind(self) -> tuple[Array, ...]:
+        """Return the parts of `squares` of positions and, if measured, of orientations, (B,) each.
+
+        Neither contains the prior on the arm's weights.
+        """
+        readings = self.squares
+        if (precision := self.equations.prior_precision) is not None:
+            readings = readings - self.solution**2 @ precision[self.index]
+        if self.equations.of_positions is None:
+            return (readings,)
+        positions = self._squares(self.equations.of_positions, self.solution)
+        return positions, readings - positions
+
+    def squares_with_each(self, candidates: Sequence[Columns]) -> Array:
+        """Return the sums of squares with each of some candidates added, (m, B)."""
+        every = np.unique(np.concatenate([each.index for each in candidates]))
+        groups = _by_length(candidates, every)
+        blocks = range(len(self.squares))
+        return np.stack([self._block_with_each(b, every, groups) for b in blocks], axis=1)
+
+    def squares_without_each(self) -> Array:
+        """Return the sums of squares with each member taken out, (m, B)."""
+        solutions = map(self.solution_without, range(len(self.members)))
+        found = [self._squares(self.equations, solution) for solution in solutions]
+        return np.array(found).reshape(-1, len(self.squares))
+
+    def _squares(self, equations: BlockEquations, solution: Array) -> Array:
+        """Return the sums of squares (B,) of blocks at parameters (B, n) of the columns in use."""
+        columns = np.ix_(self.index, self.index)
+        squares = []
+        for b, x in enumerate(solution):
+            gram, projection = equations.gram[b][columns], equations.projection[b, self.index]
+            squares.append(float(equations.squares[b] - 2.0 * projection @ x + x @ gram @ x))
+        return np.array(squares)
+
+    def solution_without(self, member: int) -> Array:
+        """Return the parameters (B, n) with a member taken out, its own being zero."""
+        of_member = self._places()[member]
+        found = np.empty_like(self.solution)
+        for b, inverse in enumerate(self.inverse):
+            removed = np.linalg.solve(
+                inverse[np.ix_(of_member, of_member)], self.solution[b][of_member]
+            )
+            found[b] = self.solution[b] - inverse[:, of_member] @ removed
+        found[:, of_member] = 0.0
+        return found
+
+    def with_member(self, candidate: Candidate) -> EffectSet:
+        """Return the set with one more member."""
+        in_use, new = self.index, candidate.index
+        n, m = len(in_use), len(new)
+        inverse = np.empty((len(self.inverse), n + m, n + m))
+        for b, known in enumerate(self.inverse):
+            across = self._gram_of_others(b, in_use, new)
+            response = known @ across
+            schur = inverse_of(
+                self._gram_of_others(b, new, new) - across.T @ response, candidate.sizes
+            )
+            corner = -response @ schur
+            inverse[b, :n, :n] = known - corner @ response.T
+            inverse[b, :n, n:], inverse[b, n:, :n] = corner, corner.T
+            inverse[b, n:, n:] = schur
+        return replace(self, members=(*self.members, candidate), inverse=inverse)
+
+    def without_member(self, member: int) -> EffectSet:
+        """Return the set without one member."""
+        of_member = self._places()[member]
+        rest = np.delete(np.arange(len(self.index)), of_member)
+        inverse = np.empty((len(self.inverse), len(rest), len(rest)))
+        for b, known in enumerate(self.inverse):
+            across = known[np.ix_(rest, of_member)]
+            corner = np.linalg.solve(known[np.ix_(of_member, of_member)], across.T)
+            inverse[b] = known[np.ix_(rest, rest)] - across @ corner
+        members = tuple(each for k, each in enumerate(self.members) if k != member)
+        return replace(self, members=members, inverse=inverse)
+
+    def _block_with_each(self, b: int, every: Index, groups: Sequence[_SameLength]) -> Array:
+        """Return the sum of squares of a block with each candidate added, (m,).
+
+        The other blocks determine a candidate's amounts, by a Schur complement, and the steps that
+        the parameters in use take with them. The squares of the block are quadratic in both.
+        """
+        in_use, solution = self.index, self.solution[b]
+        gram, projection = self.equations.gram[b], self.equations.projection[b]
+        gram_in_use, across = gram[np.ix_(in_use, in_use)], gram[np.ix_(in_use, every)]
+        others_across = self._gram_of_others(b, in_use, every)
+        response = self.inverse[b] @ others_across
+        # products of columns with the residual: of the candidates in the other blocks and in this
+        # block, and of the columns in use in this block
+        gradient_others = (
+            self.total.projection[every] - projection[every] - others_across.T @ solution
+        )
+        gradient_here = projection[every] - across.T @ solution
+        gradient_in_use = projection[in_use] - gram_in_use @ solution
+        count = sum(len(group.candidates) for group in groups)
+        steps, change = np.zeros((count, len(in_use))), np.zeros(count)
+        for group in groups:
+            columns = every[group.places]
+            corner = gram[columns[:, :, None], columns[:, None, :]]
+            responses = response.T[group.places]  # (u, k, n)
+            schur = self.total.gram[columns[:, :, None], columns[:, None, :]] - corner
+            schur -= responses @ others_across.T[group.places].swapaxes(1, 2)
+            place, places = group.place, group.places[group.place]
+            precision = group.sizes**-2.0
+            amounts = solve_each(schur[place], gradient_others[places], precision)[:, None]
+            group_steps = -(amounts @ responses[place])
+            slope = (
+                group_steps @ across.T[group.places].swapaxes(1, 2)[place]
+                - gradient_here[places][:, None]
+            )
+            steps[group.candidates] = group_steps[:, 0]
+            change[group.candidates] = np.sum(
+                amounts * (amounts @ corner[place] + 2.0 * slope), axis=(1, 2)
+            )
+        change += np.sum(steps * (steps @ gram_in_use - 2.0 * gradient_in_use), axis=1)
+        squares: Array = self.squares[b] + change
+        return squares
+
+    def _gram_of_others(self, b: int, rows: Index, columns: Index) -> Array:
+        """Return the products of columns over all blocks but one."""
+        at = np.ix_(rows, columns)
+        found: Array = self.total.gram[at] - self.equations.gram[b][at]
+        return found
+
+    def _places(self) -> list[Index]:
+        """Return where each member's columns stand in the set."""
+        counts = [len(member.index) for member in self.members]
+        stops = len(self.baseline.index) + np.cumsum([0, *counts])
+        return [np.arange(first, last) for first, last in pairwise(stops)]
+
+
+def start(equations: BlockEquations, baseline: Columns) -> EffectSet:
+    """Return the set without members, solved from the beginning."""
+    total, at = equations.summed(), np.ix_(baseline.index, baseline.index)
+    inverse = np.stack(
+        [inverse_of(total.gram[at] - gram[at], baseline.sizes) for gram in equations.gram]
+    )
+    return EffectSet(equations, total, baseline, (), inverse)
+
+
+# Criteria, on sums of squares of held-out blocks (B,) before and after a change of the set.
+
+
+def as_good(squares: Array, than: Array) -> bool:
+    """Return whether sums of squares are no larger than others, to within a standard error."""
+    loss = squares - than
+    return bool(loss.sum() <= standard_error(loss))
+
+
+def surely_helps(gain: Array, least_gain: float, least: float = 0.0) -> bool:
+    """Return whether the total gain exceeds two limits and is significant over the blocks."""
+    total = float(gain.sum())
+    by_chance = BLOCKS.standard_errors * standard_error(gain)
+    return total > max(least_gain, least) and total > by_chance
+
+
+def surely_worse(gain: Array) -> bool:
+    """Return whether the total gain is significantly negative over the blocks."""
+    return float(gain.sum()) < -BLOCKS.worse_errors * standard_error(gain)
+
+
+def within_bounds(chosen: EffectSet) -> bool:
+    """Return whether the last member has a physically possible sign."""
+    effect = chosen.members[-1].effect
+    lower = [parameter.lower for parameter in effect.parameters[: effect.linear]]
+    if chosen.members[-1].is_map or all(bound is None for bound in lower):
+        return True
+    amounts = chosen.solution.mean(axis=0)[-effect.linear :]
+    x = effect.prior_factor @ amounts
+    return all(bound is None or value >= bound for value, bound in zip(x, lower, strict=True))
+
+
+def both_kinds_agree(before: EffectSet, after: EffectSet) -> bool:
+    """Return whether neither positions nor orientations are predicted worse with an effect.
+
+    An effect that improves one and spoils the other is not the physical effect of its name.
+    """
+    pairs = zip(before.squares_by_kind, after.squares_by_kind, strict=True)
+    return not any(surely_worse(squares - squares_after) for squares, squares_after in pairs)

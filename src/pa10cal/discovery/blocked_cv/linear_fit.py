@@ -1,0 +1,151 @@
+"""The effects found, fitted by linear least squares, with maps as fine as held-out blocks support.
+
+Each map has its own B-splines, of any number of knots, in place of the harmonics of the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from pa10cal.arrays import Array, Index
+from pa10cal.discovery.blocked_cv.block_rows import BlockedRows, ShapedEffect
+from pa10cal.discovery.blocked_cv.effect_set import as_good
+from pa10cal.discovery.blocked_cv.normal_equations import solve, summed
+from pa10cal.discovery.rules import BLOCKS, MAPS
+from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.periodic_spline import b_splines_by_knots
+from pa10cal.terms.effects.joint_error_map import JointErrorMap, Spectrum, is_error_map
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Model and effects fitted by linear least squares about the survey's baseline."""
+
+    members: tuple[ShapedEffect, ...]
+    # normal equations of all blocks: N columns of model and nuisances, effects, then the B-splines
+    # of one map after the other
+    equations: Gaussian
+    prior: Array  # (N, N) prior precision
+    columns: tuple[Index, ...]  # of each member
+
+    @cached_property
+    def _solution(self) -> Array:
+        return solve(self.equations.gram, self.equations.projection, self.prior)
+
+    @property
+    def model_amounts(self) -> Array:
+        """Return the changes of the model's parameters, then the amounts of nuisances, (k,).
+
+        In units of their expected sizes.
+        """
+        none = np.zeros(0, dtype=np.intp)
+        return np.delete(self._solution, np.concatenate([none, *self.columns]))
+
+    @property
+    def effect_parameters(self) -> tuple[Array, ...]:
+        """Return the parameters of each member's effect."""
+        parts = zip(self.members, self.columns, strict=True)
+        return tuple(_parameters(member, self._solution[columns]) for member, columns in parts)
+
+
+def linear_fit(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFit:
+    """Fit members to all blocks; the effects of the rows are replaced by those of the members."""
+    return linear_fit_of(summed(_equations_by_block(rows, members)), rows, members)
+
+
+def refine_maps(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> LinearFit:
+    """Fit members, with the finest maps of the search made finer while held-out blocks gain."""
+    best, squares = _fit_and_held_out_squares(rows, members)
+    for knots in MAPS.finer_knots:
+        if not any(_is_finest(member) for member in members):
+            break
+        finer = tuple(with_form(each, knots) if _is_finest(each) else each for each in members)
+        ahead, finer_squares = _fit_and_held_out_squares(rows, finer)
+        if as_good(squares, finer_squares):
+            break
+        best, squares = ahead, finer_squares
+    return best
+
+
+def _fit_and_held_out_squares(
+    rows: BlockedRows, members: tuple[ShapedEffect, ...]
+) -> tuple[LinearFit, Array]:
+    """Return the fit of members, and the sum of squares of each block held out of it, (B,)."""
+    blocks = _equations_by_block(rows, members)
+    fit = linear_fit_of(summed(blocks), rows, members)
+    squares = []
+    for block in blocks:
+        others = fit.equations - block
+        squares.append(block.squares_at(solve(others.gram, others.projection, fit.prior)))
+    return fit, np.array(squares)
+
+
+def linear_fit_of(
+    equations: Gaussian, rows: BlockedRows, members: tuple[ShapedEffect, ...]
+) -> LinearFit:
+    """Fit members by the normal equations of all blocks, in columns as `LinearFit` has them."""
+    maps = maps_among(members)
+    dense_count = equations.unknowns - sum(each.knots for each in maps)
+    factors = [b_splines_by_knots(each.knots) @ each.prior_factor for each in maps]
+    inverses = [np.linalg.inv(factor) for factor in factors]
+    prior = block_diag(np.eye(dense_count), *(inverse.T @ inverse for inverse in inverses))
+    stops = dense_count + np.cumsum([0, *(each.knots for each in maps)])
+    of_maps = [np.arange(first, last) for first, last in pairwise(stops)]
+    of_effects = rows.with_effects_of(members).columns_of_effects()
+    columns = []
+    for member in members:
+        own_kind = of_maps if is_error_map(member.effect) else of_effects
+        columns.append(own_kind.pop(0))
+    return LinearFit(members, equations, prior, tuple(columns))
+
+
+def _equations_by_block(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> list[Gaussian]:
+    """Return the normal equations of each block, in columns as `LinearFit` has them."""
+    rows, (joints, knots) = rows.with_effects_of(members), joints_and_knots(members)
+    blocks = []
+    for block in range(BLOCKS.blocks):
+        positions, others = rows.equations_by_kind(block, joints, knots)
+        blocks.append(positions + others)
+    return blocks
+
+
+def joints_and_knots(members: Sequence[ShapedEffect]) -> tuple[list[int], list[int]]:
+    """Return the joints of the maps among members, and the knots of these maps."""
+    maps = maps_among(members)
+    return [each.joint for each in maps], [each.knots for each in maps]
+
+
+def maps_among(members: Sequence[ShapedEffect]) -> list[JointErrorMap]:
+    """Return the maps among members, in their order."""
+    return [member.effect for member in members if is_error_map(member.effect)]
+
+
+def with_form(member: ShapedEffect, knots: int, spectrum: Spectrum | None = None) -> ShapedEffect:
+    """Return a map with other knots, and with a spectrum if one is given; others as they are."""
+    effect = member.effect
+    if not is_error_map(effect):
+        return member
+    return ShapedEffect(replace(effect, knots=knots, spectrum=spectrum or effect.spectrum))
+
+
+def _parameters(shaped: ShapedEffect, amounts: Array) -> Array:
+    """Return the parameters of an effect for the amounts of its columns."""
+    effect = shaped.effect
+    if is_error_map(effect):
+        errors_at_knots = np.linalg.solve(b_splines_by_knots(effect.knots), amounts)
+        return np.asarray(errors_at_knots, dtype=np.float64)
+    x = shaped.start.copy()
+    x[: effect.linear] += effect.prior_factor @ amounts
+    return x
+
+
+def _is_finest(member: ShapedEffect) -> bool:
+    """Return whether a member is a map at least as fine as the finest of the search."""
+    effect = member.effect
+    return is_error_map(effect) and effect.knots >= MAPS.spacings[-1][0]

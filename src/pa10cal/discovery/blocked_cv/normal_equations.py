@@ -1,0 +1,174 @@
+"""Normal equations of whitened rows, block of poses by block, and their solution under a prior.
+
+The search needs the products of the columns with each other and with the data, and no row. Maps of
+joint errors are kept as the derivative by the joint's angle and four B-splines of that angle: each
+pose touches four of a map's many columns, so that these columns are sparse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.sparse import csr_array
+
+from pa10cal.arrays import Array
+from pa10cal.discovery.other_numbers import COMPUTING
+from pa10cal.discovery.rules import BLOCKS
+from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.periodic_spline import b_splines
+
+#: Cubic B-splines of a map that are not zero at an angle (format).
+_SUPPORT = 4
+
+
+def normal_equations_of(data: Array, dense: Array, splines: csr_array) -> Gaussian:
+    """Return the normal equations of data (R,) in dense columns (R, d), then B-splines (R, K)."""
+    d, total = dense.shape[1], dense.shape[1] + splines.shape[1]
+    observed = np.asarray(dense.any(axis=1))
+    # Rows of zeros are components that other campaigns of a group have.
+    if np.count_nonzero(observed) < BLOCKS.seen_share * len(observed):
+        data, dense = data[observed], dense[observed]
+        splines = splines[np.flatnonzero(observed)]
+    products = np.empty((total + 1, total + 1))
+    products[:d, :d] = dense.T @ dense
+    products[d:-1, :d] = splines.T @ dense
+    products[:d, d:-1] = products[d:-1, :d].T
+    products[d:-1, d:-1] = (splines.T @ splines).toarray()
+    products[-1, :-1] = np.concatenate([dense.T @ data, splines.T @ data])
+    products[:-1, -1], products[-1, -1] = products[-1, :-1], data @ data
+    return Gaussian(products)
+
+
+def in_map_bases(equations: Gaussian, dense_count: int, bases: Sequence[Array]) -> Gaussian:
+    """Return normal equations in other unknowns of the maps.
+
+    The unknowns are those of `dense_count` dense columns, then the B-spline coefficients of one map
+    after the other. Coefficients become basis (K, h) @ new unknowns (h,), map by map: the matrix of
+    all bases is block-diagonal, mostly zeros.
+    """
+    old_stops = dense_count + np.cumsum([0, *(len(basis) for basis in bases)])
+    new_stops = dense_count + np.cumsum([0, *(basis.shape[1] for basis in bases)])
+    maps = list(zip(bases, pairwise(old_stops), pairwise(new_stops), strict=True))
+    gram, projection = np.empty((new_stops[-1], new_stops[-1])), np.empty(new_stops[-1])
+    gram[:dense_count, :dense_count] = equations.gram[:dense_count, :dense_count]
+    projection[:dense_count] = equations.projection[:dense_count]
+    for k, (basis, (old, old_end), (new, new_end)) in enumerate(maps):
+        projection[new:new_end] = basis.T @ equations.projection[old:old_end]
+        # products of this map with itself and with all that stands before it
+        across = basis.T @ equations.gram[old:old_end, :old_end]
+        gram[new:new_end, :dense_count] = across[:, :dense_count]
+        for other_basis, (start, stop), (first, last) in maps[: k + 1]:
+            gram[new:new_end, first:last] = across[:, start:stop] @ other_basis
+        gram[:new, new:new_end] = gram[new:new_end, :new].T
+    return Gaussian.of_products(gram, projection, equations.squares)
+
+
+@dataclass(frozen=True, eq=False)
+class BlockEquations:
+    """Normal equations in N columns of the rows of each of B blocks."""
+
+    gram: Array  # (B, N, N) products of columns with columns
+    projection: Array  # (B, N) products of columns with the data
+    squares: Array  # (B,) sums of squares of the data
+    # the same of position rows alone; None where all rows are of positions
+    of_positions: BlockEquations | None = None
+    # (N,) prior precision that every block's gram contains in addition to its rows; None: none
+    prior_precision: Array | None = None
+
+    def summed(self) -> Gaussian:
+        """Return the normal equations of all blocks together."""
+        return Gaussian.of_products(
+            self.gram.sum(axis=0), self.projection.sum(axis=0), float(self.squares.sum())
+        )
+
+
+def summed(blocks: Sequence[Gaussian]) -> Gaussian:
+    """Return the normal equations of all blocks together."""
+    return sum(blocks[1:], blocks[0])
+
+
+def map_columns(by_angle: Array, q_rad: Array, knots: Sequence[int]) -> csr_array:
+    """Return the derivative of rows by the B-splines of maps, sparse (b P, K1 + K2 + …), by pose.
+
+    Args:
+        by_angle: (P, b, j) derivative of the rows by the angle of each joint that has a map.
+        q_rad: (P, j) these angles.
+        knots: knots a turn of each map.
+    """
+    count, components, joints = by_angle.shape
+    rows = count * components
+    if not joints:
+        return csr_array((rows, 0))
+    splines = [b_splines(each, q_rad[:, j]) for j, each in enumerate(knots)]
+    first = np.cumsum([0, *knots])
+    # Each pose has a fixed number of B-splines of every map that are not zero.
+    values = np.stack([each.data.reshape(count, _SUPPORT) for each in splines], axis=1)
+    columns = np.stack(
+        [each.indices.reshape(count, _SUPPORT) + first[j] for j, each in enumerate(splines)],
+        axis=1,
+    )
+    data = by_angle[:, :, :, None] * values[:, None]
+    indices = np.broadcast_to(columns[:, None], data.shape)
+    starts = np.arange(rows + 1) * _SUPPORT * joints
+    return csr_array((data.ravel(), indices.ravel(), starts), shape=(rows, first[-1]))
+
+
+# Solutions, scaled to a unit diagonal, with a way out where rounding makes a matrix indefinite.
+
+
+def solve(gram: Array, projection: Array, prior: Array) -> Array:
+    """Return the unknowns (k,) or (k, m) that solve (gram + prior) x = projection.
+
+    The prior precision (k, k) is that of unknowns expected about zero.
+    """
+    normal = gram + prior
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.diag(prior)))
+    scaled = (projection.T * scale).T
+    try:
+        factor = cho_factor(normal * np.outer(scale, scale), check_finite=False)
+    except LinAlgError:
+        return no_wider_than(normal, prior) @ projection
+    solved: Array = (cho_solve(factor, scaled, check_finite=False).T * scale).T
+    return solved
+
+
+def solve_each(gram: Array, projection: Array, precision: Array) -> Array:
+    """Return the unknowns (m, k) of m systems (m, k, k) with diagonal prior precisions (m, k)."""
+    diagonal = np.arange(gram.shape[1])
+    normal = gram.copy()
+    normal[:, diagonal, diagonal] += precision
+    scale = 1.0 / np.sqrt(np.maximum(normal[:, diagonal, diagonal], precision))
+    normal *= scale[:, :, None] * scale[:, None, :]
+    try:
+        np.linalg.cholesky(normal)
+    except np.linalg.LinAlgError:  # at least one of them is indefinite
+        systems = zip(gram, projection, precision, strict=True)
+        return np.stack([solve(one, right, np.diag(prior)) for one, right, prior in systems])
+    found: Array = scale * np.linalg.solve(normal, (scale * projection)[:, :, None])[:, :, 0]
+    return found
+
+
+def inverse_of(gram: Array, sizes: Array) -> Array:
+    """Return the covariance (k, k) of unknowns with standard deviations `sizes` (k,) expected."""
+    return solve(gram, np.eye(len(sizes)), np.diag(sizes**-2.0))
+
+
+def no_wider_than(normal: Array, prior: Array) -> Array:
+    """Return the inverse of normal equations with no direction less certain than the prior.
+
+    The normal equations contain the prior precision (k, k), with a row of zeros for an unknown
+    without prior. Without rounding their eigenvalues in units of the prior are at least one.
+    """
+    bare = np.diag(prior) == 0.0
+    root = np.linalg.cholesky(
+        prior + np.diag(np.where(bare, COMPUTING.least_precision * np.diag(normal), 0.0))
+    )
+    within = np.linalg.solve(root, np.linalg.solve(root, normal).T)
+    values, vectors = np.linalg.eigh(0.5 * (within + within.T))
+    vectors = np.linalg.solve(root.T, vectors)
+    inverse: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
+    return inverse

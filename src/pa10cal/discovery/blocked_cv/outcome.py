@@ -1,0 +1,243 @@
+"""The search of a survey, its judged effects, and what is fitted together with these.
+
+`search_survey` does so in order: it searches; adds arrival errors, if a controller stops joints
+short; gives maps a prior variance for each band of frequencies, if that predicts better; fits the
+amounts of base motion and of lagging orientations together with the effects. `search_with_motion`
+repeats that with lines of gears, wobbling axes, and motion in time that its residuals show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+from pa10cal.arrays import Array
+from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
+from pa10cal.discovery.blocked_cv.block_rows import (
+    BlockedRows,
+    ShapedEffect,
+    noise_squares,
+    weighted_rows,
+)
+from pa10cal.discovery.blocked_cv.effect_set import Columns
+from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
+from pa10cal.discovery.blocked_cv.holdout_check import (
+    HoldoutCheck,
+    arrivals,
+    by_arrival,
+    slow_drift,
+)
+from pa10cal.discovery.blocked_cv.judge import Judged, gains_of_others, judged_members
+from pa10cal.discovery.blocked_cv.linear_fit import LinearFit, linear_fit, refine_maps
+from pa10cal.discovery.blocked_cv.refit import Refit, refit
+from pa10cal.discovery.blocked_cv.search import Search
+from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.changed import change_of, rivals_of_steps
+from pa10cal.discovery.finding import Untestable
+from pa10cal.discovery.gear_lines import gear_lines
+from pa10cal.discovery.in_time import in_time_of
+from pa10cal.discovery.noise import AS_FOUND
+from pa10cal.discovery.preparation import sought
+from pa10cal.discovery.rules import LINES, MAPS
+from pa10cal.discovery.wander import NO_MOTION, TimeFindings
+from pa10cal.discovery.wobbles import wobbles
+from pa10cal.results.discovery import Tried
+from pa10cal.terms.effects.effect import Effect, is_effect
+from pa10cal.terms.effects.joint import GearLine
+from pa10cal.terms.effects.structure import AxisWobble
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SearchOutcome:
+    """What the search of a survey found."""
+
+    survey: Survey  # the campaign, its nuisances fitted together with these effects
+    rows: BlockedRows  # by which it was searched
+    linear_fit: LinearFit  # of the effects, maps as fine as held-out blocks support
+    # maps with a prior variance for each band of frequencies; None where none predicts better so
+    bands: InBands | None = None
+    judged: tuple[Judged, ...]  # each of the effects
+    nameless: tuple[Effect, ...]  # generic effects that the search chose: not in the model
+    tried: tuple[Tried, ...]  # what each candidate that was not chosen would still gain
+    errors_mm: Array  # (P,) position errors of held-out blocks
+    hidden: tuple[Untestable, ...]  # effects that these data cannot show
+    below_detection_limit: tuple[Untestable, ...]
+    candidates: int  # how many effects were tried
+    least_gain: float  # sum of squares by which an effect must help at least
+
+    @cached_property
+    def extended(self) -> Refit:
+        """Return the model with the effects, fitted."""
+        effects = tuple(member.effect for member in self.linear_fit.members)
+        widening = AS_FOUND if self.bands is None else self.bands.widening
+        starts = self.linear_fit.effect_parameters
+        return refit(self.survey, effects, starts, self.rows.weights, widening)
+
+    @property
+    def holdout_check(self) -> HoldoutCheck:
+        """Return the check by every tenth pose, about the fitted model and with its weights."""
+        return HoldoutCheck(self.survey, self.extended, self.least_gain)
+
+
+def search_survey(survey: Survey) -> SearchOutcome:
+    """Search a survey, and fit what was found."""
+    shaped, unknown = computable_shapes(survey)
+    found = _searched(weighted_rows(survey, shaped, MAPS.spacings[-1][0]))
+    found = _with_nuisance_amounts(replace(found, hidden=(*unknown, *found.hidden)))
+    if survey.context.commanded:
+        added = arrivals(survey, found.holdout_check, found.extended.effects)
+        found = with_effects_added(found, added)
+    bands = in_bands(found.rows, found.linear_fit)
+    if bands is not None:
+        found = replace(found, linear_fit=bands.fit, bands=bands)
+    found = _with_nuisance_amounts(found)
+    if survey.lag is not None:
+        check = found.holdout_check
+        if not check.helps(check.squares(lag=False), check.squares()):
+            found = replace(found, survey=replace(found.survey, lag=None))
+    return found
+
+
+def _searched(rows: BlockedRows) -> SearchOutcome:
+    """Search among the candidates of weighted rows, and judge what was found."""
+    equations = rows.normal_equations()
+    known = family(rows, equations)
+    search = Search(
+        equations,
+        Columns(rows.baseline_columns, rows.baseline_sizes),
+        known.shown,
+        noise_squares(rows, rows.survey.noise_about(rows.operating_point)),
+        rows.survey.setup.options.error_rate,
+        rows.survey.begins_with,
+    )
+    with_rivals = search.run()
+    others = gains_of_others(search, with_rivals)
+    nameless = tuple(each.effect for each in with_rivals.members if each.effect.generic)
+    chosen = with_rivals
+    for k in reversed(range(len(with_rivals.members))):
+        if with_rivals.members[k].effect.generic:  # rivals are not in the model
+            chosen = chosen.without_member(k)
+    judged, errors_mm = judged_members(rows, search, chosen, with_rivals)
+    members = tuple(member.shaped for member in chosen.members)
+    effect_count, least_gain = search.effect_count, search.least_gain
+    below = below_detection_limit(known, search.is_surely_found)
+    del equations, search, chosen, with_rivals  # they are large
+    return SearchOutcome(
+        survey=rows.survey,
+        rows=rows,
+        linear_fit=refine_maps(rows, members),
+        judged=judged,
+        nameless=nameless,
+        tried=others,
+        errors_mm=errors_mm,
+        hidden=known.hidden,
+        below_detection_limit=below,
+        candidates=effect_count,
+        least_gain=least_gain,
+    )
+
+
+def _with_nuisance_amounts(found: SearchOutcome) -> SearchOutcome:
+    """Return the outcome with the nuisances as fitted together with the effects."""
+    count = found.survey.nuisance_count
+    if not count:
+        return found
+    amounts = found.linear_fit.model_amounts
+    return replace(found, survey=found.survey.with_amounts(amounts[len(amounts) - count :]))
+
+
+def with_effects_added(found: SearchOutcome, added: Sequence[Judged]) -> SearchOutcome:
+    """Return the outcome with more effects; each replaces one of the same name that was found."""
+    if not added:
+        return found
+    names = {(each.effect.id, each.effect.of) for each in added}
+    places = {each.effect.of for each in added if by_arrival(each.effect)}
+    in_time = any(each.effect.goes_with_time for each in added)
+    kept = [k for k, each in enumerate(found.linear_fit.members) if each.name not in names]
+    members = (
+        *(found.linear_fit.members[k] for k in kept),
+        *(ShapedEffect(each.effect) for each in added),
+    )
+
+    def is_still_tried(each: Tried) -> bool:
+        """Return whether it is no form of what was added: that was tried in vain, and helped."""
+        return (each.id, each.of) not in names and not (by_arrival(each) and each.of in places)
+
+    return replace(
+        found,
+        judged=(*(found.judged[k] for k in kept), *added),
+        # the same motion is not reported twice
+        nameless=tuple(each for each in found.nameless if not (in_time and each.goes_with_time)),
+        tried=tuple(filter(is_still_tried, found.tried)),
+        linear_fit=linear_fit(found.rows, members),
+    )
+
+
+class SearchWithMotion(NamedTuple):
+    """The outcome of a search that knows of motion in time."""
+
+    outcome: SearchOutcome
+    in_time: TimeFindings  # what the residuals of the search without motion show of time
+    # by the time of each jump, what explains it as well, in words
+    rivals_of_jumps: Mapping[float, tuple[str, ...]]
+
+
+def search_with_motion(survey: Survey) -> SearchWithMotion:
+    """Search a survey, again with what moved or changed in time, then for a slow drift."""
+    found = _with_lines_and_wobbles(survey)
+    survey, fitted = found.rows.survey, found.extended  # the survey begins with what was added
+    whiteners = fitted.weights.whiteners()
+    poses, logged = survey.poses, survey.torques_logged
+    effects = tuple(sought(survey.context, survey.baseline.model.terms))
+    rivals: Mapping[float, tuple[str, ...]] = {}
+    change = change_of(fitted.at, poses, whiteners, effects, logged=logged)
+    in_time = NO_MOTION
+    if change is not None:
+        found = search_survey(survey.changing(change))
+    else:
+        # An effect of time that was found is one explanation among those of a base that moved.
+        terms = fitted.at.model.terms
+        of_time = [each for each in terms if is_effect(each) and each.goes_with_time]
+        known = replace(fitted.at, covariance=None)
+        still = known.only(*(each for each in terms if each not in of_time))
+        in_time = in_time_of(still, poses, whiteners, effects, logged=logged, weights=True)
+        if in_time.wander is not None:
+            rivals = rivals_of_steps(in_time.wander, still, poses, whiteners)
+            found = search_survey(survey.moving(in_time.wander))
+    drift = slow_drift(found.survey, found.holdout_check, found.extended.effects)
+    return SearchWithMotion(with_effects_added(found, drift), in_time, rivals)
+
+
+def _with_lines_and_wobbles(survey: Survey) -> SearchOutcome:
+    """Search a survey, again with the lines of gears and wobbling axes that its residuals show."""
+    found = search_survey(survey)
+    for _ in range(LINES.most_rounds):
+        added = _lines_and_wobbles(survey, found.extended)
+        if not added:
+            break
+        survey = replace(
+            survey,
+            baseline=survey.baseline.bending_as(added),
+            begins_with=(*survey.begins_with, *added),
+        )
+        found = search_survey(survey)
+    return found
+
+
+def _lines_and_wobbles(survey: Survey, fitted: Refit) -> tuple[Effect, ...]:
+    """Return the lines of gears, and the axis that wobbles most, in the residuals of a search.
+
+    At joints where none was tried.
+    """
+    tried = {
+        kind: [each.of for each in survey.begins_with if each.id == kind]
+        for kind in (GearLine.id, AxisWobble.id)
+    }
+    at, poses, setup, context = fitted.at, survey.poses, survey.setup, survey.context
+    rate, payload = setup.options.error_rate, setup.payload
+    residual, whiten = survey.net_residual(at), fitted.weights.whiteners()
+    lines = gear_lines(at, poses, residual, whiten, rate, tried[GearLine.id])
+    axes = wobbles(at, poses, residual, whiten, context, payload, rate, tried[AxisWobble.id])
+    return (*lines, *axes)

@@ -1,0 +1,218 @@
+"""The non-linear fit of the model with some effects, under the noise models of the evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pa10cal.arrays import Array
+from pa10cal.discovery.evidence.problem import EvidenceProblem
+from pa10cal.discovery.linear import (
+    ModelWithEffects,
+    at_unknowns,
+    held_of_base,
+    residual,
+    residual_and_jacobian,
+    residual_then_jacobian,
+    unknowns,
+    with_base_term,
+)
+from pa10cal.discovery.other_numbers import COMPUTING
+from pa10cal.discovery.rules import EVIDENCE
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.problem import possible_sizes
+from pa10cal.numerics.least_squares import Bounds, Equations, minimise
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.term import shows_torque
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceFit(ModelWithEffects):
+    """The calibrated model with effects, fitted under the noise models of the evidence."""
+
+    sizes: tuple[int, ...]  # index in `EVIDENCE.sizes` of the size expected of each effect
+    pose_variance: float  # of the errors that the cells of a pose share, as assumed in the fit
+    torque_variance: float  # the same of torques
+
+    @property
+    def size_of(self) -> dict[Effect, int]:
+        """Return the index in `EVIDENCE.sizes` of the size expected of each effect."""
+        return dict(zip(self.effects, self.sizes, strict=True))
+
+    @property
+    def variances(self) -> tuple[float, float]:
+        """Return the variances of the shared errors of poses and of torques."""
+        return self.pose_variance, self.torque_variance
+
+
+def fit(
+    problem: EvidenceProblem,
+    effects: tuple[Effect, ...],
+    sizes: tuple[int, ...],
+    variances: tuple[float, float],
+    start: EvidenceFit | None = None,
+) -> EvidenceFit:
+    """Fit the model with some effects, from every shape of those that have several.
+
+    Args:
+        problem: the campaign.
+        effects: what is added to the calibrated model.
+        sizes: index in `EVIDENCE.sizes` of the size expected of each effect.
+        variances: of the shared errors of poses and of torques.
+        start: the fit at which this one starts; None for the baseline.
+
+    Returns:
+        The fit with the least cost.
+    """
+    baseline, first = problem.baseline, len(problem.baseline.x)
+    model = replace(with_base_term(baseline, effects), kept=problem.kept)
+    targets = problem.cells.measured.target_parameters[: len(baseline.targets_m)]
+    bounds = Bounds.of((*model.parameters, *targets))
+    own = np.concatenate([baseline.x, np.zeros(6), baseline.targets_m])
+    known: dict[Effect, Array] = {}
+    if start is not None:
+        own = start.x[start.own_columns()]
+        known = {effect: start.of(effect) for effect in start.effects}
+    # An effect of the start keeps its shape: only those that join have several.
+    shapes = max((len(effect.starts) for effect in effects if effect not in known), default=1)
+    best: tuple[float, EvidenceFit] | None = None
+    for shape in range(shapes):
+        parts = [
+            known[effect] if effect in known else effect.starts[min(shape, len(effect.starts) - 1)]
+            for effect in effects
+        ]
+        x_start = np.concatenate([own[:first], *parts, own[first:]])
+        x, targets_m = np.split(x_start, [len(model.parameters)])
+        at = replace(baseline, model=model, x=x, targets_m=targets_m)
+        rows = _FitRows(problem, effects, sizes, variances, at)
+        found = minimise(
+            bounds.clip(x_start),
+            rows.equations,
+            lambda x, step: bounds.clip(x + step),
+            lambda _, taken: (
+                taken.gained <= COMPUTING.fit_precision * (1.0 + taken.before.cost - taken.gained)
+            ),
+            most_steps=COMPUTING.fit_steps,
+            held=bounds.held,
+            beyond=bounds.beyond,
+            cost=rows.cost,
+            first_damping=COMPUTING.fit_damping,
+        )
+        if best is None or found.equations.cost < best[0]:
+            fitted = EvidenceFit(
+                effects, at_unknowns(at, found.at), found.converged, sizes, *variances
+            )
+            best = found.equations.cost, fitted
+    assert best is not None
+    return best[1]
+
+
+def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
+    """Return the covariance (k, k) of all parameters, by the data and the expected sizes.
+
+    Zero of the base where the calibration held it.
+    """
+    rows = _FitRows(problem, found.effects, found.sizes, found.variances, found.at)
+    free = np.ones(len(found.x), dtype=bool)
+    base = found.at.model.columns_of(found.at.model.terms[-1])
+    free[base] = ~held_of_base(problem.baseline)
+    of_free = np.ix_(free, free)
+    information = rows.equations(found.x).normal[of_free]
+    size = 1.0 / np.sqrt(np.diag(information))
+    covariance = np.zeros((len(free), len(free)))
+    covariance[of_free] = np.linalg.inv(information * np.outer(size, size)) * np.outer(size, size)
+    return covariance
+
+
+def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
+    """Return the errors of the targets' stated places on the apparatus, (a,) [m].
+
+    They are common to all poses. The fit integrates them out; here they are estimated from its
+    residuals.
+    """
+    rows = problem.pose.rows(residual(found.at, problem.cells)[:, :, None])
+    units = problem.pose.common_amounts(rows, found.pose_variance)[:, 0]
+    stated = problem.cells.measured.by_stated_targets.shape[2]  # other common errors follow
+    return np.asarray(-problem.setup.apparatus_m * units[:stated], dtype=np.float64)
+
+
+class _FitRows:
+    """Rows of the fit: whitened poses and torques, and the prior of every parameter."""
+
+    def __init__(
+        self,
+        problem: EvidenceProblem,
+        effects: tuple[Effect, ...],
+        sizes: tuple[int, ...],
+        variances: tuple[float, float],
+        at: FittedModel,
+    ) -> None:
+        self._problem, self._at, self._variances = problem, at, variances
+        self._torque = problem.torque if any(map(shows_torque, effects)) else None
+        possible = possible_sizes(at.model, problem.cells.measured)
+        prior_rows = np.diag(1.0 / possible)
+        # The prior mean is that of tool and targets as calibrated, of the shape of an effect where
+        # it starts (with an amount of zero the data do not determine it, and its first step would
+        # end at a bound), and zero of all else.
+        x_start, baseline = unknowns(at), problem.baseline
+        of_tool = baseline.model.having("tool")
+        mean = np.zeros(len(x_start))
+        mean[: len(of_tool)] = np.where(of_tool, baseline.x, 0.0)
+        mean[len(at.x) :] = baseline.targets_m
+        for effect, size in zip(effects, sizes, strict=True):
+            at_effect = at.model.columns_of(effect)
+            linear = slice(at_effect.start, at_effect.start + effect.linear)
+            prior_rows[linear, linear] = np.linalg.inv(EVIDENCE.sizes[size] * effect.prior_factor)
+            mean[linear.stop : at_effect.stop] = x_start[linear.stop : at_effect.stop]
+        self._prior_rows, self._prior_mean = prior_rows, mean
+        self._last_x: Array | None = None
+
+    def _evaluate(self, x: Array) -> None:
+        """Compute the residuals of poses at parameters, once for cost and equations."""
+        if self._last_x is not x:
+            self._last_x, self._at = x, at_unknowns(self._at, x)
+            self._residual, self._jacobian = residual_then_jacobian(self._at, self._problem.cells)
+
+    def cost(self, x: Array) -> float:
+        """Return the sum of squares at parameters (k,), without derivatives."""
+        self._evaluate(x)
+        problem, off = self._problem, self._prior_rows @ (x - self._prior_mean)[:, None]
+        rows = [problem.pose.whitened(self._residual[:, :, None], self._variances[0])]
+        if self._torque is not None:
+            torque_Nm = torque_residual_Nm(problem, self._at)
+            rows.append(self._torque.whitened(torque_Nm[:, :, None], self._variances[1]))
+        return float(sum(np.sum(part**2) for part in (*rows, off)))
+
+    def equations(self, x: Array) -> Equations:
+        """Return cost, gradient and normal equations at parameters (k,)."""
+        self._evaluate(x)
+        problem, off = self._problem, self._prior_rows @ (x - self._prior_mean)
+        of_pose = np.concatenate([self._residual[:, :, None], self._jacobian()], axis=2)
+        rows = [problem.pose.whitened(of_pose, self._variances[0])]
+        if self._torque is not None:
+            rows.append(self._torque.whitened(torque_rows(problem, self._at), self._variances[1]))
+        rows.append(np.concatenate([off[:, None], self._prior_rows], axis=1))
+        every = np.concatenate(rows)
+        return Equations.of(every[:, 0], every[:, 1:])
+
+
+def pose_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
+    """Return predicted minus measured and its derivative side by side, (C, b, 1 + k + t)."""
+    difference, jacobian = residual_and_jacobian(at, problem.cells)
+    return np.concatenate([difference[:, :, None], jacobian], axis=2)
+
+
+def torque_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
+    """Return predicted minus logged torque and its derivative side by side, (C, n, 1 + k + t)."""
+    states, model = problem.cells.states, at.model
+    difference_Nm = torque_residual_Nm(problem, at)
+    by_targets = np.zeros((*difference_Nm.shape, len(at.targets_m)))
+    return np.concatenate(
+        [difference_Nm[:, :, None], model.torque_jacobian(states, at.x), by_targets], axis=2
+    )
+
+
+def torque_residual_Nm(problem: EvidenceProblem, at: FittedModel) -> Array:
+    """Return predicted minus logged torque, (C, n)."""
+    return at.model.torque_Nm(problem.cells.states, at.x) - problem.torque_without_weights_Nm

@@ -1,0 +1,314 @@
+"""Single readings, and poses, with gross errors: those that others do not confirm.
+
+What a model lacks moves all readings of a pose alike; a gross error moves one. So a reading is
+judged by the others of its group, those of its pose, load and direction of arrival. A reading
+without others is judged by the calibrated model, and only beyond what heavy tails of its errors
+explain. Touched balls are judged like all else: each touch was within its ball, but the ball may
+have been in another place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.special import chdtri
+
+from pa10cal.arrays import Array, Index, Mask
+from pa10cal.discovery.linear import by_every_joint, residual
+from pa10cal.discovery.noise import (
+    noise_of_repeats,
+    pose_weights,
+    repeat_groups,
+    whitener_of,
+)
+from pa10cal.discovery.rules import NOISE, ROWS
+from pa10cal.errors import DiscoveryError
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.tails import Tails, by_stated, components_seen, confirmed
+from pa10cal.observe.instrument import group_means
+from pa10cal.observe.observations import Observations, average_groups
+from pa10cal.rules import SCATTER
+
+
+@dataclass(frozen=True)
+class GrossErrors:
+    """Which of P single readings have a gross error."""
+
+    excluded: Mask  # (P,) readings that are not to be averaged
+    accused: Mask  # (P,) those of them that no heavy tail of correct data explains
+    times: Array  # (P,) deviation over the usual one
+    off_mm: Array  # (P,) deviation, of the position or distance
+
+    @classmethod
+    def none(cls, count: int) -> GrossErrors:
+        """Return that so many readings have no gross error."""
+        nobody, nothing = np.zeros(count, dtype=bool), np.zeros(count)
+        return cls(nobody, nobody, nothing, nothing)
+
+
+def gross_errors(readings: Observations, model: FittedModel) -> GrossErrors:
+    """Return which of P complete single readings have a gross error.
+
+    Each is judged by the others of its group, or by the model where there are none.
+    """
+    of_model, group = residual(model, readings), repeat_groups(readings)
+    alone = np.bincount(group)[group] < 2
+    found = _off_repeats(readings, model, of_model, group)
+    if not alone.any():
+        return found
+    white = _whitened(readings, model, of_model)
+    far = alone & _beyond_tails(white, readings, np.ones_like(alone))
+    far &= above_noise(readings, of_model, white)
+    far &= ~confirmed(readings, of_model, np.flatnonzero(far))
+    far &= ~_in_time(far, readings.states.time_s)
+    return GrossErrors(
+        excluded=found.excluded | far,
+        accused=found.accused | far,
+        times=np.where(far, times_usual(white, readings), found.times),
+        off_mm=np.where(far, position_mm(readings, of_model), found.off_mm),
+    )
+
+
+def _off_repeats(
+    readings: Observations, model: FittedModel, of_model: Array, group: Index
+) -> GrossErrors:
+    """Return the gross errors of readings that have others in their group.
+
+    The scatter is first that of the stated covariance, then that found from the readings that
+    remain, where these are enough.
+    """
+    if (np.bincount(group)[group] < 2).all():
+        return GrossErrors.none(len(readings))
+    seen, stated = readings.measured.components_seen, readings.measured.stated_covariance
+    still = of_model - moved_between_repeats(readings, of_model, group)
+    repeats = _Repeats(readings, still, group)
+    nobody = np.zeros(len(readings), dtype=bool)
+    found = repeats.gross_errors(whitener_of(stated), nobody, SCATTER.least_stated)
+    try:
+        apart, _ = _less_others(still, group, seen, found.excluded)
+        plain = np.where(found.excluded[:, None], still - apart, still)
+        noise = noise_of_repeats(readings, -plain, by_every_joint(model, readings))
+        whitener = whitener_of(noise.cov + SCATTER.least_stated**2 * stated)
+    except (DiscoveryError, np.linalg.LinAlgError):
+        pass
+    else:
+        found = repeats.gross_errors(whitener, found.excluded, ROWS.least_noise_share)
+    apart, _ = _less_others(still, group, seen, found.excluded)
+    if _of_one_joint(readings, model, apart, found.excluded):
+        return GrossErrors.none(len(readings))
+    return replace(found, off_mm=position_mm(readings, apart))
+
+
+@dataclass(frozen=True, eq=False)
+class _Repeats:
+    """Single readings that are compared with the others of their group."""
+
+    readings: Observations
+    residual: Array  # (P, b) motion between repeats taken out
+    group: Index  # (P,)
+
+    def whitened(self, whitener: Array, out: Mask) -> Array:
+        """Return the deviations (P, b) from the mean of the others, whitened; `out` in no mean."""
+        seen = self.readings.measured.components_seen
+        apart, others = _less_others(self.residual, self.group, seen, out)
+        apart /= np.sqrt(1.0 + 1.0 / np.maximum(others, 1.0))  # the mean scatters as well
+        return np.asarray((whitener @ apart[:, :, None])[:, :, 0])
+
+    def gross_errors(self, whitener: Array, without: Mask, least: float) -> GrossErrors:
+        """Return the gross errors by a whitener (P, b, b) of readings.
+
+        The usual scatter of each kind of component is found from readings but those `without`, and
+        is at least the factor `least` of what the whitener has. In each group the reading furthest
+        from the others is excluded, as long as one is beyond the limit.
+        """
+        readings, group = self.readings, self.group
+        seen = readings.measured.components_seen
+        alone = np.bincount(group)[group] < 2
+        first, scale = self.whitened(whitener, without), np.ones(seen.shape[1])
+        for _, at in readings.measured.component_kinds:
+            here = (first[:, at] != 0.0) & ~(alone | without)[:, None]
+            scale[at] = max(Tails.of(first[:, at][here]).scale, least)
+        components = np.maximum(seen.sum(axis=1), 1)
+        limit = np.sqrt(chdtri(components, ROWS.excluded_rate / len(readings)))
+        limit *= 1.0 + ROWS.scale_error / np.sqrt(float(seen[~(alone | without)].sum()))
+        of_model = np.linalg.norm(by_stated(readings, self.residual), axis=1)
+        out = np.zeros(len(readings), dtype=bool)
+        while True:
+            distance = np.linalg.norm(self.whitened(whitener, out) / scale, axis=1)
+            far = np.flatnonzero(~out & (distance > limit))
+            if not len(far):
+                break
+            # Of two readings the one further from the model; of more, the one off the others.
+            remaining = np.bincount(group[~out], minlength=group.max() + 1)[group]
+            several = np.where(remaining[far] > 2, distance[far], 0.0)
+            furthest = far[np.lexsort((of_model[far], several))[::-1]]
+            worst = np.unique(group[furthest], return_index=True)[1]
+            out[furthest[worst]] = True
+        white = self.whitened(whitener, out) / scale
+        times = times_usual(white, readings)
+        out &= ~_in_time(out, readings.states.time_s)
+        beyond = _beyond_tails(white, readings, ~(alone | out), ~alone)
+        return GrossErrors(out, out & beyond, times, np.zeros(len(readings)))
+
+
+def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out: Mask) -> bool:
+    """Return whether excluded readings are off their repeats by similar motions of one joint.
+
+    A joint that rests in its lost motion or hysteresis now at one side, now at the other, does so:
+    its readings are correct.
+
+    Args:
+        apart: (P, b) deviations from the others of the group.
+        out: (P,) excluded readings.
+    """
+    rows = np.flatnonzero(out & np.any(apart != 0.0, axis=1))
+    off = readings.take(rows)
+    if len(rows) < ROWS.least_of_a_joint or off.measured.components_seen.sum(axis=1).min() < 3:
+        return False
+    whitener = whitener_of(off.measured.stated_covariance)
+    white = (whitener @ apart[rows, :, None])[:, :, 0]
+    by_joint = whitener @ by_every_joint(model, off)
+    turned = np.einsum("pbj,pb->pj", by_joint, white)
+    turned /= np.maximum(np.sum(by_joint**2, axis=1), np.finfo(float).tiny)
+    remaining = np.sum((white[:, :, None] - by_joint * turned[:, None, :]) ** 2, axis=(0, 1))
+    joint = int(np.argmin(remaining))
+    size = np.abs(turned[:, joint])
+    alike = size.max() <= ROWS.of_a_joint_times * np.median(size)
+    return bool(alike and remaining[joint] <= (1.0 - ROWS.of_a_joint_share) * np.sum(white**2))
+
+
+def poses_off(readings: Observations, model: FittedModel) -> dict[str, tuple[float, float]]:
+    """Return the poses whose averages have a gross error: their deviation [mm], and over the usual.
+
+    The single readings are without gross errors of their own.
+    """
+    labels, pose = np.unique(readings.pose, return_inverse=True)
+    if len(labels) == len(readings):
+        return {}  # each was judged as a reading
+    averages = average_groups(readings, pose)
+    of_model = group_means(residual(model, readings), pose)
+    white = _whitened(averages, model, of_model)
+    far = np.zeros(len(labels), dtype=bool)
+    for _, at in averages.measured.component_kinds:
+        tails = Tails.of(white[:, at][components_seen(averages, at)], ROWS.of_poses_errors)
+        far |= np.any(np.abs(white[:, at]) > tails.largest(ROWS.of_poses_rate), axis=1)
+    far &= ~_in_time(far, averages.states.time_s)
+    far &= above_noise(averages, of_model, white)
+    times = times_usual(white, averages)
+    off_mm = position_mm(averages, of_model)
+    return {str(labels[k]): (float(off_mm[k]), float(times[k])) for k in np.flatnonzero(far)}
+
+
+def _whitened(readings: Observations, model: FittedModel, of_model: Array) -> Array:
+    """Return the residual (P, b) of a model, whitened by its own scatter."""
+    dof = len(model.model.parameters) + len(model.targets_m) + 6
+    whitener = pose_weights(of_model, dof, readings.measured).whitener
+    return np.asarray((whitener @ of_model[:, :, None])[:, :, 0])
+
+
+def _beyond_tails(
+    white: Array, readings: Observations, usual: Mask, judged: Mask | None = None
+) -> Mask:
+    """Return which readings (P,) are further off than the tails of correct data explain.
+
+    Args:
+        white: (P, b) whitened deviations; zero where there is nothing to compare with.
+        usual: (P,) readings whose deviations show the tails.
+        judged: (P,) readings that may be beyond them; None for the same.
+    """
+    judged = usual if judged is None else judged
+    beyond = np.zeros(len(readings), dtype=bool)
+    # Tails are found anew without readings beyond them, so that these do not hide each other.
+    while True:
+        found = beyond.copy()
+        for _, at in readings.measured.component_kinds:
+            seen = components_seen(readings, at) & (white[:, at] != 0.0)
+            bulk = white[:, at][seen & (usual & ~beyond)[:, None]]
+            limit = Tails.of(bulk).largest(SCATTER.accused_rate)
+            found |= judged & np.any(seen & (np.abs(white[:, at]) > limit), axis=1)
+        if not (found & ~beyond).any() or found.mean() > ROWS.most_beyond_share:
+            break
+        beyond = found
+    return beyond
+
+
+def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Array, Array]:
+    """Return values (P, b) less the mean of the others of their group, and the number of others.
+
+    Zero where no other was seen. Readings that are out (P,) are in no mean.
+    """
+    counts = seen & ~out[:, None]
+    shape = (int(group.max()) + 1, values.shape[1])
+    total, times = np.zeros(shape), np.zeros(shape)
+    np.add.at(total, group, np.where(counts, values, 0.0))
+    np.add.at(times, group, counts)
+    others = times[group] - counts
+    mean = (total[group] - np.where(counts, values, 0.0)) / np.maximum(others, 1.0)
+    return np.where(seen & (others > 0), values - mean, 0.0), others
+
+
+def _in_time(off: Mask, time_s: Array) -> Mask:
+    """Return which readings (P,) are off in a stretch of time in which most readings are off."""
+    order = np.argsort(time_s, kind="stable")
+    window = np.ones(2 * ROWS.neighbours + 1)
+    if len(off) < len(window):
+        return np.zeros(len(off), dtype=bool)
+    most_are_off = np.convolve(off[order], window, mode="same") - off[order] > ROWS.neighbours
+    together = np.zeros(len(off), dtype=bool)
+    together[order] = np.convolve(most_are_off & off[order], window, mode="same") >= 1.0
+    return together & off
+
+
+def above_noise(readings: Observations, of_model: Array, white: Array) -> Mask:
+    """Return which readings (P,) are further off than is usual, and than their stated noise.
+
+    Args:
+        of_model: (P, b) residual.
+        white: (P, b) the same, whitened by its scatter.
+    """
+    stated = times_usual(by_stated(readings, of_model), readings)
+    return np.asarray((stated > 1.0) & (times_usual(white, readings) > 1.0))
+
+
+def times_usual(white: Array, readings: Observations) -> Array:
+    """Return the root mean square (P,) over the components seen of whitened deviations (P, b)."""
+    components = np.maximum(readings.measured.components_seen.sum(axis=1), 1)
+    return np.asarray(np.linalg.norm(white, axis=1) / np.sqrt(components))
+
+
+def position_mm(readings: Observations, apart: Array) -> Array:
+    """Return the length (P,) [mm] of deviations (P, b) in positions or distances."""
+    at = readings.measured.position_columns
+    return np.asarray(1e3 * np.linalg.norm(apart[:, at], axis=1))
+
+
+def moved_between_repeats(readings: Observations, of_model: Array, group: Index) -> Array:
+    """Return the motion of readings in the course of time, (P, b), by running medians.
+
+    Gross errors do not sway a median. Zero where the motion is smaller than the scatter about it.
+
+    Args:
+        of_model: (P, b) residual of a model.
+        group: (P,) number, from 0, of each reading's pose, load and direction of arrival.
+    """
+    found = np.zeros_like(of_model)
+    several = np.bincount(group)[group] > 1
+    if np.count_nonzero(several) <= ROWS.median_readings:
+        return found
+    apart = np.empty_like(of_model)  # less the median of the group
+    for own in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
+        apart[own] = of_model[own] - np.median(of_model[own], axis=0)
+    rows = np.flatnonzero(several)
+    rows = rows[np.argsort(readings.states.time_s[rows], kind="stable")]
+    running_median = median_filter(apart[rows], size=(ROWS.median_readings, 1), mode="nearest")
+    for _, at in readings.measured.component_kinds:
+        seen = readings.measured.components_seen[rows, at]
+        moved, rest = running_median[:, at], apart[rows, at] - running_median[:, at]
+        if not seen.any():
+            continue
+        scatter = NOISE.median_to_sigma * float(np.median(np.abs(rest[seen])))
+        if float(np.sqrt(np.mean(moved[seen] ** 2))) > scatter:
+            found[rows, at] = np.where(seen, moved, 0.0)
+    return found

@@ -1,0 +1,106 @@
+"""Scatter of single poses about a model: variances of joint positions and of the instrument.
+
+A controller stops a joint where friction lets it, some ten microradians from its command; such an
+error moves all components of a pose together. The residuals are split into a variance of each
+joint's position and one of each kind of component, by maximum likelihood. With the uncertainty of
+the model they give the interval in which a measured pose is expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from pa10cal.arrays import Array
+from pa10cal.discovery.linear import by_joints, position_m
+from pa10cal.discovery.other_numbers import COMPUTING
+from pa10cal.discovery.rules import NOISE
+from pa10cal.fit.fitted import TOOL_FRAME
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.forward import Forward
+from pa10cal.observe.observations import Observations
+from pa10cal.results.record import HALF_WIDTH_95
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDeviations:
+    """Standard deviations of single poses about a model."""
+
+    joints: Array  # (n,) of joint positions [rad, m]
+    kinds: Mapping[str, float]  # of each kind of component, by its name [m, rad]
+
+    def covariance(self, at: FittedModel, poses: Observations) -> Array:
+        """Return the covariance of the components of poses, (P, b, b)."""
+        moved = by_joints(at, poses, range(1, at.arm.n + 1)) * self.joints
+        found = moved @ np.swapaxes(moved, 1, 2)
+        for name, kind in poses.measured.component_kinds:
+            own = np.arange(found.shape[1])[kind]
+            found[:, own, own] += self.kinds[name] ** 2
+        return np.asarray(found, dtype=np.float64)
+
+
+def scatter_of(at: FittedModel, poses: Observations, residual: Array) -> PoseDeviations:
+    """Return the scatter of the complete poses of a fit, by their residual (P, b)."""
+    every = max(1, len(poses) // NOISE.enough_poses)
+    poses, residual = poses.take(np.arange(0, len(poses), every)), residual[::every]
+    by_joint = by_joints(at, poses, range(1, at.arm.n + 1))
+    # Covariances (P, b, b) by a unit variance of each joint, then of each kind of component.
+    units = [own[:, :, None] * own[:, None, :] for own in np.moveaxis(by_joint, 2, 0)]
+    seen, identity = poses.measured.components_seen, np.eye(residual.shape[1])
+    units += [
+        np.diag(identity[kind].sum(axis=0))[None] for _, kind in poses.measured.component_kinds
+    ]
+    unseen = np.where(seen, 0.0, 1.0)[:, :, None] * identity
+    both = seen[:, :, None] & seen[:, None, :]
+    units = [np.where(both, unit, 0.0) for unit in units]
+    residual = np.where(seen, residual, 0.0)
+
+    def cost(logs: Array) -> tuple[float, Array]:
+        variances = np.exp(logs)
+        covariance = unseen + sum(size * unit for size, unit in zip(variances, units, strict=True))
+        inverse = np.linalg.inv(covariance)
+        white = (inverse @ residual[:, :, None])[:, :, 0]
+        value = np.linalg.slogdet(covariance)[1].sum() + np.sum(white * residual)
+        slope = inverse - white[:, :, None] * white[:, None, :]
+        by_variance = np.array([np.sum(slope * unit) for unit in units])
+        return float(value) / len(residual), variances * by_variance / len(residual)
+
+    of_kinds = {  # to begin with: half the mean square of each kind
+        name: max(float(np.mean(residual[:, kind][seen[:, kind]] ** 2)) / 2.0, NOISE.variances[0])
+        for name, kind in poses.measured.component_kinds
+    }
+    start = np.log(np.concatenate([np.full(at.arm.n, NOISE.first_variance), [*of_kinds.values()]]))
+    found = minimize(
+        cost,
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(np.log(NOISE.variances[0]), np.log(NOISE.variances[1]))] * len(start),
+        options={"maxiter": COMPUTING.noise_steps},
+    )
+    std = np.exp(0.5 * found.x)
+    return PoseDeviations(
+        std[: at.arm.n], dict(zip(of_kinds, std[at.arm.n :].tolist(), strict=True))
+    )
+
+
+def share_inside(
+    fitted: FittedModel, scatter: PoseDeviations, poses: Observations, residual: Array | None = None
+) -> float:
+    """Return the share of coordinates of measured positions that lie in their 95 % intervals.
+
+    The model has a covariance; its residual (P, b) is computed if it is not given.
+    """
+    residual = fitted.compared(poses).residual if residual is None else residual
+    of_poses = scatter.covariance(fitted, poses)
+    off_m, variance = position_m(fitted, poses, residual, of_poses)
+    forward = Forward.of(fitted, TOOL_FRAME)
+    R = fitted.T_instr_base[:3, :3]
+    own = R @ forward.position_covariance(poses.states, forward.end(poses.states)) @ R.T
+    total = variance + np.diagonal(own, axis1=1, axis2=2)
+    seen = np.isfinite(off_m) & (total > 0.0)
+    inside = np.abs(off_m[seen]) <= HALF_WIDTH_95 * np.sqrt(total[seen])
+    return float(inside.mean())

@@ -1,0 +1,125 @@
+"""Loads and tool that the log states wrongly, found by logged torques.
+
+Where effects are judged by blocks of poses, logged torques are no rows of the search: springs take
+them from the log as they are, and a wrong load moves no pose. It shows in the torques alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pa10cal.arrays import Array, Index
+from pa10cal.discovery.finding import DiagnosedFault, fault_of
+from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.discovery.rules import TORQUES
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import statics_of
+from pa10cal.fit.uncertain_weights import weight_sizes
+from pa10cal.fit.weighed_arm import errors_of_logs, scatter_about
+from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.observe.observations import Observations
+from pa10cal.rules import MASSES
+from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.weights import WeightStated, fault_candidates
+
+
+def stated_wrongly(
+    poses: Observations, baseline: FittedModel, setup: MeasurementSetup, context: CandidateContext
+) -> tuple[DiagnosedFault, ...]:
+    """Return the loads and tool that are stated wrongly, by forward selection."""
+    faults = [term for term in fault_candidates(context) if isinstance(term, WeightStated)]
+    if not faults or setup.payload is None or context.torques != "logged":
+        return ()
+    torques = _TorqueRows.of(poses, baseline, setup, faults)
+    chosen: list[int] = []
+    while others := [k for k in range(len(faults)) if k not in chosen]:
+        best = max(others, key=lambda k: torques.gain(chosen, k))
+        if not torques.needs(chosen, best):
+            break
+        chosen.append(best)
+    found = []
+    for k in chosen:
+        x, covariance, gain = torques.amounts(chosen, k)
+        sizes = np.diag(faults[k].prior_factor)
+        if np.abs(x).max() > TORQUES.least_sizes:
+            found.append(fault_of(faults[k], x * sizes, covariance * np.outer(sizes, sizes), gain))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class _TorqueRows:
+    """Whitened rows of logged torques less those of the weights, as normal equations."""
+
+    halves: tuple[Gaussian, Gaussian]  # of two random halves of the readings
+    both: Gaussian
+    nuisances: int  # number of columns for errors that any log may have; faults follow them
+    columns_of: tuple[Index, ...]  # columns of each fault
+
+    @classmethod
+    def of(
+        cls,
+        poses: Observations,
+        baseline: FittedModel,
+        setup: MeasurementSetup,
+        faults: Sequence[WeightStated],
+    ) -> _TorqueRows:
+        """Return the rows of poses, weighted by the scatter about a fit of all columns."""
+        assert setup.payload is not None
+        states, arm = poses.states, baseline.arm
+        weights = statics_of(baseline.model, baseline.x, states, setup.payload)
+        residual_Nm = states.tau_Nm - weights.torque_Nm
+        rated_Nm = arm.rated_Nm(np.abs(weights.torque_Nm).max(axis=0))
+        sizes = weight_sizes(arm, setup.payload).columns(arm)
+        by_weights = weights.static_loads.by_weights * sizes
+        of_logs = errors_of_logs(weights.torque_Nm, rated_Nm, states.arrival)
+        nuisances = np.concatenate([by_weights, of_logs], axis=2)
+        of_faults = [fault.per_unit(states) @ fault.prior_factor for fault in faults]
+        columns = np.concatenate([nuisances, *of_faults], axis=2)
+        noise_Nm, x = scatter_about(
+            columns, residual_Nm, TORQUES.reweighted, TORQUES.least_noise_Nm
+        )
+        # Residuals beyond the edge count as at the edge (Huber).
+        edge_Nm = MASSES.edge * noise_Nm
+        off_Nm = np.clip(residual_Nm - columns @ x, -edge_Nm, edge_Nm)
+        white, data = columns / noise_Nm[:, None], (columns @ x + off_Nm) / noise_Nm
+        # Loads and poses come in turn: random halves have a part of each.
+        shuffled = np.random.default_rng(0).permutation(len(poses))
+        first, second = (
+            Gaussian.of(white[half], data[half]) for half in (shuffled[::2], shuffled[1::2])
+        )
+        count = nuisances.shape[2]
+        stops = count + np.cumsum([0, *(own.shape[2] for own in of_faults)])
+        columns_of = tuple(np.arange(*ends) for ends in pairwise(stops.tolist()))
+        return cls((first, second), first + second, count, columns_of)
+
+    def gain(self, chosen: Sequence[int], fault: int, rows: Gaussian | None = None) -> float:
+        """Return the decrease of the sum of squares by a further fault; of all rows by default."""
+        return self._squares(chosen, rows) - self._squares([*chosen, fault], rows)
+
+    def needs(self, chosen: Sequence[int], fault: int) -> bool:
+        """Return whether the log evidence needs a further fault, and either half shows it."""
+        lesser = min(self.gain(chosen, fault, half) for half in self.halves)
+        _, covariance, _ = self.amounts([*chosen, fault], fault)
+        nats = 0.5 * (self.gain(chosen, fault) + np.linalg.slogdet(covariance)[1])
+        return bool(nats > TORQUES.fault_nats and lesser > TORQUES.half_squares)
+
+    def amounts(self, chosen: Sequence[int], fault: int) -> tuple[Array, Array, float]:
+        """Return a fault's amounts in its sizes, their covariance, and its share of the squares."""
+        columns, fitted = self._fit(chosen, self.both)
+        own = np.flatnonzero(np.isin(columns, self.columns_of[fault]))
+        without = self._squares([other for other in chosen if other != fault])
+        gain = (without - self._squares(chosen)) / without
+        return fitted.mean[own], fitted.covariance[np.ix_(own, own)], gain
+
+    def _fit(self, chosen: Sequence[int], rows: Gaussian) -> tuple[Index, Gaussian]:
+        """Return the columns of nuisances and chosen faults, and the fit of these."""
+        columns = np.concatenate([np.arange(self.nuisances), *(self.columns_of[k] for k in chosen)])
+        return columns, rows.along(columns)
+
+    def _squares(self, chosen: Sequence[int], rows: Gaussian | None = None) -> float:
+        """Return the sum of squares that chosen faults leave, of all rows by default."""
+        return self._fit(chosen, self.both if rows is None else rows)[1].left

@@ -1,0 +1,181 @@
+"""Base and tool of a carried model, fitted anew in a campaign: one base, or one for every part.
+
+A campaign in which instrument or base moved suddenly is parted at the times of these steps. The
+search in time (`discovery.in_time`) finds them in the residuals of the calibration poses; held-out
+poses are not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.chain import BASE
+from pa10cal.arrays import Array
+from pa10cal.calibration.accuracy import summarise
+from pa10cal.calibration.general.placed import refit_frames, with_tool_of
+from pa10cal.discovery.finding import steps_told
+from pa10cal.discovery.in_time import in_time_of
+from pa10cal.discovery.linear import residual, with_base_term
+from pa10cal.discovery.noise import pose_weights, same_circumstances
+from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, sought
+from pa10cal.discovery.wander import steps_in_time
+from pa10cal.evaluation.model_errors import poses_for_model
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.loads import with_torques
+from pa10cal.observe.instrument import group_means
+from pa10cal.observe.observations import Observations, part_of, reading_groups
+from pa10cal.results.evaluation import PartOfCampaign
+from pa10cal.rules import COMPARED
+from pa10cal.terms.of_campaign import motion_of_base
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A model whose base and tool were fitted to the calibration poses of a campaign."""
+
+    model: FittedModel  # the model with base and tool as fitted
+    poses: Observations  # those poses, averaged, with all that its terms read
+    rms_mm: float  # its error in them
+
+
+def placed(
+    model: FittedModel, every: Observations, setup: MeasurementSetup, cuts_s: Sequence[float] = ()
+) -> Placed:
+    """Fit base and tool of a model to the calibration poses of a campaign.
+
+    The base is fitted for every part between the times `cuts_s`, the tool for all together.
+
+    Raises:
+        CalibrationError: when the poses do not determine base and tool.
+    """
+    logged = bool(np.isfinite(every.states.tau_Nm).all())
+    model = with_tool_of(model, setup.payload, logged=logged)
+    poses = poses_for_model(every, "grid", model, setup, cuts_s)
+    refitted = refit_frames(model, poses, cuts_s)
+    return Placed(refitted, poses, summarise(refitted.deviations(poses)).rms_mm)
+
+
+def steps_elsewhere(
+    model: FittedModel, every: Observations, setup: MeasurementSetup
+) -> tuple[float, ...]:
+    """Return the times [s] at which instrument or base moved suddenly, by a carried model.
+
+    Base and tool of the model were fitted to the calibration poses. Empty where the search in time
+    finds no certain step, where rows are not in order of time, and for a group, each of whose
+    campaigns has its own base.
+    """
+    readings = every.of_kind("grid").turned(model.R_ee_target)
+    if readings.measured.campaigns or not len(readings):
+        return ()
+    model = replace(model.with_bends(), covariance=None, falls_back=None)
+    states, torques = with_torques(model.model, model.x, readings.states, setup.payload)
+    poses = complete(readings.with_states(states), model, setup)
+    x = np.concatenate([model.x, np.zeros(6)])
+    with_base = replace(model, model=with_base_term(model), x=x)
+    residuals = residual(with_base, poses)
+    fitted_count = float(COMPARED.of_frames)
+    group = same_circumstances(poses)
+    if np.bincount(group).max() > 1:  # repeats show the noise without any model
+        residuals = residuals - group_means(residuals, group)[group]
+        fitted_count = float(group.max() + 1) * residuals.shape[1]
+    noise = pose_weights(residuals, fitted_count, poses.measured)
+    search = in_time_of(
+        with_base,
+        poses,
+        noise.whiteners(np.arange(len(poses))),
+        sought(context_of(poses, model, setup), model.model.terms),
+        logged=torques == "logged",
+        weights=poses.states.static_loads is not None,
+    )
+    if search.wander is None:
+        return ()
+    return worth_cutting(every, steps_told(steps_in_time(search.wander, with_base, poses)))
+
+
+def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float, ...]:
+    """Return the steps at which to part a campaign, in order of time.
+
+    Of steps by falling certainty. A part with too few calibration poses for a base of its own is
+    joined to a neighbour by omitting the less certain of the steps at its ends.
+    """
+    readings, kept = every.of_kind("grid"), list(steps_s)
+    while kept:
+        cuts_s = sorted(kept)
+        short = [k for k, enough in enumerate(_enough(readings, cuts_s)) if not enough]
+        if not short:
+            break
+        at_ends = cuts_s[max(short[0] - 1, 0) : short[0] + 1]
+        kept.remove(max(at_ends, key=kept.index))
+    return tuple(sorted(kept))
+
+
+def _enough(readings: Observations, cuts_s: Sequence[float]) -> list[bool]:
+    """Return whether each part has enough calibration poses for a base of its own."""
+    part, group = part_of(readings.states.time_s, cuts_s), reading_groups(readings, cuts_s)
+    seen = readings.measured.components_seen
+    enough = []
+    for k in range(len(cuts_s) + 1):
+        first_of_pose = np.unique(group[part == k], return_index=True)[1]
+        components = int(seen[part == k][first_of_pose].sum())
+        enough.append(
+            len(first_of_pose) >= COMPARED.own_base_poses
+            and components >= COMPARED.own_base_components
+        )
+    return enough
+
+
+def parts_of(
+    by_parts: Placed, every: Observations, cuts_s: Sequence[float]
+) -> tuple[PartOfCampaign, ...]:
+    """Return the parts of a campaign, and how the base moved from each to the next.
+
+    By a model that was placed with these `cuts_s`.
+    """
+    part = part_of(every.states.time_s, cuts_s)
+    parts = []
+    for k, (moved_mm, turned_mrad) in enumerate(_base_motions(by_parts, cuts_s[0])):
+        here = every.take(part == k)
+        parts.append(
+            PartOfCampaign(
+                from_s=float(here.states.time_s.min()),
+                to_s=float(here.states.time_s.max()),
+                poses=_configurations(here, "grid"),
+                held_out=_configurations(here, "holdout"),
+                moved_by_mm=moved_mm,
+                turned_by_mrad=turned_mrad,
+            )
+        )
+    return tuple(parts)
+
+
+def _base_motions(by_parts: Placed, first_part_s: float) -> list[tuple[float | None, float | None]]:
+    """Return how far the base of each part moved from that of the part before.
+
+    As the rms displacement of the measured poses [mm], at a time of the first part, and the angle
+    [mrad]; None of the first part.
+    """
+    model, states = by_parts.model, by_parts.poses.states
+    in_first_part = replace(states, time_s=np.full(len(states), first_part_s))
+    ends_m = model.model.predict(in_first_part, model.x)[:, :3, 3]
+    T_first_bases: list[Array] = [np.eye(4)]  # each base in that of the first part
+    for term in model.model.terms:
+        if term.holds == "part":
+            motion = np.zeros(6)
+            motion[[BASE.index(name) for name in term.coordinates]] = model.values_of(term)
+            T_first_bases.append(motion_of_base(motion))
+    motions: list[tuple[float | None, float | None]] = [(None, None)]
+    for T, T_next in pairwise(T_first_bases):
+        by_m = ends_m @ (T_next - T)[:3, :3].T + (T_next - T)[:3, 3]
+        angle_rad = Rotation.from_matrix(T_next[:3, :3].T @ T[:3, :3]).magnitude()
+        rms_m = np.sqrt(np.mean(np.sum(by_m**2, axis=1)))
+        motions.append((1e3 * float(rms_m), 1e3 * float(angle_rad)))
+    return motions
+
+
+def _configurations(every: Observations, kind: str) -> int:
+    return len(np.unique(reading_groups(every.of_kind(kind))))

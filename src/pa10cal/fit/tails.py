@@ -1,0 +1,138 @@
+"""Gross errors: readings further from a model than the tails of correct readings reach.
+
+How heavy the tails of correct readings are is read off the bulk of the residuals (the ratio of two
+quantiles of a Student's t distribution), where a few wrong readings have no influence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations, reading_groups
+from pa10cal.rules import SCATTER
+
+#: Degrees of freedom for which the ratio of quantiles is tabulated (computing).
+_DOF = np.geomspace(1.5, SCATTER.normal_dof, 60)
+#: Their outer quantile over the inner one (computing).
+_RATIOS = stdtrit(_DOF, 0.5 + 0.5 * SCATTER.outer) / stdtrit(_DOF, 0.5 + 0.5 * SCATTER.inner)
+
+
+@dataclass(frozen=True)
+class Tails:
+    """Scaled Student's t distribution of many deviates about zero."""
+
+    scale: float  # standard deviation of a normal distribution with the same bulk
+    dof: float  # lower bound of the degrees of freedom; the fewer, the heavier the tails
+    count: int  # deviates it was estimated from
+
+    @staticmethod
+    def of(deviates: Array, surely: float = SCATTER.surely_errors) -> Tails:
+        """Return the distribution of deviates (N,).
+
+        Args:
+            surely: standard errors by which the ratio of quantiles is raised, to be conservative.
+        """
+        sizes = np.abs(deviates)
+        if not len(sizes):
+            return Tails(0.0, SCATTER.normal_dof, 0)
+        inner, outer = np.quantile(sizes, [SCATTER.inner, SCATTER.outer])
+        if inner == 0.0:
+            return Tails(0.0, SCATTER.normal_dof, len(sizes))
+        ratio = outer / inner * (1.0 + surely * SCATTER.error_of_ratio / np.sqrt(len(sizes)))
+        dof = float(np.interp(-ratio, -_RATIOS, _DOF))
+        scale = inner / ndtri(0.5 + 0.5 * SCATTER.inner)
+        return Tails(float(scale), dof, len(sizes))
+
+    def largest(self, rate: float, count: int | None = None) -> float:
+        """Return the size that the largest of `count` deviates exceeds with probability `rate`."""
+        count = max(self.count, 1) if count is None else count
+        quantile = -float(stdtrit(self.dof, 0.5 * rate / count))
+        upper = 0.5 + 0.5 * SCATTER.inner
+        scale_of_t = float(stdtrit(self.dof, upper)) / float(ndtri(upper))
+        return self.scale * quantile / scale_of_t
+
+
+def far_from_prediction(
+    poses: Observations, model: FittedModel, fitted: Observations
+) -> tuple[Mask, Array]:
+    """Return which held-out readings have gross errors, and the whitened residuals of all.
+
+    Args:
+        poses: P single readings held out, as modelled, with all that the model needs.
+        fitted: single readings that the model was fitted to, likewise; they show its usual errors.
+
+    Returns:
+        (P,) which readings have a gross error, whatever the model lacks; and (P, b) residuals over
+        the usual scatter.
+    """
+    white_fitted = by_stated(fitted, model.compared(fitted).residual)
+    residual = model.compared(poses).residual
+    white = by_stated(poses, residual)
+    far = np.zeros(len(poses), dtype=bool)
+    for _, columns in poses.measured.component_kinds:
+        seen = components_seen(poses, columns)
+        of_fitted = white_fitted[:, columns][components_seen(fitted, columns)]
+        of_poses = white[:, columns][seen]
+        scale = max(Tails.of(of_fitted).scale, Tails.of(of_poses).scale, SCATTER.least_stated)
+        white[:, columns] /= scale
+        tails = Tails.of(np.concatenate([white[:, columns][seen], of_fitted / scale]))
+        limit = tails.largest(SCATTER.accused_rate, int(seen.sum()))
+        far |= np.abs(np.where(seen, white[:, columns], 0.0)).max(axis=1, initial=0.0) > limit
+    return far & ~confirmed(poses, residual, np.flatnonzero(far)), white
+
+
+def confirmed(readings: Observations, residual: Array, rows: Index) -> Mask:
+    """Return which readings another reading of the same pose and load confirms, (P,).
+
+    It confirms a reading if its residual has about the same size and direction.
+
+    Args:
+        residual: (P, b) residuals of the readings.
+        rows: readings to test; all others are False.
+    """
+    group, found = reading_groups(readings), np.zeros(len(readings), dtype=bool)
+    seen = readings.measured.components_seen
+    for row in rows:
+        others = np.flatnonzero(group == group[row])
+        others = others[others != row]
+        both_seen = seen[others] & seen[row]
+        difference = np.where(both_seen, residual[others] - residual[row], 0.0)
+        limit = SCATTER.confirmed_share * np.linalg.norm(residual[row])
+        found[row] = bool(np.any(np.linalg.norm(difference, axis=1) <= limit))
+    return found
+
+
+def by_stated(readings: Observations, values: Array) -> Array:
+    """Return values (P, b), such as residuals, whitened by the readings' stated covariance."""
+    whitener = np.linalg.inv(np.linalg.cholesky(readings.measured.stated_covariance))
+    return np.asarray(np.einsum("pij,pj->pi", whitener, values))
+
+
+def components_seen(readings: Observations, columns: slice) -> Mask:
+    """Return which of these components were seen in each reading, (P, c)."""
+    return np.asarray(readings.measured.components_seen[:, columns])
+
+
+def keep_their_distances(places_m: Array) -> Mask:
+    """Return in which poses the distances between targets (P, B, 3) are as in all poses, (P,).
+
+    Readings of such poses are correct, however far they are from a model. False where fewer than
+    two targets were seen.
+    """
+    count, targets = places_m.shape[:2]
+    pairs = [(a, b) for a in range(targets) for b in range(a)]
+    if not pairs or places_m.shape[2] != 3:
+        return np.zeros(count, dtype=bool)
+    distance_m = np.stack(
+        [np.linalg.norm(places_m[:, a] - places_m[:, b], axis=1) for a, b in pairs]
+    )
+    off_m = np.abs(distance_m - np.nanmedian(distance_m, axis=1, keepdims=True))
+    sigma_m = MEDIAN_TO_SIGMA * np.nanmedian(off_m, axis=1, keepdims=True)
+    seen = np.isfinite(off_m)
+    same = np.where(seen, off_m, 0.0) <= SCATTER.same_distance * sigma_m
+    return np.asarray(same.all(axis=0) & seen.any(axis=0))

@@ -1,0 +1,120 @@
+"""Effects of an instrument that reads the positions of its targets wrongly: scales, squareness."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pa10cal.arm.chain import TOOL
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array
+from pa10cal.terms.effects.effect import CandidateContext, Effect, seen_in
+from pa10cal.terms.term import TermParameter
+
+
+@dataclass(frozen=True)
+class FalseReading(Effect):
+    """The instrument reads each target's position p as p + e(p), e a field.
+
+    The model predicts readings: the end moves by the error of the pose fitted to these.
+    """
+
+    falsifies_readings = True
+    sits = "instrument"
+    coordinates = TOOL
+
+    @abstractmethod
+    def field(self, p_instr_m: Array) -> Array:
+        """Return the derivative of e(p) by the parameters, (P, B, 3, k), at positions (P, B, 3)."""
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        observed = seen_in(states, self)
+        poses, targets, _ = observed.p_instr_targets_m.shape
+        field = self.field(observed.p_instr_targets_m).reshape(poses, 3 * targets, len(x))
+        derivative: Array = observed.pose_by_targets @ field
+        return derivative
+
+
+@dataclass(frozen=True)
+class CmmScale(FalseReading):
+    """Axis k of the instrument reads (1 + s_k) times the length, s without unit.
+
+    Only a machine that moves along three axes has one scale for each; others have `Scale`.
+    """
+
+    by_differences = True
+    id = "cmm_scale"
+    clauses = ("the scales of the instrument's axes are off",)
+    words = "reading of x, y, z = (1 + s_x) x, (1 + s_y) y, (1 + s_z) z"
+    reported = tuple(TermParameter(f"s_{axis}", "1", 3e-6, plausible=1e-4) for axis in "xyz")
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return None if context.three_axes is False else ()
+
+    def field(self, p_instr_m: Array) -> Array:
+        return p_instr_m[..., None] * np.eye(3)
+
+
+@dataclass(frozen=True)
+class Scale(FalseReading):
+    """The instrument reads (1 + s) times every length, whatever its direction, s without unit.
+
+    As of trackers and cameras, by an error of a wavelength, of a base line or of a tag.
+    """
+
+    id = "scale"
+    clauses = ("the instrument's scale is off",)
+    words = "reading of x, y, z = (1 + s) x, (1 + s) y, (1 + s) z"
+    reported = (TermParameter("s", "1", 3e-6, plausible=1e-4),)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return None if context.three_axes else ()
+
+    def field(self, p_instr_m: Array) -> Array:
+        return p_instr_m[..., None]
+
+
+@dataclass(frozen=True)
+class RangeConstant(FalseReading):
+    """The instrument reads every distance from itself longer by c, in m.
+
+    A tracker's distance meter has a zero offset, and the stated radius of a reflector an error. The
+    origin of the frame must be where the beams start.
+    """
+
+    id = "range_constant"
+    clauses = ("the instrument reads all distances too long by one length",)
+    words = "reading of x, y, z += c times the unit vector from the instrument to the target"
+    reported = (TermParameter("c", "m", 1e-6, plausible=1e-4),)
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return that it is possible where the origin of beams is outside the arm's reach."""
+        if context.three_axes is None:  # not known: possible
+            return ()
+        outside = np.linalg.norm(context.p_instr_middle_m) > context.arm.reach_m
+        return () if outside and not context.three_axes else None
+
+    def field(self, p_instr_m: Array) -> Array:
+        length_m = np.linalg.norm(p_instr_m, axis=-1, keepdims=True)
+        along: Array = p_instr_m / np.maximum(length_m, np.finfo(float).tiny)
+        return along[..., None]
+
+
+@dataclass(frozen=True)
+class CmmSquareness(FalseReading):
+    """The instrument's x axis is not square to y: x reads x + xy y, xy in rad."""
+
+    id = "cmm_squareness"
+    clauses = ("the instrument's axes are not square",)
+    words = "reading of x = x + xy y"
+    reported = (TermParameter("xy", "rad", 3e-6, plausible=1e-4),)
+
+    def field(self, p_instr_m: Array) -> Array:
+        field: Array = p_instr_m[..., 1:2] * np.array([1.0, 0.0, 0.0])
+        return field[..., None]
