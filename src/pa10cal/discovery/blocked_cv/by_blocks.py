@@ -306,8 +306,13 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
 
 
 def _better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
-    """Return whether a verdict predicts held-out blocks better than another."""
-    return ahead.scorer.remaining.rms_mm < found.scorer.remaining.rms_mm
+    """Return whether a verdict predicts held-out blocks better than another.
+
+    With more names it has to do so by more than the same model fitted otherwise would.
+    """
+    more_names = len(ahead.effects) > len(found.effects)
+    least_ratio = NAMES.worse_ratio if more_names else 1.0
+    return least_ratio * ahead.scorer.remaining.rms_mm < found.scorer.remaining.rms_mm
 
 
 def _searched(campaign: Prepared, survey: Survey) -> Verdict[ByBlocks]:
