@@ -9,6 +9,7 @@ import yaml
 from made_up_sightings import sighted
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.sniffing import sniff
+from pa10cal.campaign.times import format_of
 
 NAMES = [*(f"Joint {k}" for k in range(1, 7)), "Pos X", "Pos Y", "Pos Z"]
 
@@ -95,3 +96,15 @@ def test_a_line_that_holds_no_names_gives_none(tmp_path, rows, above):
     sniffed = sniff(path)
     assert sniffed.titles == ()
     assert sniffed.names == tuple(str(k) for k in range(1, 10))
+
+
+@pytest.mark.parametrize(
+    ("word", "form", "other"),
+    [
+        ("04/04/2024 10:00:00", "%m/%d/%Y %H:%M:%S", ("%d/%m/%Y %H:%M:%S",)),
+        ("13/04/2024 10:00:00", "%d/%m/%Y %H:%M:%S", ()),
+        ("2024-04-04 10:00:00", "iso", ()),
+    ],
+)
+def test_of_a_date_whose_day_may_be_a_month_both_are_told(word, form, other):
+    assert format_of([word, word.replace("10:00", "10:10")]) == (form, other)

@@ -98,9 +98,13 @@ def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
         return None, ()
     longest_s = 1.001 * min(duration_s.values()) + 1.0
     best, *others = [form for form, period_s in duration_s.items() if period_s <= longest_s]
-    month_first = best.find("%m") < best.find("%d")
-    meant = [form for form in others if form.find("%m") < form.find("%d") != month_first]
-    return best, tuple(meant)
+    # Days and months exchanged are another meaning; other blanks between date and time are none.
+    meant = [form for form in others if _is_month_first(form) != _is_month_first(best)]
+    return best, tuple(meant[:1])
+
+
+def _is_month_first(form: str) -> bool:
+    return form == ISO or form.find("%m") < form.find("%d")
 
 
 def moments_of(words: Sequence[str], how: str) -> pd.Series[pd.Timestamp]:
