@@ -9,11 +9,12 @@ import pytest
 
 from changed_arm import Change, draw_changed, plan_of
 from made_up_pair import campaign, shifted
+from made_up_poses import context_of
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.structure import ToolSag
+from pa10cal.terms.effects.structure import LinkTorsion, ToolSag
 from pa10cal.terms.field import Field
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -140,3 +141,22 @@ def test_what_sags_at_the_tool_is_no_tool_and_a_field_stays_out_of_it(pair):
 
     found = what_moved(*map(with_both, pair(Change(), "points")))
     assert found.verdict == "unchanged"
+
+
+def test_what_moved_is_told_in_a_unit_of_its_own():
+    model = campaign(1)
+    twist = LinkTorsion.everywhere(context_of(model.arm))[0]
+    k, columns = len(model.x), len(model.model.parameters)
+    covariance = np.zeros((len(model.covariance) + 1,) * 2)
+    others = np.delete(np.arange(len(covariance)), columns)
+    covariance[np.ix_(others, others)] = model.covariance
+    covariance[columns, columns] = 1e-14
+    bent = model.bending_as([twist])
+    chained = Model(bent.model.chain, (*bent.model.terms, twist))
+    first, second = (
+        replace(bent, model=chained, x=np.append(model.x[:k], c), covariance=covariance)
+        for c in (0.0, 1e-5)
+    )
+    found = what_moved(first, second)
+    assert [(each.kind, each.of) for each in found.moved] == [("effect", "link_torsion of forearm")]
+    assert "1e-05 rad/(N m)" in found.line

@@ -118,13 +118,17 @@ def _chi_square(found: Differences) -> tuple[float, int]:
     return float(np.sum(along**2 / variances[identified])), int(np.count_nonzero(identified))
 
 
+#: By what values of a unit are multiplied to be shown, and in which unit; others stay as they are.
+_SHOWN_IN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e2, "%")}
+
+
 def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
     """Return the verdict and what moved in one line."""
     clauses = []
     for thing in things:
         clause = f"{thing.of} changed"
         if thing.by is not None and thing.interval95 is not None:
-            times, unit = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e2, "%")}[thing.unit]
+            times, unit = _SHOWN_IN.get(thing.unit, (1.0, thing.unit))
             low, high = (times * end for end in thing.interval95)
             what = {JOINT_ZERO: "the zero of ", STIFFNESS: "the windup of "}.get(thing.kind, "")
             clause = (
