@@ -118,7 +118,7 @@ def _chi_square(found: Differences) -> tuple[float, int]:
     return float(np.sum(along**2 / variances[identified])), int(np.count_nonzero(identified))
 
 
-#: By what values of a unit are multiplied to be shown, and in which unit; others stay as they are (unit).
+#: Factor and unit by which values of a unit are shown; others stay as they are (unit).
 _SHOWN_IN = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e2, "%")}
 
 
