@@ -179,7 +179,7 @@ MAY_IMPORT = {
         "campaign.description",
         "campaign.table",
         "arm.coupling",
-        "arm.joint_stiffness",
+        "terms.joint_spring",
         "files.output",
         "terms.wording",
     },

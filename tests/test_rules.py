@@ -26,7 +26,7 @@ MODULES = [
 PAGES = (of_all, of_calibration, of_discovery)
 SECTIONS = [section for page in PAGES for section in page.SECTIONS.values()]
 #: Units, counts of components and halves; any other number there bounds something.
-PLAIN_NUMBERS = {0, 1, 2, 3, 4, 6, 9, 10, 50, 100, 0.5, 1e3, 1e6, 180, 3600, 1e-3, 32, 1.8}
+PLAIN_NUMBERS = {0, 1, 2, 3, 4, 6, 9, 100, 0.5, 1e3, 1e6, 180, 3600, 1e-3, 32, 1.8}
 #: Of a constant of a module that is no rule, how its comment ends.
 NO_RULE = re.compile(r"\((?:computing|unit|format)\)\.$")
 #: What a number bounds that stands in it.

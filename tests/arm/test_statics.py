@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from made_up_robot import nominal_of, pinocchio_of, rebuilt
 from pa10cal.arm.chain import BASE, Chain, bend_coordinates, frames
-from pa10cal.arm.joint_stiffness import deflection_rad, unit_deflection
 from pa10cal.arm.statics import Payload, statics
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm
+from pa10cal.terms.joint_spring import deflection_rad, unit_deflection
 from pa10cal_lab.cell.individual import build_robot
 from pa10cal_lab.cell.options import SimulateOptions
 from pa10cal_lab.cell.poses import place_poses

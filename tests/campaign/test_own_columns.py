@@ -12,8 +12,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from made_up_sightings import sighted
-from pa10cal.campaign.orientations import quaternion_uncertainty, quaternions
 from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.raw_file import quaternion_uncertainty, quaternions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from drawn_examples import examples
 from pa10cal.campaign.joint_positions import labels, same_commands
-from pa10cal.campaign.quarantine_limit import refuse_too_many
 from pa10cal.campaign.raw_rows import Quarantined, quarantine_csv, quarantined
+from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.errors import RawDataError
 
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from made_up_datasets import MADE_UP, MOTOMAN, edit
 from pa10cal.arm.chain import Chain
-from pa10cal.campaign.quarantine_limit import refuse_too_many
 from pa10cal.campaign.read import read_campaign
+from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.datasets.importing import import_campaigns, write_campaigns
 from pa10cal.datasets.measured import CAMPAIGNS
 from pa10cal.datasets.readers import (

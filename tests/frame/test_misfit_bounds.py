@@ -9,7 +9,7 @@ from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from pa10cal.frame.hand_eye import hand_eye_from_points, hand_eye_from_poses, ranging
-from pa10cal.frame.misfit_bounds import distance_misfit_bound_m, target_misfit_bound_m
+from pa10cal.frame.target_problem import distance_misfit_bound_m, target_misfit_bound_m
 from pa10cal.rules import FRAMES
 
 

@@ -3,11 +3,16 @@ import pytest
 
 from made_up_parameters import solved_parameters
 from made_up_poses import states_of
-from pa10cal.arm.joint_stiffness import reported_name
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances
-from pa10cal.terms.joint_spring import JointSpring, baseline, nominal, stiffness_by_solved
+from pa10cal.terms.joint_spring import (
+    JointSpring,
+    baseline,
+    nominal,
+    reported_name,
+    stiffness_by_solved,
+)
 from pa10cal.terms.term import base_frame, link_departures
 
 TERMS = {

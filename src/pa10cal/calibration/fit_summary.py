@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.joint_stiffness import reported_name
 from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import gram
 from pa10cal.calibration.rules import RECORDS
@@ -16,7 +15,7 @@ from pa10cal.fit.identifiability import Identifiability
 from pa10cal.fit.problem import Solution
 from pa10cal.numerics.exchange import Information, greedy_order
 from pa10cal.results import calibration as records
-from pa10cal.terms.joint_spring import stiffness_by_solved
+from pa10cal.terms.joint_spring import reported_name, stiffness_by_solved
 from pa10cal.terms.term import Role, TermParameter
 
 

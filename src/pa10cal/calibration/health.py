@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pa10cal.arm.description import weights_known
-from pa10cal.arm.joint_stiffness import reported_name
 from pa10cal.calibration.fit_summary import correlated
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.rules import GRADES
 from pa10cal.results import calibration as records
 from pa10cal.results.evaluation import BETWEEN
+from pa10cal.terms.joint_spring import reported_name
 
 #: Kinds of findings that are refuted if they would leave a larger error than the fit.
 _OF_JOINTS = ("joint_sign", "joint_order", "joint_coupling")

@@ -225,6 +225,7 @@ class Groups:
 class Fit:
     """When a fit has arrived."""
 
+    most_steps: int = 50  # of a fit for which no setting says so (computing)
     # a step this small ends the search, in standard uncertainties (computing)
     arrived_errors: float = 1e-4
     # and so does one that leads nowhere if it is this small (computing)

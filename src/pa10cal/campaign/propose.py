@@ -48,8 +48,8 @@ from pa10cal.campaign.headerless import (
     roles_by_arm,
 )
 from pa10cal.campaign.joint_positions import in_radians, position_columns
-from pa10cal.campaign.orientations import quaternions
 from pa10cal.campaign.own_columns import RotationColumns
+from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.recognise import (
     WORDS,
     Roles,
@@ -64,7 +64,7 @@ from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.times import JUDGED, time_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
-from pa10cal.frame.measured_scale import scale_of_points
+from pa10cal.frame.rigid_fit import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 

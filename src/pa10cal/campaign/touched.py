@@ -22,9 +22,9 @@ from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
 from pa10cal.campaign.joint_positions import as_joints, as_logged
 from pa10cal.campaign.nominal_fit import misfit_mm, nominal_places
-from pa10cal.campaign.quarantine_limit import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile, words_of
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, Quarantined, RawRows, quarantined
+from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.target_labels import EXCHANGED, exchange_text, exchanged
 from pa10cal.errors import RawDataError
 from pa10cal.observe.observations import KINDS, JointLog, Observations

@@ -24,9 +24,9 @@ from pa10cal.campaign.coupled_logs import arm_of_log, without_turns
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.joint_positions import in_radians, position_columns, with_labels
-from pa10cal.campaign.quarantine_limit import refuse_too_many
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, RawRows, quarantined
+from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.tracked_screens import Screen
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.observe.observations import KINDS, JointLog, Observations

@@ -23,8 +23,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.campaign.quarantine_limit import refuse_too_many
 from pa10cal.campaign.raw_rows import RawRows, quarantined
+from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.datasets.data_set import AsItIs, DataSet, ImportedCampaign, Published
 from pa10cal.errors import RawDataError
 from pa10cal.input_files import open_file, read_file, reason

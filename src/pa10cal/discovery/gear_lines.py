@@ -94,13 +94,13 @@ def _lines(
         order = spectrum.line(needed)
         stated = 2.0 * float(at.model.chain.arm.gear_ratio[joint - 1])
         if order is not None and not abs(order - stated) < spectrum.width:  # nan if not stated
-            found.append(GearLine(f"joint {joint}", round(order, 3)))
+            found.append(GearLine(f"joint {joint}", round(order, LINES.order_decimals)))
     return tuple(found)
 
 
 def _angles(poses: Observations, joint: int) -> int:
     """Return the number of different angles of a joint, counted from 1."""
-    return len(np.unique(np.round(poses.states.q_rad[:, joint - 1], 4)))
+    return len(np.unique(np.round(poses.states.q_rad[:, joint - 1], LINES.angle_decimals)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class _Spectrum:
     @property
     def orders(self) -> Array:
         """Return the orders that are tried [cycles a turn]."""
-        return np.arange(*LINES.orders, 0.5 * self.width)
+        return np.arange(*LINES.orders, LINES.step_widths * self.width)
 
     def line(self, needed: float) -> float | None:
         """Return the order of the line that gains what is needed [nat]; None if none does."""
@@ -149,9 +149,10 @@ class _Spectrum:
         apart = np.abs(orders - orders[best]) > LINES.widths_apart * self.width
         if np.max(gains[apart], initial=-np.inf) > gains[best] - LINES.better_nats:
             return None
+        step = LINES.step_widths * self.width
         finest = minimize_scalar(
             lambda order: -float(self.gains(np.array([order]))[0]),
-            bounds=(orders[best] - 0.5 * self.width, orders[best] + 0.5 * self.width),
+            bounds=(orders[best] - step, orders[best] + step),
             method="bounded",
         )
         return float(finest.x)

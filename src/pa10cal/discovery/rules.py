@@ -197,8 +197,8 @@ class Maps:
     most_taken_share: float = 0.6
     # highest order that decides about a spectrum, in cycles a turn: beyond is the floor (trials)
     highest_band: int = 107
-    # tenths of a joint's visited angles that are left out: both of few joints, one of many
-    # (computing)
+    angle_parts: int = 10  # parts of a joint's visited angles, alike in poses (computing)
+    # those of them that are left out: both of few joints, one of many (computing)
     tenths_left_out: tuple[int, ...] = (2, 7)
     few_joints: int = 3  # so many joints are few (computing)
     # weights of orientations that are tried, in their scatter (trials)
@@ -436,6 +436,9 @@ class Lines:
     widths_apart: float = 2.0
     # nats by which the best number must stand out of all others, further away (level)
     better_nats: float = 4.6
+    angle_decimals: int = 4  # of angles [rad] that are different (size)
+    step_widths: float = 0.5  # steps by which lines are sought, in widths (computing)
+    order_decimals: int = 3  # of cycles a turn, as a line is known by (told)
     least_angles: int = 50  # different angles of a joint below which no line is sought (statistics)
     most_poses: int = 2000  # poses that say enough of where lines are (computing)
     at_once: int = 100  # numbers of cycles that are computed together (computing)

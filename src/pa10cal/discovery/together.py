@@ -12,15 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, drawn
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
@@ -30,7 +27,7 @@ from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.preparation import MeasurementSetup, computable
 from pa10cal.discovery.rules import PROBABILITIES, TOGETHER
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import statics_of, weighed
+from pa10cal.fit.loads import statics_of
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
@@ -125,8 +122,12 @@ class Together:
         assert payload is not None
         members = tuple(_members(context, at, poses))
         bare = _without_any(at)
-        loads = UnderWeights(at.arm, payload, poses)
-        of_members, mixes = _columns_under(loads, bare, whiten, members)
+        nominal = statics_of(Model(Chain.of(at.arm), ()), np.zeros(0), poses.states, payload)
+        described = poses.with_states(
+            replace(poses.states, static_loads=nominal.static_loads, tau_Nm=nominal.torque_Nm)
+        )
+        sizes = weight_sizes(at.arm, payload).columns(at.arm)
+        of_members, mixes = _columns_under(described, sizes, bare, whiten, members)
         own = np.concatenate(
             [_own_columns(bare, poses, whiten, members), whiten @ beside[:, :, :-1]], axis=2
         )
@@ -143,7 +144,6 @@ class Together:
         equations = equations.without(np.arange(own.shape[2]))
         names = {member.name for member in members}
         cost = threshold(len(names), setup.options.error_rate)
-        sizes = loads.sizes
         weights = np.zeros((len(mixes), len(sizes)))
         weights[:, sizes > 0.0] = mixes * sizes[sizes > 0.0]
         return cls(members, _as_rows(equations), tuple(columns), weights, cost)
@@ -378,42 +378,31 @@ def _own_columns(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class UnderWeights:
-    """Poses under the weights of arm and payload as described, or with one of them changed."""
+def heavier(poses: Observations, sizes: Array) -> Iterator[Observations]:
+    """Yield poses, whose static loads are known, with each weight in turn off by its size.
 
-    arm: Arm
-    payload: Payload
-    poses: Observations
-
-    @property
-    def described(self) -> Observations:
-        """Return the poses under the weights as described."""
-        return self._under(self.arm, self.payload)
-
-    @cached_property
-    def sizes(self) -> Array:
-        """Return the standard deviation of each weight, (4 n + 3,)."""
-        return weight_sizes(self.arm, self.payload).columns(self.arm)
-
-    def heavier(self) -> Iterator[Observations]:
-        """Yield the poses with each uncertain weight, one at a time, off by its size."""
-        for column in np.flatnonzero(self.sizes):
-            amounts = np.where(np.arange(len(self.sizes)) == column, self.sizes, 0.0)
-            yield self._under(*weighed(self.arm, self.payload, amounts))
-
-    def _under(self, arm: Arm, payload: Payload) -> Observations:
-        states = self.poses.states
-        found = statics_of(Model(Chain.of(arm), ()), np.zeros(0), states, payload)
-        return self.poses.with_states(
-            replace(states, static_loads=found.static_loads, tau_Nm=found.torque_Nm)
-        )
+    Weights of size 0 (4 n + 3,) are omitted.
+    """
+    states, loads = poses.states, poses.states.static_loads
+    assert loads is not None
+    for amounts in np.diag(sizes)[sizes > 0.0]:
+        tau_Nm = states.tau_Nm + loads.by_weights @ amounts
+        loaded = replace(states, static_loads=loads.with_weights(amounts), tau_Nm=tau_Nm)
+        yield poses.with_states(loaded)
 
 
 def _columns_under(
-    loads: UnderWeights, bare: FittedModel, whiten: Array, members: Sequence[Member]
+    described: Observations,
+    sizes: Array,
+    bare: FittedModel,
+    whiten: Array,
+    members: Sequence[Member],
 ) -> tuple[list[list[Array]], Array]:
     """Return whitened columns of members under weights as described, and by combinations of them.
+
+    Args:
+        described: the poses under the weights as described.
+        sizes: (4 n + 3,) standard deviation of each weight.
 
     Returns:
         Of each member its columns (P, b, q) under the described weights, followed by what each
@@ -428,11 +417,11 @@ def _columns_under(
             for by_term, member in zip(by_terms_of, some, strict=True)
         ]
 
-    parts = [[described] for described in columns(loads.described, members)]
+    parts = [[under_described] for under_described in columns(described, members)]
     giving_way = [k for k, member in enumerate(members) if member.gives_way]
     added = []
-    for heavier in loads.heavier():
-        more = columns(heavier, [members[k] for k in giving_way])
+    for each in heavier(described, sizes):
+        more = columns(each, [members[k] for k in giving_way])
         added.append([part - parts[k][0] for k, part in zip(giving_way, more, strict=True)])
     mixes = _combinations(added)
     for mix in mixes:

@@ -19,8 +19,9 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, drawn
 from pa10cal.discovery import linear
 from pa10cal.discovery.rules import LINES, PROBABILITIES, WOBBLES
-from pa10cal.discovery.together import UnderWeights
+from pa10cal.discovery.together import heavier
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
@@ -109,8 +110,8 @@ def _giving_way(
     described = columns(poses)
     yield described
     if weights_known(at.arm).assumed:
-        for heavier in UnderWeights(at.arm, payload, poses).heavier():
-            yield columns(heavier) - described
+        for each in heavier(poses, weight_sizes(at.arm, payload).columns(at.arm)):
+            yield columns(each) - described
 
 
 def _gains(own: Array, tilts: list[Array], data: Array) -> Array:

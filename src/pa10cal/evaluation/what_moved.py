@@ -29,7 +29,7 @@ from pa10cal.fit.moved import (
     hypotheses,
     sought,
 )
-from pa10cal.fit.prior import gain_along, remaining_disagreement
+from pa10cal.fit.problem import gain_along, remaining_disagreement
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results.comparison import MovedThing, WhatMoved
 from pa10cal.results.record import HALF_WIDTH_95

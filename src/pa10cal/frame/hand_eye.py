@@ -23,8 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.located import Located
-from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.frame.rigid_fit import Located, by_small_motion
 from pa10cal.frame.target_problem import (
     TargetProblem,
     mean_turn,

@@ -5,7 +5,7 @@ rising lower bound. As soon as a lower bound exceeds the best misfit so far, nei
 nor any later one can be better, and the search ends. The result is the same as if all candidates
 were fitted.
 
-A lower bound usually comes from a relaxed problem, such as a linear one: `frame.misfit_bounds`.
+A lower bound usually comes from a relaxed problem, such as a linear one: `frame.target_problem`.
 """
 
 from __future__ import annotations

@@ -22,8 +22,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, Mask, Rows, homogeneous, take_rows
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.located import Located
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.rigid_fit import Located, cross_matrix
 from pa10cal.observe import quantities
 from pa10cal.rules import READINGS
 from pa10cal.terms.term import TermParameter

@@ -2,7 +2,7 @@
 
 If a joint moves in one direction through the whole campaign, an error that depends on that joint
 and a change in time cannot be separated. Only poses that are measured again later, or in an order
-that no joint follows, separate them.
+that no joint follows, separate them. Poses along a path, and those held out of one, come after it.
 """
 
 from __future__ import annotations
@@ -207,3 +207,80 @@ def spread_over_time(poses: Observations, most: int) -> Index:
     order = np.argsort(poses.states.time_s, kind="stable")
     chosen = np.linspace(0, len(order) - 1, min(len(order), most))
     return np.asarray(order[chosen.round().astype(int)])
+
+
+# Poses along a path, where each is known by its neighbours, and what may be held out of one.
+#
+# An error at every n-th pose held out shows only how well the model interpolates between measured
+# poses. How well it predicts where nothing was measured needs whole stretches held out (block
+# cross-validation: Roberts et al., Ecography 40, 2017).
+
+
+def spread_of(q: Array) -> float:
+    """Return the root mean square distance of joint positions (P, n) from their mean [rad, m]."""
+    return float(np.sqrt(np.mean(np.sum((q - q.mean(axis=0)) ** 2, axis=1))))
+
+
+def along_a_path(q: Array) -> bool:
+    """Return whether joint positions (P, n) in order of time lie close together along a path."""
+    moves = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    moves = moves[moves > ORDER.stood_still]
+    return bool(len(moves)) and float(np.median(moves)) < ORDER.neighbours * spread_of(q)
+
+
+def stretches_held_out(count: int, held: int) -> Index:
+    """Return which `held` of `count` poses along a path are held out, rising.
+
+    Most are held out in stretches of equal length, the last one at the end of the path. The others
+    are single poses among those that stay: they show the error between measured poses.
+    """
+    single_count, held_out = round(ORDER.singly_share * held), np.zeros(count, dtype=bool)
+    sections = np.array_split(np.arange(count), ORDER.stretches)
+    stretches = np.array_split(np.arange(held - single_count), ORDER.stretches)
+    for section, stretch in zip(sections, stretches, strict=True):
+        held_out[section[len(section) - len(stretch) :]] = True
+    stay = np.flatnonzero(~held_out)
+    # Evenly spread, without the first and the last.
+    single = np.linspace(0, len(stay) - 1, single_count + 2).round().astype(np.intp)[1:-1]
+    held_out[stay[single]] = True
+    return np.flatnonzero(held_out)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutPlaces:
+    """Which of P held-out poses lie near fitted poses, and which do not."""
+
+    unseen: Mask | None = None  # (P,) in stretches without fitted poses; None if there is none
+    between: Mask | None = None  # (P,) between fitted poses; None if there is none
+
+    @classmethod
+    def of(cls, held_out: Observations, fitted: Observations) -> HeldOutPlaces:
+        """Return where averaged held-out poses lie; both masks None where poses are well apart."""
+        out, fit = held_out.states, fitted.states
+        return cls.of_positions((out.q_rad, out.time_s), (fit.q_rad, fit.time_s))
+
+    @classmethod
+    def of_positions(
+        cls, held_out: tuple[Array, Array], fitted: tuple[Array, Array]
+    ) -> HeldOutPlaces:
+        """Return the same for joint positions (P, n) and times (P,) [s] of both sets of poses."""
+        (q_out, time_out_s), (q_fitted, time_fitted_s) = held_out, fitted
+        if not len(q_fitted) or not len(q_out):
+            return cls()
+        distance = cKDTree(q_fitted).query(q_out)[0]
+        beside = np.asarray(distance < ORDER.neighbours * spread_of(q_fitted))
+        in_time = np.argsort(np.concatenate([time_fitted_s, time_out_s]), kind="stable")
+        path = along_a_path(np.concatenate([q_fitted, q_out])[in_time])
+        if not path and np.mean(beside) < ORDER.beside_share:
+            return cls()
+        if np.mean(beside) >= 1.0 - ORDER.few_share:
+            beside[:] = True
+        unseen = ~beside
+        return cls(unseen if unseen.any() else None, beside if beside.any() else None)
+
+    def counted(self, trusted: Mask) -> Mask:
+        """Return the poses (P,) that a reported error is of: the trusted ones, unseen if any."""
+        if self.unseen is None:
+            return trusted
+        rows = self.unseen & trusted
+        return rows if rows.any() else self.unseen

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array, Index, homogeneous
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
-from pa10cal.frame.located import Located
-from pa10cal.frame.measured_scale import scale_of_distances, scale_of_points
-from pa10cal.frame.misfit_bounds import distance_misfit_bound_m, target_misfit_bound_m
+from pa10cal.frame.rigid_fit import Located, scale_of_distances, scale_of_points
+from pa10cal.frame.target_problem import distance_misfit_bound_m, target_misfit_bound_m
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,

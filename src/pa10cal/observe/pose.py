@@ -16,9 +16,8 @@ from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
 from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.located import Located, seed_from_nominal
-from pa10cal.frame.measured_scale import scale_of_points
-from pa10cal.frame.misfit_bounds import target_misfit_bound_m
+from pa10cal.frame.rigid_fit import Located, scale_of_points, seed_from_nominal
+from pa10cal.frame.target_problem import target_misfit_bound_m
 from pa10cal.observe import quantities
 from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points

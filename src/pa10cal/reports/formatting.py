@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from pa10cal.arm.joint_stiffness import reported_name
 from pa10cal.results.discovery import Gap
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.record import HALF_WIDTH_95, EffectName
+from pa10cal.terms.joint_spring import reported_name
 
 # Numbers with units and intervals.
 

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pa10cal.arm.chain import Chain, EndPose, end_pose, end_pose_and_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.terms.derivative_cache import Kept
 from pa10cal.terms.term import (
     Report,
     Role,
     Term,
     TermParameter,
-    Weighing,
     Yielding,
     identity,
     shows_torque,
-    weighs,
     yields,
 )
+from pa10cal.terms.weights import Weights, holds_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,11 +164,11 @@ class Model:
                     ]
                     by_torque = np.stack(turned, axis=2)
                 by_term = by_term - by_torque @ term.torque_derivative(states, point)[:, yielding]
-            if weighs(term) and self._bending:
+            if holds_weights(term) and self._bending:
                 by_term = by_term + self._by_weights(term, end, carried, x)
             yield by_term
 
-    def _by_weights(self, term: Weighing, end: EndPose, carried: PoseStates, x: Array) -> Array:
+    def _by_weights(self, term: Weights, end: EndPose, carried: PoseStates, x: Array) -> Array:
         """Return the derivative of the pose by weights through the terms that bend, (P, 6, k)."""
         by_weights = np.zeros((len(carried), 6, len(term.parameters)))
         for k, unit in enumerate(np.eye(by_weights.shape[2])):
@@ -188,7 +187,7 @@ class Model:
         carried = self.with_joint_torques(states, x)
         if self._bending or any(term.bends for term in others):
             for term, columns in self._slices:
-                if weighs(term):
+                if holds_weights(term):
                     carried = term.carried(carried, x[columns])
         return carried
 
@@ -284,3 +283,62 @@ class Model:
             slices.append((term, slice(start, stop)))
             start = stop
         return slices
+
+
+# A cache of derivatives of terms that are proportional to their parameters.
+#
+# A search fits hundreds of sets of the same effects in the same poses. The derivative of a
+# proportional term depends on the states of the poses alone, and mostly not on the torques that a
+# fit changes in these: it is computed anew only when a field that it read has changed.
+
+_FIELDS = frozenset(field.name for field in fields(PoseStates))
+
+
+class _Watched(PoseStates):
+    """States that record which of their fields are read."""
+
+    @classmethod
+    def of(cls, states: PoseStates) -> _Watched:
+        """Return the same states with an empty record."""
+        watched = cls(**{name: getattr(states, name) for name in _FIELDS})
+        vars(watched)["read"] = set()
+        return watched
+
+    def __getattribute__(self, name: str) -> Any:
+        if name in _FIELDS:
+            vars(self).get("read", set()).add(name)
+        return super().__getattribute__(name)
+
+
+class Kept:
+    """The derivative of each proportional term at the states it was last computed for."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        #: Derivatives, each with the fields of the states that were read for it, by name.
+        self._cached: dict[Term, tuple[Array, dict[str, Any]]] = {}
+
+    def derivative(self, term: Term, states: PoseStates, x: Array) -> Array:
+        """Return `term.derivative(states, x)`, from the cache where that is valid."""
+        if not term.proportional:
+            return term.derivative(states, x)
+        if not self._is_valid(term, states):
+            watched = _Watched.of(states)
+            derivative = term.derivative(watched, x)
+            read = {name: getattr(states, name) for name in vars(watched)["read"]}
+            self._cached[term] = derivative, read
+        return self._cached[term][0]
+
+    def shift(self, term: Term, states: PoseStates, x: Array) -> Array:
+        """Return `term.shift(states, x)`, from the cached derivative where that is valid."""
+        if not self._is_valid(term, states):
+            return term.shift(states, x)
+        shift: Array = self._cached[term][0] @ x
+        return shift
+
+    def _is_valid(self, term: Term, states: PoseStates) -> bool:
+        """Return whether a derivative is cached, of states with the very same arrays."""
+        if not term.proportional or term not in self._cached:
+            return False
+        _, read = self._cached[term]
+        return all(getattr(states, name) is value for name, value in read.items())

@@ -82,8 +82,6 @@ class Traits(Protocol):
     yields: ClassVar[bool] = False
     #: Whether it changes the logged torques, see `TorqueTerm`.
     shows_torque: ClassVar[bool] = False
-    #: Whether it changes the weights of arm and tool, see `Weighing`.
-    weighs: ClassVar[bool] = False
     #: Whether it bends links or base in proportion to the loads that they carry.
     bends: ClassVar[bool] = False
     #: In which poses it applies.
@@ -212,13 +210,6 @@ class TorqueTerm(Term, Protocol):
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
 
 
-class Weighing(Term, Protocol):
-    """A term that changes the weights of arm and tool."""
-
-    def carried(self, states: PoseStates, x: Array) -> PoseStates:
-        """Return states with the loads of links and base by these weights."""
-
-
 def yields(term: Term) -> TypeGuard[Yielding]:
     """Return whether a term turns a joint under the torque it carries."""
     return term.yields
@@ -227,11 +218,6 @@ def yields(term: Term) -> TypeGuard[Yielding]:
 def shows_torque(term: Term) -> TypeGuard[TorqueTerm]:
     """Return whether a term changes the logged torques."""
     return term.shows_torque
-
-
-def weighs(term: Term) -> TypeGuard[Weighing]:
-    """Return whether a term changes the weights of arm and tool."""
-    return term.weighs
 
 
 def report_as_solved(parameters: tuple[TermParameter, ...], x: Array) -> Report:

@@ -74,7 +74,6 @@ class Weights(TorqueOnly):
     u_scale: float = field(default=0.0, metadata={OPTIONAL: True})
     id: ClassVar[str] = "weights"
     of: ClassVar[str] = "arm"
-    weighs: ClassVar[bool] = True
     acts_on_joint: ClassVar[bool] = False  # calculated torques do not have it
     falsifies_log: ClassVar[bool] = False  # it plays a part wherever torques are calculated
 
@@ -192,7 +191,7 @@ class Weights(TorqueOnly):
 
 def holds_weights(term: Term) -> TypeGuard[Weights]:
     """Return whether a term is that of unknown weights."""
-    return term.weighs
+    return "weight" in term.roles
 
 
 # Faults of a whole log as terms: reported as faults, never named as effects.

@@ -23,7 +23,7 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.moved import Misfit
-from pa10cal.fit.prior import GaussianPrior, disagreement, gain_along, remaining_disagreement
+from pa10cal.fit.problem import GaussianPrior, disagreement, gain_along, remaining_disagreement
 from pa10cal.rules import MOVED
 from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap

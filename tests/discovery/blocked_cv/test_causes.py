@@ -7,7 +7,7 @@ import pytest
 
 import pa10cal
 from mended import write_simulated
-from pa10cal.discovery.blocked_cv import by_blocks, causes
+from pa10cal.discovery.blocked_cv import by_blocks
 from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect, weighted_rows
 from pa10cal.discovery.blocked_cv.linear_fit import linear_fit
@@ -70,7 +70,7 @@ def test_it_is_told_and_written(found, campaign):
 
 @pytest.mark.slow
 def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
-    monkeypatch.setattr(causes, "agreement", lambda _: None)
+    monkeypatch.setattr(by_blocks, "agreement", lambda _: None)
     (finding,) = by_blocks.with_causes(found).effects
     assert (finding.id, [each.id for each in finding.alternatives]) == (
         "sensor_error",
@@ -83,7 +83,7 @@ def as_map(found, monkeypatch):
     """The verdict before its map had a name, of a joint whose motor shows no ripple."""
     effect = found.effects[0].effect
     said = JointErrorMap("joint 3", effect.knots, effect.spectrum)
-    monkeypatch.setattr(causes, "witnesses", lambda *_: (None,) * 6)
+    monkeypatch.setattr(by_blocks, "witnesses", lambda *_: (None,) * 6)
     return by_blocks._renamed(found, {effect: said}, {})
 
 
@@ -97,10 +97,10 @@ def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("agreement", lambda _: None), ("MAPS", replace(causes.MAPS, fine_knots=1000))],
+    [("agreement", lambda _: None), ("MAPS", replace(by_blocks.MAPS, fine_knots=1000))],
 )
 def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, name, value):
-    monkeypatch.setattr(causes, name, value)
+    monkeypatch.setattr(by_blocks, name, value)
     (finding,) = by_blocks.with_causes(as_map).effects
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
 

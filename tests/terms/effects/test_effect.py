@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances
-from pa10cal.terms.derivative_cache import Kept
 from pa10cal.terms.joint_spring import JointSpring, baseline
-from pa10cal.terms.model import Model
+from pa10cal.terms.model import Kept, Model
 from pa10cal.terms.term import shows_torque, yields
 
 #: Effects known to need the moments of the weights, or where the targets were.

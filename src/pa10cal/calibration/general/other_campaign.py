@@ -44,8 +44,7 @@ from pa10cal.fit.moved import (
     smallest_set,
     sought,
 )
-from pa10cal.fit.prior import GaussianPrior, disagreement
-from pa10cal.fit.problem import Problem
+from pa10cal.fit.problem import GaussianPrior, Problem, disagreement
 from pa10cal.fit.uncertain_weights import unknown_tool, weight_sizes
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start

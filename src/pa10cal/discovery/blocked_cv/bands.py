@@ -245,7 +245,7 @@ def _stretches_of_angles(
     joints, knots = joints_and_knots(members)
     for k, each in enumerate(maps):
         angle = rows.survey.poses.states.q_rad[:, each.joint - 1]
-        tenth = np.argsort(np.argsort(angle, kind="stable")) * 10 // len(angle)
+        tenth = np.argsort(np.argsort(angle, kind="stable")) * MAPS.angle_parts // len(angle)
         tenths = MAPS.tenths_left_out
         if len(maps) > MAPS.few_joints:  # one of each joint, the first and the second in turn
             tenths = tenths[k % 2 :][:1]

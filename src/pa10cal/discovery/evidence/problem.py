@@ -20,8 +20,8 @@ from pa10cal.fit.uncertain_weights import unknown_tool
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
-from pa10cal.terms.derivative_cache import Kept
 from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.model import Kept
 
 
 @dataclass(frozen=True)
