@@ -1,9 +1,12 @@
 """Effects hidden in made-up surveys, and what the search by blocks left out makes of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from made_up_survey import LOW_RAD, Hidden, observe
+from pa10cal.discovery.blocked_cv import by_blocks
 from pa10cal.errors import DiscoveryError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 
@@ -108,3 +111,19 @@ def test_held_out_poses_beyond_the_angles_seen_are_told_apart(mapped):
 def test_too_few_poses_are_refused():
     with pytest.raises(DiscoveryError, match="too few poses to judge effects by blocked"):
         _ = observe(poses=99).survey
+
+
+@pytest.mark.parametrize(
+    ("names", "rms_mm", "is_better"),
+    [(1, 0.999, True), (1, 1.001, False), (3, 0.985, False), (3, 0.975, True)],
+)
+def test_a_set_with_more_names_has_to_predict_held_out_blocks_better_by_more(
+    names, rms_mm, is_better
+):
+    """The same model fitted otherwise predicts them better by 1 % now and then."""
+
+    def verdict(count, rms_mm):
+        scorer = SimpleNamespace(remaining=SimpleNamespace(rms_mm=rms_mm))
+        return SimpleNamespace(effects=(None,) * count, scorer=scorer)
+
+    assert by_blocks._better(verdict(names, rms_mm), verdict(1, 1.0)) == is_better
