@@ -129,9 +129,7 @@ def with_predicted(found: Verdict) -> Verdict:
         return found
     if found.train.without_motion is not None:
         return found
-    by_names = found.baseline
-    if not found.holds_nowhere:
-        by_names = found.extended.fitted(found.scorer.covariance)
+    by_names = found.baseline if found.holds_nowhere else found.extended.fitted()
     fit = field_of(by_names, found.train.poses, _nameless(found, by_names))
     if fit is None:
         return found

@@ -14,7 +14,6 @@ import numpy as np
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.other_numbers import COMPUTING
-from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
@@ -316,15 +315,9 @@ def with_base_term(baseline: FittedModel, effects: tuple[Effect, ...] = ()) -> M
     return Model(baseline.model.chain, terms)
 
 
-def held_of_base(calibrated: Fitted) -> Mask:
-    """Return which small motions of the base (6,) a calibration held: no reading tells them.
-
-    As how a base is turned about the one point to which distances go.
-    """
-    if calibrated.covariance is None:
-        return np.zeros(len(BASE), dtype=bool)
-    first = len(calibrated.x)
-    return np.asarray(np.diag(calibrated.covariance)[first : first + len(BASE)] == 0.0)
+def base_shown(measured: Instrument) -> Mask:
+    """Return which small motions of the base (6,) readings show: turns if they have directions."""
+    return np.array([measured.directional or name not in BASE[3:] for name in BASE])
 
 
 def unknowns(at: FittedModel) -> Array:

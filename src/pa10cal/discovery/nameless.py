@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -18,13 +18,14 @@ import numpy as np
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.linear import held_of_base
+from pa10cal.discovery.linear import base_shown
 from pa10cal.discovery.other_numbers import FIELD
 from pa10cal.discovery.preparation import computable
 from pa10cal.fit.discrepancy import RowsAboutFit
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, everywhere_but
 from pa10cal.terms.field import Nameless
@@ -110,7 +111,7 @@ def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -
 
     None where the size of every effect goes to zero.
     """
-    chain, geometry = model.model.chain, _departures(model)
+    chain, geometry = model.model.chain, _departures(model, poses.measured)
     whole = _nameless(chain, geometry, effects, [1.0] * len(effects))
     rows = RowsAboutFit.of(with_terms(model, [whole]), poses)
     every = Gaussian.of(rows.columns[:, :, rows.of_field], rows.data)
@@ -130,12 +131,12 @@ def all_at_once(model: Fitted, poses: Observations, effects: Sequence[Effect]) -
     return beside(model, terms, poses, scatter, again.weight)
 
 
-def _departures(model: Fitted) -> tuple[Term, ...]:
-    """Return departures of links, base (where it is free) and tool in addition to those there."""
+def _departures(model: Fitted, measured: Instrument) -> tuple[Term, ...]:
+    """Return departures of links, base (where it shows) and tool in addition to those there."""
     links = [term for term in model.model.terms if term.constant and term.of == "links"]
     base = base_frame()
-    free = zip(base.parameters, held_of_base(model), strict=True)
-    return (*links, base.only({one.name for one, held in free if not held}), tool_frame())
+    shown = compress((parameter.name for parameter in base.parameters), base_shown(measured))
+    return (*links, base.only(set(shown)), tool_frame())
 
 
 def _nameless(

@@ -181,3 +181,10 @@ class TestTargetsOffTheirPlaces:
         zero = np.zeros(moved.problem.cells.measured.by_apparatus.shape[2])
         same = moved.problem.cells.measured.as_read(T, moved.baseline.T_instr_base, zero)
         np.testing.assert_allclose(same, T, atol=1e-15)
+
+
+def test_the_base_is_as_uncertain_as_readings_with_directions_leave_it(null):
+    """A paper's calibration has no covariance of it: that is no reason to hold it."""
+    start = null.start
+    base = start.model.columns_of(start.model.terms[-1])
+    assert np.diag(covariance_of(null.problem, start))[base].min() > 0.0

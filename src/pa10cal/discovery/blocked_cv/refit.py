@@ -172,8 +172,8 @@ class _NormalFit:
         self.expected = np.zeros(len(sizes))  # mean of the prior
         self.expected[: len(own.x)] = own.x
         self.expected[self._targets] = own.targets_m
-        self._held_with_base = np.zeros(len(sizes), dtype=bool)
-        self._held_with_base[count - 6 : count] = linear.held_of_base(survey.calibrated)
+        self._shown = np.ones(len(sizes), dtype=bool)
+        self._shown[count - 6 : count] = linear.base_shown(measured)
         self.bounds = Bounds.of((*self._model.parameters, *measured.target_parameters))
 
     def model_at(self, x: Array) -> FittedModel:
@@ -210,11 +210,11 @@ class _NormalFit:
     def covariance(self, normal: Array, free: Mask) -> Array:
         """Return the covariance of all unknowns (k, k), zero of those that are not free.
 
-        The base is held where the calibration held it. Coordinates of targets that the poses do
+        The base is held where readings do not show it. Coordinates of targets that the poses do
         not determine are held one by one, as calibrations hold them as stated: with all axes
         parallel the height of a target is that of the base.
         """
-        free = free & ~self._held_with_base
+        free = free & self._shown
         covariance = _inverse(normal, self.prior, free)
         variances = 1.0 / np.diag(self.prior)[self._targets]
         while len(variances):

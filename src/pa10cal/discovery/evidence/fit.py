@@ -11,7 +11,7 @@ from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.linear import (
     ModelWithEffects,
     at_unknowns,
-    held_of_base,
+    base_shown,
     residual,
     residual_and_jacobian,
     residual_then_jacobian,
@@ -111,12 +111,12 @@ def fit(
 def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     """Return the covariance (k, k) of all parameters, by the data and the expected sizes.
 
-    Zero of the base where the calibration held it.
+    Zero of the base where readings do not show it.
     """
     rows = _FitRows(problem, found.effects, found.sizes, found.variances, found.at)
     free = np.ones(len(found.x), dtype=bool)
     base = found.at.model.columns_of(found.at.model.terms[-1])
-    free[base] = ~held_of_base(problem.baseline)
+    free[base] = base_shown(problem.cells.measured)
     of_free = np.ix_(free, free)
     information = rows.equations(found.x).normal[of_free]
     size = 1.0 / np.sqrt(np.diag(information))
