@@ -1,4 +1,8 @@
-"""What an effect is: a term with a name, a place and sizes to be expected."""
+"""The base class of effects: terms with a name, a place and plausible sizes.
+
+Also what a campaign says of where effects are possible, the quantities of poses that effects need,
+and the vocabulary: all classes of effects in this package, at all their places.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import import_module
-from types import ModuleType
-from typing import Any, ClassVar, Literal, Self, TypeGuard
+from typing import Any, ClassVar, Literal, Self, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -21,17 +24,19 @@ from pa10cal.errors import CalibrationError
 from pa10cal.terms import effects
 from pa10cal.terms.term import Report, Role, Term, TermParameter, Traits, report_as_solved
 
-#: Where effects sit that may be others in another campaign: of its foundation and its tool.
+#: Places whose effects depend on the foundation and the tool of a campaign.
 _OF_PLACE = ("base", "tool")
-#: A joint that never carried this share of its rated torque cannot show how it winds up.
+#: Share of its rated torque that a joint must have carried to show how it winds up.
 _LOADED_SHARE = 0.01
-#: A joint that turned less shows no shape.
+#: Range of angles that a joint must have covered to show the shape of an error.
 _LEAST_SPAN_RAD = 1e-3
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class CandidateContext:
-    """What decides where an effect may sit."""
+    """What is known of arm and campaign, by which it is decided where effects are possible."""
 
     arm: Arm  # the nominal arm
     flexible_joints: tuple[int, ...]  # joints, from 1, to which the model gives a spring
@@ -51,9 +56,9 @@ class CandidateContext:
 
     @property
     def rated_Nm(self) -> Array:
-        """Return the rated torque of every joint, (n,); of unrated ones what they carried.
+        """Return the rated torque of every joint, (n,) [N m].
 
-        One that is unrated and carried nothing counts as rated at 1 N m: there is no size to go by.
+        The largest torque carried where no rating is stated, and 1 N m where that is zero as well.
         """
         rated_Nm = self.arm.rated_Nm(self.tau_span_Nm)
         return np.where(rated_Nm == 0.0, 1.0, rated_Nm)
@@ -63,17 +68,17 @@ class CandidateContext:
         return float(self.rated_Nm[joint - 1])
 
     def carried_at(self, joint: int) -> float:
-        """Return the largest torque that a joint, from 1, carried [N m]; 0 where hardly any."""
+        """Return the largest torque that a joint, from 1, carried [N m]; 0 if it is negligible."""
         carried_Nm = float(self.tau_span_Nm[joint - 1])
         return carried_Nm if carried_Nm > _LOADED_SHARE * self.rated_at(joint) else 0.0
 
     def span_at(self, joint: int) -> tuple[float, float] | None:
-        """Return the lowest and highest angle of a joint, from 1; None where it was not moved."""
+        """Return lowest and highest position of a joint, from 1; None if it did not move."""
         low, high = self.q_span_rad[joint - 1].tolist()
         return (low, high) if high - low > _LEAST_SPAN_RAD else None
 
 
-#: What an effect at a joint takes of it, by the name of its field; nothing where it has none.
+#: Fields of effects at a joint that `Effect.fields_at` takes from the context, by their names.
 _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
     "rated_Nm": CandidateContext.rated_at,  # rated torque
     "span_Nm": CandidateContext.carried_at,  # largest torque that the joint carried
@@ -83,51 +88,51 @@ _OF_JOINT: dict[str, Callable[[CandidateContext, int], Any]] = {
 
 @dataclass(frozen=True)
 class Effect(Traits):
-    """A term of the vocabulary; its parameters are zero where the effect is absent.
+    """A term of the vocabulary; its linear parameters are zero where the effect is absent.
 
-    A class says its `id`, where it `sits`, its form in `words`, what it does in `clauses`, the
-    parameters it is `reported` by, and what a unit of each makes of its `coordinates` (`per_unit`).
-    Parameters past the first `linear` shape the effect and matter only where it is present.
+    A class states its `id`, where it `sits`, its formula in `words`, what it does in `clauses`, the
+    `reported` parameters, and the derivative of its `coordinates` by these (`per_unit`). The effect
+    is proportional to its first `linear` parameters; the others shape it.
     """
 
     of: str  # where it sits: `joint 2`, `forearm`, `base`, ..
     id: ClassVar[str]
-    #: Where it may sit: `joint`, at every one that turns, or the one place of that name.
+    #: Where it is possible: `joint`, at every joint that turns, or else at this one place.
     sits: ClassVar[str]
-    #: The form in words a reader can type, by the parameters it reports; the effect itself is {0}.
+    #: Its formula as text, in the reported parameters; the effect itself is {0}.
     words: ClassVar[str]
-    #: What it is called, of one place and of several; {id} are the words of its id.
+    #: Its noun at one place, and at several if another; {id} is its id in words.
     nouns: ClassVar[tuple[str, ...]] = ("{id}",)
-    #: What it does {at} a place, one clause, and at several joints, where that is said otherwise.
+    #: A clause that says what it does {at} one place, and one for several joints if another.
     clauses: ClassVar[tuple[str, ...]] = ("there is {id} of {at}",)
-    #: Whether it only gives the place of a missing effect, not its cause: no name.
+    #: Whether it is a smooth function that gives the place of a missing effect and no cause.
     generic: ClassVar[bool] = False
-    #: What a reader should do who finds it without a name, one clause.
+    #: A clause that says what to do where it is found and not named.
     advice: ClassVar[str] = ""
-    #: Whether its linear parameters cannot be negative, as of a stiffness, a Coulomb torque or lost
-    #: motion. Every effect decides (a test holds all of them): a fit of the other sign is not it.
+    #: Whether its linear parameters cannot be negative, as those of compliances, friction or lost
+    #: motion; a fit of the other sign is then another effect.
     positive: ClassVar[bool] = False
-    #: Lowest and highest value that its first parameter can have, and why; None for no such limit.
-    #: Where there is one it decides, and not what is plausible.
+    #: Lowest and highest possible value of its first parameter, and why; None for no such limit.
+    #: Where it is stated, the plausible size is no limit.
     possible: ClassVar[tuple[float, float, str] | None] = None
-    #: Most that it can turn anything by [rad], and why; None for no such limit.
+    #: Largest rotation that it can cause [rad], and why; None for no such limit.
     most_rad: ClassVar[tuple[float, str] | None] = None
-    #: Power of the weights with which its reported parameters go: -1 of a compliance.
+    #: Power of the weights that its reported parameters are proportional to: -1 of a compliance.
     weights_power: ClassVar[float] = 0.0
-    #: Whether it moves what its joint sits on, so that the link before it is to bend in a chain.
+    #: Whether it moves the link before its joint, which has to bend in the chain.
     on_link: ClassVar[bool] = False
-    #: Whether the instrument reads falsely by it, and the robot has nothing of it.
+    #: Whether it is an error of the instrument's readings, not of the robot.
     falsifies_readings: ClassVar[bool] = False
-    #: Whether its amounts are known by their differences: the arm's lengths take up what is common.
+    #: Whether only differences of its amounts are identifiable: their mean goes with the lengths.
     by_differences: ClassVar[bool] = False
-    #: Whether it is a fault of the whole log, reported and never named as an effect.
+    #: Whether it is a fault of the whole log, which is reported as such and not as an effect.
     fault: ClassVar[bool] = False
-    #: Whether it goes with time or temperature.
+    #: Whether it depends on time or temperature.
     goes_with_time: ClassVar[bool] = False
-    #: Whether searches try it; else it is a name for what another form finds.
+    #: Whether searches try it; else it names what was found in another form.
     sought: ClassVar[bool] = True
-    #: Whether it takes up what several others do, one after the other: it comes in the place of
-    #: another where blocks of poses judge under stated weights, in sets under others, else never.
+    #: Whether it is flexible enough to imitate several others. Where blocks judge and weights are
+    #: stated, it then only replaces another effect; under other weights it joins sets alone.
     takes_a_place: ClassVar[bool] = False
 
     @classmethod
@@ -143,9 +148,9 @@ class Effect(Traits):
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return its fields, but for the place, at a joint (0 for elsewhere); None for not there.
+        """Return its fields after `of` at a joint (0 elsewhere); None where it is not possible.
 
-        Those of a name in `_OF_JOINT` are taken by it, and it sits where the joint has all of them.
+        By default fields named in `_OF_JOINT`, and None where the joint lacks one of these.
         """
         names = [field.name for field in fields(cls) if field.name in _OF_JOINT]
         taken = tuple(_OF_JOINT[name](context, joint) for name in names)
@@ -154,7 +159,7 @@ class Effect(Traits):
     @property
     @abstractmethod
     def reported(self) -> tuple[TermParameter, ...]:
-        """Return its parameters under the names readers know, each with its plausible size."""
+        """Return the parameters as readers know them, each with its plausible size."""
 
     @property
     def roles(self) -> tuple[Role, ...]:
@@ -163,23 +168,23 @@ class Effect(Traits):
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:
-        """Return the k parameters it is solved in: by default those reported."""
+        """Return the k parameters that are solved for: by default those reported."""
         start = f"{self.id}_{self.of.removeprefix('joint ')}_"
         return tuple(replace(known, name=start + known.name) for known in self.reported)
 
     def report(self, x: Array) -> Report:
-        """Return the parameters in the form of the vocabulary."""
+        """Return the parameters as readers know them."""
         report = report_as_solved(self.reported, x)
         return replace(report, by_weights=self.weights_power * x) if self.weights_power else report
 
     @property
     def formula(self) -> str:
-        """Return the form in words a reader can type, by the parameters it reports."""
+        """Return its formula as text, in the reported parameters."""
         return self.words.format(self)
 
     @property
     def linear(self) -> int:
-        """Return how many parameters, from the first, it is proportional to."""
+        """Return the number of leading parameters that it is proportional to."""
         return len(self.parameters)
 
     @property
@@ -197,12 +202,12 @@ class Effect(Traits):
 
     @property
     def in_sets(self) -> bool:
-        """Return whether sets under unknown weights may have it."""
+        """Return whether sets of effects under unknown weights may contain it."""
         return True
 
     @property
     def by_joint(self) -> int | None:
-        """Return the joint, from 1, that moves by it the one where it sits; None without any."""
+        """Return the joint, from 1, whose motion causes it at another joint; None for none."""
         return None
 
     @property
@@ -211,14 +216,14 @@ class Effect(Traits):
         return ()
 
     def per_unit(self, states: PoseStates) -> Array:
-        """Return what it adds to its coordinates a unit of each parameter, (P, m, k).
+        """Return the derivative of its coordinates by each parameter, (P, m, k).
 
         Axes of length one may be absent.
         """
         raise NotImplementedError(f"{self.id} has no form")
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        """Return what it adds to its coordinates, (P, m): proportional, where nothing else."""
+        """Return what it adds to its coordinates, (P, m): by default proportional to x."""
         shift: Array = self.derivative(states, x) @ x
         return shift
 
@@ -227,34 +232,33 @@ class Effect(Traits):
         return self.per_unit(states).reshape(len(states), len(self.coordinates), len(x))
 
     def turn_limit(self, reach_m: float) -> tuple[float, str] | None:
-        """Return `most_rad` of an arm that reaches so far."""
-        del reach_m
+        """Return `most_rad` for an arm of this reach [m]."""
         return self.most_rad
 
     def turn_rad(self, states: PoseStates, x: Array) -> float:
-        """Return the largest turn that it makes of one of its coordinates in some poses."""
+        """Return the largest rotation that it causes in some poses [rad]."""
         turns = [not name.endswith((".x", ".y", ".z")) for name in self.coordinates]
         return float(np.abs(self.shift(states, x)[:, turns]).max(initial=0.0))
 
     @property
     def starts(self) -> tuple[Array, ...]:
-        """Return points (k,) from which to look for it: shapes to try, in zero amount."""
+        """Return the parameters (k,) from which fits start: zero amounts, each with one shape."""
         return (np.zeros(len(self.parameters)),)
 
     @property
     def prior_factor(self) -> Array:
-        """Return L (l, l) with L L^T the covariance to be expected of the linear parameters."""
+        """Return L (l, l), where L L^T is the prior covariance of the linear parameters."""
         sizes = [parameter.plausible for parameter in self.parameters[: self.linear]]
         return np.diag(np.array(sizes, dtype=float))
 
     def size(self, x: Array) -> float:
-        """Return how large linear parameters (l,) are: the largest, in what is to be expected."""
+        """Return the largest of linear parameters (l,), in units of their plausible sizes."""
         return float(np.abs(np.linalg.solve(self.prior_factor, x)).max())
 
 
 @dataclass(frozen=True)
 class AtJoint(Effect):
-    """An effect that may sit at every joint that turns, and turns it further."""
+    """An effect of a joint, by default of one that turns, on its angle."""
 
     sits: ClassVar[str] = "joint"
 
@@ -288,117 +292,95 @@ def joint_of(place: str) -> int:
     return int(place.removeprefix("joint "))
 
 
-def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
-    """Return what weights bend the structure with.
+# Quantities of poses that an effect may need; a CalibrationError where they are not known.
 
-    Raises:
-        CalibrationError: when that was not computed for these poses.
-    """
-    if states.static_loads is None:
-        raise _lacking(
-            effect,
-            "the effect needs the moments of the weights on the structure",
-            "poses of an arm and a tool whose masses are known",
-            "describe the masses, or omit the effect",
-        )
-    return states.static_loads
+
+def static_loads_in(states: PoseStates, effect: Effect) -> StaticLoads:
+    """Return the forces and moments by which the weights bend the structure."""
+    return _known(
+        states.static_loads,
+        effect,
+        "the effect needs the moments of the weights on the structure",
+        "poses of an arm and a tool whose masses are known",
+        "describe the masses, or omit the effect",
+    )
 
 
 def time_in(states: PoseStates, effect: Effect) -> Array:
-    """Return the times of poses, (P,) [s].
-
-    Raises:
-        CalibrationError: when they give an order alone.
-    """
-    if not states.tells_time:
-        raise _lacking(
-            effect,
-            "time was not recorded, or the order of the poses goes with a joint or a load",
-            "poses in another order than that of a joint or load, with their times",
-            "omit the effect, or measure in random order and log time_s",
-        )
-    return states.time_s
+    """Return the times of poses, (P,) [s]; not known where they give an order alone."""
+    return _known(
+        states.time_s if states.tells_time else None,
+        effect,
+        "time was not recorded, or the order of the poses goes with a joint or a load",
+        "poses in another order than that of a joint or load, with their times",
+        "omit the effect, or measure in random order and log time_s",
+    )
 
 
 def move_share_in(states: PoseStates, effect: Effect) -> Array:
-    """Return the moves from the pose before, (P, n), over that of the joint that went furthest.
-
-    Raises:
-        CalibrationError: when no order of poses is known.
-    """
-    if states.move_share is None:
-        raise _lacking(
-            effect,
-            "the order in which poses were measured is not known",
-            "poses with times of their own",
-            "log time_s, or omit the effect",
-        )
-    return states.move_share
+    """Return each joint's move from the pose before over the largest of all joints, (P, n)."""
+    return _known(
+        states.move_share,
+        effect,
+        "the order in which poses were measured is not known",
+        "poses with times of their own",
+        "log time_s, or omit the effect",
+    )
 
 
 def move_end_in(states: PoseStates, effect: Effect) -> Array:
-    """Return how far the end goes along these moves, (P,), for a radian of that joint [m].
-
-    Raises:
-        CalibrationError: when no order of poses is known.
-    """
+    """Return the path of the end in these moves for a radian of the largest one, (P,) [m]."""
     move_share_in(states, effect)
-    if states.move_end_m is None:
-        raise _lacking(
-            effect, "the moves of the end are not known", "poses of a campaign", "omit the effect"
-        )
-    return states.move_end_m
+    return _known(
+        states.move_end_m,
+        effect,
+        "the moves of the end are not known",
+        "poses of a campaign",
+        "omit the effect",
+    )
 
 
 def seen_in(states: PoseStates, effect: Effect) -> ObservedTargets:
-    """Return how the poses were read from the instrument's targets.
-
-    Raises:
-        CalibrationError: when the poses were not read from targets.
-    """
-    if states.seen is None:
-        raise _lacking(
-            effect,
-            "the effect needs the positions of the instrument's targets",
-            "poses read from targets",
-            "omit the effect for this instrument",
-        )
-    return states.seen
+    """Return the measured positions of the instrument's targets in these poses."""
+    return _known(
+        states.seen,
+        effect,
+        "the effect needs the positions of the instrument's targets",
+        "poses read from targets",
+        "omit the effect for this instrument",
+    )
 
 
-def _lacking(effect: Effect, what: str, allowed: str, remedy: str) -> CalibrationError:
-    where = f"{effect.id} of {effect.of}"
-    return CalibrationError(what, where=where, allowed=allowed, remedy=remedy)
+def _known(value: Value | None, effect: Effect, what: str, allowed: str, remedy: str) -> Value:
+    if value is None:
+        where = f"{effect.id} of {effect.of}"
+        raise CalibrationError(what, where=where, allowed=allowed, remedy=remedy)
+    return value
 
 
-# All effects of the vocabulary, found by looking through this package.
+# The vocabulary: every class of effect in the modules of this package.
 
 
 @cache
 def every_effect() -> tuple[type[Effect], ...]:
     """Return every class of effect, named ones before generic ones, ordered by id."""
-    return classes_in(effects, Effect)
-
-
-def classes_in(package: ModuleType, kind: Any) -> tuple[Any, ...]:
-    """Return every class of a kind in a package, named ones before generic ones, by id."""
     modules = [
-        import_module(f"{package.__name__}.{module.name}")
-        for module in pkgutil.iter_modules(package.__path__)
+        import_module(f"{effects.__name__}.{module.name}")
+        for module in pkgutil.iter_modules(effects.__path__)
     ]
     found = {
         each
         for module in modules
         for _, each in inspect.getmembers(module, inspect.isclass)
-        if issubclass(each, kind) and not inspect.isabstract(each) and "id" in vars(each)
+        if issubclass(each, Effect) and not inspect.isabstract(each) and "id" in vars(each)
     }
     return tuple(sorted(found, key=lambda each: (each.generic, each.id)))
 
 
 def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Effect, ...]:
-    """Return every effect sought, at every place where it may sit, but those that a model has.
+    """Return every effect that is sought, at every possible place, except those of a model.
 
-    Under weights that nobody stated without what is sought in sets alone there.
+    Where weights are not stated, effects that replace others are left to the search for sets.
     """
     stated = weights_known(context.arm).origin == "stated"
     kinds = (each for each in every_effect() if each.sought and (stated or not each.takes_a_place))
@@ -408,7 +390,7 @@ def candidates(context: CandidateContext, held: Iterable[Term] = ()) -> tuple[Ef
 def everywhere_but(
     kinds: Iterable[type[Effect]], context: CandidateContext, held: Iterable[Term]
 ) -> tuple[Effect, ...]:
-    """Return effects of some kinds at every place where they may sit, but those held."""
+    """Return effects of some kinds at every possible place, except those that a model holds."""
     there = {(term.id, term.of) for term in held}
     return tuple(
         effect
@@ -419,9 +401,10 @@ def everywhere_but(
 
 
 def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
-    """Return the effects that can be named at an arm of any campaign, each with all its places.
+    """Return the named effects that are possible at an arm, kind by kind, whatever the campaign.
 
-    Where the arm does not state what an effect needs (nan), as a gear ratio, it is not there.
+    An effect that needs a quantity which the arm does not state (nan), such as a gear ratio, is
+    omitted.
     """
     anywhere = CandidateContext(
         arm=arm,
@@ -434,10 +417,9 @@ def vocabulary_of(arm: Arm) -> tuple[tuple[Effect, ...], ...]:
         commanded=True,
     )
     kinds = (kind.everywhere(anywhere) for kind in every_effect() if not kind.generic)
-    stated = (
-        tuple(
-            e for e in places if not any(isinstance(v, float) and v != v for v in vars(e).values())
-        )
-        for places in kinds
-    )
+    stated = (tuple(filter(_is_stated, places)) for places in kinds)
     return tuple(places for places in stated if places)
+
+
+def _is_stated(effect: Effect) -> bool:
+    return not any(isinstance(value, float) and np.isnan(value) for value in vars(effect).values())

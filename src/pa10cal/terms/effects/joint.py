@@ -1,4 +1,4 @@
-"""Effects at joints: their angles are off, they give way, or the log shows another torque."""
+"""Effects of joints: errors of their angles, deflections under torque, errors of logged torques."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pa10cal.errors import CalibrationError
 from pa10cal.terms.effects import effect
 from pa10cal.terms.term import OPTIONAL, JointTorqueOnly, Report, TermParameter
 
-#: Most that a joint winds up by under what it carries, and why. An assumption: twice the 23 mrad of
-#: the softest arm that was measured, a humanoid's with torque sensors in its joints.
+#: Largest deflection of a joint under its torque [rad], and why. An assumption: twice the 23 mrad
+#: of the softest arm measured, that of a humanoid with torque sensors in its joints.
 WINDS_UP = (0.05, "no joint of an arm winds up by more than 50 mrad")
-#: Reach of the arms of which that holds [m]. Shorter arms sag as far at their ends: they are driven
-#: by servos of toys and models, that give way by degrees.
+#: Least reach of the arms for which that holds [m]. Shorter arms may sag as far at their ends: they
+#: are driven by servos of toys and models, whose joints give way by degrees.
 WINDS_UP_REACH_M = 1.0
 #: The same where positions are those commanded: a servo without integral control stops short by up
 #: to its proportional band.
@@ -26,7 +26,7 @@ STOPS_SHORT = (0.2, "no servo stops short of its command by more than 200 mrad")
 
 
 def most_wound_up(reach_m: float, *, commanded: bool = False) -> tuple[float, str]:
-    """Return the most that a joint of such an arm winds up by [rad], and why."""
+    """Return the largest deflection of a joint [rad] of an arm with this reach, and why."""
     if commanded:
         return STOPS_SHORT
     if reach_m >= WINDS_UP_REACH_M:
@@ -40,7 +40,7 @@ def most_wound_up(reach_m: float, *, commanded: bool = False) -> tuple[float, st
 class GearRatioError(effect.JointEffect):
     """A gear ratio off its nominal value: eps q_j, eps without unit.
 
-    Of a joint that slides it is the pitch of its rack or the lead of its screw that is off.
+    Of a joint that slides it is a wrong pitch of its rack or lead of its screw.
     """
 
     slides: bool = field(default=False, metadata={OPTIONAL: True})  # whether the joint slides
@@ -52,7 +52,7 @@ class GearRatioError(effect.JointEffect):
 
     @property
     def in_sets(self) -> bool:
-        # A scale of the instrument looks the same as another pitch, and is in no set.
+        # A scale of the instrument, which is in no set, has the same effect as a pitch.
         return not self.slides
 
     @classmethod
@@ -72,8 +72,8 @@ class GearRatioError(effect.JointEffect):
 class Backlash(effect.JointEffect):
     """Lost motion: -b s_j [rad], s_j the direction in which the joint arrived.
 
-    q is the angle of the motor. The gear's flank pushes the link, so the link stays behind the
-    direction from which it came, by half of the reversal error (ISO 230-2): b > 0.
+    q is the angle of the motor. The gear's flank pushes the link, so the link lags behind the
+    motor by half of the reversal error (ISO 230-2): b > 0.
     """
 
     id = "backlash"
@@ -91,18 +91,18 @@ class Backlash(effect.JointEffect):
 
 # Joints whose drives run through others: a wrist's shafts and gears, belts along an arm, quills.
 
-#: How far a fit may take the cycles of a line from where they were found.
-_LINE_MOVES = 0.5
-#: Axes nearer than this are one [m]: a quill slides along the axis about which it turns.
+#: Distance below which two axes count as one [m]: a quill slides along the axis about which it
+#: turns.
 _ONE_AXIS_M = 1e-3
 
 
 def moved_along(arm: Arm) -> dict[int, int]:
-    """Return the joints that may move a little as another turns, each with that one, from 1.
+    """Return, by joint from 1, the other joint whose rotation may move it a little.
 
-    As drives are built: beside the joint before it a belt, a chain or a parallelogram may drive a
-    joint; shafts of a wrist whose axes cross run through its first joint; and a quill slides along
-    the axis about which it turns. The last joint and the one before it are `wrist_coupling`.
+    That depends on how drives are built: a belt, a chain or a parallelogram along the link before
+    may drive a joint whose axis is parallel to the one before; the shafts of a wrist whose axes
+    cross run through its first joint; a quill slides along the axis about which it turns. The last
+    joint and the one before it are left to `wrist_coupling`.
     """
     n, slides, found = arm.n, arm.prismatic, {}
     between = neighbouring_axes(arm)
@@ -118,15 +118,15 @@ def moved_along(arm: Arm) -> dict[int, int]:
     crossing = n > 3 and not any(axes.parallel for axes in between[-2:])
     if crossing and not slides[-3:].any():
         found |= {n - 1: n - 2, n: n - 2}
-    # What a joint without a motor of its own does with its motor is its gear ratio.
+    # Where one motor drives two joints, the other joint's share of it is a gear ratio.
     return {joint: by for joint, by in found.items() if joint - 1 in arm.coupling.own}
 
 
 @dataclass(frozen=True)
 class JointCoupling(effect.AtJoint):
-    """A joint moves as another turns, whose drive it feels: c q_k, c without unit.
+    """A joint moves as another turns, through whose axis its drive runs: c q_k, c without unit.
 
-    Of a joint that slides c is in m/rad, as of a quill that rises as it turns.
+    Of a joint that slides, such as a quill that rises as it turns, c is in m/rad.
     """
 
     by: int  # k, the joint that turns, from 1
@@ -157,7 +157,7 @@ class JointCoupling(effect.AtJoint):
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        if self.slides:  # of a turn some tenths of a millimetre to some millimetres
+        if self.slides:  # tenths of a millimetre to a few millimetres for a turn
             return (TermParameter("c", "m/rad", 1e-5, plausible=3e-4),)
         return (TermParameter("c", "1", 3e-5, plausible=1e-3),)
 
@@ -178,7 +178,7 @@ class WristCoupling(effect.Effect):
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the last joint, where it and the one before turn."""
+        """Return the last joint, if it and the one before it turn."""
         last = context.arm.n
         return (last,) if {last - 1, last} <= {*effect.turning_joints(context)} else None
 
@@ -203,7 +203,7 @@ class JointHarmonic(effect.AtJoint):
 
     order: float  # cycles a turn of the joint
     words = "theta_{0.joint} += A sin({0.order:g} q_{0.joint} + phi)"
-    order_stated: ClassVar[float]  # of those of one order
+    order_stated: ClassVar[float]  # the order of a class that has one at every joint
     plausible_rad = 3e-4
 
     @classmethod
@@ -212,18 +212,22 @@ class JointHarmonic(effect.AtJoint):
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        """Return the parts it is solved in, and not what `report` makes of them."""
+        """Return sine and cosine part, which `report` turns into amplitude and phase."""
         return tuple(
             TermParameter(part, "rad", 1e-5, plausible=self.plausible_rad)
             for part in ("sin", "cos")
         )
 
     def per_unit(self, states: PoseStates) -> Array:
-        phase = self.order * states.q_rad[:, self.joint - 1]
-        return np.stack([np.sin(phase), np.cos(phase)], axis=-1)
+        return _sine_and_cosine(self.order * states.q_rad[:, self.joint - 1])
 
     def report(self, x: Array) -> Report:
         return amplitude_and_phase(x, "rad")
+
+
+def _sine_and_cosine(phase: Array) -> Array:
+    """Return sine and cosine of phases (P,), (P, 2)."""
+    return np.stack([np.sin(phase), np.cos(phase)], axis=-1)
 
 
 def amplitude_and_phase(x: Array, unit: str) -> Report:
@@ -293,18 +297,18 @@ class EncoderEllipticity(JointHarmonic):
     order_stated = 2.0
 
 
-# An error of a whole number of cycles a turn of a joint, which the data have found.
+# Periodic errors whose number of cycles a turn is found from the data.
 
 
 @dataclass(frozen=True)
 class PeriodicError(JointHarmonic):
-    """A sin(k q_j + phi), k whole: in the place of a map that is this one line.
+    """A sin(k q_j + phi) with a whole number k, in place of a map that is no better than this.
 
-    It is not sought: k is found where a map of the joint does no better than one line
+    It is not sought: k is that of the short form that does as well as the map
     (`discovery/short_forms`). One and two cycles, and those of the gear, have names of their own.
     """
 
-    order: float = 3.0  # k, at first the lowest without a name of its own
+    order: float = 3.0  # k; by default the lowest without another name
     id = "periodic_error"
     clauses = (
         "{at} turns wrongly in even waves of its angle",
@@ -324,16 +328,20 @@ class PeriodicError(JointHarmonic):
         )
 
 
+#: Range about the order of a line within which a fit varies k [cycles a turn].
+_LINE_MOVES = 0.5
+
+
 @dataclass(frozen=True)
 class GearLine(effect.AtJoint):
-    """A sin(k q_j + phi) of a gear whose ratio nobody stated: k, cycles a turn, is found.
+    """A sin(k q_j + phi) of a gear whose ratio is not stated, with k cycles a turn of the joint.
 
     A toothed wheel or a motor off its centre errs once a turn of its own, a harmonic drive twice a
-    turn of its wave generator. It is not sought: k is found first, where errors of the joint have a
-    line (`discovery/gear_lines`). Of a stated ratio it is `transmission_error`.
+    turn of its wave generator. Searches try it only where the spectrum of the joint's error has a
+    line (`discovery/gear_lines`). If the ratio is stated, this effect is `transmission_error`.
     """
 
-    order: float = 100.0  # cycles a turn of the joint, about which k is found
+    order: float = 100.0  # order of the line in the spectrum, about which k is fitted
     id = "gear_line"
     clauses = (
         "the gear of {at} errs many times a turn",
@@ -345,7 +353,7 @@ class GearLine(effect.AtJoint):
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        """Return the parts it is solved in, and not what `report` makes of them."""
+        """Return sine and cosine part and k, which `report` turns into A, phi and k."""
         parts = (TermParameter(name, "rad", 1e-5, plausible=3e-4) for name in ("sin", "cos"))
         low, high = self.order - _LINE_MOVES, self.order + _LINE_MOVES
         return (*parts, TermParameter("k", "1", 0.01, lower=low, upper=high))
@@ -355,12 +363,13 @@ class GearLine(effect.AtJoint):
         return (np.array([0.0, 0.0, self.order]),)
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        shift: Array = (self._waves(states, x[2]) @ x[:2])[:, None]
-        return shift
+        shift: Array = _sine_and_cosine(x[2] * states.q_rad[:, self.joint - 1]) @ x[:2]
+        return shift[:, None]
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        waves = self._waves(states, x[2])
-        by_k = states.q_rad[:, self.joint - 1] * (waves[:, ::-1] @ (x[:2] * [1.0, -1.0]))
+        q_rad = states.q_rad[:, self.joint - 1]
+        waves = _sine_and_cosine(x[2] * q_rad)
+        by_k = q_rad * (waves[:, ::-1] @ (x[:2] * [1.0, -1.0]))
         return np.concatenate([waves, by_k[:, None]], axis=1)[:, None, :]
 
     def report(self, x: Array) -> Report:
@@ -370,25 +379,20 @@ class GearLine(effect.AtJoint):
         parameters = (*known.parameters, TermParameter("k", "1", 0.01))
         return Report(parameters, np.append(known.values, x[2]), jacobian)
 
-    def _waves(self, states: PoseStates, k: float) -> Array:
-        """Return sine and cosine of k times the joint's angle, (P, 2)."""
-        phase = k * states.q_rad[:, self.joint - 1]
-        return np.stack([np.sin(phase), np.cos(phase)], axis=-1)
 
-
-# Effects by which the log shows another torque than the joint carries.
+# Errors of logged torques: the log shows another torque than the joint carries.
 
 
 @dataclass(frozen=True)
 class FalseTorque(JointTorqueOnly, effect.JointEffect):
-    """A single parameter by which the logged torque of one joint is off; no joint carries it."""
+    """An error of one joint's logged torque, with a single parameter; no joint carries it."""
 
     acts_on_joint = False
 
 
 @dataclass(frozen=True)
 class FrictionTorque(FalseTorque):
-    """What friction holds of a load: logged torque = tau_j + tau_c s_j, tau_c in N m."""
+    """Coulomb friction in the log: logged torque = tau_j + tau_c s_j, tau_c in N m."""
 
     rated_Nm: float  # rated torque of the joint
     id = "friction_torque"
@@ -413,7 +417,7 @@ class FrictionTorque(FalseTorque):
 class TorqueGain(FalseTorque):
     """A wrong scale of the torque: logged torque = (1 + g) tau_j, g without unit.
 
-    tau_j is the torque of the weights: taken from the log, its noise would explain itself.
+    tau_j is computed from the weights: with the logged one, its noise would explain itself.
     """
 
     id = "torque_gain"
@@ -430,29 +434,38 @@ class TorqueGain(FalseTorque):
 
 # Deflections of a joint under its torque beyond the springs of the model.
 
-#: A joint so stiff counts as rigid: its reported stiffness stays finite [rad/(N m)].
+#: Least compliance of which a stiffness is reported, so that it stays finite [rad/(N m)].
 _RIGID = 1e-12
 
 
 @dataclass(frozen=True)
-class JointCompliance(effect.JointEffect):
+class WindsUp(effect.JointEffect):
+    """A joint that deflects further under the torque that it carries."""
+
+    rated_Nm: float  # rated torque of the joint
+    yields = True
+    most_rad = WINDS_UP
+    positive = True
+
+    def turn_limit(self, reach_m: float) -> tuple[float, str]:
+        return most_wound_up(reach_m)
+
+    def tau_Nm(self, states: PoseStates) -> Array:
+        """Return the torque that the joint carries, (P,)."""
+        return states.tau_Nm[:, self.joint - 1]
+
+
+@dataclass(frozen=True)
+class JointCompliance(WindsUp):
     """A spring at a joint that the model holds rigid: deflection tau_j / K, K in N m/rad.
 
     Solved in the compliance 1/K [rad/(N m)], zero for a rigid joint.
     """
 
-    rated_Nm: float  # rated torque of the joint
     id = "joint_compliance"
     nouns = ("spring", "springs")
     clauses = ("{at} gives way under the arm's weight", "{at} give way under the arm's weight")
-    yields = True
-    most_rad = WINDS_UP
     words = "theta_{0.joint} -= tau_{0.joint} / K"
-    positive = True
-
-    def turn_limit(self, reach_m: float) -> tuple[float, str]:
-        """Return the most that such an arm's joint winds up by, and why."""
-        return most_wound_up(reach_m)
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
@@ -461,12 +474,12 @@ class JointCompliance(effect.JointEffect):
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        """Return the compliance it is solved in; `report` makes the stiffness of it."""
+        """Return the compliance that is solved for, which `report` turns into the stiffness."""
         size = 1.0 / (100.0 * self.rated_Nm)
         return (TermParameter("compliance", "rad/(N m)", 0.01 * size, lower=0.0, plausible=size),)
 
     def per_unit(self, states: PoseStates) -> Array:
-        return -states.tau_Nm[:, self.joint - 1]
+        return -self.tau_Nm(states)
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
         return np.full(len(states), -x[0])
@@ -479,25 +492,17 @@ class JointCompliance(effect.JointEffect):
 
 
 @dataclass(frozen=True)
-class SoftWindup(effect.JointEffect):
+class SoftWindup(WindsUp):
     """A drive softer near zero torque: it deflects further by A tanh(tau_j / tau0).
 
     A in rad, tau0 in N m.
     """
 
-    rated_Nm: float  # rated torque of the joint
     span_Nm: float  # largest torque that the joint carried
     id = "soft_windup"
     clauses = ("{at} is softer near zero torque", "{at} are softer near zero torque")
-    yields = True
-    most_rad = WINDS_UP
     words = "theta_{0.joint} -= A tanh(tau_{0.joint} / tau0)"
-    positive = True
     linear = 1  # proportional to A; tau0 shapes it
-
-    def turn_limit(self, reach_m: float) -> tuple[float, str]:
-        """Return the most that such an arm's joint winds up by, and why."""
-        return most_wound_up(reach_m)
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
@@ -508,17 +513,17 @@ class SoftWindup(effect.JointEffect):
         )
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        shift: Array = -x[0] * np.tanh(self._tau_Nm(states) / x[1])[:, None]
+        shift: Array = -x[0] * np.tanh(self.tau_Nm(states) / x[1])[:, None]
         return shift
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        tau_Nm = self._tau_Nm(states)
+        tau_Nm = self.tau_Nm(states)
         full = np.tanh(tau_Nm / x[1])
         by_tau0 = x[0] * (1.0 - full**2) * tau_Nm / x[1] ** 2
         return np.stack([-full, by_tau0], axis=-1)[:, None, :]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
-        slope: Array = -x[0] / x[1] * (1.0 - np.tanh(self._tau_Nm(states) / x[1]) ** 2)
+        slope: Array = -x[0] / x[1] * (1.0 - np.tanh(self.tau_Nm(states) / x[1]) ** 2)
         return slope
 
     @property
@@ -526,6 +531,3 @@ class SoftWindup(effect.JointEffect):
         """Return zero amount at a tenth, a third and the whole of the torque carried."""
         turns_Nm = np.maximum(self.span_Nm * np.array([0.1, 0.3, 1.0]), 0.005 * self.rated_Nm)
         return tuple(np.array([0.0, tau0]) for tau0 in np.unique(turns_Nm))
-
-    def _tau_Nm(self, states: PoseStates) -> Array:
-        return states.tau_Nm[:, self.joint - 1]
