@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import AtJoint, CandidateContext, static_loads_in
-from pa10cal.terms.effects.structure import compliance, moment_of_arm_Nm
+from pa10cal.terms.effects.structure import Compliance, moment_of_arm_Nm
 from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 
 #: Straightness and turns of rails as they are mounted: 0.05 to 0.5 mm, 0.05 to 0.5 mrad [m, rad].
@@ -42,10 +42,10 @@ class AtSlide(AtJoint):
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return it at every joint that slides before any turns, and was moved.
+        """Return it at every joint that slides, was moved, and comes before all that turn.
 
-        Those are rails and columns. A quill slides by a few centimetres, and of what it does there
-        an arm that bends or tilts does nearly as much.
+        Those are rails and columns. A quill slides by a few centimetres, in which an arm that bends
+        or tilts has nearly the same effect.
         """
         arm = context.arm
         slides = (np.flatnonzero(np.logical_and.accumulate(arm.prismatic)) + 1).tolist()
@@ -82,11 +82,10 @@ class AtSlide(AtJoint):
 class SlideError(AtSlide):
     """A carriage turns and shifts with its stroke, by polynomials of the sixth degree.
 
-    Legendre's of u, from -1 to 1 over the span: of all three turns from degree 1 on, of the shifts
-    from 2 on, and of degree 1 the shift along the stroke. What is the same everywhere is where the
-    next joint sits, and a shift across the stroke that grows evenly is another direction of it:
-    link, base and tool have these. Higher degrees are expected to be smaller. Both scorers seek it,
-    alone and in sets.
+    Legendre polynomials of u, which is -1 to 1 over the span: of degree 1 and more for the three
+    turns, 2 and more for the shifts, and 1 for the shift along the stroke. Constants, and shifts
+    across the stroke that grow evenly, are parameters of link, base and tool already. Higher
+    degrees are expected to be smaller. Both scorers seek it, alone and in sets.
     """
 
     at_end: bool = field(default=False, metadata={OPTIONAL: True})  # whether no joint follows
@@ -116,7 +115,7 @@ class SlideError(AtSlide):
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
-        """Return the series it is solved in, and not what `report` makes of them."""
+        """Return the coefficients, of which `report` makes root mean squares over the stroke."""
         return tuple(
             TermParameter(f"{motion}_{degree}", unit, 3e-6, plausible=_SIZE / degree)
             for motion, unit, degree in _SERIES
@@ -126,7 +125,7 @@ class SlideError(AtSlide):
         """Return the root mean square over the stroke of each shift and each turn."""
         rms = self._motions / np.sqrt(2.0 * _OF_DEGREE + 1.0)
         parts = np.einsum("mk,k->mk", rms, x)
-        # What the stroke's own axis makes of one parameter adds to the others of its motion.
+        # The shift along the stroke has a part along each axis.
         size = np.sqrt(np.sum(parts**2, axis=1))
         slope = rms * parts / np.maximum(size, np.finfo(float).tiny)[:, None]
         units = [("shift", "m")] * 3 + [("turn", "rad")] * 3
@@ -153,19 +152,17 @@ class SlideError(AtSlide):
 
 
 @dataclass(frozen=True)
-class SlideBending(AtSlide):
-    """What a carriage slides on bends the more the farther it is out, c in rad/(N m).
+class SlideBending(Compliance, AtSlide):
+    """A column or ram bends the more the farther its carriage is out, c in rad/(N m).
 
     An even beam, held where the carriage is lowest: at its highest it turns by c (M + s x F / 2)
-    across the stroke s, M and F moment and force on the carriage there, as a column or a ram does.
-    What gives way alike everywhere is `lateral_compliance` of the next joint. Both scorers seek it,
-    alone and in sets. Not of a last joint, beyond which no moment is worked out.
+    across the stroke s, with M and F moment and force on the carriage there. A compliance that does
+    not depend on the stroke is `lateral_compliance` of the next joint. Both scorers seek it, alone
+    and in sets; not at a last joint, as no moments are computed beyond it.
     """
 
     # from the carriage to the frame in which the next joint moves, along that frame's axes
     to_end_m: tuple[float, float, float]
-    # moment at which a plausible turn is reached, where weights are assumed; None where they are
-    # stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     id = "slide_bending"
     clauses = (
@@ -177,9 +174,6 @@ class SlideBending(AtSlide):
         "c (M / 2 + s x F / 3) x s v, M and F what it carries there across s, v from 0 at "
         "{0.span_m[0]:g} m to 1 at {0.span_m[1]:g} m, s the way from the first"
     )
-    bends = True
-    positive = True
-    weights_power = -1.0
     most_rad = SlideError.most_rad
 
     @classmethod
@@ -187,10 +181,6 @@ class SlideBending(AtSlide):
         if joint == arm.n:
             return None
         return tuple(link_spans_m(arm)[joint - 1].tolist()), moment_of_arm_Nm(arm)
-
-    @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        return (compliance("c", 1e-7, 3e-6, self.moment_of_arm_Nm),)
 
     def per_unit(self, states: PoseStates) -> Array:
         loads, axis = static_loads_in(states, self), np.array(self.along)

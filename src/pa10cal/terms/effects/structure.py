@@ -21,7 +21,7 @@ from pa10cal.terms.term import OPTIONAL, TermParameter
 
 _LONG_LINKS = ("upper_arm", "forearm")
 GRAVITY_M_S2 = 9.81
-#: Plausible rotation of a structure under the whole weight of its arm [rad].
+#: Plausible rotation of a structure under the moment of the stretched arm [rad].
 _TURN_RAD = 3e-4
 
 
@@ -32,35 +32,46 @@ def moment_of_arm_Nm(arm: Arm) -> float | None:
     return 0.5 * GRAVITY_M_S2 * float(arm.mass_kg.sum()) * arm.reach_m
 
 
-def compliance(name: str, scale: float, plausible: float, of_arm_Nm: float | None) -> TermParameter:
-    """Return a compliance [rad/(N m)].
+class Compliance(Effect):
+    """Something that bends or tilts in proportion to the forces and moments that it carries."""
 
-    Of an arm of assumed weights its plausible size is relative to the arm's own moment: these may
-    be wrong by any factor, and a compliance then by its inverse.
-    """
-    if of_arm_Nm is not None:
-        plausible, scale = _TURN_RAD / of_arm_Nm, _TURN_RAD / of_arm_Nm * scale / plausible
-    return TermParameter(name, "rad/(N m)", scale, plausible=plausible)
+    #: Moment of the stretched arm, where its weights are assumed; None where they are stated.
+    moment_of_arm_Nm: float | None
+    #: Names of its compliances, and their scale and plausible size [rad/(N m)].
+    names: ClassVar[tuple[str, ...]] = ("c",)
+    scale_and_size: ClassVar[tuple[float, float]] = (1e-7, 3e-6)
+    bends = True
+    positive = True
+    weights_power = -1.0
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return its compliances.
+
+        Assumed weights may be wrong by any factor, and compliances then by its inverse: the
+        plausible size is relative to the moment of the arm.
+        """
+        scale, size = self.scale_and_size
+        if self.moment_of_arm_Nm is not None:
+            plausible = _TURN_RAD / self.moment_of_arm_Nm
+            size, scale = plausible, plausible * scale / size
+        unit = "rad/(N m)"
+        return tuple(TermParameter(name, unit, scale, plausible=size) for name in self.names)
 
 
 @dataclass(frozen=True)
-class LinkEffect(Effect):
-    """An effect of a long link, on the six small motions of its end."""
+class LinkEffect(Compliance):
+    """A compliance of a long link, on the six small motions of its end."""
 
     row: int  # the link's row, from 1
     # from the link's joint to its end, along the axes of that end
     span_m: tuple[float, float, float]
-    # moment that causes a plausible rotation, where weights are assumed; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Links that may have it.
     places: ClassVar[tuple[str, ...]] = _LONG_LINKS
-    bends = True
-    weights_power = -1.0
     # An aluminium tube of 60 mm and 3 mm wall, 0.4 m long, twists by 0.035 mrad per N m (L / G J):
     # 100 N m, for which no arm would have it, make 3.5 mrad.
     most_rad = (0.01, "no link of an arm turns at its end by more than 10 mrad")
-    #: Scale and plausible size of its compliance [rad/(N m)].
-    scale_and_size: ClassVar[tuple[float, float]]
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
@@ -76,10 +87,6 @@ class LinkEffect(Effect):
     @property
     def coordinates(self) -> tuple[str, ...]:
         return bend_coordinates(self.row)
-
-    @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        return (compliance("c", *self.scale_and_size, self.moment_of_arm_Nm),)
 
     @property
     def axis(self) -> Array:
@@ -107,7 +114,6 @@ class LinkBending(LinkEffect):
         "the end of link {0.row} turns by c (M + s x F / 2) and shifts by c (M / 2 + s x F / 3) x s"
         ", M and F what it carries there across its axis, s from its joint to its end"
     )
-    positive = True
 
     def per_unit(self, states: PoseStates) -> Array:
         moment_Nm, axis, span_m = self.moment_Nm(states), self.axis, np.array(self.span_m)
@@ -126,7 +132,6 @@ class LinkTorsion(LinkEffect):
     clauses = ("{at} twists under load",)
     scale_and_size = (5e-7, 2e-5)
     words = "the end of link {0.row} turns about its axis by c times the moment about it"
-    positive = True
     places: ClassVar[tuple[str, ...]] = ("forearm",)
 
     @property
@@ -138,14 +143,13 @@ class LinkTorsion(LinkEffect):
 
 
 @dataclass(frozen=True)
-class LateralCompliance(AtJoint):
+class LateralCompliance(Compliance, AtJoint):
     """A joint's axis tilts about x and y across it by C_x M_x and C_y M_y under the moment M there.
 
     C_x and C_y in rad/(N m), M along the axes of the frame in which the joint moves, z its axis:
     its bearing and the housing around it give way. Of the first joint that is `base_compliance`.
     """
 
-    # moment that causes a plausible tilt, where weights are assumed; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     id = "lateral_compliance"
     clauses = ("the axis of {at} tilts under load", "the axes of {at} tilt under load")
@@ -153,11 +157,9 @@ class LateralCompliance(AtJoint):
         "the frame of joint {0.joint} turns about x by C_x M_x and about y by C_y M_y, M the "
         "moment there across the joint's axis"
     )
-    bends = True
+    names = ("C_x", "C_y")
     on_link = True
     takes_a_place = True
-    positive = True
-    weights_power = -1.0
     # Crossed roller bearings of joints are as stiff as 1e5 N m/rad and more: 1000 N m make 10 mrad.
     most_rad = (0.01, "no bearing of an arm tilts by more than 10 mrad")
 
@@ -169,19 +171,14 @@ class LateralCompliance(AtJoint):
     def coordinates(self) -> tuple[str, ...]:
         return bend_coordinates(self.joint - 1)[3:5]
 
-    @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        of_arm_Nm = self.moment_of_arm_Nm
-        return tuple(compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("C_x", "C_y"))
-
     def per_unit(self, states: PoseStates) -> Array:
         """Return the moments about x and y, each for the tilt about the same axis, (P, 2, 2)."""
         moment_Nm = static_loads_in(states, self).link_Nm[:, self.joint - 2, :2]
         return np.asarray(moment_Nm[:, :, None] * np.eye(2))
 
 
-#: Least range of a joint that identifies a wobble of its axis [rad]. Over half a turn 0.57 of the
-#: wave k = -1 remains after a fit of those with k = 0 and 1, over a third of a turn 0.29.
+#: Least range of a joint in which a wobble of its axis is identifiable [rad]. Over half a turn 0.57
+#: of the wave k = -1 remains after a fit of those with k = 0 and 1, over a third of a turn 0.29.
 _WOBBLES_RAD = np.pi
 
 
@@ -250,33 +247,25 @@ def _tilts_of_base(arm: Arm) -> tuple[tuple[float, ...], ...]:
 
 
 @dataclass(frozen=True)
-class BaseCompliance(Effect):
+class BaseCompliance(Compliance):
     """The base tilts about x and y by cx M_x and cy M_y, M the overturning moment.
 
     cx and cy in rad/(N m), M about the base's origin along base axes.
     """
 
-    # moment that causes a plausible tilt, where weights are assumed; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
-    bends = True
     id = "base_compliance"
     clauses = ("the base tilts under the arm's weight",)
     sits = "base"
     words = "base.rx += cx M_x, base.ry += cy M_y, M the overturning moment"
     coordinates = ("base.rx", "base.ry")
-    positive = True
-    weights_power = -1.0
+    names = ("cx", "cy")
     # A pedestal of which the top turns by this much stands loose: 1 mm for each 0.1 m of height.
     most_rad = (0.01, "no base that is bolted down tilts by more than 10 mrad")
 
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
         return (moment_of_arm_Nm(context.arm),)
-
-    @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        of_arm_Nm = self.moment_of_arm_Nm
-        return tuple(compliance(name, 1e-7, 3e-6, of_arm_Nm) for name in ("cx", "cy"))
 
     def per_unit(self, states: PoseStates) -> Array:
         """Return the overturning moments, each for the tilt about the same axis, (P, 2, 2)."""
