@@ -7,8 +7,8 @@ import pytest
 
 from made_up_poses import context_of, states_of
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.forms.catalogue import ReadingForm, forms_at, further
-from pa10cal.terms.forms.form import AngleForm
+from pa10cal.terms.forms.catalogue import forms_at, further
+from pa10cal.terms.forms.form import AngleForm, ReadingForm
 
 POSES = 40
 

@@ -1,6 +1,7 @@
-"""What a short form is: a few parameters, a shape that numbers fix, and the formula in words.
+"""Short forms: formulas with a few parameters, and a shape that is fixed by a few numbers.
 
-And those at a joint: its angle is off, or it carries a torque beyond the weights.
+Forms of a joint, of its angle or its torque; of the base, by its overturning moment or in time; and
+of the readings of the instrument, by the place.
 """
 
 from __future__ import annotations
@@ -11,28 +12,29 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from pa10cal.arm.chain import BASE
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of
+from pa10cal.terms.effects.effect import CandidateContext, Effect, joint_of, static_loads_in
 from pa10cal.terms.effects.joint import amplitude_and_phase
+from pa10cal.terms.effects.readings import FalseReading
 from pa10cal.terms.term import JointTorqueOnly, Report, TermParameter, report_as_solved
 
 Numbers = tuple[float, ...]
 
-#: Size in which forms are fitted, in the plausible one.
+#: Prior standard deviation of the parameters, in plausible sizes: hardly a constraint.
 _ANY_SIZE = 10.0
-#: Names of numbers that need not be whole.
+#: Names of numbers that may have any value; orders, teeth, joints and axes are whole.
 _ANY_VALUE = ("threshold", "start", "time", "period")
 
 
-class At(NamedTuple):
-    """Where the columns of a form are taken: poses, and a joint."""
+class AtPoses(NamedTuple):
+    """Poses and a joint at which the columns of a form are computed."""
 
     states: PoseStates
-    # (P,) the joint's angle [rad], its torque [N m] and the direction in which it arrived
-    q: Array
-    tau: Array
-    arrival: Array
+    q: Array  # (P,) angle of the joint [rad]
+    tau: Array  # (P,) its torque [N m]
+    arrival: Array  # (P,) direction in which it arrived
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -51,33 +53,32 @@ class At(NamedTuple):
 
 
 class Along(NamedTuple):
-    """Where the columns of a reading's form are taken, from its middle on [m]."""
+    """Measured places, from their middle on, at which the columns of a form are computed [m]."""
 
     u: Array  # coordinates along the first axis
-    v: Array  # along the second one; the first again where there is none
+    v: Array  # along the second axis; the first again where there is only one
 
 
 @dataclass(frozen=True)
 class FormShape:
-    """One kind of form."""
+    """A kind of form."""
 
-    # the formula after what it adds to (`Form.adds_to`), `{j}` for the joint and `{0}`, `{1}`, …
-    # for the numbers
+    # the formula after `Form.adds_to`, with `{j}` for the joint and `{0}`, `{1}`, … for the numbers
     words: str
-    # what each parameter is multiplied with, (P,) or several of these, at an `At` (of readings an
+    # derivative by each parameter, (P,) or a tuple of these, by an `AtPoses` (of readings an
     # `Along`) and the numbers
     columns: Callable[..., Array | tuple[Array, ...]]
-    solved: tuple[TermParameter, ...]  # the parameters it is solved in
-    numbers: tuple[str, ...] = ()  # names of the numbers that fix it and a reader has to be given
+    solved: tuple[TermParameter, ...]  # the parameters that are solved for
+    numbers: tuple[str, ...] = ()  # names of the numbers that a reader needs besides
 
-    def at(self, place: At | Along, numbers: Numbers) -> Array:
-        """Return what each parameter is multiplied with, (P, k), at places (..., k)."""
+    def columns_at(self, place: AtPoses | Along, numbers: Numbers) -> Array:
+        """Return the derivative by the parameters, (P, k); (..., k) at places."""
         columns = self.columns(place, *numbers)
         return np.stack(columns if isinstance(columns, tuple) else (columns,), axis=-1)
 
     @property
-    def between(self) -> int | None:
-        """Return which number, from 0, may have any value; None where all are whole."""
+    def real_index(self) -> int | None:
+        """Return the index of the number that may have any value; None where all are whole."""
         return next((k for k, name in enumerate(self.numbers) if name in _ANY_VALUE), None)
 
 
@@ -85,46 +86,46 @@ class FormShape:
 class Form(Effect):
     """A short form at a place, proportional to its parameters."""
 
-    form: str  # which of `shapes`
-    numbers: Numbers = ()  # what fixes it: orders, thresholds, other joints
+    form: str  # name of its kind in `shapes`
+    numbers: Numbers = ()  # numbers that fix its shape: orders, thresholds, other joints
     id = "short_form"
     shapes: ClassVar[Mapping[str, FormShape]]
-    adds_to: ClassVar[str] = ""  # what formulas start with
+    adds_to: ClassVar[str] = ""  # beginning of its formulas
 
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
-        """Return none: forms are tried where something without a name was found."""
+        """Return none: forms are tried only where an effect without a name was found."""
         return ()
 
     @property
     def shape(self) -> FormShape:
-        """Return the kind of form it is."""
+        """Return its kind."""
         return self.shapes[self.form]
 
     @property
     def length(self) -> int:
-        """Return how many numbers a reader has to be given: parameters, orders, thresholds."""
+        """Return the number of parameters, orders and thresholds that a reader needs."""
         return len(self.shape.solved) + len(self.shape.numbers)
 
     @property
     def order(self) -> int | None:
-        """Return how often it comes again in a turn; None where it does not."""
+        """Return its cycles a turn; None where it is not periodic in the angle."""
         for name, number in zip(self.shape.numbers, self.numbers, strict=False):
             if name in ("order", "teeth"):
                 return int(number)
         return None
 
     @property
-    def between(self) -> float:
+    def real_number(self) -> float:
         """Return the number that may have any value."""
-        assert self.shape.between is not None
-        return self.numbers[self.shape.between]
+        assert self.shape.real_index is not None
+        return self.numbers[self.shape.real_index]
 
-    def at(self, value: float) -> Self:
+    def with_real_number(self, value: float) -> Self:
         """Return the form with another such number."""
-        place = self.shape.between
-        assert place is not None
-        return replace(self, numbers=(*self.numbers[:place], value, *self.numbers[place + 1 :]))
+        k = self.shape.real_index
+        assert k is not None
+        return replace(self, numbers=(*self.numbers[:k], value, *self.numbers[k + 1 :]))
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
@@ -132,7 +133,7 @@ class Form(Effect):
 
     @property
     def joint(self) -> int:
-        """Return the joint, from 1; 0 where it sits at none."""
+        """Return its joint, from 1; 0 for a form of base or instrument."""
         return joint_of(self.of) if self.of.startswith("joint ") else 0
 
     @property
@@ -142,21 +143,20 @@ class Form(Effect):
 
     @property
     def prior_factor(self) -> Array:
-        """Return L (k, k) with L L^T the covariance expected of the parameters: hardly a bound."""
         found: Array = _ANY_SIZE * super().prior_factor
         return found
 
     def values(self, states: PoseStates) -> Array:
-        """Return what each parameter is multiplied with, (P, k)."""
+        """Return the derivative of what it adds by each parameter, (P, k)."""
         own = (of[:, self.joint - 1] for of in (states.q_rad, states.tau_Nm, states.arrival))
-        return self.shape.at(At(states, *own), self.numbers)
+        return self.shape.columns_at(AtPoses(states, *own), self.numbers)
 
     def report(self, x: Array) -> Report:
         solved = self.shape.solved
         names = [parameter.name for parameter in solved]
         if names == ["s", "c"]:  # a sine and a cosine part
             return amplitude_and_phase(x, solved[0].unit)
-        if names == ["k", "q0"]:  # a slope and a constant: as a slope and the place of its zero
+        if names == ["k", "q0"]:  # a slope and a constant, reported as a slope and its zero
             slope = x[0] if x[0] != 0.0 else np.finfo(float).tiny
             zero = -x[1] / slope
             jacobian = np.array([[1.0, 0.0], [-zero / slope, -1.0 / slope]])
@@ -165,27 +165,27 @@ class Form(Effect):
 
 
 def sines(angle: Array, times: Array | float = 1.0) -> tuple[Array, Array]:
-    """Return sine and cosine of angles, times so much."""
+    """Return sine and cosine of angles, times a factor."""
     return times * np.sin(angle), times * np.cos(angle)
 
 
 def beyond(value: Array, threshold: float) -> Array:
-    """Return by how much values are beyond a threshold, either way; 0 where they are not."""
+    """Return by how much values exceed a threshold in size, with their sign; else 0."""
     return np.asarray(np.sign(value) * np.maximum(np.abs(value) - threshold, 0.0))
 
 
 def sized(names: str, unit: str, plausible: float) -> tuple[TermParameter, ...]:
-    """Return parameters, their names with blanks between them, by their plausible size."""
+    """Return parameters of one plausible size, by their names with blanks between them."""
     scale = 0.03 * plausible
     return tuple(TermParameter(name, unit, scale, plausible=plausible) for name in names.split())
 
 
-# Short forms at a joint.
+# Short forms of a joint.
 
-#: Errors of angles to be expected [rad], and torques that go with an angle [N m].
+#: Plausible error of an angle [rad], and torque that follows an angle [N m].
 _ANGLE_RAD = 3e-4
 _TORQUE_NM = 10.0
-#: Torque of which a joint's error is expected to be about `_ANGLE_RAD` [N m].
+#: Torque at which an error that follows it is plausibly `_ANGLE_RAD` [N m].
 _LOAD_NM = 30.0
 
 
@@ -194,13 +194,13 @@ def _saw(q: Array, teeth: float, start: float) -> Array:
     return np.asarray(2.0 * (turns - np.floor(turns)) - 1.0)
 
 
-def _product_of_sines(at: At, joint: float) -> tuple[Array, ...]:
+def _product_of_sines(at: AtPoses, joint: float) -> tuple[Array, ...]:
     of_own, of_other = sines(at.q), sines(at.q_of(joint))
     return tuple(own * other for own in of_own for other in of_other)
 
 
-def settled_since(at: At, time_s: float, first_s: float) -> Array:
-    """Return what is left (P,) of something that settles with a time constant from a time on."""
+def settled_since(at: AtPoses, time_s: float, first_s: float) -> Array:
+    """Return an exponential decay (P,) with a time constant, which is 1 at the first time."""
     return np.exp(-(at.states.time_s - first_s) / time_s)
 
 
@@ -209,7 +209,7 @@ _SINES = sized("s c", "rad", _ANGLE_RAD)
 _FOUR = sized("a b c d", "rad", _ANGLE_RAD)
 _TWO_SINES = sized("s1 c1 s2 c2", "rad", _ANGLE_RAD)
 _C_ANGLE = sized("c", "1/rad", _ANGLE_RAD)
-#: Of torques: parts of a compliance, and of its square and cube.
+#: Units of angles over powers of a torque.
 _UNITS_NM = {1: "rad/(N m)", 2: "rad/(N m)²", 3: "rad/(N m)³"}
 _C1, _C2, _C3 = (sized("c", unit, _ANGLE_RAD / _LOAD_NM**k) for k, unit in _UNITS_NM.items())
 _H1, _H2 = (sized("h", _UNITS_NM[k], _ANGLE_RAD / _LOAD_NM**k) for k in (1, 2))
@@ -221,7 +221,7 @@ _PULL_SINES = sized("s c", "N m", _TORQUE_NM)
 
 @dataclass(frozen=True)
 class AngleForm(Form):
-    """The joint's angle is off by a short form."""
+    """An error of the joint's angle."""
 
     adds_to = "theta_{j} "
     shapes: ClassVar[Mapping[str, FormShape]] = {
@@ -314,7 +314,7 @@ class AngleForm(Form):
 
 @dataclass(frozen=True)
 class PullForm(JointTorqueOnly, Form):
-    """The joint carries, beyond the weights, a torque of a short form."""
+    """A torque that the joint carries in addition to that of the weights."""
 
     acts_on_joint = True
     adds_to = "tau_{j} "
@@ -339,3 +339,156 @@ class PullForm(JointTorqueOnly, Form):
 
     def per_unit(self, states: PoseStates) -> Array:
         return self.values(states)
+
+
+# Short forms of the base, and of the readings of the instrument.
+
+#: Plausible tilt of a base [rad] at this moment [N m], and shift in the course of time [m].
+_TILT_RAD, _MOMENT_NM = 2e-4, 300.0
+_SHIFT_M = 1e-4
+#: Plausible error of a reading [m], at this distance from the middle of the measured places [m].
+_READING_M, _FROM_MIDDLE_M = 3e-5, 0.3
+_M = ", M the overturning moment"
+_TILT_1, _TILT_2, _TILT_3 = (
+    sized("cx cy", unit, _TILT_RAD / _MOMENT_NM**k)
+    for k, unit in ((1, "rad/(N m)"), (2, "rad/(N m)²"), (3, "rad/(N m)³"))
+)
+
+
+@dataclass(frozen=True)
+class TiltForm(Form):
+    """A tilt of the base about x and y, by its overturning moment M."""
+
+    coordinates = ("base.rx", "base.ry")
+    adds_to = "base.rx += "
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "moment_abs_moment": FormShape(
+            f"cx M_x |M_x|, base.ry += cy M_y |M_y|{_M}",
+            lambda at: tuple(M * np.abs(M) for M in at.moments),
+            _TILT_2,
+        ),
+        "moment_cubed": FormShape(
+            f"cx M_x^3, base.ry += cy M_y^3{_M}",
+            lambda at: tuple(M**3 for M in at.moments),
+            _TILT_3,
+        ),
+        "moment_beyond": FormShape(
+            "cx sgn(M_x) max(|M_x| - {0:.4g}, 0), base.ry likewise with cy and M_y" + _M,
+            lambda at, threshold: tuple(beyond(M, threshold) for M in at.moments),
+            _TILT_1,
+            ("threshold",),
+        ),
+        "sign_of_moment": FormShape(
+            f"cx sgn(M_x), base.ry += cy sgn(M_y){_M}",
+            lambda at: tuple(np.sign(M) for M in at.moments),
+            sized("cx cy", "rad", _TILT_RAD),
+        ),
+    }
+
+    def per_unit(self, states: PoseStates) -> Array:
+        """Return the columns, each for the tilt about its own axis, (P, 2, 2)."""
+        static_loads_in(states, self)
+        return self.values(states)[:, :, None] * np.eye(2)
+
+
+@dataclass(frozen=True)
+class ShiftForm(Form):
+    """A shift of the base in the course of time."""
+
+    coordinates = BASE[:3]
+    adds_to = "base.x, y, z += "
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "settling": FormShape(
+            "(dx, dy, dz) exp(-(t - {1:.6g}) / {0:.4g}), t in s",
+            lambda at, *time_s: (settled_since(at, *time_s),) * 3,
+            sized("dx dy dz", "m", _SHIFT_M),
+            ("time",),
+        ),
+        "wave_in_time": FormShape(
+            "(dx, dy, dz) sin(2 pi t / {0:.4g}) + (ex, ey, ez) cos(2 pi t / {0:.4g}), t in s",
+            lambda at, period_s: tuple(
+                np.repeat(sines(2.0 * np.pi * at.states.time_s / period_s), 3, axis=0)
+            ),
+            sized("dx dy dz ex ey ez", "m", _SHIFT_M),
+            ("period",),
+        ),
+    }
+
+    def per_unit(self, states: PoseStates) -> Array:
+        axes = np.tile(np.eye(3), len(self.shape.solved) // 3)
+        return np.asarray(self.values(states)[:, None, :] * axes)
+
+
+_CUBED = sized("c3", "1/m²", _READING_M / _FROM_MIDDLE_M**3)
+_SQUARED = ("1/m", _READING_M / _FROM_MIDDLE_M**2)
+
+
+@dataclass(frozen=True)
+class ReadingForm(Form, FalseReading):
+    """An error of the reading of one axis of the instrument, by the place.
+
+    Its first number is the axis with the error, the next ones are those along which the place
+    counts, 0 to 2 for x to z. Coordinates are counted from a middle, in the instrument's frame.
+    """
+
+    middle_instr_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    adds_to = "reading of {a} += "
+    shapes: ClassVar[Mapping[str, FormShape]] = {
+        "quadratic": FormShape(
+            "c ({b} - {b}0)^2",
+            lambda at, *_: (at.u**2, at.u),
+            (*sized("c", *_SQUARED), *sized("d", "1", 1e-4)),
+            ("axis", "along"),
+        ),
+        "cubic": FormShape(
+            "c3 u^3 + c2 u^2 + c1 u, u = {b} {b0} m",
+            lambda at, *_: (at.u**3, at.u**2, at.u),
+            (*_CUBED, *sized("c2", *_SQUARED), *sized("c1", "1", 1e-4)),
+            ("axis", "along"),
+        ),
+        "product": FormShape(
+            "c ({b} {b0} m) ({c} {c0} m)",
+            lambda at, *_: at.u * at.v,
+            sized("c", *_SQUARED),
+            ("axis", "along", "along"),
+        ),
+        "wave": FormShape(
+            "A sin(2 pi ({b} {b0} m) / ({2:.4g} m) + phi)",
+            lambda at, _axis, _along, period_m: sines(2.0 * np.pi * at.u / period_m),
+            sized("s c", "m", _READING_M),
+            ("axis", "along", "period"),
+        ),
+    }
+
+    @property
+    def formula(self) -> str:
+        axes = [int(number) for number in self.numbers[1:3]]
+        middle = [self.middle_instr_m[k % 3] for k in axes]
+        names = {key: "xyz"[k % 3] for key, k in zip("bc", axes, strict=False)}
+        at = {
+            f"{key}0": f"{'-' if value >= 0.0 else '+'} {abs(value):.4g}"
+            for key, value in zip("bc", middle, strict=False)
+        }
+        a = "xyz"[int(self.numbers[0])]
+        words = f"{self.adds_to}{self.shape.words}"
+        return words.format(*self.numbers, a=a, **names, **at)
+
+    def field(self, p_instr_m: Array) -> Array:
+        from_middle_m = p_instr_m - np.array(self.middle_instr_m)
+        names = zip(self.shape.numbers, self.numbers, strict=True)
+        axes = [int(number) for name, number in names if name == "along"]
+        at = Along(from_middle_m[..., axes[0]], from_middle_m[..., axes[-1]])
+        columns = self.shape.columns_at(at, self.numbers)
+        field = np.zeros((*p_instr_m.shape, columns.shape[-1]))
+        field[:, :, int(self.numbers[0])] = columns
+        return field
+
+    def report(self, x: Array) -> Report:
+        if self.form != "quadratic":
+            return super().report(x)
+        c = x[0] if x[0] != 0.0 else np.finfo(float).tiny
+        along = int(self.numbers[1])
+        vertex = self.middle_instr_m[along] - 0.5 * x[1] / c
+        jacobian = np.array([[1.0, 0.0], [0.5 * x[1] / c**2, -0.5 / c]])
+        names = (self.shape.solved[0], TermParameter(f"{'xyz'[along]}0", "m", 1.0))
+        return Report(names, np.array([x[0], vertex]), jacobian)
