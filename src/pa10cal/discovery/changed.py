@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
+from typing_extensions import override
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.finding import DiagnosedFault
+from pa10cal.discovery.nuisances import Nuisance, Wander, between_rows
 from pa10cal.discovery.preparation import by_pose_and_time
 from pa10cal.discovery.rules import CHANGE, MOTION
-from pa10cal.discovery.wander import Wander, between_rows
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
@@ -38,7 +39,7 @@ _WORDS: dict[Kind, str] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class Change(Nuisance):
     """What changed from a time on."""
 
     kind: Kind
@@ -51,19 +52,15 @@ class Change:
     amounts: Array  # (k,) in units of `scale`
 
     @property
+    @override
     def sizes(self) -> Array:
-        """Return the standard deviation expected of each amount, (k,)."""
         return np.full(len(self.amounts), self.scale)
 
+    @override
     def columns(self, at: FittedModel, poses: Observations) -> Array:
-        """Return the derivative of measured less predicted components by the amounts, (P, b, k)."""
         after = poses.states.time_s > self.time_s
         of_kind = _columns(self.kind, self.target, at, poses)
         return np.asarray(self.scale * of_kind * after[:, None, None])
-
-    def shift(self, at: FittedModel, poses: Observations) -> Array:
-        """Return how far it moves the components of poses, (P, b)."""
-        return np.asarray(self.columns(at, poses) @ self.amounts)
 
     def fault(self, at: FittedModel, poses: Observations) -> DiagnosedFault:
         """Return the change as a fault of the log."""

@@ -21,17 +21,17 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery import linear
 from pa10cal.discovery.noise import same_circumstances
-from pa10cal.discovery.other_numbers import none_and_spaced
-from pa10cal.discovery.preparation import by_pose_and_time
-from pa10cal.discovery.rules import MOTION
-from pa10cal.discovery.wander import (
+from pa10cal.discovery.nuisances import (
     NO_MOTION,
     Jump,
     TimeFindings,
     Wander,
     motions_along,
-    sizes_of_six,
+    sizes_of_motions,
 )
+from pa10cal.discovery.other_numbers import none_and_spaced
+from pa10cal.discovery.preparation import by_pose_and_time
+from pa10cal.discovery.rules import MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
@@ -241,7 +241,7 @@ class _Rows:
             for k in range(len(tried)):
                 step = steps.along(np.arange(6 * k, 6 * k + 6))
                 for size_m, turn in product(MOTION.jumps_m, MOTION.turns_rad_per_m):
-                    nats, _ = self._log_evidence(step.in_sizes(sizes_of_six(size_m, turn)))
+                    nats, _ = self._log_evidence(step.in_sizes(sizes_of_motions(size_m, turn)))
                     if nats > best_nats[k]:
                         best_nats[k], best_sizes[k] = nats, (size_m, turn)
         return best_nats, best_sizes
@@ -412,5 +412,5 @@ def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observation
         rank = rankdata(driver.of(states)) / len(poses)
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     every = np.column_stack(courses)
-    sizes = np.tile(sizes_of_six(MOTION.rival_m, 1.0), every.shape[1])
+    sizes = np.tile(sizes_of_motions(MOTION.rival_m, 1.0), every.shape[1])
     return motions_along(linear.by_base(at, poses), every - np.mean(every, axis=0)) * sizes

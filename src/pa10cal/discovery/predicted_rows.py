@@ -14,10 +14,10 @@ from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.problem import EvidenceProblem, noise_models
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
+from pa10cal.discovery.nuisances import TimeFindings
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.rules import EVIDENCE
-from pa10cal.discovery.wander import TimeFindings
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques

@@ -22,8 +22,8 @@ from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
 from pa10cal.discovery.noise import pose_weights, same_circumstances
+from pa10cal.discovery.nuisances import steps_in_time
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, sought
-from pa10cal.discovery.wander import steps_in_time
 from pa10cal.evaluation.model_errors import poses_for_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques

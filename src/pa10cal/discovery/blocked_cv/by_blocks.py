@@ -35,6 +35,7 @@ from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.motor_ripple import witnesses
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved
 from pa10cal.discovery.noise import AS_FOUND, Noise
+from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.predicted_rows import without_repeats
@@ -43,7 +44,6 @@ from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict, with_findings
-from pa10cal.discovery.wander import motion_unexplained, steps_in_time
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel

@@ -39,9 +39,9 @@ from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.noise import AS_FOUND
+from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.rules import LINES, MAPS
-from pa10cal.discovery.wander import NO_MOTION, TimeFindings
 from pa10cal.discovery.wobbles import wobbles
 from pa10cal.results.discovery import Tried
 from pa10cal.terms.effects.effect import Effect, is_effect

@@ -1,29 +1,26 @@
-"""A campaign prepared for blocked cross-validation: poses in order of time, divided into blocks.
-
-Then what of it is no error of the robot and goes with no model: orientations that lag.
-"""
+"""A campaign prepared for blocked cross-validation: poses in order of time, divided into blocks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.changed import Change
-from pa10cal.discovery.linear import by_joints, residual
+from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
+from pa10cal.discovery.nuisances import AttitudeLag, Nuisance, Wander, attitude_lag
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of
 from pa10cal.discovery.rules import BLOCKS
-from pa10cal.discovery.wander import Wander
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.results.discovery import Unexplained
 from pa10cal.rules import ANGLES
-from pa10cal.terms.effects.effect import CandidateContext, Effect, turning_joints
+from pa10cal.terms.effects.effect import CandidateContext, Effect
 
 #: Fewest poses from which blocks can be held out.
 LEAST_FOR_BLOCKS = BLOCKS.blocks * BLOCKS.least_poses
@@ -144,7 +141,7 @@ class Survey:
         return with_torque_noise(noise, at, self.poses, self.setup.payload)
 
     @property
-    def nuisances(self) -> tuple[Wander | Change | AttitudeLag, ...]:
+    def nuisances(self) -> tuple[Nuisance, ...]:
         """Return the nuisances of this survey, in the order of their columns."""
         return tuple(each for each in (self.wander, self.change, self.lag) if each is not None)
 
@@ -155,13 +152,14 @@ class Survey:
 
     def with_amounts(self, amounts: Array) -> Survey:
         """Return the survey with fitted amounts (k,) of its nuisances, in their order."""
-        fitted: dict[str, Wander | Change | AttitudeLag] = {}
+        found, first = self, 0
         for name in ("wander", "change", "lag"):
-            nuisance = getattr(self, name)
+            nuisance: Wander | Change | AttitudeLag | None = getattr(self, name)
             if nuisance is not None:
-                count = len(nuisance.sizes)
-                fitted[name], amounts = replace(nuisance, amounts=amounts[:count]), amounts[count:]
-        return replace(self, **fitted)  # type: ignore[arg-type]
+                last = first + len(nuisance.sizes)
+                fitted: dict[str, Any] = {name: replace(nuisance, amounts=amounts[first:last])}
+                found, first = replace(found, **fitted), last
+        return found
 
 
 def interleaved_blocks(count: int) -> Index:
@@ -195,63 +193,3 @@ def _with_spring_loads_from_log(poses: Observations) -> Observations:
         return poses
     loads = replace(loads, joint_Nm=poses.states.tau_Nm)
     return replace(poses, states=replace(poses.states, static_loads=loads))
-
-
-# Lag of measured orientations behind the motion of the arm.
-
-
-@dataclass(frozen=True, eq=False)
-class AttitudeLag:
-    """Rotation of orientations about each joint's axis, in proportion to the joint's last move."""
-
-    joints: tuple[int, ...]  # the joints with a lag, from 1
-    campaigns: int = 1  # campaigns of a group, each with lags of its own
-    amounts: Array | None = None  # (campaigns * joints,) in units of `sizes`; None until fitted
-
-    @property
-    def sizes(self) -> Array:
-        """Return the standard deviation expected of each amount [rad]."""
-        return np.full(self.campaigns * len(self.joints), BLOCKS.lag_rad)
-
-    def columns(self, at: FittedModel, poses: Observations) -> Array:
-        """Return the derivative of the components by the amounts, (P, b, k)."""
-        by_lag = by_joints(at, poses, self.joints)
-        by_lag[:, poses.measured.position_columns] = 0.0
-        move = poses.states.move_from_previous[:, [joint - 1 for joint in self.joints]]
-        by_lag = by_lag * move[:, None, :] * BLOCKS.lag_rad
-        campaign = poses.states.campaign
-        if campaign is None:
-            return np.asarray(by_lag)
-        parts = [by_lag * (campaign == k)[:, None, None] for k in range(self.campaigns)]
-        return np.concatenate(parts, axis=2)
-
-    def shift(self, at: FittedModel, poses: Observations) -> Array:
-        """Return the error that the fitted lag makes in the components, (P, b)."""
-        assert self.amounts is not None
-        return np.asarray(self.columns(at, poses) @ self.amounts)
-
-    def unexplained(self, mean_error_mm: float) -> Unexplained:
-        """Return the lag as an unexplained part of the error, with the remaining mean error."""
-        assert self.amounts is not None
-        lags_rad = np.abs(self.amounts * self.sizes).reshape(self.campaigns, -1).max(axis=0)
-        joints = " and ".join(
-            f"joint {joint} ({1e6 * lag_rad:.0f} µrad)"
-            for joint, lag_rad in zip(self.joints, lags_rad.tolist(), strict=True)
-            if lag_rad > BLOCKS.told_share * lags_rad.max()
-        )
-        why = (
-            f"orientations go with the way that {joints} came, and positions do not: it is the "
-            "reader of orientations or its mount that lags, and no joint that stops short"
-        )
-        return Unexplained(
-            of="instrument", form="attitude_lag", shared_error_mm=mean_error_mm, why=why
-        )
-
-
-def attitude_lag(context: CandidateContext, poses: Observations) -> AttitudeLag | None:
-    """Return the lag to be fitted; None where joints were read back or no orientations measured."""
-    measured = poses.measured
-    has_orientations = measured.components_seen.shape[1] > len(measured.position_columns)
-    if not (context.commanded and has_orientations):
-        return None
-    return AttitudeLag(tuple(turning_joints(context)), max(len(context.campaigns), 1))

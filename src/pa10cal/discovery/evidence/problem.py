@@ -11,9 +11,9 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.evidence.noise_model import NoiseModel, average_into_cells, shared_error
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import Noise, noise_of_repeats, same_circumstances, whitener_of
+from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
 from pa10cal.discovery.rules import EVIDENCE
-from pa10cal.discovery.wander import NO_MOTION, TimeFindings
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import unknown_tool
