@@ -14,7 +14,6 @@ from pa10cal.campaign.screens import OFF_REPEATS
 from pa10cal.campaign.target_labels import EXCHANGED
 from pa10cal.discovery import discover as search
 from pa10cal.discovery.evidence.confirmation import confirm
-from pa10cal.discovery.exchanged_loads import loads_exchanged
 from pa10cal.discovery.gross_errors import gross_errors
 from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.row_faults import (
@@ -22,6 +21,7 @@ from pa10cal.discovery.row_faults import (
     influential_pose,
     of_wrong_row,
     row_faults,
+    true_loads,
 )
 from pa10cal.fit.tails import Tails
 from pa10cal.observe.pose import Touched
@@ -46,7 +46,7 @@ def exchanged_at(readings, pose, repeats=None):
 
 class TestLoads:
     def found(self, made, readings):
-        return loads_exchanged(readings, made.baseline, made.setup.payload, "logged")
+        return true_loads(readings, made.baseline, made.setup.payload, "logged")
 
     @pytest.mark.parametrize("name", ["null", pytest.param("rubbing", marks=pytest.mark.slow)])
     def test_right_ones_are_left_alone_whatever_the_torques_do(self, name, request):
