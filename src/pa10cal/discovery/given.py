@@ -36,7 +36,7 @@ from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import (
     MeasurementSetup,
     Prepared,
-    complete_about,
+    complete,
     prepared,
     setup_of,
 )
@@ -130,7 +130,7 @@ def calibrate_with(
     calibrated = replace(fit.fitted.fitted(fit.covariance), targets_off_m=fit.targets_off_m)
 
     def ready(poses: Observations) -> Observations:
-        return complete_about(poses, campaign.baseline, calibrated, setup)
+        return complete(poses, campaign.baseline, setup, calibrated)
 
     poses = ready(average_repeats(campaign.readings))
     deviations = calibrated.deviations(poses)

@@ -30,8 +30,8 @@ from pa10cal.discovery.nuisances import (
     sizes_of_motions,
 )
 from pa10cal.discovery.other_numbers import none_and_spaced
-from pa10cal.discovery.preparation import by_pose_and_time
-from pa10cal.discovery.rules import MOTION
+from pa10cal.discovery.preparation import why_unknown
+from pa10cal.discovery.rules import CANDIDATES, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
@@ -414,3 +414,48 @@ def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observation
     every = np.column_stack(courses)
     sizes = np.tile(sizes_of_motions(MOTION.rival_m, 1.0), every.shape[1])
     return motions_along(linear.by_base(at, poses), every - np.mean(every, axis=0)) * sizes
+
+
+# Columns of all that depends on the pose, beside which something is sought in time.
+
+
+def by_pose_and_time(
+    at: FittedModel, poses: Observations, effects: Iterable[Effect], *, logged: bool, weights: bool
+) -> tuple[Array, Array]:
+    """Return columns (P, b, k) of what depends on the pose, and of effects of time.
+
+    The former are the effects that can be predicted, and waves of the joints' errors where poses
+    are read once. A change in time has to explain more than these.
+    """
+    known = [
+        effect
+        for effect in effects
+        if not (is_error_map(effect) or (effect.generic and effect.goes_with_time))
+        and why_unknown(effect, poses.states, logged=logged, weights=weights) is None
+    ]
+    shapes = [effect for effect in known for _ in effect.starts]
+    starts = [start for effect in known for start in effect.starts]
+    none = np.zeros((*poses.measured.components_seen.shape, 0))
+    columns = [none, *linear.by_effects(at, poses, shapes, starts)]
+    with_time = np.array([False, *(effect.goes_with_time for effect in shapes)])
+    with_time = np.repeat(with_time, [each.shape[2] for each in columns])
+    every = np.concatenate(columns, axis=2)
+    static, of_time = every[..., ~with_time], CANDIDATES.sizes_of_time * every[..., with_time]
+    if len(np.unique(poses.pose)) == len(poses):
+        waves = _waves(at, poses, slow_joints(poses.states))
+        static = np.concatenate([static, waves], axis=2)
+    return static, of_time
+
+
+def _waves(at: FittedModel, poses: Observations, slow: Mask) -> Array:
+    """Return columns (P, b, w) of waves of the error of every turning joint by its angle."""
+    arm = at.model.chain.arm
+    joints = [joint for joint, slides in enumerate(arm.prismatic, start=1) if not slides]
+    screws = linear.by_joints(at, poses, joints)
+    q_rad = poses.states.q_rad[:, [joint - 1 for joint in joints]]
+    columns = [np.zeros((*screws.shape[:2], 0))]
+    for k, joint in enumerate(joints):
+        angle = q_rad[:, k, None] * np.arange(1, CANDIDATES.waves[int(slow[joint - 1])] + 1)
+        waves = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
+        columns.append(screws[:, :, k, None] * waves[:, None])
+    return np.asarray(CANDIDATES.wave_rad * np.concatenate(columns, axis=2))

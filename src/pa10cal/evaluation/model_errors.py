@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.accuracy import summarise, summarise_by_load
-from pa10cal.discovery.preparation import MeasurementSetup, complete_about
+from pa10cal.discovery.preparation import MeasurementSetup, complete
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations, average_repeats, measured_as_poses
@@ -34,7 +34,7 @@ def poses_for_model(
     poses = poses.with_states(states)
     read = measured_as_poses(poses) if poses.measured.measures_pose else poses
     turned = read.turned(model.R_ee_target)
-    return poses.with_states(complete_about(turned, model.nominal(), model, setup).states)
+    return poses.with_states(complete(turned, model.nominal(), setup, model).states)
 
 
 def held_out_errors(

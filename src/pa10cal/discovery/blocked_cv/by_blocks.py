@@ -39,7 +39,7 @@ from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
 from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.predicted_rows import without_repeats
-from pa10cal.discovery.preparation import Prepared, complete_about
+from pa10cal.discovery.preparation import Prepared, complete
 from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
@@ -129,7 +129,7 @@ class ByBlocks(Scorer):
     @override
     def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
         survey, after, wander = self.survey, self.extended.fitted(), self.survey.wander
-        poses = complete_about(poses, survey.baseline, after, survey.setup)
+        poses = complete(poses, survey.baseline, survey.setup, after)
         T_moved = None if wander is None else motion_of_base(wander.motions(poses.states.time_s))
         found = gap(poses, survey.calibrated, after, self.remaining.floor_mm, self.seen, T_moved)
         return found if before is None else found.with_nuisances_of(before)
@@ -430,7 +430,7 @@ def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verd
     model = refit(survey, effects, starts, extended.weights, own=extended.at).fitted()
 
     def with_remaining(gap: PairedErrors) -> PairedErrors:
-        poses = complete_about(gap.poses, found.baseline, model, survey.setup)
+        poses = complete(gap.poses, found.baseline, survey.setup, model)
         return replace(gap, with_rivals=errors_of(model, poses))
 
     return found.with_gaps(with_remaining)

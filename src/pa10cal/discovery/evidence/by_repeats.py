@@ -110,7 +110,7 @@ class ByRepeats(Scorer):
     @override
     def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
         problem, searched = self.problem, self.judgement.found.fit
-        poses = preparation.complete_about(poses, problem.baseline, self.extended.at, problem.setup)
+        poses = preparation.complete(poses, problem.baseline, problem.setup, self.extended.at)
         T_moved = None
         if (wander := problem.in_time.wander) is not None:
             # Poses of the fit are averages: their motion is the mean of those of the readings.
@@ -126,7 +126,7 @@ class ByRepeats(Scorer):
         if not any(effect.generic for effect in searched.effects):
             return found
         # The model at the end of the search has generic effects, too.
-        poses = preparation.complete_about(poses, problem.baseline, searched.at, problem.setup)
+        poses = preparation.complete(poses, problem.baseline, problem.setup, searched.at)
         return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
 
     @override

@@ -12,7 +12,7 @@ from pa10cal.discovery.evidence.noise_model import NoiseModel, average_into_cell
 from pa10cal.discovery.linear import by_every_joint, residual
 from pa10cal.discovery.noise import Noise, noise_of_repeats, same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
-from pa10cal.discovery.preparation import MeasurementSetup, complete_about, context_of
+from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
@@ -71,7 +71,7 @@ def prepare(
         DiscoveryError: when too little is repeated.
     """
     about = baseline if about is None else about
-    readings = complete_about(readings, baseline, about, setup)
+    readings = complete(readings, baseline, setup, about)
     deviation = -residual(about, readings)
     if in_time.wander is not None:
         deviation = deviation - in_time.wander.shift(baseline, readings)
@@ -83,7 +83,7 @@ def prepare(
     alone = in_time.wander is not None or (in_time.has_drift and few)
     most = 1 if alone else EVIDENCE.readings_a_cell
     cells, cell_cov = average_into_cells(readings, noise.cov, most)
-    cells = complete_about(cells, baseline, about, setup)
+    cells = complete(cells, baseline, setup, about)
     # A log that never scatters was calculated and has no information about the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
     logged = torques_logged and scatters and bool(np.all(np.isfinite(cells.states.tau_Nm)))
