@@ -41,6 +41,7 @@ class Nuisance(ABC):
 
     def shift(self, at: FittedModel, poses: Observations) -> Array:
         """Return the contribution of the fitted amounts to these components, (P, b)."""
+        assert self.amounts is not None
         return np.asarray(self.columns(at, poses) @ self.amounts)
 
 
