@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import ttest_rel
 
 from made_up_poses import at_rest, measured_poses
-from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, gap, trusted
+from pa10cal.discovery.gap import PairedErrors, fallen_back, gap, trusted
 
 POSES, LOADS_N = 12, (0.0, 44.0)
 
@@ -94,14 +94,14 @@ def test_motion_that_no_model_holds_is_in_no_number_but_its_own():
     moved[:, 1, 3] = 0.5e-3
     plain, found = compared(measured, *models), compared(measured, *models, T_moved=moved)
     assert (found.before, found.after) == (plain.before, plain.after)
-    for left, at_mm in zip(found.without_motion, off_mm, strict=True):
+    still = found.without_motion
+    for left, at_mm in zip((still.found_before, still.found_after), off_mm, strict=True):
         np.testing.assert_allclose(left.distance_mm, np.hypot(at_mm, 0.5))
-    beside = beside_motion(found)
-    assert beside.after.mean_mm == pytest.approx(np.hypot(off_mm[1], 0.5).mean())
-    assert beside_motion(plain) is plain
+    assert still.after.mean_mm == pytest.approx(np.hypot(off_mm[1], 0.5).mean())
+    assert plain.without_motion is None
     suspected = np.arange(len(measured)) < 6
     rest = trusted(found, suspected)
-    assert len(rest.without_motion[0].distance_mm) == len(measured) - 6
+    assert len(rest.without_motion.found_before.distance_mm) == len(measured) - 6
     fallen = fallen_back(found, suspected)
     np.testing.assert_allclose(fallen.found_after.distance_mm[:6], off_mm[0][:6])
     assert fallen.without_motion is found.without_motion

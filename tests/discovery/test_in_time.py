@@ -10,7 +10,6 @@ from made_up_arm import TARGET_NOISE_M
 from made_up_poses import shifted
 from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
-from pa10cal.discovery.gap import beside_motion
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
@@ -55,7 +54,7 @@ def test_a_jump_is_a_fault_of_the_log_with_its_time_and_no_noise(null, jumped):
 
 @pytest.mark.slow
 def test_what_the_motion_takes_away_stands_apart_from_the_gap(null, jumped):
-    still = beside_motion(jumped.train)
+    still = jumped.train.without_motion
     assert still.after.mean_mm == pytest.approx(null.discovery.train.after.mean_mm, rel=0.1)
     # The model that is written does not know when the base stood where.
     assert jumped.train.after.mean_mm > 1.1 * still.after.mean_mm

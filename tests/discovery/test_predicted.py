@@ -45,7 +45,7 @@ def test_what_two_joints_do_together_is_predicted_and_is_no_name(entangled):
 
 def test_nothing_is_predicted_where_the_log_is_to_be_checked_or_the_base_moved(entangled):
     found = entangled.discovery
-    moved = replace(found.train, without_motion=(found.train.found_before, found.train.found_after))
+    moved = replace(found.train, without_motion=found.train)
     still = replace(found, train=moved)
     assert with_predicted(still) is still
 

@@ -1,4 +1,4 @@
-"""The gap between models and measurement, paired pose by pose, and what effects explain of it."""
+"""The gap: errors of the calibrated and the extended model, and the parts that effects explain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln, stdtrit
 
-from pa10cal.arrays import Array, Mask
+from pa10cal.arrays import Array, Mask, take_rows
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding, name_of
 from pa10cal.discovery.linear import rms
@@ -30,20 +30,20 @@ from pa10cal.terms.field import NO_NAME, Field
 
 @dataclass(frozen=True)
 class PairedErrors:
-    """The gap between two models and measurement on some configurations."""
+    """The errors of two models at P poses, paired pose by pose."""
 
-    poses: Observations  # P configurations
-    found_before: Deviations  # of the calibrated baseline, configuration by configuration
-    found_after: Deviations  # of the extended model
-    noise_floor_mm: float  # mean error that their noise alone would leave
-    # (P,) configurations within the joint positions of the fit; the others are extrapolated. None
-    # where that does not matter
+    poses: Observations  # averaged and complete
+    found_before: Deviations  # measured less predicted, by the calibrated model
+    found_after: Deviations  # the same by the extended model
+    noise_floor_mm: float  # mean error that the noise of these poses alone would leave
+    # (P,) poses within the joint positions of the fit, the others being extrapolated; None where
+    # that does not matter
     inside: Mask | None = None
-    # deviations before and after, less the motion of the base that was found; it is in no model and
-    # in none of the other numbers. None where no motion was found
-    without_motion: tuple[Deviations, Deviations] | None = None
-    # deviations of the model that also has what the search held without a name, and that is not
-    # written; None where it held nothing of the kind
+    # the same errors less the motion of the base that was found, which is in neither model; None
+    # where no motion was found
+    without_motion: PairedErrors | None = None
+    # deviations of the extended model with the smooth functions that the search held as well; None
+    # where it held none
     with_rivals: Deviations | None = None
 
     @cached_property
@@ -61,17 +61,21 @@ class PairedErrors:
         """Return the mean reduction of the error, paired over poses."""
         return self.reduction_of(slice(None))
 
+    def take(self, rows: Mask) -> PairedErrors:
+        """Return the errors at some poses (P,)."""
+        return take_rows(self, rows, "noise_floor_mm")
+
     @cached_property
     def campaigns(self) -> dict[str, Mask]:
-        """Return the configurations (P,) of each campaign of a group; empty for no group."""
+        """Return the poses (P,) of each campaign of a group; empty for no group."""
         number = np.asarray(self.poses.states.campaign)
         names = [name for name, _ in self.poses.measured.campaigns]
         return {name: number == k for k, name in enumerate(names) if np.any(number == k)}
 
     def reduction_of(self, rows: Mask | slice) -> Reduction:
-        """Return the mean reduction of some configurations, paired over their poses.
+        """Return the mean reduction at some poses, with its interval over poses of one label.
 
-        With one pose the interval is the mean.
+        Of one label the interval is the mean itself.
         """
         saved_mm = self.found_before.distance_mm - self.found_after.distance_mm
         _, group = np.unique(self.poses.pose[rows], return_inverse=True)
@@ -84,15 +88,14 @@ class PairedErrors:
         return Reduction(mean_mm=mean, interval95_mm=(mean - half, mean + half), poses=count)
 
     def accuracies(self, rows: Mask | None) -> BeforeAfter | None:
-        """Return the errors over some configurations; None where there is none."""
+        """Return the errors at some poses (P,); None where there are none."""
         if rows is None or not rows.any():
             return None
-        return BeforeAfter(
-            before=summarise(self.found_before, rows), after=summarise(self.found_after, rows)
-        )
+        before, after = summarise(self.found_before, rows), summarise(self.found_after, rows)
+        return BeforeAfter(before=before, after=after)
 
     def record(self, suspected: Mask | None = None) -> SetGap:
-        """Return the gap as it is written; also without configurations (P,) that are suspected."""
+        """Return the gap as it is written, also without poses (P,) that are suspected."""
         load_N, still = self.poses.states.load_N, self.without_motion
         loads = {f"{load:g}N": load_N == load for load in np.unique(load_N)}
 
@@ -120,12 +123,12 @@ class PairedErrors:
             else None,
             without_motion=None
             if still is None
-            else BeforeAfter(before=summarise(still[0]), after=summarise(still[1])),
+            else BeforeAfter(before=still.before, after=still.after),
             with_rivals=None if self.with_rivals is None else summarise(self.with_rivals),
         )
 
     def rows(self, baseline: FittedModel) -> GapRows:
-        """Return every configuration with its residuals before and after, along base axes."""
+        """Return every pose with its residuals before and after, along base axes."""
         poses, T_instr_base = self.poses, baseline.T_instr_base
         T_instr_ee = T_instr_base @ baseline.model.predict(poses.states, baseline.x)
         p_instr_m = poses.measured.end_poses(T_instr_ee)[:, :3, 3]
@@ -139,7 +142,7 @@ class PairedErrors:
         )
 
     def with_nuisances_of(self, other: PairedErrors) -> PairedErrors:
-        """Return the gap, with deviations of another that are in no model where it has none."""
+        """Return the gap, with motion and rivals of another gap where it has none itself."""
         return replace(
             self,
             without_motion=self.without_motion or other.without_motion,
@@ -148,11 +151,11 @@ class PairedErrors:
 
     @property
     def noise_rms_mm(self) -> float:
-        """Return the root mean square error that isotropic noise of that mean would leave."""
+        """Return the root mean square error of isotropic noise whose mean is the noise floor."""
         measured = self.poses.measured
         count = np.median(measured.components_seen[:, measured.position_columns].sum(axis=1))
         d = max(float(count), 1.0)
-        # The mean of a chi distribution of d degrees of freedom, over its root mean square.
+        # The root mean square of a chi distribution of d degrees of freedom, over its mean.
         of_mean = np.sqrt(d / 2.0) * np.exp(gammaln(d / 2.0) - gammaln((d + 1.0) / 2.0))
         return float(of_mean * self.noise_floor_mm)
 
@@ -165,57 +168,38 @@ def gap(
     seen: AngleCoverage | None = None,
     T_moved: Array | None = None,
 ) -> PairedErrors:
-    """Compare two models on averaged poses, as each predicts them by itself.
+    """Return the errors of the calibrated and the extended model at averaged, complete poses.
 
     Args:
-        poses: P measured configurations, complete.
-        before: the calibrated model.
-        after: the extended model, as it is exported.
-        noise_floor_mm: mean error that the noise of these configurations would leave.
+        noise_floor_mm: mean error that the noise of these poses would leave.
         seen: joint positions of the fit of the extended model; None where it holds everywhere.
-        T_moved: (P, 4, 4) motion of the base at each, which is in neither model; None for none.
+        T_moved: (P, 4, 4) motion of the base at each pose, which is in neither model; None for
+            none.
     """
-    return PairedErrors(
+    found = PairedErrors(
         poses,
         errors_of(before, poses),
         errors_of(after, poses),
         noise_floor_mm,
         inside=None if seen is None else seen.inside(poses.states.q_rad),
-        without_motion=None
-        if T_moved is None
-        else (errors_of(before, poses, T_moved), errors_of(after, poses, T_moved)),
     )
-
-
-def beside_motion(found: PairedErrors) -> PairedErrors:
-    """Return the gap less the motion of the base, where such a motion was found."""
-    if found.without_motion is None:
+    if T_moved is None:
         return found
-    before, after = found.without_motion
-    return PairedErrors(found.poses, before, after, found.noise_floor_mm, found.inside)
+    of_before, of_after = (errors_of(model, poses, T_moved) for model in (before, after))
+    without_motion = replace(found, found_before=of_before, found_after=of_after)
+    return replace(found, without_motion=without_motion)
 
 
 def fallen_back(found: PairedErrors, outside: Mask) -> PairedErrors:
-    """Return the gap where some configurations (P,) are left to the calibrated model."""
+    """Return the gap where the calibrated model predicts some of the poses (P,)."""
     return replace(found, found_after=found.found_after.with_others(outside, found.found_before))
 
 
 def trusted(found: PairedErrors | None, suspected: Mask | None) -> PairedErrors | None:
-    """Return the gap without suspected configurations; None where none remains."""
+    """Return the gap without suspected poses; None where none remains."""
     if found is None or suspected is None or not suspected.any():
         return found
-    if suspected.all():
-        return None
-    rows, still = ~suspected, found.without_motion
-    return replace(
-        found,
-        poses=found.poses.take(rows),
-        found_before=found.found_before.take(rows),
-        found_after=found.found_after.take(rows),
-        inside=None if found.inside is None else found.inside[rows],
-        without_motion=None if still is None else (still[0].take(rows), still[1].take(rows)),
-        with_rivals=None if found.with_rivals is None else found.with_rivals.take(rows),
-    )
+    return None if suspected.all() else found.take(~suspected)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from pa10cal.arrays import Mask
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.discovery.finding import Finding
-from pa10cal.discovery.gap import PairedErrors, beside_motion, fallen_back, trusted
+from pa10cal.discovery.gap import PairedErrors, fallen_back, trusted
 from pa10cal.discovery.linear import position_noise, residual_and_jacobian
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.verdict import (
@@ -130,7 +130,7 @@ def _contradiction(found: Verdict, visited: AngleCoverage) -> tuple[Mask, Before
     """
     if (held_out := found.trusted_holdout) is None:
         return None
-    held_out = beside_motion(held_out)
+    held_out = held_out.without_motion or held_out
     outside = ~visited.inside(held_out.poses.states.q_rad)
     for rows in (outside, np.ones_like(outside)):
         harm = _harm(held_out, rows)
