@@ -57,6 +57,15 @@ def test_few_angles_in_common_say_nothing():
     assert found.share_of_turn == pytest.approx(14 / 360)
 
 
+def test_a_curve_that_varies_in_one_arc_alone_says_nothing():
+    one_arc = np.where(np.arange(len(ANGLES_RAD)) < 7, wave(1), 0.0)
+    for a, b in ((one_arc, wave(2)), (wave(2), one_arc)):
+        found = pair_of(("a", curve(a, EVERYWHERE)), ("b", curve(b, EVERYWHERE)))
+        assert found.slope is None
+        assert found.correlation95 is None
+        assert found.share_of_turn == 1.0
+
+
 def test_angles_are_visited_by_the_turn():
     q_rad = np.radians([0.1, -0.2, 359.0 + 360.0, 0.0, 90.0, 90.4, 90.1, 180.0])
     found = visited(np.concatenate([np.repeat(q_rad[:-1], 4), q_rad[-1:]]))

@@ -115,27 +115,32 @@ def pair_of(
 ) -> records.CampaignsAgree:
     """Compare the error curves of two campaigns, each with its name.
 
-    The slope is that of the second by the first, both being equally uncertain.
+    The slope is that of the second by the first, both being equally uncertain. Statistics have 95 %
+    intervals by a jackknife over arcs; they are not known where too few arcs are common, or where
+    one of the curves is constant, or they do not vary together, with an arc left out.
     """
     (first_name, first_curve), (second_name, second_curve) = first, second
     both = first_curve.visited & second_curve.visited
     x, y = first_curve.error_mrad[both], second_curve.error_mrad[both]
     arc = (ANGLES_RAD[both] // np.radians(MAPS.compared_arc_deg)).astype(int)
-    arcs = np.unique(arc)
+    # all angles, then those without each arc
+    samples = [np.ones(len(arc), dtype=bool), *(arc != number for number in np.unique(arc))]
     pair: dict[str, Any] = {
         "first": first_name,
         "second": second_name,
         "share_of_turn": float(both.mean()),
     }
-    if len(arcs) < MAPS.compared_arcs or not (np.ptp(x) > 0.0 and np.ptp(y) > 0.0):
+    enough = len(samples) > MAPS.compared_arcs
+    if not (enough and all(_vary_together(x[rows], y[rows]) for rows in samples)):
         unknown = dict.fromkeys(records.CampaignsAgree.model_fields)
         return records.CampaignsAgree(**(unknown | pair))
 
     def interval(statistic: Callable[[Array, Array], float]) -> tuple[float, float, float]:
-        """Return a statistic and its 95 % interval, by leaving out one arc at a time."""
-        whole = statistic(x, y)
-        without = np.array([statistic(x[arc != k], y[arc != k]) for k in arcs])
-        spread = (len(arcs) - 1) / len(arcs) * np.sum((without - without.mean()) ** 2)
+        """Return a statistic and its 95 % interval."""
+        whole, *others = (statistic(x[rows], y[rows]) for rows in samples)
+        without = np.array(others)
+        arcs = len(without)
+        spread = (arcs - 1) / arcs * np.sum((without - without.mean()) ** 2)
         half = HALF_WIDTH_95 * float(np.sqrt(spread))
         return whole, whole - half, whole + half
 
@@ -154,13 +159,17 @@ def pair_of(
     )
 
 
+def _vary_together(x: Array, y: Array) -> bool:
+    """Return whether correlation and slope of two curves are defined."""
+    return bool(np.ptp(x) > 0.0 and np.ptp(y) > 0.0 and np.cov(x, y)[0, 1] != 0.0)
+
+
 def _correlation(x: Array, y: Array) -> float:
-    return float(
-        np.clip(np.corrcoef(x, y)[0, 1], -COMPUTING.most_correlation, COMPUTING.most_correlation)
-    )
+    most = COMPUTING.most_correlation
+    return float(np.clip(np.corrcoef(x, y)[0, 1], -most, most))
 
 
 def _slope(x: Array, y: Array) -> float:
     """Return the slope of y by x where both are equally uncertain (Deming regression)."""
     (xx, xy), (_, yy) = np.cov(x, y)
-    return float((yy - xx + np.hypot(yy - xx, 2.0 * xy)) / (2.0 * xy)) if xy else np.nan
+    return float((yy - xx + np.hypot(yy - xx, 2.0 * xy)) / (2.0 * xy))
