@@ -7,7 +7,12 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal
 
-from pa10cal.discovery.evidence.likelihood import SHARED_VARIANCES, CandidateRows, SetEvidence
+from pa10cal.discovery.evidence.likelihood import (
+    SHARED_VARIANCES,
+    CandidateRows,
+    LinearisedCandidates,
+    SetEvidence,
+)
 from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedByCells
 from pa10cal.discovery.rules import EVIDENCE
 
@@ -61,7 +66,9 @@ class Made:
         return rows
 
     def evidence(self, data):
-        return SetEvidence(self.pose, self.torque, *data, self.own, self.blocks)
+        return SetEvidence(
+            self.pose, self.torque, LinearisedCandidates(*data, self.own, self.blocks)
+        )
 
     def log_density(self, data, members, sizes, variances):
         """Write the density of the data out, everything Gaussian integrated out."""
@@ -161,7 +168,9 @@ def test_without_torques_poses_speak_alone(made):
     blocks = tuple(
         CandidateRows(b.pose, np.zeros((0, b.pose.shape[1])), b.factor) for b in made.blocks
     )
-    alone = SetEvidence(made.pose, None, pose_data, np.zeros(0), made.own, blocks[:1])
+    alone = SetEvidence(
+        made.pose, None, LinearisedCandidates(pose_data, np.zeros(0), made.own, blocks[:1])
+    )
     both = made.evidence([pose_data, made.data(7)[1]])
     gains = [
         evidence.score(((0, 1),)).log_evidence - evidence.score(()).log_evidence
@@ -178,7 +187,8 @@ def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance)
     shared = SharedByCells(np.eye(rows), rng.uniform(1.0, 4.0, rows))
     channel = NoiseModel.of(np.ones((rows, 1, 1)), shared, np.zeros((rows, 1, 0)))
     data = np.sqrt(1.0 + variance * shared.variance) * rng.normal(size=rows)
-    found = SetEvidence(channel, None, data, np.zeros(0), np.zeros((rows, 0)), ()).score(())
+    alone = LinearisedCandidates(data, np.zeros(0), np.zeros((rows, 0)), ())
+    found = SetEvidence(channel, None, alone).score(())
 
     def minus_log(log_variance):
         total = 1.0 + np.exp(log_variance) * shared.variance

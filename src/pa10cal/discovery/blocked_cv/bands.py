@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from operator import add
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from pa10cal.discovery.blocked_cv.linear_fit import (
     maps_among,
     with_form,
 )
-from pa10cal.discovery.blocked_cv.normal_equations import in_map_bases, summed
+from pa10cal.discovery.blocked_cv.normal_equations import ByKind, in_map_bases, summed
 from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.noise import Widening
 from pa10cal.discovery.other_numbers import COMPUTING
@@ -66,17 +66,6 @@ class InBands:
 def _total_squares(squares: Array) -> results.LeftOut:
     before, after = squares.sum(axis=0).tolist()
     return results.LeftOut(before=before, after=after)
-
-
-class _ByKind(NamedTuple):
-    """Normal equations of the same columns: of position rows, and of other rows."""
-
-    positions: Gaussian
-    others: Gaussian
-
-    def weighted(self, weight: float) -> Gaussian:
-        """Return the normal equations of all rows, those of orientations times a weight."""
-        return self.positions + self.others.times(weight**2)
 
 
 def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
@@ -123,17 +112,15 @@ def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
 
 def _equations_by_block(
     rows: BlockedRows, members: tuple[ShapedEffect, ...], waves: _WaveColumns
-) -> tuple[list[_ByKind], _ByKind]:
+) -> tuple[list[ByKind], ByKind]:
     """Return the normal equations in waves of each block, and in B-splines of all blocks."""
     joints, knots = joints_and_knots(members)
-    in_waves: list[_ByKind] = []
-    splines: _ByKind | None = None
+    in_waves: list[ByKind] = []
+    splines: ByKind | None = None  # added up at once: one block of them is large
     for block in range(BLOCKS.blocks):
-        positions, others = rows.equations_by_kind(block, joints, knots)
-        in_waves.append(_ByKind(waves.of(positions), waves.of(others)))
-        if splines is not None:
-            positions, others = splines.positions + positions, splines.others + others
-        splines = _ByKind(positions, others)
+        of_block = rows.equations_by_kind(block, joints, knots)
+        in_waves.append(ByKind(*map(waves.of, of_block)))
+        splines = of_block if splines is None else ByKind(*map(add, splines, of_block))
     assert splines is not None
     return in_waves, splines
 
@@ -149,7 +136,7 @@ def _with_bands(
     )
 
 
-def _orientation_weight(by_kind: Sequence[_ByKind], waves: _WaveColumns, maps: int) -> float:
+def _orientation_weight(by_kind: Sequence[ByKind], waves: _WaveColumns, maps: int) -> float:
     """Return the weight of orientation rows, in units of that by their scatter.
 
     Where a target is tilted or bends, errors of orientations average out less than their scatter
@@ -251,5 +238,5 @@ def _stretches_of_angles(
             tenths = tenths[k % 2 :][:1]
         for number in tenths:
             survey = replace(rows.survey, block=np.where(tenth == number, 0, -1))
-            of_tenth = _ByKind(*replace(rows, survey=survey).equations_by_kind(0, joints, knots))
+            of_tenth = replace(rows, survey=survey).equations_by_kind(0, joints, knots)
             yield waves.of(of_tenth.weighted(weight))

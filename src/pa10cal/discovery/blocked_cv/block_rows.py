@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.normal_equations import (
     BlockEquations,
+    ByKind,
     in_map_bases,
     map_columns,
     normal_equations_of,
@@ -36,7 +37,6 @@ from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonic_orders, harmonics_at_knots
 from pa10cal.terms.effects.effect import Effect, turning_joints
@@ -186,10 +186,8 @@ class BlockedRows:
             gram, projection, squares, None if only_positions else of_positions, precision
         )
 
-    def equations_by_kind(
-        self, block: int, joints: Sequence[int], knots: Sequence[int]
-    ) -> tuple[Gaussian, Gaussian]:
-        """Return the normal equations of a block's position rows, and of its other rows.
+    def equations_by_kind(self, block: int, joints: Sequence[int], knots: Sequence[int]) -> ByKind:
+        """Return the normal equations of a block.
 
         In the columns of model, nuisances and effects, and the B-splines of the maps of some
         joints, each with its number of knots a turn.
@@ -198,11 +196,12 @@ class BlockedRows:
         splines = design.maps(knots, [self.joints.index(joint) for joint in joints])
         component = np.arange(len(design.data)) % measured.components_seen.shape[1]
         of_positions = np.isin(component, measured.position_columns)
-        positions, others = (
-            normal_equations_of(design.data[rows], design.dense[rows], splines[rows])
-            for rows in (np.flatnonzero(of_positions), np.flatnonzero(~of_positions))
+        return ByKind(
+            *(
+                normal_equations_of(design.data[rows], design.dense[rows], splines[rows])
+                for rows in (np.flatnonzero(of_positions), np.flatnonzero(~of_positions))
+            )
         )
-        return positions, others
 
     def design(self, block: int) -> BlockDesign:
         """Return the whitened rows of one block."""

@@ -108,11 +108,8 @@ def linear_fit_of(
 def _equations_by_block(rows: BlockedRows, members: tuple[ShapedEffect, ...]) -> list[Gaussian]:
     """Return the normal equations of each block, in columns as `LinearFit` has them."""
     rows, (joints, knots) = rows.with_effects_of(members), joints_and_knots(members)
-    blocks = []
-    for block in range(BLOCKS.blocks):
-        positions, others = rows.equations_by_kind(block, joints, knots)
-        blocks.append(positions + others)
-    return blocks
+    blocks = range(BLOCKS.blocks)
+    return [rows.equations_by_kind(block, joints, knots).total for block in blocks]
 
 
 def joints_and_knots(members: Sequence[ShapedEffect]) -> tuple[list[int], list[int]]:

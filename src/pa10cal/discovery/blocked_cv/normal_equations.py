@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -41,6 +42,22 @@ def normal_equations_of(data: Array, dense: Array, splines: csr_array) -> Gaussi
     products[-1, :-1] = np.concatenate([dense.T @ data, splines.T @ data])
     products[:-1, -1], products[-1, -1] = products[-1, :-1], data @ data
     return Gaussian(products)
+
+
+class ByKind(NamedTuple):
+    """Normal equations of the same columns: of position rows, and of all other rows."""
+
+    positions: Gaussian
+    others: Gaussian
+
+    @property
+    def total(self) -> Gaussian:
+        """Return the normal equations of all rows."""
+        return self.positions + self.others
+
+    def weighted(self, weight: float) -> Gaussian:
+        """Return the normal equations of all rows, those of orientations times a weight."""
+        return self.positions + self.others.times(weight**2)
 
 
 def in_map_bases(equations: Gaussian, dense_count: int, bases: Sequence[Array]) -> Gaussian:

@@ -1,19 +1,19 @@
-"""Candidates linearised about a fit: which ones the data can show, and which can be told apart.
+"""Candidates linearised about a fit: which ones the data can show, and which they can distinguish.
 
-Both are settled before residuals are looked at.
+Both are decided without the residuals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.discovery.evidence.fit import EvidenceFit, pose_rows, torque_rows
-from pa10cal.discovery.evidence.likelihood import CandidateRows
+from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandidates
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.linear import by_end
@@ -23,17 +23,6 @@ from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
-
-
-@dataclass(frozen=True)
-class LinearisedCandidates:
-    """Whitened rows about a fit, of the model's own parameters and of candidates."""
-
-    # (R,) measured minus predicted poses by the fit without its effects, these being linear
-    pose_data: Array
-    torque_data: Array  # (R',) the same of torques
-    own: Array  # (R, k) derivative by the model's own parameters, times their possible size
-    blocks: tuple[CandidateRows, ...]  # of each candidate, in the order given
 
 
 def linearise(

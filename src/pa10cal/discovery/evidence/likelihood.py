@@ -42,6 +42,16 @@ class CandidateRows:
 
 
 @dataclass(frozen=True)
+class LinearisedCandidates:
+    """Whitened rows about a fit, of the model's own parameters and of candidates."""
+
+    pose_data: Array  # (R,) measured minus predicted poses by the fit with its effects at zero
+    torque_data: Array  # (R',) the same of torques
+    own: Array  # (R, k) derivative by the model's own parameters, times their possible sizes
+    blocks: tuple[CandidateRows, ...]  # of each candidate
+
+
+@dataclass(frozen=True)
 class Score:
     """Evidence of one set of candidates."""
 
@@ -67,40 +77,29 @@ class SetEvidence:
     """Evidence of sets of candidates, about one linearisation."""
 
     def __init__(
-        self,
-        pose: NoiseModel,
-        torque: NoiseModel | None,
-        pose_data: Array,
-        torque_data: Array,
-        own: Array,
-        blocks: tuple[CandidateRows, ...],
+        self, pose: NoiseModel, torque: NoiseModel | None, rows: LinearisedCandidates
     ) -> None:
         """Reduce the rows of both channels to normal equations of the candidates.
 
-        Args:
-            pose: noise model of poses.
-            torque: noise model of torques; None where none are logged.
-            pose_data: (R,) whitened rows of measured minus predicted.
-            torque_data: (R',) the same of torques.
-            own: (R, k) derivative of the rows of poses by the model's own parameters, in units of
-                their possible sizes.
-            blocks: rows of each candidate.
+        By the noise models of poses and of torques; None where torques are not logged.
         """
+        blocks = rows.blocks
         stops = np.cumsum([0, *(block.factor.shape[1] for block in blocks)])
         self._columns = [np.arange(first, last) for first, last in pairwise(stops.tolist())]
         self._shows_in_torque = np.array([np.any(block.torque) for block in blocks], dtype=bool)
-        of_pose = [np.zeros((len(pose_data), 0)), *(block.pose @ block.factor for block in blocks)]
-        self._pose = reduced(pose, np.concatenate(of_pose, axis=1), pose_data, own)
+        none = np.zeros((len(rows.pose_data), 0))
+        of_pose = [none, *(block.pose @ block.factor for block in blocks)]
+        self._pose = reduced(pose, np.concatenate(of_pose, axis=1), rows.pose_data, rows.own)
         # Without torques their normal equations are zero.
         width = int(stops[-1])
         self._torque = Gaussians.of([Gaussian.none(width)])
         if torque is not None:
-            none = np.zeros((len(torque_data), 0))
+            none = np.zeros((len(rows.torque_data), 0))
             showing = np.flatnonzero(self._shows_in_torque).tolist()
             of_torque = [none, *(blocks[k].torque @ blocks[k].factor for k in showing)]
             # The columns of all others are zero.
             at = np.concatenate([np.zeros(0, np.intp), *(self._columns[k] for k in showing)])
-            found = reduced(torque, np.concatenate(of_torque, axis=1), torque_data, none)
+            found = reduced(torque, np.concatenate(of_torque, axis=1), rows.torque_data, none)
             self._torque = found.among(at, width)
         self._scores: dict[CandidateSet, Score] = {}
         self._additions: dict[tuple[CandidateSet, tuple[int, ...]], list[Addition]] = {}

@@ -50,10 +50,7 @@ def evidence_about(
     problem: EvidenceProblem, found: EvidenceFit, family: tuple[Effect, ...]
 ) -> SetEvidence:
     """Return the evidence of sets of a family, linear about a fit."""
-    lin = linearise(problem, found, family)
-    return SetEvidence(
-        problem.pose, problem.torque, lin.pose_data, lin.torque_data, lin.own, lin.blocks
-    )
+    return SetEvidence(problem.pose, problem.torque, linearise(problem, found, family))
 
 
 def search(
