@@ -12,6 +12,7 @@ from made_up_survey import ARM, Hidden, observe
 from pa10cal.arm.chain import Chain
 from pa10cal.discovery import linear
 from pa10cal.discovery.gear_lines import gear_lines
+from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.effects.joint import SimulatedGearLine
 
@@ -33,7 +34,7 @@ def left_by(at, poses, joint, cycles, size_rad, seed=0):
 
 def found(at, poses, left):
     whiten = np.tile(np.eye(left.shape[1]) / NOISE, (len(poses), 1, 1))
-    return gear_lines(at, poses, left, whiten, RATE)
+    return gear_lines(WhitenedPoses(at, poses, left, whiten), RATE)
 
 
 @pytest.mark.parametrize(("joint", "cycles"), [(1, 31.4), (2, 50.0), (3, 101.0), (5, 180.3)])

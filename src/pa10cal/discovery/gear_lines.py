@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pa10cal.arrays import Array, drawn
+from pa10cal.arrays import Array
 from pa10cal.discovery import linear
+from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.rules import LINES, PROBABILITIES
-from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
@@ -26,73 +26,61 @@ from pa10cal.terms.effects.joint_error_map import is_error_map
 
 
 def gear_lines(
-    at: FittedModel,
-    poses: Observations,
-    left: Array,
-    whiten: Array,
-    error_rate: float,
-    known: Collection[str] = (),
+    rows: WhitenedPoses, error_rate: float, known: Collection[str] = ()
 ) -> tuple[GearLine, ...]:
     """Return the line of each joint that has one, in the residual of a model or in its maps.
 
-    None for a joint where two orders do equally well, as if its angles are whole steps, nor at
-    twice a stated gear ratio, which has an effect of its own.
+    None for a joint of which two orders fit equally well, as where its angles are whole steps, nor
+    at twice a stated gear ratio, which has an effect of its own.
 
     Args:
-        at: the model, fitted to the poses.
-        poses: P complete poses.
-        left: (P, b) its residual, predicted less measured.
-        whiten: (P, b, b) that makes their components white.
-        error_rate: the probability allowed of finding a line where there is none.
+        rows: the poses about the model.
+        error_rate: probability allowed of finding a line where there is none.
         known: places of lines that the model has.
     """
-    if len(poses) > LINES.most_poses:
-        rows = drawn(len(poses), LINES.most_poses)
-        poses, left, whiten = poses.take(rows), left[rows], whiten[rows]
-    arm = at.model.chain.arm
+    rows = rows.at_most(LINES.most_poses)
+    at, poses = rows.at, rows.poses
     joints = [
         joint
-        for joint in (np.flatnonzero(~arm.prismatic) + 1).tolist()
+        for joint in (np.flatnonzero(~at.model.chain.arm.prismatic) + 1).tolist()
         if f"joint {joint}" not in known and _angles(poses, joint) >= LINES.least_angles
     ]
     if not joints:
         return ()
-    terms, sizes = at.model.terms, possible_sizes(at.model)
-    columns = dict(zip(terms, linear.by_own_terms(at, poses, terms, whiten), strict=True))
-    data = -(whiten @ left[:, :, None])[:, :, 0]
-    by_joint = whiten @ linear.by_joints(at, poses, joints)
-    of_targets = whiten @ linear.by_targets(at, poses)
-    found = _lines(at, poses, joints, [*columns.values(), of_targets], data, by_joint, error_rate)
-    maps = [term for term in columns if is_error_map(term)]
+    terms, sizes, data = at.model.terms, possible_sizes(at.model), rows.data
+    of_terms = linear.by_own_terms(at, poses, terms, rows.whitener)
+    own = dict(zip(terms, of_terms, strict=True))
+    found = _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
+    maps = [term for term in own if is_error_map(term)]
     if found or not maps:
         return found
-    for term in maps:  # a fine map may follow a line: seek it in the residual without maps
-        sized = at.values_of(term) / sizes[at.model.columns_of(term)]
-        data = data + columns.pop(term) @ sized
-    return _lines(at, poses, joints, [*columns.values(), of_targets], data, by_joint, error_rate)
+    for term in maps:  # a fine map may follow a line, which is then in the residual without maps
+        amounts = at.values_of(term) / sizes[at.model.columns_of(term)]
+        data = data + own.pop(term) @ amounts
+    return _lines(rows, joints, [*own.values(), rows.by_targets], data, error_rate)
 
 
 def _lines(
-    at: FittedModel,
-    poses: Observations,
+    rows: WhitenedPoses,
     joints: Sequence[int],
     own: Sequence[Array],
     data: Array,
-    by_joint: Array,
     error_rate: float,
 ) -> tuple[GearLine, ...]:
-    """Return the lines of joints, by whitened columns and data as `_Spectrum.of` has them."""
+    """Return the lines of joints in whitened data (P, b), beside own columns (P, b, k)."""
     columns = np.concatenate(own, axis=2)
     equations = Gaussian.of(columns, data)
+    by_joint = rows.whitener @ linear.by_joints(rows.at, rows.poses, joints)
+    q_rad = rows.poses.states.q_rad
     spectra = [
-        _Spectrum.of(equations, columns, data, by_joint[:, :, k], poses.states.q_rad[:, joint - 1])
+        _Spectrum.of(equations, columns, data, by_joint[:, :, k], q_rad[:, joint - 1])
         for k, joint in enumerate(joints)
     ]
     needed = float(np.log(sum(len(spectrum.orders) for spectrum in spectra) / error_rate))
     found = []
     for joint, spectrum in zip(joints, spectra, strict=True):
         order = spectrum.line(needed)
-        stated = 2.0 * float(at.model.chain.arm.gear_ratio[joint - 1])
+        stated = 2.0 * float(rows.at.model.chain.arm.gear_ratio[joint - 1])
         if order is not None and not abs(order - stated) < spectrum.width:  # nan if not stated
             found.append(GearLine(f"joint {joint}", round(order, LINES.order_decimals)))
     return tuple(found)
@@ -109,9 +97,9 @@ class _Spectrum:
 
     q_rad: Array  # (P,) the joint's angles
     own: Gaussian  # normal equations of the model's own parameters
-    follows: Array  # (P, n) products of own columns with the joint's column, pose by pose
-    moves: Array  # (P,) squares of the joint's column
-    left: Array  # (P,) products of the joint's column with the data
+    own_by_joint: Array  # (P, n) products of own columns with the joint's column, pose by pose
+    squares: Array  # (P,) squares of the joint's column
+    data_by_joint: Array  # (P,) products of the joint's column with the data
     rows: int  # number of components seen
 
     @classmethod
@@ -122,9 +110,9 @@ class _Spectrum:
         return cls(
             q_rad=q_rad,
             own=equations,
-            follows=np.einsum("pbn,pb->pn", own, by_joint),
-            moves=np.sum(by_joint**2, axis=1),
-            left=np.sum(by_joint * data, axis=1),
+            own_by_joint=np.einsum("pbn,pb->pn", own, by_joint),
+            squares=np.sum(by_joint**2, axis=1),
+            data_by_joint=np.sum(by_joint * data, axis=1),
             rows=int(np.count_nonzero(data)),
         )
 
@@ -162,8 +150,8 @@ class _Spectrum:
         phase = self.q_rad[:, None] * orders
         waves = LINES.size_rad * np.stack([np.sin(phase), np.cos(phase)], axis=-1)  # (P, K, 2)
         count = len(orders)
-        followed = (self.follows.T @ waves.reshape(len(phase), -1)).reshape(-1, count, 2)
-        gram = np.einsum("pki,p,pkj->kij", waves, self.moves, waves)
-        projection = np.tensordot(self.left, waves, axes=1)
+        followed = (self.own_by_joint.T @ waves.reshape(len(phase), -1)).reshape(-1, count, 2)
+        gram = np.einsum("pki,p,pkj->kij", waves, self.squares, waves)
+        projection = np.tensordot(self.data_by_joint, waves, axes=1)
         gains, _ = self.own.of_each_further(followed, gram, projection).gains(self.rows)
         return np.asarray(gains / PROBABILITIES.blocks)

@@ -31,7 +31,12 @@ from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.gates import holds_zero
 from pa10cal.discovery.gear_lines import gear_lines
-from pa10cal.discovery.linear import ModelWithEffects, residual, residual_and_jacobian
+from pa10cal.discovery.linear import (
+    ModelWithEffects,
+    WhitenedPoses,
+    residual,
+    residual_and_jacobian,
+)
 from pa10cal.discovery.noise import whitener_of
 from pa10cal.discovery.preparation import (
     MeasurementSetup,
@@ -182,14 +187,9 @@ def _fit_by_blocks(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect])
     """Fit effects to a campaign whose poses are read once."""
     survey = Survey.of(campaign)
     rows = weighted_rows(survey, computable_shapes(survey)[0], MAPS.spacings[-1][0])
-    effects = _with_orders(
-        _effects(wanted, survey.context),
-        wanted,
-        campaign.baseline,
-        survey.poses,
-        rows.weights.whiteners(),
-        campaign.setup.options.error_rate,
-    )
+    whitener, rate = rows.weights.whiteners(), campaign.setup.options.error_rate
+    effects = _effects(wanted, survey.context)
+    effects = _with_orders(effects, wanted, campaign.baseline, survey.poses, whitener, rate)
     starts = tuple(effect.starts[0] for effect in effects)
     found = refit(survey, effects, starts, rows.weights)
     if tilted := with_tilts_shown(survey, found):
@@ -201,14 +201,9 @@ def _fit_by_repeats(campaign: Prepared, wanted: Sequence[EffectOfPlace | Effect]
     """Fit effects to a campaign whose poses are repeated."""
     baseline, setup, logged = campaign.baseline, campaign.setup, campaign.torques == "logged"
     problem = prepare(campaign.trusted, baseline, setup, torques_logged=logged)
-    effects = _with_orders(
-        _effects(wanted, problem.context),
-        wanted,
-        baseline,
-        problem.cells,
-        whitener_of(problem.cell_cov),
-        setup.options.error_rate,
-    )
+    whitener, rate = whitener_of(problem.cell_cov), setup.options.error_rate
+    effects = _effects(wanted, problem.context)
+    effects = _with_orders(effects, wanted, baseline, problem.cells, whitener, rate)
     problem, fit = fit_given(problem, effects)
     return _Fit(
         fitted=fit,
@@ -356,8 +351,8 @@ def _with_orders(
     places = {effect.of for effect in effects if effect.id == GearLine.id and effect not in wanted}
     if not places:
         return effects
-    lines = gear_lines(at, poses, residual(at, poses), whiten, error_rate)
-    found = {line.of: line for line in lines}
+    rows = WhitenedPoses(at, poses, residual(at, poses), whiten)
+    found = {line.of: line for line in gear_lines(rows, error_rate)}
     for place in sorted(places - set(found)):
         raise CalibrationError(
             "no number of cycles a turn stands out in what the model leaves",

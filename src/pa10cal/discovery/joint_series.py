@@ -13,11 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pa10cal.arrays import Array, Mask, take_rows
-from pa10cal.discovery.linear import by_every_joint
+from pa10cal.discovery.linear import WhitenedPoses, by_every_joint
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import RIPPLE
-from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.observations import Observations
 from pa10cal.results.maps import Agreement
 from pa10cal.terms.effects.joint_error_map import is_error_map
 
@@ -51,9 +49,7 @@ class JointSeries:
         return self.q_rad + alpha * self.error_rad
 
 
-def joint_series(
-    at: FittedModel, poses: Observations, residual: Array, whitener: Array, joints: Sequence[int]
-) -> list[list[JointSeries]]:
+def joint_series(rows: WhitenedPoses, joints: Sequence[int]) -> list[list[JointSeries]]:
     """Return the series of each joint, one a campaign; empty lists for joints not listed.
 
     The residual of a pose is the sum of contributions of all joints and of reading noise. Their
@@ -61,18 +57,12 @@ def joint_series(
     its score over its information, the other joints being noise.
 
     Args:
-        at: the model, its maps of joints included.
-        poses: P complete poses.
-        residual: (P, b) predicted less measured components.
-        whitener: (P, b, b) that makes the residual's components independent, of unit variance.
+        rows: the poses about a model, its maps of joints included.
         joints: joints wanted, counted from 1.
     """
-    score, weight = _scores(
-        whitener @ by_every_joint(at, poses),
-        -(whitener @ residual[:, :, None])[:, :, 0],
-        poses.measured.components_seen,
-    )
-    states, arm = poses.states, at.arm
+    at, poses, states, arm = rows.at, rows.poses, rows.poses.states, rows.at.arm
+    screws, seen = rows.whitener @ by_every_joint(at, poses), poses.measured.components_seen
+    score, weight = _scores(screws, rows.data, seen)
     error_rad = np.zeros_like(score)
     for term in at.model.terms:
         if is_error_map(term):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pa10cal.arm.chain import BASE, end_pose_with_screws
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Index, Mask, drawn
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
@@ -97,6 +97,34 @@ def by_effects(
         columns[:, :, : effect.linear] @ effect.prior_factor
         for columns, effect in zip(found, effects, strict=True)
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedPoses:
+    """P complete poses about a model that was fitted to them, with what makes them white."""
+
+    at: FittedModel
+    poses: Observations
+    residual: Array  # (P, b) predicted less measured components
+    whitener: Array  # (P, b, b) makes the residual of each pose white
+
+    def at_most(self, count: int) -> WhitenedPoses:
+        """Return so many of the poses, drawn at random, where there are more."""
+        if len(self.poses) <= count:
+            return self
+        rows = drawn(len(self.poses), count)
+        poses, residual = self.poses.take(rows), self.residual[rows]
+        return WhitenedPoses(self.at, poses, residual, self.whitener[rows])
+
+    @property
+    def data(self) -> Array:
+        """Return whitened measured less predicted components, (P, b)."""
+        return -(self.whitener @ self.residual[:, :, None])[:, :, 0]
+
+    @property
+    def by_targets(self) -> Array:
+        """Return how the whitened residual follows the coordinates of targets, (P, b, t)."""
+        return np.asarray(self.whitener @ by_targets(self.at, self.poses))
 
 
 def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:

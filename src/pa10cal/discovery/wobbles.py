@@ -16,8 +16,9 @@ import numpy as np
 
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload, PoseStates
-from pa10cal.arrays import Array, drawn
+from pa10cal.arrays import Array
 from pa10cal.discovery import linear
+from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.rules import LINES, PROBABILITIES, WOBBLES
 from pa10cal.discovery.together import heavier
 from pa10cal.fit.fitted_model import FittedModel
@@ -44,44 +45,35 @@ class _SoftAnyWay(LateralCompliance):
 
 
 def wobbles(
-    at: FittedModel,
-    poses: Observations,
-    left: Array,
-    whiten: Array,
+    rows: WhitenedPoses,
     context: CandidateContext,
     payload: Payload | None,
     error_rate: float,
-    known: Collection[str] = (),
+    known: Collection[str],
 ) -> tuple[AxisWobble, ...]:
     """Return the wobble that is significant in a model's residual, and clearly the best; or none.
 
     Args:
-        at: the model, fitted to the poses.
-        poses: P complete poses.
-        left: (P, b) its residual, predicted less measured.
-        whiten: (P, b, b) that makes their components white.
+        rows: the poses about the model.
         context: where effects may sit.
         payload: what the arm carries; None where no weight is known.
-        error_rate: the probability allowed of finding a wobble where there is none.
+        error_rate: probability allowed of finding a wobble where there is none.
         known: places of wobbles that were tried.
     """
-    if len(poses) > LINES.most_poses:
-        rows = drawn(len(poses), LINES.most_poses)
-        poses, left, whiten = poses.take(rows), left[rows], whiten[rows]
-    there = {*known, *(term.of for term in at.model.terms if term.id == AxisWobble.id)}
+    rows = rows.at_most(LINES.most_poses)
+    there = {*known, *(term.of for term in rows.at.model.terms if term.id == AxisWobble.id)}
     tried = [wobble for wobble in AxisWobble.everywhere(context) if wobble.of not in there]
     if not tried:
         return ()
-    at = at.with_bends(range(1, at.arm.n))
+    at, poses, whiten = rows.at.with_bends(range(1, rows.at.arm.n)), rows.poses, rows.whitener
     own = [
         *linear.by_own_terms(at, poses, at.model.terms, whiten),
         whiten @ linear.by_targets(at, poses),
         *_giving_way(at, poses, whiten, context, payload),
     ]
-    data = -(whiten @ left[:, :, None])[:, :, 0]
     starts = [wobble.starts[0] for wobble in tried]
     tilts = linear.by_effects(at, poses, tried, starts, whiten)
-    gains = _gains(np.concatenate(own, axis=2), tilts, data)
+    gains = _gains(np.concatenate(own, axis=2), tilts, rows.data)
     best, *others = np.argsort(-gains).tolist()
     needed = float(np.log(len(tried) / error_rate))
     ambiguous = bool(others) and gains[others[0]] > gains[best] - WOBBLES.better_nats
@@ -95,7 +87,7 @@ def _giving_way(
     context: CandidateContext,
     payload: Payload | None,
 ) -> Iterator[Array]:
-    """Yield whitened columns of all that may give way but springs, scaled to large sizes."""
+    """Yield whitened columns of everything compliant but springs, scaled to large sizes."""
     if payload is None or poses.states.static_loads is None:
         return
     kinds = [kind for kind in every_effect() if kind.bends and kind is not LateralCompliance]

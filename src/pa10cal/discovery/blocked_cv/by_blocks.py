@@ -500,7 +500,8 @@ def causes_of(survey: Survey, found: Refit) -> dict[int, JointWitness]:
     if not joints:
         return {}
     residual, whiteners = survey.net_residual(found.at), found.weights.whiteners()
-    series = joint_series(found.at, survey.poses, residual, whiteners, joints)
+    rows = linear.WhitenedPoses(found.at, survey.poses, residual, whiteners)
+    series = joint_series(rows, joints)
     ripples = witnesses(series, found.at.arm.gear_ratio)
     return {
         joint: JointWitness(ripple=ripples[joint - 1], agreement=agreement(series[joint - 1]))

@@ -38,6 +38,7 @@ from pa10cal.discovery.changed import change_of, rivals_of_steps
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
+from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.preparation import sought
@@ -235,9 +236,9 @@ def _lines_and_wobbles(survey: Survey, fitted: Refit) -> tuple[Effect, ...]:
         kind: [each.of for each in survey.begins_with if each.id == kind]
         for kind in (GearLine.id, AxisWobble.id)
     }
-    at, poses, setup, context = fitted.at, survey.poses, survey.setup, survey.context
-    rate, payload = setup.options.error_rate, setup.payload
-    residual, whiten = survey.net_residual(at), fitted.weights.whiteners()
-    lines = gear_lines(at, poses, residual, whiten, rate, tried[GearLine.id])
-    axes = wobbles(at, poses, residual, whiten, context, payload, rate, tried[AxisWobble.id])
+    setup, rate = survey.setup, survey.setup.options.error_rate
+    residual, whitener = survey.net_residual(fitted.at), fitted.weights.whiteners()
+    rows = WhitenedPoses(fitted.at, survey.poses, residual, whitener)
+    lines = gear_lines(rows, rate, tried[GearLine.id])
+    axes = wobbles(rows, survey.context, setup.payload, rate, tried[AxisWobble.id])
     return (*lines, *axes)

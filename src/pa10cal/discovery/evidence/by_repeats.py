@@ -33,7 +33,7 @@ from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.gross_errors import moved_between_repeats
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit, pure_error_test
-from pa10cal.discovery.linear import by_every_joint, residual
+from pa10cal.discovery.linear import WhitenedPoses, by_every_joint, residual
 from pa10cal.discovery.next_poses import separating_poses, unresolved
 from pa10cal.discovery.noise import same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import NO_MOTION, motion_unexplained, steps_in_time
@@ -280,7 +280,8 @@ def _lines(found: EndOfSearch, error_rate: float) -> tuple[Effect, ...]:
     at, cells = found.fit.at, found.problem.cells
     tried = [each.of for each in found.family if each.id == GearLine.id]
     whiteners = whitener_of(found.problem.cell_cov)
-    return gear_lines(at, cells, residual(at, cells), whiteners, error_rate, tried)
+    rows = WhitenedPoses(at, cells, residual(at, cells), whiteners)
+    return gear_lines(rows, error_rate, tried)
 
 
 def _sought(problem: EvidenceProblem) -> tuple[Effect, ...]:
