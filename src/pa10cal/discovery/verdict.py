@@ -1,4 +1,8 @@
-"""The verdict: effects found, what has no name, the word for it, and the model with the effects."""
+"""The verdict: effects found, unexplained parts of the error, and the model with the effects.
+
+A verdict rests on a `Basis`; where effects were sought that is a `Scorer`, which can fit the model
+again with other effects. Functions at the end return verdicts with other findings.
+"""
 
 from __future__ import annotations
 
@@ -63,12 +67,11 @@ from pa10cal.terms.wording import sized
 
 @dataclass(frozen=True)
 class Plan:
-    """What to measure next, and what it is expected to bring."""
+    """What to measure next, and how well that is expected to separate effects."""
 
-    # the configurations, in the order of choice; none where poses cannot help
-    poses: tuple[SuggestedPose, ...]
-    # one for each pair of effects that the data cannot separate; None where effects are judged by
-    # blocks and none is ambiguous
+    poses: tuple[SuggestedPose, ...]  # in the order of choice; empty where poses cannot help
+    # for each pair of effects that the data cannot separate; None where blocks judge and no effect
+    # is ambiguous
     separations: tuple[Separation, ...] | None = None
 
 
@@ -77,129 +80,130 @@ NOTHING_PLANNED = Plan(())
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """What has no name and is predicted all the same, beside what was found."""
+    """A part of the error that has no name and is predicted in addition to the effects."""
 
-    fit: FieldFit  # the field, with what poses that were held out say of it
-    # the gap of the model with the effects alone, without the field
+    fit: FieldFit
+    # errors of the model with the effects alone
     train: PairedErrors
     holdout: PairedErrors | None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Basis(ABC):
-    """What a verdict rests on: the calibrated model, with the effects that were found."""
+    """What a verdict rests on: the calibrated model with the effects that were found."""
 
-    # the calibrated model with the effects found, and nothing generic in it
-    extended: ModelWithEffects
+    extended: ModelWithEffects  # with the effects found, but no smooth functions
     covariance: Array  # (k, k) of all its unknowns
 
     #: How effects are judged; None where they are not sought.
     method: ClassVar[str | None] = None
-    #: Whether it names springs under weights that nobody stated, of which sets are sought.
+    #: Whether the search for sets under weights that are not stated adds rivals to its findings.
     of_sets: ClassVar[bool] = False
 
     @property
     @abstractmethod
     def searched_from(self) -> FittedModel:
-        """Return the model from which the search set out, whose terms the extended model has."""
+        """Return the model at which the search started; the extended model has all its terms."""
 
     @abstractmethod
     def lack_of_fit(self, found: Verdict[Any]) -> tuple[LackOfFit, LackOfFit]:
-        """Return where data and model disagree, before and after."""
+        """Return where data and model disagree, of the calibrated and of the extended model."""
 
     @abstractmethod
     def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
-        """Return the extended model with some of its effects, all else fitted again."""
+        """Return the extended model with some of its effects, all other parameters fitted again."""
 
     @property
     def beside(self) -> Array | None:
-        """Return columns (P, b, k + 1) of what is in no model, and last what it comes to.
+        """Return columns (P, b, k + 1) of nuisances that are in no model, and last their sum.
 
-        In the components of the poses fitted; None for nothing.
+        In the components of the poses fitted; None without nuisances.
         """
         return None
 
     @property
     def seen(self) -> AngleCoverage | None:
-        """Return the joint positions that maps have learnt from; None without a map of its own."""
+        """Return the joint positions to which maps were fitted; None without maps."""
         return None
 
     @property
     def scatter(self) -> PoseDeviations | None:
-        """Return what single poses scatter by about the model; None where that is noise alone."""
+        """Return the scatter of single poses about the model; None where it is that of noise."""
         return None
 
     @property
     def torque_test(self) -> PureErrorTest | None:
-        """Return the lack of fit of the logged torques; None where they do not judge."""
+        """Return the lack of fit of logged torques; None where these do not judge effects."""
         return None
 
     @property
     def searched(self) -> tuple[Effect, ...] | None:
-        """Return the effects that its rows hold; None where they hold any."""
+        """Return the effects whose columns its rows contain; None where they contain any."""
         return None
 
     def targets_off_m(self, stated: int) -> Array:
-        """Return by how much so many stated coordinates of targets are off their places, (a,)."""
+        """Return the errors of the stated coordinates of targets, (a,) [m]."""
         return np.zeros(stated)
 
     def judged(self, fitted: Observations) -> PoseStates:
-        """Return the states of the poses that were judged, of which some averages were fitted."""
+        """Return the states of the poses that were judged, by those of the averages fitted."""
         return fitted.states
 
     def next_poses(self, found: Verdict[Any], count: int, random_seed: int) -> Plan:
-        """Return configurations to measure next, at most so many, drawn with a seed."""
+        """Return at most `count` poses to measure next, from a pool drawn with a seed."""
         del found, count, random_seed
         return NOTHING_PLANNED
 
     def keys(self, found: Verdict[Any]) -> dict[str, Any]:
-        """Return the keys of the verdict's record that this way of judging has, as `search`."""
+        """Return the keys of the verdict's record that depend on the way of judging."""
         del found
         return {"search": None}
 
     def witness(self, effect: Effect) -> JointWitness | None:
-        """Return what says whose error an error by a joint's angle is; None where nothing does."""
+        """Return the evidence whether sensor or gear causes a map of errors; None for none."""
         del effect
         return None
 
     def by_campaign(self) -> tuple[EffectByCampaign, ...] | None:
-        """Return every effect as each campaign of a group alone has it; None without any."""
+        """Return every effect as fitted to each campaign of a group alone; None for no group."""
         return None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scorer(Basis):
-    """What judged effects in a campaign: it holds what they are fitted by, and fits them anew."""
+    """What judged the effects of a campaign, and fits the model again with other effects."""
 
     @abstractmethod
     def refitted(self, effects: tuple[Effect, ...], known: Sequence[Finding]) -> Self:
-        """Return it with the calibrated model and these effects as extended model.
+        """Return the scorer with another extended model: the calibrated one with these effects.
 
-        Each is one of what is known, or one of its alternatives.
+        Args:
+            effects: effects of the known findings, or alternatives of these.
+            known: the findings.
         """
 
     @abstractmethod
     def fitted_poses(self, campaign: Prepared) -> Observations:
-        """Return the averaged poses of the fit."""
+        """Return the averaged poses to which the model is fitted."""
 
     @abstractmethod
     def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
-        """Return the gap of the calibrated and the extended model on averaged poses.
+        """Return the errors of the calibrated and the extended model at averaged poses.
 
-        With what is in no model as it was before that model was fitted anew, where it was.
+        Nuisances that the new fit does not have are those of the gap `before` it.
         """
 
     @abstractmethod
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
-        """Return what short forms are held against in place of some effects without a name.
+        """Return the rows on which short forms are compared with effects without a name.
 
         Args:
-            held: which of those that it holds.
-            most_poses: so many poses are enough, where there are many; None for all.
+            held: the effects that the forms may replace.
+            most_poses: number of poses that is enough; None for all poses.
         """
 
     def likelier(self, found: Verdict[Self]) -> Verdict[Self] | None:
-        """Return the verdict about a likelier set of what gives way; None where there is none."""
+        """Return the verdict about a likelier set of compliances; None where there is none."""
         del found
         return None
 
@@ -209,45 +213,39 @@ S = TypeVar("S", bound=Basis, default=Basis, covariant=True)
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Verdict(Generic[S]):
-    """What became of a campaign."""
+    """The verdict on a campaign."""
 
     prepared: Prepared  # the campaign
-    scorer: S  # what judged it, and holds the model with the effects found
-    context: CandidateContext  # where effects may sit in it
-    candidates: int = 0  # how many effects were tried
-    # what was found and is in the extended model, in the order found: effects of the vocabulary,
-    # and faults of the whole log
+    scorer: S  # what judged it, with the extended model
+    context: CandidateContext  # where effects are possible in it
+    candidates: int = 0  # number of effects that were tried
+    # effects of the vocabulary and faults of the whole log that are in the extended model, in the
+    # order found
     findings: tuple[Finding, ...] = ()
-    unexplained: tuple[Unexplained, ...] = ()  # what remains without a name
-    # smooth unknown functions of the search that stand for a part of that
-    nameless: tuple[Effect, ...] = ()
-    over_noise: bool = False  # whether the search left more than noise, wherever it sits
+    unexplained: tuple[Unexplained, ...] = ()  # parts of the error that have no name
+    nameless: tuple[Effect, ...] = ()  # smooth functions that the search chose for such parts
+    over_noise: bool = False  # whether the search left more than noise
     not_testable: tuple[Untestable, ...] = ()  # effects that these data cannot show
-    # effects sought that would be missed too often at their plausible size; settled before
-    # residuals are looked at. None known where judged by repeats.
+    # effects that would often be missed at their plausible size, decided without the residuals;
+    # None where repeats judge
     below_detection_limit: tuple[Untestable, ...] | None = None
     # groups of named candidates that these poses cannot separate
     indistinguishable: tuple[tuple[Effect, ...], ...] = ()
-    # what is predicted beside the model with the effects without a name; None where poses held out
-    # gain nothing by it
+    # terms without a name that predict a part of the error; None where held-out poses do not gain
     predicted: Predicted | None = None
     noise_floor_mm: float  # mean position error that noise alone would leave
-    noise_floor_from: str | None = None  # what it was found from, where not from repeats
-    # train and holdout: the gap before and after, with what is predicted; None without held-out
-    # poses
-    train: PairedErrors
-    holdout: PairedErrors | None
-    # faults of single rows or poses that were found after the search
-    faults_of_rows: tuple[DiagnosedFault, ...] = ()
-    # where the effects hold; None where nothing speaks against them
+    noise_floor_from: str | None = None  # its source in words; None where it is from repeats
+    train: PairedErrors  # errors before and after, `predicted` included, at the poses fitted
+    holdout: PairedErrors | None  # the same at held-out poses; None without any
+    faults_of_rows: tuple[DiagnosedFault, ...] = ()  # found after the search
+    # joint positions within which the extended model holds; None where it holds everywhere
     falls_back: FallBack | None = None
-    proposed: tuple[FormulaProposal, ...] = ()  # formulas for what has no name; they name nothing
-    # joints that give way under weights that nobody stated. Their springs are part of the
-    # calibrated model already.
+    proposed: tuple[FormulaProposal, ...] = ()  # formulas for parts that have no name
+    # joints that give way under weights that are not stated; their springs are in the calibrated
+    # model already
     gives_way: tuple[Finding[GivesWay], ...] = ()
-    # why effects cannot be sought, and what would do; None where they were
-    why: str | None = None
-    remedy: str | None = None
+    why: str | None = None  # why effects cannot be sought; None where they were sought
+    remedy: str | None = None  # what to do about that
 
     @property
     def method(self) -> str | None:
@@ -256,7 +254,7 @@ class Verdict(Generic[S]):
 
     @property
     def extended(self) -> ModelWithEffects:
-        """Return the calibrated model with the effects found, and nothing generic in it."""
+        """Return the calibrated model with the effects found."""
         return self.scorer.extended
 
     @property
@@ -281,9 +279,9 @@ class Verdict(Generic[S]):
 
     @property
     def faults(self) -> tuple[DiagnosedFault, ...]:
-        """Return the faults of the log: of single rows first, then of all of it.
+        """Return the faults of the log: of single rows first, then of the whole log.
 
-        What is an effect as well is none where that was found.
+        A fault with the same consequences as an effect is omitted where that effect was found.
         """
         names = {name_of(found.effect) for found in self.findings}
         of_all = (
@@ -296,7 +294,7 @@ class Verdict(Generic[S]):
 
     @property
     def error_rate(self) -> float:
-        """Return the probability allowed of naming anything where nothing is missing."""
+        """Return the probability allowed of naming an effect where none is missing."""
         return self.prepared.setup.options.error_rate
 
     @property
@@ -306,7 +304,7 @@ class Verdict(Generic[S]):
 
     @property
     def weights_assumed(self) -> bool:
-        """Return whether torques are those of weights that nobody stated."""
+        """Return whether torques are computed from weights that are not stated."""
         known = weights_known(self.baseline.arm)
         return self.prepared.torques == "masses" and known.origin != "stated"
 
@@ -317,19 +315,19 @@ class Verdict(Generic[S]):
 
     @property
     def without_name(self) -> tuple[Effect, ...]:
-        """Return the maps found, whatever made them, and the rivals that the search held."""
+        """Return the maps found, and the smooth functions that the search chose."""
         maps = (e.effect for e in self.effects if is_error_map(e.effect))
         return (*maps, *self.nameless)
 
     @property
     def everything(self) -> tuple[Effect, ...]:
-        """Return what has no name, and the names found beside it, as far as rows hold them."""
+        """Return the effects without a name and those with one, if the scorer's rows have them."""
         every = dict.fromkeys((*self.without_name, *(e.effect for e in self.effects)))
         searched = self.scorer.searched
         return tuple(each for each in every if searched is None or each in searched)
 
     def with_gaps(self, changed: Callable[[PairedErrors], PairedErrors]) -> Self:
-        """Return the verdict with both its gaps changed."""
+        """Return the verdict with a function applied to the gaps of train and holdout."""
         held_out = None if self.holdout is None else changed(self.holdout)
         return replace(self, train=changed(self.train), holdout=held_out)
 
@@ -340,7 +338,7 @@ class Verdict(Generic[S]):
 
     @property
     def trusted_holdout(self) -> PairedErrors | None:
-        """Return the gap of held-out poses without a suspected reading; None without any."""
+        """Return the gap at held-out poses without a suspected reading; None without any."""
         return trusted(self.holdout, self.prepared.suspected)
 
     @property
@@ -350,7 +348,7 @@ class Verdict(Generic[S]):
 
     @property
     def _shown(self) -> tuple[str, ...]:
-        """Return what is shown of it beside its word, a line each."""
+        """Return the lines that are shown in addition to the word of the verdict."""
         if self.why is not None and self.remedy is not None:
             return self.why, self.remedy
         found = [f"{label_of(e.effect, None)}: {sized(e.parameters)}" for e in self.effects]
@@ -395,11 +393,11 @@ class Verdict(Generic[S]):
         )
 
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
-        """Return configurations to measure next, at most so many, drawn with a seed."""
+        """Return at most `count` poses to measure next, from a pool drawn with a seed."""
         return self.scorer.next_poses(self, count, random_seed)
 
     def lack_of_fit(self) -> tuple[LackOfFit, LackOfFit]:
-        """Return where data and model disagree, before and after."""
+        """Return where data and model disagree, of the calibrated and of the extended model."""
         return self.scorer.lack_of_fit(self)
 
     @cached_property
@@ -412,11 +410,12 @@ class Verdict(Generic[S]):
 
     @property
     def explained(self) -> Explained | None:
-        """Return what the effects take away; None where not sought, or nothing is missing.
+        """Return the part of the error that each effect explains.
 
-        Held-out poses with a suspected reading do not count; without held-out poses it is counted
-        over those fitted. Joints that give way under weights that nobody stated joined the geometry
-        in the calibration already: errors before are those of the geometry alone.
+        None where effects were not sought, or none is missing. It is computed at held-out poses
+        without a suspected reading, or at the poses fitted where none were held out. Springs under
+        weights that are not stated are in the calibrated model already: errors before are those of
+        the geometry alone.
         """
         nothing = self.verdict == "none" and self.predicted is None
         if (self.method is None or nothing) and not self.gives_way:
@@ -436,7 +435,7 @@ class Verdict(Generic[S]):
             proof, assumed = spring.proof, spring.proof.weights != "logged"
             without_mm = proof.without_each_mm
             effects.append(taken_away(spring, without_mm, after_mm, "assumed" if assumed else None))
-            # Rigid joints have the effects found in them: without these it is no less.
+            # The model with rigid joints has the effects; without them its error is no less.
             before_mm = max(before_mm, rms(proof.all_rigid_each_mm))
         findings = {finding.effect: finding for finding in self.findings}
         for effect, without in self.errors_by_name.without.items():
@@ -448,12 +447,12 @@ class Verdict(Generic[S]):
 
 
 def is_sought(found: Verdict) -> TypeIs[Verdict[Scorer]]:
-    """Return whether effects were sought, so that it can be fitted anew with others."""
+    """Return whether effects were sought: then the model can be fitted with other effects."""
     return isinstance(found.scorer, Scorer)
 
 
 def label_of(effect: Effect, rival: Effect | None) -> str:
-    """Return the name of an effect and its rival."""
+    """Return the names of an effect and of its rival, if there is one."""
     name = f"{effect.id} of {effect.of}"
     return name if rival is None else f"{name} or {rival.id} of {rival.of}"
 
@@ -462,15 +461,15 @@ K = TypeVar("K", bound=Scorer)
 F = TypeVar("F", bound=Finding)
 
 
-# Other findings than a search ended with: all is fitted anew.
+# Verdicts with other findings than those of the search: the model is fitted again.
 
 
 def with_findings(found: Verdict[K], findings: Sequence[Finding]) -> Verdict[K]:
-    """Return a verdict with these findings, all fitted anew, and their parameters with it.
+    """Return a verdict with these findings and their parameters, the model fitted again.
 
     Args:
         found: the verdict.
-        findings: some of its own, each with its own effect or one of its alternatives.
+        findings: some of its findings, each with its own effect or one of its alternatives.
     """
     scorer = found.scorer.refitted(tuple(each.effect for each in findings), found.findings)
     held_out = found.prepared.held_out
@@ -488,7 +487,7 @@ def with_findings(found: Verdict[K], findings: Sequence[Finding]) -> Verdict[K]:
 
 
 def instead(found: Verdict, finding: Finding, effect: Effect | None = None) -> tuple[Finding, ...]:
-    """Return the findings, one in the place of that of an effect, or else of its own."""
+    """Return the findings, one of them replaced: that of `effect`, by default of the new one's."""
     effect = effect or finding.effect
     return tuple(finding if one.effect == effect else one for one in found.findings)
 
@@ -496,9 +495,10 @@ def instead(found: Verdict, finding: Finding, effect: Effect | None = None) -> t
 def without_names(
     found: Verdict[K], reasons: Mapping[Finding, str], left_mm: float | None = None
 ) -> Verdict[K]:
-    """Return a verdict, fitted anew, without some names: they are unexplained, for a reason.
+    """Return a verdict without some names, which become unexplained parts for the reasons given.
 
-    With the mean error [mm] that is left without them; None for that of the new fit.
+    The model is fitted again. `left_mm` is the mean error reported of these parts; None for that of
+    the new fit.
     """
     gone = [finding.effect for finding in reasons]
     found = with_findings(found, [one for one in found.findings if one.effect not in gone])
@@ -508,19 +508,16 @@ def without_names(
 
 
 def no_name(finding: Finding, left_mm: float, why: str) -> Unexplained:
-    """Return what a finding is that fits best and is no name, by the mean error left without it."""
+    """Return a finding that is not named as an unexplained part, with the mean error without it."""
     said = f"{label_of(finding.effect, None)} fits best, but is not named: {why}"
     return Unexplained(of=finding.of, form=finding.id, shared_error_mm=left_mm, why=said)
 
 
-# How sure it is, and how it is said.
+# Probabilities, and the word of a verdict.
 
 
 def with_likely(found: Verdict) -> Verdict:
-    """Return a verdict whose findings have as alternatives what is likely enough to be listed.
-
-    Where more than noise is left without a name, what was tried may all be wrong more often.
-    """
+    """Return a verdict whose findings list every likely rival as an alternative."""
     return replace(
         found,
         findings=tuple(in_doubt(found, each).with_likely() for each in found.findings),
@@ -529,7 +526,10 @@ def with_likely(found: Verdict) -> Verdict:
 
 
 def in_doubt(found: Verdict, finding: F) -> F:
-    """Return a finding with how probable it is that something makes it that was not tried."""
+    """Return a finding with the probability that something else causes it which was not tried.
+
+    It is larger where more than noise remains without a name.
+    """
     if (by_errors := finding.proof.unknown) is not None:
         return replace(finding, unknown=by_errors.probability(found.noise_floor_mm))
     left = bool(found.unexplained) or found.over_noise
@@ -537,7 +537,7 @@ def in_doubt(found: Verdict, finding: F) -> F:
 
 
 def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
-    """Return what a smooth unknown function holds: it predicts something, with a position error."""
+    """Return a smooth function as an unexplained part; `what` is what it predicts, in words."""
     why = (
         f"a smooth unknown function ({effect.id}) of {effect.of} predicts {what} better than "
         f"any name{effect.advice}"
@@ -554,5 +554,5 @@ def word_of(findings: Sequence[Finding], unexplained: Sequence[Unexplained]) -> 
 
 
 def is_named(effect: Effect) -> bool:
-    """Return whether an effect says what is wrong, and not only where."""
+    """Return whether an effect states a cause, and not only a place or a fault of the log."""
     return not (effect.generic or effect.id == JointErrorMap.id or is_fault(effect))
