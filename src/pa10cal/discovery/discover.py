@@ -1,4 +1,4 @@
-"""The search for missing effects: which scorer judges a campaign, and what becomes its verdict."""
+"""The search for missing effects, from a campaign to its verdict: scorer, checks, field."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def discover(
 ) -> Verdict:
     """Find which effects are missing from a calibrated model.
 
-    In a campaign with too few poses or repeats nothing is sought, and the verdict says so.
+    With too few poses or repeats, effects are not sought, and the verdict says why.
 
     Args:
         every: single readings of all kinds, with the covariance that the instrument states;
@@ -80,14 +80,14 @@ def discover(
 
 
 def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
-    """Return the verdict without poses that are, each alone, the evidence of a name.
+    """Return the verdict without poses on each of which alone the evidence of a name rests.
 
-    One pose is no evidence of an effect that acts in all poses: it has a fault, and the campaign is
-    judged anew without it. If what then remains is unexplained, the other poses do not fit either,
-    nothing shows that this pose is worse, and the names go instead.
+    An effect acts in all poses, so such a pose has a fault, and the campaign is judged again
+    without it. If an unexplained error then remains, the other poses do not fit either, and nothing
+    shows that this pose is worse: it stays, and the names are withdrawn instead.
     """
     for _ in range(JUDGING.most_carriers):
-        # A map is no name: it may well show at one pose.
+        # A map states no cause, and may be shown by a single pose.
         carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
         if not (is_sought(found) and carried):
             break
@@ -102,7 +102,7 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
 
 
 def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
-    """Return the verdict about a likelier set of effects if it passes the gates, or else `passed`.
+    """Return the verdict with a likelier set of effects if that passes the gates, else `passed`.
 
     Args:
         found: the verdict of the search.
@@ -118,12 +118,11 @@ def _likelier(found: Verdict[S], passed: Verdict[S]) -> Verdict[S]:
 
 
 def with_predicted(found: Verdict) -> Verdict:
-    """Return a verdict that also predicts what has no name, if held-out poses gain by it.
+    """Return a verdict that also predicts errors without a name, if held-out poses gain by it.
 
-    It does not where the log is to be checked or the base moved: such errors do not follow the
-    joints. Where the effects hold nowhere, the field is added to the calibrated model, to which all
-    poses are left. Limits within which the effects hold are lifted if held-out poses beyond them
-    are predicted no worse with the field.
+    Not where the log is to be checked or the base moved: such errors do not depend on the joints.
+    Where the effects hold nowhere, the field is added to the calibrated model. Limits within which
+    the effects hold are lifted if held-out poses beyond them are predicted no worse with the field.
     """
     if found.verdict in ("not_sought", "check_the_log"):
         return found
@@ -147,7 +146,7 @@ def with_predicted(found: Verdict) -> Verdict:
     if within is not None:
         unlimited = replace(found, falls_back=None).with_gaps(partial(after, by_names))
     everywhere = predicting(unlimited)
-    # Held-out poses did not choose the field; they must be predicted no worse than by names alone.
+    # The field was chosen by the poses fitted: held-out ones must be predicted no worse by it.
     if harmed(everywhere.trusted_holdout, unlimited.trusted_holdout):
         return found
     if within is None or limits(everywhere) is None:
@@ -156,10 +155,10 @@ def with_predicted(found: Verdict) -> Verdict:
 
 
 def _nameless(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
-    """Return the effects that may stand for what has no name.
+    """Return the effects that may predict errors without a name.
 
-    None where poses are repeated: all readings of an apparatus share its errors, held-out ones too,
-    so that held-out poses do not judge them.
+    None where poses are repeated: all readings of an apparatus share its errors, held-out ones
+    included, so that held-out poses cannot judge such effects.
     """
     if not judged_by_blocks(found.prepared.trusted):
         return ()

@@ -1,4 +1,4 @@
-"""Parts of a verdict: effects found and their probabilities, untestable effects, faults."""
+"""Parts of a verdict: effects found, with their rivals and probabilities; faults of the log."""
 
 from __future__ import annotations
 
@@ -71,12 +71,12 @@ def over_left(without: float, with_it: float, noise: float) -> float:
 
 
 class Proof(Part):
-    """Statistics that decided about an effect, with what a verdict needs of any of them."""
+    """The statistics that decided about an effect."""
 
-    # the one pose without which less than half of the evidence remains, and too little for a name,
-    # as if a gross error caused it; None where there is no such pose
+    # the pose without which less than half of the evidence remains, and too little for a name, as
+    # if a gross error caused it; None where there is no such pose
     carrier: str | None = Field(default=None, exclude=True)
-    # where the weights are from under which a joint gives way; None of all other effects
+    # source of the weights under which a joint gives way; None for all other effects
     weights: Literal["assumed", "total", "logged"] | None = Field(default=None, exclude=True)
 
     @property
@@ -92,7 +92,7 @@ class Proof(Part):
     @property
     @abstractmethod
     def evidence(self) -> discovery.Evidence:
-        """The statistics as they are written."""
+        """The statistics as written to the record."""
 
 
 class GivesWay(discovery.EvidenceOfSag, Proof):
@@ -117,15 +117,15 @@ class GivesWay(discovery.EvidenceOfSag, Proof):
 
 
 def threshold(effect_count: int, error_rate: float) -> float:
-    """Return the gain in log evidence that a name needs, for a number of effects sought.
+    """Return the gain in log evidence that a name needs where so many effects are sought.
 
-    If none of them is there, the probability that any reaches it is at most the error rate.
+    If none of them is present, the probability that any reaches it is at most the error rate.
     """
     return float(np.log(max(effect_count, 1) / error_rate))
 
 
 def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: float) -> str | None:
-    """Return the pose that alone is the evidence of a name; None for none.
+    """Return the pose on which alone the evidence of a name rests; None for none.
 
     Args:
         labels: (P,) poses.
@@ -140,11 +140,11 @@ def carrier_of(labels: NDArray[np.str_], left: Array, whole: float, needed: floa
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """An effect that may be there in place of one that was found."""
+    """An effect that may be present in place of one that was found."""
 
     effect: Effect
-    # (B,) log score of the data with it, less that with the effect found: of each held-out block of
-    # poses, or one number where repeats are the judge
+    # (B,) log score with it less that with the effect found: of each held-out block of poses, or
+    # one number where repeats judge
     nats: Array
     weight: float = 1.0  # prior odds, relative to the effect found
 
@@ -192,20 +192,20 @@ class Finding(Generic[P]):
     x: Array  # (k,) its reported parameters
     covariance: Array  # (k, k) of them
     alternatives: tuple[Effect, ...]  # effects that explain the data as well in its place
-    proof: P  # the statistics that decided
-    rivals: tuple[Rival, ...] = ()  # all that was tried in its place, with and without a name
-    unknown: float = PROBABILITIES.unknown  # probability that nothing that was tried is there
+    proof: P
+    rivals: tuple[Rival, ...] = ()  # every effect that was tried in its place, with its score
+    unknown: float = PROBABILITIES.unknown  # probability that none of those tried is present
 
     @cached_property
     def explanations(self) -> Explanations:
-        """Return the probabilities of the effect and of all that was tried in its place.
+        """Return the probabilities of the effect and of its rivals.
 
         Scores of blocks are averaged by the Bayesian bootstrap (pseudo-BMA+; Yao, Vehtari, Simpson
         and Gelman, Bayesian Analysis 13, 2018). An alternative without a score of its own has that
         of the effect.
         """
         rivals = {name_of(rival.effect).name: rival for rival in self.rivals}
-        rivals.pop(name_of(self.effect).name, None)  # another form of the effect has its name
+        rivals.pop(name_of(self.effect).name, None)  # another form of the effect is no rival
         effects: dict[Name, Effect] = {}
         for effect in (self.effect, *self.alternatives, *(rival.effect for rival in self.rivals)):
             effects.setdefault(name_of(effect).name, effect)
@@ -285,7 +285,7 @@ class Finding(Generic[P]):
         return replace(self, alternatives=tuple(e for e in likely if e != self.effect))
 
     def record(self, witness: JointWitness | None = None) -> discovery.FoundEffect:
-        """Return the finding as it is written; a witness says whether sensor or gear errs."""
+        """Return the finding as written to the record, with the evidence for sensor or gear."""
         form = None
         if is_error_map(self.effect) and self.effect.spectrum is not None:
             kind = "band" if isinstance(self.effect.spectrum, BandPrior) else "fading"
@@ -339,7 +339,7 @@ class Untestable:
 
 
 def with_a_name(entries: Sequence[Untestable]) -> tuple[discovery.NotTestable, ...]:
-    """Return those effects that have a name, as they are written."""
+    """Return the effects that are no smooth functions, as written to the record."""
     return tuple(
         discovery.NotTestable(id=entry.effect.id, of=entry.effect.of, why=entry.why)
         for entry in entries
@@ -359,15 +359,15 @@ _OF_INPUT: dict[str, FaultKind] = {
 
 
 class DiagnosedFault(discovery.Fault):
-    """A fault of the log, with what it does to the verdict, which is not written."""
+    """A fault of the log, with its consequences for the verdict, which are not written."""
 
     gain: float | None = None
-    # whether the verdict is `check_the_log` whatever else was found; not for a reading with a gross
-    # error, which is excluded
+    # whether the verdict is `check_the_log` even where effects were found; not for a reading with a
+    # gross error, which is excluded
     decides: bool = Field(default=True, exclude=True)
-    # most likely time of a certain step; readings before and after it have bases of their own
+    # time of a certain step of the base [s]; readings before and after it have different bases
     at_s: float | None = Field(default=None, exclude=True)
-    # an effect that looks the same; if it is found, there is no fault
+    # effect with the same consequences: where it was found, there is no fault
     effect: EffectName | None = Field(default=None, exclude=True)
 
 
@@ -377,7 +377,7 @@ def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
 
 
 def fault_of(term: LogFault, x: Array, covariance: Array, gain: float | None) -> DiagnosedFault:
-    """Return a fault that was found as a term, with the part of the squared error it explains."""
+    """Return a fault from its term, with the part of the squared error that it explains."""
     text = term.fault_text(x, np.sqrt(np.diag(covariance)))
     return DiagnosedFault(
         kind=term.kind, where=text.where, what=text.what, remedy=text.remedy, gain=gain

@@ -1,7 +1,7 @@
-"""What a model leaves of measured poses, and how that follows each of its parameters.
+"""Residuals of a model at measured poses and their derivatives, and the model with effects.
 
-The model is one at an operating point: its own terms may move the base away from where its base
-frame says. Rows are those of the instrument: b components a pose, zero where nothing was seen.
+The model is taken at an operating point; its terms may move the base away from its base frame.
+Every pose has b components as the instrument measures them, zero where a component was not seen.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def residual_and_jacobian(at: FittedModel, poses: Observations) -> tuple[Array, 
 def residual_then_jacobian(
     at: FittedModel, poses: Observations
 ) -> tuple[Array, Callable[[], Array]]:
-    """Return `residual`, and what gives its derivative if it is wanted."""
+    """Return `residual`, and a function that computes its derivative."""
     predicted = at.model.predict_with_jacobian(poses.states, at.x)
     found = poses.measured.compare(at.T_instr_base @ predicted.T_base_ee, at.targets_m)
 
@@ -59,9 +59,9 @@ def by_terms(
     points: Sequence[Array],
     whiteners: Array | None = None,
 ) -> list[Array]:
-    """Return how `residual` follows the parameters of terms, each (P, b, k').
+    """Return the derivative of `residual` by the parameters of terms, each (P, b, k').
 
-    With whiteners (P, b, b), how the residual that they have whitened does.
+    Of the whitened residual where whiteners (P, b, b) are given.
     """
     T_base_ee, in_base = at.model.by_terms(poses.states, at.x, terms, points)
     found = poses.measured.compare(at.T_instr_base @ T_base_ee, at.targets_m)
@@ -77,7 +77,7 @@ def by_own_terms(
     terms: Sequence[Term],
     whiteners: Array | None = None,
 ) -> list[Array]:
-    """Return how `residual` follows terms of a model at its point, each in its possible size."""
+    """Return the derivative by terms of the model itself, times their possible sizes."""
     places = [at.model.columns_of(term) for term in terms]
     sizes = possible_sizes(at.model)
     found = by_terms(at, poses, terms, [at.x[place] for place in places], whiteners)
@@ -91,7 +91,7 @@ def by_effects(
     points: Sequence[Array],
     whiteners: Array | None = None,
 ) -> list[Array]:
-    """Return how `residual` follows the linear parameters of effects, in their plausible size."""
+    """Return the derivative by the linear parameters of effects, in their plausible sizes."""
     found = by_terms(at, poses, effects, points, whiteners)
     return [
         columns[:, :, : effect.linear] @ effect.prior_factor
@@ -123,15 +123,15 @@ class WhitenedPoses:
 
     @property
     def by_targets(self) -> Array:
-        """Return how the whitened residual follows the coordinates of targets, (P, b, t)."""
+        """Return the derivative of the whitened residual by the coordinates of targets, (P, b, t)."""
         return np.asarray(self.whitener @ by_targets(self.at, self.poses))
 
 
 def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
-    """Return how components would follow velocities of the end, (P, b, 6), along base axes.
+    """Return the derivative of components by velocities of the end along base axes, (P, b, 6).
 
-    As if the model, which has the end at T_base_ee (P, 4, 4), left nothing: not even the chord of
-    an orientation differs from its angle.
+    For a residual of zero with the end at T_base_ee (P, 4, 4): the components of an orientation
+    error then equal its angles.
     """
     T_instr_ee, measured = at.T_instr_base @ T_base_ee, poses.measured
     found = measured.ideal(T_instr_ee, at.targets_m).compare(T_instr_ee, at.targets_m)
@@ -139,24 +139,24 @@ def by_end(at: FittedModel, poses: Observations, T_base_ee: Array) -> Array:
 
 
 def by_every_joint(at: FittedModel, poses: Observations) -> Array:
-    """Return how components would follow each joint's position, (P, b, n); see `by_end`."""
+    """Return the derivative of components by each joint's position, (P, b, n); see `by_end`."""
     chain = at.model.chain
     end = end_pose_with_screws(chain, at.model.chain_coordinates(poses.states, at.x))
     return np.asarray(by_end(at, poses, end.T) @ end.screws[:, :, chain.joint_columns])
 
 
 def by_base(at: FittedModel, poses: Observations) -> Array:
-    """Return how measured less predicted components follow six motions of the base, (P, b, 6)."""
+    """Return the derivative of `residual` by six small motions of the base, (P, b, 6)."""
     return by_terms(at, poses, [base_frame()], [np.zeros(6)])[0]
 
 
 def by_targets(at: FittedModel, poses: Observations) -> Array:
-    """Return how `residual` follows the coordinates of the instrument's targets, (P, b, t)."""
+    """Return the derivative of `residual` by the coordinates of targets, (P, b, t)."""
     return at.compared(poses).by_targets
 
 
 def by_joints(at: FittedModel, poses: Observations, joints: Sequence[int]) -> Array:
-    """Return how `residual` follows the positions of joints, from 1: (P, b, j)."""
+    """Return the derivative of `residual` by the positions of joints, from 1: (P, b, j)."""
     return by_terms(at, poses, [positions_of(at, joints)], [np.zeros(len(joints))])[0]
 
 
@@ -179,14 +179,14 @@ def rms(values: Array) -> float:
 
 
 def standard_error(gain: Array) -> float:
-    """Return the standard error of a sum over blocks, from how it scatters between them."""
+    """Return the standard error of the sum of values of blocks, by their scatter."""
     return float(np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
 def left_out(data: Array, columns: Array, fold: Index) -> Array:
-    """Return what is left of rows (R,), those of each fold predicted from all others.
+    """Return the residuals of rows (R,), those of each fold predicted from all other folds.
 
-    By columns (R, k), each in the size expected of it.
+    By columns (R, k), each in its expected size.
     """
     found = np.empty(len(data))
     parts = [np.flatnonzero(fold == number) for number in np.unique(fold)]
@@ -198,11 +198,14 @@ def left_out(data: Array, columns: Array, fold: Index) -> Array:
 
 
 def cluster_covariance(inverse: Array, scores: Array, cluster: Index) -> Array:
-    """Return the covariance (k, k) of least squares whose rows err alike within clusters.
+    """Return the covariance (k, k) of least squares with correlated errors within clusters.
 
-    The cluster-robust one of Liang and Zeger, with the usual factor for few clusters: by the
-    inverse (k, k) of the normal equations, scores of rows (N, k), columns times residual, and the
-    cluster of each, (N,) from 0.
+    That of Liang and Zeger (1986), with the usual factor for few clusters.
+
+    Args:
+        inverse: (k, k) of the normal equations.
+        scores: (N, k) columns times residual of each row.
+        cluster: (N,) number of the cluster of each row, from 0.
     """
     count = int(cluster.max()) + 1
     sums = np.zeros((count, scores.shape[1]))
@@ -214,10 +217,10 @@ def cluster_covariance(inverse: Array, scores: Array, cluster: Index) -> Array:
 def position_m(
     at: FittedModel, poses: Observations, components: Array, cov: Array
 ) -> tuple[Array, Array]:
-    """Return the position that components amount to, (P, 3) [m], and the variance of its noise.
+    """Return the position errors of components, (P, 3) [m], and the variances of their noise.
 
-    Along the instrument's axes, the mean over the targets; of a distance, along the line of sight.
-    Components (P, b) are measured minus predicted, with the covariance of their noise (P, b, b).
+    Along the instrument's axes and averaged over the targets; of a distance, along the line of
+    sight. Components (P, b) are measured minus predicted, their noise has a covariance (P, b, b).
     """
     rows, times = _positions(poses.measured)
     T_instr_ee = at.T_instr_base @ at.model.predict(poses.states, at.x)
@@ -231,9 +234,9 @@ def position_m(
 
 
 def position_noise(measured: Instrument, cov: Array) -> Array:
-    """Return covariances (P, d, d) [m²] of vectors as long as the position error of each pose.
+    """Return covariances (P, d, d) [m²] of vectors of the length of each pose's position error.
 
-    The covariance of the components is (P, b, b).
+    From the covariance (P, b, b) of the components.
     """
     at, times = _positions(measured)
     seen = measured.components_seen[:, at]
@@ -250,7 +253,7 @@ def mean_length(covariance: Array) -> Array:
 
 
 def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
-    """Return the mean position error that noise (P, b, b) alone leaves, the same in all poses."""
+    """Return the mean position error by noise of covariances (P, b, b), averaged over the poses."""
     noise = position_noise(measured, cov)
     if not measured.campaigns:
         return float(1e3 * mean_length(noise.mean(axis=0, keepdims=True))[0])
@@ -260,7 +263,7 @@ def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
 
 
 def _along_base(by_end: Array, at: FittedModel) -> Array:
-    """Return a derivative (P, b, 6) by the end along base axes from one along the instrument's."""
+    """Return a derivative (P, b, 6) by the end along base axes, from that along the instrument's."""
     R = at.T_instr_base[:3, :3]
     return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
 
@@ -271,7 +274,7 @@ def _positions(measured: Instrument) -> tuple[Index, Array]:
     return at, np.maximum(measured.components_seen[:, at].sum(axis=1) / 3.0, 1.0)
 
 
-# The calibrated model with effects, fitted anew: where every search ends.
+# The calibrated model with effects, in which every search ends.
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +302,7 @@ class ModelWithEffects:
         return unknowns(self.at)
 
     def columns_of(self, effect: Effect) -> slice:
-        """Return where the parameters of one of its effects stand."""
+        """Return the columns of one of its effects."""
         return self.model.columns_of(effect)
 
     def own_columns(self) -> Index:
@@ -321,10 +324,12 @@ class ModelWithEffects:
         return report.values, report.covariance(own, self.at.model.u_scale)
 
     def fitted(self, covariance: Array | None = None) -> FittedModel:
-        """Return the model with its base where it is found to stand, the base's own term gone.
+        """Return the model with the motion of its base in the base frame, not in a term of its own.
 
-        Its covariance is of all unknowns (k, k); None where it is not wanted. What it lacks is not
-        known.
+        Its discrepancy is not known.
+
+        Args:
+            covariance: (k, k) of all unknowns; None where it is not needed.
         """
         k, terms = len(self.at.x) - 6, self.model.terms[:-1]
         return replace(
@@ -344,7 +349,7 @@ def with_base_term(baseline: FittedModel, effects: tuple[Effect, ...] = ()) -> M
 
 
 def base_shown(measured: Instrument) -> Mask:
-    """Return which small motions of the base (6,) readings show: turns if they have directions."""
+    """Return which small motions of the base (6,) are identifiable: turns if directions are."""
     return np.array([measured.directional or name not in BASE[3:] for name in BASE])
 
 
