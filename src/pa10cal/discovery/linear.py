@@ -123,7 +123,7 @@ class WhitenedPoses:
 
     @property
     def by_targets(self) -> Array:
-        """Return the derivative of the whitened residual by the coordinates of targets, (P, b, t)."""
+        """Return the derivative of the whitened residual by targets, (P, b, t)."""
         return np.asarray(self.whitener @ by_targets(self.at, self.poses))
 
 
@@ -263,7 +263,7 @@ def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
 
 
 def _along_base(by_end: Array, at: FittedModel) -> Array:
-    """Return a derivative (P, b, 6) by the end along base axes, from that along the instrument's."""
+    """Return a derivative (P, b, 6) by the end, along base axes from the instrument's."""
     R = at.T_instr_base[:3, :3]
     return np.concatenate([by_end[..., :3] @ R, by_end[..., 3:] @ R], axis=2)
 
