@@ -40,15 +40,15 @@ _WORDS: dict[Kind, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Change(Nuisance):
-    """What changed from a time on."""
+    """A change of one kind from a time on."""
 
     kind: Kind
-    target: int  # index of the target, of that kind
-    time_s: float
-    before_s: float  # times of the readings between which it happened
-    after_s: float
-    scale: float  # standard deviation expected of each amount, in `CHANGE.size`
-    rivals: tuple[str, ...]  # what explains the data as well, in words
+    target: int  # index of the target that slipped; 0 for other kinds
+    time_s: float  # its most likely time
+    before_s: float  # time of the last reading that is surely before it
+    after_s: float  # time of the first reading that is surely after it
+    scale: float  # prior standard deviation of each amount, in units of `CHANGE.size`
+    rivals: tuple[str, ...]  # other explanations that fit as well, in words
     amounts: Array  # (k,) in units of `scale`
 
     @property
@@ -101,7 +101,7 @@ class Change(Nuisance):
 
 
 class _Step(NamedTuple):
-    """The step in some columns that gains most log evidence."""
+    """The step in some columns with the largest gain in log evidence."""
 
     gain: float  # of log evidence [nat]
     row: int  # first row after it
@@ -117,10 +117,10 @@ def change_of(
     *,
     logged: bool,
 ) -> Change | None:
-    """Find what changed at a row of poses that are read once; None for nothing, or for the base.
+    """Return what changed at a row of poses that are read once; None for nothing, or for the base.
 
-    Nothing is found where no time was recorded, where poses follow each other like those of a scan,
-    or where a joint or the load goes from one side to the other at the row.
+    Nothing is found where no time was recorded, where poses are in the order of a scan, or where a
+    joint or the load passes from one side to the other at the row.
     """
     if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
         return None
@@ -140,8 +140,8 @@ def change_of(
     ):
         return None
     columns = _columns(kind, target, at, poses)
-    # It must also gain beside smooth functions of the pose, and beside the same change coming on
-    # gradually.
+    # It must also gain beside effects that depend on the pose, and beside the same change in a
+    # gradual course.
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
     gradual = [
@@ -175,9 +175,9 @@ def change_of(
 def rivals_of_steps(
     wander: Wander | None, at: FittedModel, poses: Observations, whitener: Array
 ) -> dict[float, tuple[str, ...]]:
-    """Return in words, by the time of each step of the base, what explains the step as well.
+    """Return other explanations of each step of the base, in words, by its time.
 
-    Empty where poses are measured again on either side: those show that the base moved.
+    Empty where poses were measured again after a step: these show that the base moved.
     """
     found: dict[float, tuple[str, ...]] = {}
     if wander is None or poses.measured.campaigns or measured_again(poses):
@@ -210,7 +210,7 @@ def _kinds(at: FittedModel) -> list[tuple[Kind, int]]:
 
 
 def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
-    """Return derivatives of measured less predicted components by a kind of change, (P, b, k)."""
+    """Return the derivative of predicted less measured components by a change, (P, b, k)."""
     if kind == "base":
         return CHANGE.size * linear.by_base(at, poses)
     of_targets = linear.by_targets(at, poses)
@@ -239,7 +239,7 @@ class _Rows:
     def __init__(
         self, at: FittedModel, poses: Observations, whitener: Array, *beside: Array
     ) -> None:
-        """Whiten P poses, with columns (P, b, k) beside those of the model and its targets."""
+        """Whiten P poses, with columns (P, b, k) in addition to those of model and targets."""
         own = linear.by_own_terms(at, poses, at.model.terms)
         nuisances = [CHANGE.static_sizes * columns for columns in own]
         nuisances += [MOTION.targets_m * linear.by_targets(at, poses), *beside]
@@ -265,9 +265,8 @@ class _Rows:
     def does_as_well(self, kind: Kind, step: _Step, best: _Step) -> bool:
         """Return whether a step of another kind does as well as the best.
 
-        By log evidence, or by the likelihood of the squares that remain: evidence that it lacks for
-        its number of amounts is no reason against it. Not so another model of the arm, which has
-        the columns of all other kinds.
+        By log evidence, or by the likelihood of the remaining squares: having more amounts does not
+        count against it. Except for another model of the arm, which can imitate all other kinds.
         """
         if best.gain - step.gain < CHANGE.as_good_nats:
             return True

@@ -1,10 +1,9 @@
 """Motion of the instrument or the base in the course of time, found by log evidence.
 
-Readings of one pose at different times differ by noise and by what moved in between, whatever the
-model of the arm lacks. All single readings are one linear Gaussian model. The parameters of the
-model, of every effect of the vocabulary, and an error that the readings of a pose share are
-integrated out; the time of a jump is scanned. Where the data prefer neither jump nor walk, the
-search is as without this module.
+Readings of one pose at different times differ by noise and by motion between them, however
+incomplete the model of the arm is. All single readings form one linear Gaussian model. The
+parameters of the model and of every effect of the vocabulary, and an error that the readings of a
+pose share, are integrated out; the time of a jump is scanned.
 """
 
 from __future__ import annotations
@@ -48,14 +47,14 @@ from pa10cal.observe.order import (
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 
-#: Root mean squares of the walk that are tried [m].
+#: Expected root mean squares of the walk that are tried [m].
 _WALKS_M = np.geomspace(*MOTION.walks_m)
-#: Variances, tried, of the error that readings of a pose share, in units of that of a reading.
+#: Variances tried of the error that readings of a pose share, in units of that of a reading.
 _SHARED = tuple(none_and_spaced(*MOTION.pose_variances).tolist())
 
 
 def _motion_in(rows: _Rows, *, walks: bool) -> TimeFindings:
-    """Find how the base moves in the course of time: jumps, and a walk where one is sought."""
+    """Return the jumps of the base, its walk where one is sought, and whether it drifts."""
     poses = rows.poses
     needed_jump = float(
         np.log(len(poses) * len(MOTION.jumps_m) * len(MOTION.turns_rad_per_m) / MOTION.false_rate)
@@ -75,7 +74,7 @@ def _motion_in(rows: _Rows, *, walks: bool) -> TimeFindings:
         if beyond <= 0.0:
             break
         nats, found = with_more_nats, with_more
-    if walks:  # a jump may have stood for a walk
+    if walks:  # a walk may explain a jump that was found before it
         for jump in found.jumps[in_pauses:]:
             others = tuple(other for other in found.jumps if other != jump)
             without_nats, without = rows.best_walk(replace(found, jumps=others))
@@ -85,7 +84,7 @@ def _motion_in(rows: _Rows, *, walks: bool) -> TimeFindings:
     has_drift = rows.about(found).nats - static.about(found).nats > MOTION.drift_nats
     if not found.jumps and not found.walk_m:
         return TimeFindings(None, has_drift)
-    # Where no effect of time shows, what follows time is attributed to the motion.
+    # Where no effect of time is significant, everything that follows time is due to the motion.
     amounts = (rows if has_drift else static).about(found).courses.mean
     found = replace(found, amounts=amounts)
     walk = replace(found, jumps=(), amounts=amounts[6 * len(found.jumps) :])
@@ -102,10 +101,10 @@ def _motion_in(rows: _Rows, *, walks: bool) -> TimeFindings:
 
 
 class _Likelihood(NamedTuple):
-    """What the rows say of motions in time, at the best variance of the shared error."""
+    """Likelihood of motions in time, at the best variance of the shared error."""
 
     nats: float  # log evidence
-    courses: Gaussian  # of the motions of every course, in their expected sizes
+    courses: Gaussian  # normal equations of the motions of every course, in their expected sizes
     noise_scale: float  # standard deviation of whitened rows
 
 
@@ -121,12 +120,12 @@ class _Rows:
         static: Array,
         of_time: Array,
     ) -> None:
-        """Whiten P complete single readings about a model with a term of its own for the base.
+        """Whiten P complete single readings about a model with small motions of the base.
 
         Args:
             own: (P, b, k) columns of the model's own parameters, scaled to their expected sizes.
-            static: (P, b, k) those of effects that do not follow time.
-            of_time: (P, b, k) those of effects that do.
+            static: (P, b, k) columns of effects that do not depend on time.
+            of_time: (P, b, k) columns of effects that do.
         """
         held = (own, static, of_time)
         self.at, self.poses, self.whitener = at, poses, whitener
@@ -145,7 +144,7 @@ class _Rows:
         walk = Wander(self.times_s, (), walk_m=1.0)
         self._walk = motions_along(self._white, walk.courses(self.time_s))
         self._products: dict[tuple[float, ...], list[Gaussian]] = {}
-        # The size of effects, in units of the plausible one, is chosen by the evidence.
+        # The expected size of effects, in units of the plausible one, is the likeliest one.
         self._effect_size, self._with_time = 1.0, True
         nats, still = [], Wander(self.times_s, ())
         for size in MOTION.effect_sizes:
@@ -189,8 +188,8 @@ class _Rows:
     def in_pauses(self, needed: float) -> Wander:
         """Return jumps in long pauses, if these explain as much as all effects of time.
 
-        In a pause, what follows time or a temperature steadily looks like a step. Each jump must
-        gain the log evidence that is needed.
+        Over a pause a steady change with time or temperature looks like a step. Each jump must gain
+        the log evidence that is needed.
         """
         gaps_s = np.diff(self.times_s)
         long = gaps_s > max(MOTION.pause_ratio * float(np.median(gaps_s)), MOTION.pause_s)
@@ -223,13 +222,13 @@ class _Rows:
         return float(nats[k]), replace(wander, jumps=(*wander.jumps, more))
 
     def without_time(self) -> _Rows:
-        """Return the same rows without effects of time."""
+        """Return the rows without effects of time."""
         found = copy(self)
         found._with_time = False
         return found
 
     def _scan(self, tried: list[Jump], wander: Wander) -> tuple[Array, list[tuple[float, float]]]:
-        """Return the greatest log evidence with each jump, (J,), and its size and turn there."""
+        """Return the greatest log evidence with each jump, (J,), and the size and turn with it."""
         reduced = self._reduced((*wander.jumps, *tried), keep=False)
         at = self._places(wander, between=len(tried))
         best_nats = np.full(len(tried), -np.inf)
@@ -265,15 +264,15 @@ class _Rows:
         return -0.5 * (logarithm + alone.log_det), variance
 
     def _places(self, wander: Wander, between: int = 0) -> Index:
-        """Return the indices of jumps and walk among unknowns that have more jumps between them."""
+        """Return the columns of jumps and walk where more jumps are tried between them."""
         of_jumps, first = np.arange(6 * len(wander.jumps)), 6 * (len(wander.jumps) + between)
         of_walk = np.arange(first, first + 6 * MOTION.walk_waves) if wander.walk_m else of_jumps[:0]
         return np.concatenate([of_jumps, of_walk])
 
     def _reduced(self, jumps: tuple[Jump, ...], *, keep: bool = True) -> list[Gaussian]:
-        """Return normal equations of jumps and walk by variance of the shared error.
+        """Return normal equations of jumps and walk for each variance of the shared error.
 
-        All else is integrated out. Products of the rows are kept for other motions if so wanted.
+        Everything else is integrated out. With `keep` the products of the rows are cached.
         """
         key = tuple(jump.time_s for jump in jumps)
         products = self._products.get(key) or self._multiplied(jumps)
@@ -284,7 +283,7 @@ class _Rows:
         return [of_all.in_sizes(sizes).without(held) for of_all in products]
 
     def _multiplied(self, jumps: tuple[Jump, ...]) -> list[Gaussian]:
-        """Return normal equations of all columns by variance of the shared error."""
+        """Return normal equations of all columns for each variance of the shared error."""
         steps = motions_along(self._white, Wander(self.times_s, jumps).courses(self.time_s))
         rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
         flat = rows.reshape(-1, rows.shape[2])
@@ -318,16 +317,16 @@ def in_time_of(
     logged: bool,
     weights: bool,
 ) -> TimeFindings:
-    """Find how the base moves in time, beside what candidate effects and loads explain.
+    """Return how the base moves in time, beyond what candidate effects and loads explain.
 
-    Nothing is found where times were not recorded, nor where poses are read once and follow each
-    other like those of a scan that comes back to no place: time and place are then the same. Motion
-    found where a joint or the load goes from one side to the other, or a joint moves slowly, is
-    compared with errors that follow that joint or load: only what these leave is attributed to
+    Nothing is found where times were not recorded, nor where poses are read once and in the order
+    of a scan that returns to no place: time and place then cannot be distinguished. Motion found
+    where a joint or the load passes from one side to the other, or where a joint moves slowly, is
+    compared with errors that depend on that joint or load: only what these leave is attributed to
     time.
 
     Args:
-        at: the model, with a term of its own for the base.
+        at: the model, with small motions of the base.
         poses: P complete single readings.
         whitener: (P, b, b) that makes their noise white.
         effects: candidate effects.
@@ -366,7 +365,7 @@ def in_time_of(
         more = _rivals_of(found, poses.states, prismatic)
         if not more:
             break
-        if set(more) <= set(rivals):  # what remains beside them still follows the order of poses
+        if set(more) <= set(rivals):  # the motion found beside them still follows their order
             found = NO_MOTION
             break
         both = dict.fromkeys((*rivals, *more))
@@ -381,10 +380,10 @@ def in_time_of(
 
 
 def _rivals_of(found: TimeFindings, states: PoseStates, prismatic: Mask) -> tuple[Parting, ...]:
-    """Return errors by joints and the load that may explain the motion found as well.
+    """Return the joints or the load whose errors may explain the motion that was found.
 
-    For a jump, thresholds of a joint or the load that part the rows as it does; for a walk, joints
-    that move slowly, without a threshold.
+    For a jump, thresholds of a joint or the load that divide the rows as it does; for a walk, slow
+    joints, without a threshold.
     """
     if (wander := found.wander) is None:
         return ()
@@ -397,7 +396,7 @@ def _rivals_of(found: TimeFindings, states: PoseStates, prismatic: Mask) -> tupl
 
 
 def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observations) -> Array:
-    """Return derivatives (P, b, c) by motions of the base that follow rivals: steps and waves."""
+    """Return columns (P, b, c) of motions of the base that depend on rivals: steps and waves."""
     from scipy.stats import rankdata  # imported here: it takes half a second, for few campaigns
 
     states = poses.states

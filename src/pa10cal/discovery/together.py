@@ -1,11 +1,11 @@
-"""Sets of effects under weights that nobody stated, compared by their log evidence.
+"""Sets of effects under weights that are not stated, compared by their log evidence.
 
-Springs, bearings, links and the base give way under the same weights. Where nobody stated these,
-one effect stands in for another, and forward selection keeps what joined first. So sets are
-compared as wholes, by the log evidence of the amounts of their members and of the weights, which
-act through every member. Rows are linear about the model with nothing in it that gives way. A
-member costs the log of the number of candidates over the error rate. Log evidence is divided by
-`PROBABILITIES.blocks`, as in blocks of poses: poses share errors.
+Springs, bearings, links and the base deflect under the same weights. If these are not stated, one
+effect can replace another, and forward selection keeps the one that joined first. So whole sets are
+compared, by the log evidence of the amounts of their members and of the weights, which act through
+every member. Rows are linear about the model without any compliance. Each member costs the
+logarithm of the number of candidates over the error rate. Log evidence is divided by
+`PROBABILITIES.blocks`, as for blocks of poses, since poses share errors.
 """
 
 from __future__ import annotations
@@ -51,27 +51,27 @@ class Member:
     """A candidate: a spring, or an effect at one of its shapes."""
 
     term: Term
-    effect: Effect  # as it is named: that of a spring is a compliance
-    start: Array  # parameters of amount zero, about which it is linear
-    sizes: Array  # (k, q) linear parameters by amounts in units of their plausible sizes
+    effect: Effect  # the effect by which it is named: of a spring, its compliance
+    start: Array  # parameters with an amount of zero, about which it is linearised
+    sizes: Array  # (k, q) derivative of its linear parameters by amounts of unit variance
 
     @property
     def name(self) -> tuple[str, str]:
-        """Return id and place; a set has one member of a name at most."""
+        """Return id and place; a set has at most one member of each name."""
         return self.effect.id, self.effect.of
 
     @property
     def gives_way(self) -> bool:
-        """Return whether it moves the arm in proportion to the weights."""
+        """Return whether it is a compliance, whose deflection is proportional to the weights."""
         return self.effect.bends or self.effect.yields
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A set, and how likely it is."""
+    """A set of members with its log evidence."""
 
-    at: tuple[int, ...]  # indices of its members, rising
-    nats: float  # log evidence, less the cost of its members
+    at: tuple[int, ...]  # indices of its members, in rising order
+    nats: float  # log evidence less the cost of its members
     amounts: dict[int, Array] = field(repr=False)  # of each member, in units of its sizes
     weights: Array = field(repr=False)  # (w,) deviations of weights, in standard deviations
     possible: bool = True  # whether no amount is negative that physically cannot be
@@ -79,16 +79,15 @@ class Scored:
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """Candidate members and the rows that judge sets of them; all else is integrated out."""
+    """Candidate members and the rows that judge sets of them, everything else integrated out."""
 
     members: tuple[Member, ...]
-    # (r, k + 1) columns of all members, alone and under each weight, and last the data: the fewest
-    # rows of the same normal equations
+    # (r, k + 1) columns of all members, then the data: the fewest rows with these normal equations
     rows: Array
-    # (1 + w, q) indices of the columns of each member: under weights as described, then by each
-    # weight; (1, q) of one that weights do not act through
+    # indices of the columns of each member: (1 + w, q) under the weights as described, then of what
+    # each combination of weights adds; (1, q) of a member that does not depend on the weights
     columns: tuple[NDArray[np.intp], ...]
-    weights: Array  # (w, 4 n + 3) combinations of weights, as in `StaticLoads.by_weights`
+    weights: Array  # (w, 4 n + 3) combinations of weights, by columns of `StaticLoads.by_weights`
     member_nats: float  # cost of a member
 
     @classmethod
@@ -104,13 +103,13 @@ class Together:
         """Return the rows of poses about a model that was fitted to them.
 
         Args:
-            at: the model, with what was found in it.
+            at: the extended model.
             poses: the P complete poses of the fit.
             whiten: (P, b, b) that makes their components white.
-            context: where effects may sit.
+            context: where effects are possible.
             setup: what the arm carries, and the error rate.
-            beside: (P, b, k + 1) columns of what is in no model, and last its values; None for
-                nothing.
+            beside: (P, b, k + 1) columns of nuisances that are in no model, and last their sum;
+                None for none.
         """
         if len(poses) > TOGETHER.most_poses:
             rows = drawn(len(poses), TOGETHER.most_poses)
@@ -149,7 +148,7 @@ class Together:
         return cls(members, _as_rows(equations), tuple(columns), weights, cost)
 
     def holding(self, terms: Iterable[Term]) -> tuple[int, ...]:
-        """Return the indices of the members that stand for terms of a model, one of each name."""
+        """Return the indices of the members whose terms a model has, one of each name."""
         there = {(term.id, term.of) for term in terms}
         chosen: dict[tuple[str, str], int] = {}
         for k, member in enumerate(self.members):
@@ -158,14 +157,14 @@ class Together:
         return tuple(sorted(chosen.values()))
 
     def giving_way(self, at: Iterable[int]) -> tuple[int, ...]:
-        """Return those members of a set that follow the weights."""
+        """Return the members of a set that are compliances."""
         return tuple(k for k in at if self.members[k].gives_way)
 
     def likeliest(self, *starts: Sequence[int]) -> Scored:
-        """Return the most likely set that single steps lead to, from any of several sets.
+        """Return the likeliest set that single steps lead to from any of several sets.
 
-        These are the starts, the empty set, and each of the members that alone are likeliest: the
-        first to join decides which others have anything left to explain.
+        The sets are the starts, the empty one, and each of the likeliest single members: the first
+        member decides what the others have left to explain.
         """
         empty = self.scored(())
         alone: dict[tuple[str, str], Scored] = {}
@@ -178,9 +177,10 @@ class Together:
         return max(found, key=lambda scored: scored.nats)
 
     def scored(self, at: Iterable[int], known: Scored | None = None) -> Scored:
-        """Return a set with its log evidence; to first order about a known set that is near.
+        """Return a set with its log evidence, by Gauss-Newton steps.
 
-        Rows are bilinear in amounts and weights: both are found by Gauss-Newton steps.
+        Rows are bilinear in the amounts and the weights. From a known set that differs by a member
+        fewer steps are made.
         """
         chosen = tuple(sorted(at))
         parts = [self.rows[:, self.columns[k]] for k in chosen]  # (r, 1 + w, q) each
@@ -228,7 +228,7 @@ class Together:
         }
 
     def weights_of(self, found: Scored) -> Array:
-        """Return the deviations (4 n + 3,) of the weights from their description, with a set."""
+        """Return the deviations (4 n + 3,) of the weights from their description by a set."""
         return np.asarray(found.weights @ self.weights)
 
     def effects(self, found: Scored) -> tuple[Effect, ...]:
@@ -237,16 +237,16 @@ class Together:
         return tuple(term for term in terms if is_effect(term))
 
     def missed(self, found: Scored) -> frozenset[tuple[str, str]]:
-        """Return the names of the members without which a set is less likely."""
+        """Return the names of the members that a set is less likely without."""
         without = {k: self.scored({*found.at} - {k}, found) for k in found.at}
         return frozenset(self.members[k].name for k in found.at if without[k].nats < found.nats)
 
     def rivals(self, found: Scored) -> dict[tuple[str, str], tuple[Rival, ...]]:
         """Return the rivals of each member of a set, by name.
 
-        A rival in a member's place is scored against the set, or against the set and the rival
-        where that is likelier: an effect that is there anyway is no rival. One that is likelier
-        than the member counts as equal.
+        A rival in place of a member is scored against the set, or against the set with the rival
+        added if that is likelier: an effect that joins the set is no rival of its members. A rival
+        that is likelier than the member counts as equally likely.
         """
         rivals: dict[int, dict[Effect, float]] = {k: {} for k in found.at}
         for other in self._beside(found.at):
@@ -268,9 +268,9 @@ class Together:
         }
 
     def _climbed(self, found: Scored, ends: dict[tuple[int, ...], Scored]) -> Scored:
-        """Return the set at which single steps uphill end: a member joins, leaves, is exchanged.
+        """Return the set at which steps to likelier sets end: a member joins, leaves, is exchanged.
 
-        `ends` has the ends of the sets met on earlier climbs, and gets those met here.
+        `ends` maps sets that earlier climbs passed to their ends; those of this climb are added.
         """
         if not found.possible:
             found = replace(found, nats=-np.inf)
@@ -309,13 +309,13 @@ class Together:
                     yield rest | {k}
 
     def _beside(self, at: Sequence[int]) -> Iterator[int]:
-        """Yield the members that may join some, which have other names."""
+        """Yield the members whose names are not in a set."""
         names = {self.members[k].name for k in at}
         yield from (k for k, member in enumerate(self.members) if member.name not in names)
 
 
 def _members(context: CandidateContext, at: FittedModel, poses: Observations) -> Iterator[Member]:
-    """Yield the candidates: springs of loaded joints, and effects that follow the pose."""
+    """Yield the candidates: springs of loaded joints, and effects that depend on the pose."""
     arm = at.arm
     torque_Nm = poses.states.tau_Nm
     springs = {term.joint: term for term in at.model.terms if is_spring(term)}
@@ -344,7 +344,7 @@ def _members(context: CandidateContext, at: FittedModel, poses: Observations) ->
 
 
 def _without_any(at: FittedModel) -> FittedModel:
-    """Return a model with springs, effects and weights at zero, on a chain whose links bend."""
+    """Return a model with springs, effects and weights at zero, on a chain that can bend."""
     x, model = at.x.copy(), at.model
     for term in model.terms:
         columns = model.columns_of(term)
@@ -358,7 +358,7 @@ def _without_any(at: FittedModel) -> FittedModel:
 def _own_columns(
     bare: FittedModel, poses: Observations, whiten: Array, members: Sequence[Member]
 ) -> Array:
-    """Return whitened columns (P, b, k) of a model that no member has, scaled to their sizes."""
+    """Return whitened columns (P, b, k) of a model's other parameters, in their sizes."""
     names = {member.name for member in members}
     terms = bare.model.terms
     others = [t for t in terms if is_effect(t) and (t.id, t.of) not in names]
@@ -379,9 +379,9 @@ def _own_columns(
 
 
 def heavier(poses: Observations, sizes: Array) -> Iterator[Observations]:
-    """Yield poses, whose static loads are known, with each weight in turn off by its size.
+    """Yield poses with each weight in turn larger by its size (4 n + 3,), if that is not 0.
 
-    Weights of size 0 (4 n + 3,) are omitted.
+    The poses have static loads.
     """
     states, loads = poses.states, poses.states.static_loads
     assert loads is not None
