@@ -14,6 +14,7 @@ from pa10cal.discovery.evidence.by_repeats import ByRepeats, discover_by_repeats
 from pa10cal.discovery.evidence.candidates import split_testable
 from pa10cal.discovery.evidence.fit import EvidenceFit, covariance_of, fit
 from pa10cal.discovery.evidence.judge import Judgement
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, ended_at
 from pa10cal.discovery.linear import moved_base
@@ -87,7 +88,7 @@ class Measured:
 
     @cached_property
     def start(self) -> EvidenceFit:
-        return fit(self.problem, (), (), (0.0, 0.0))
+        return fit(self.problem, (), (), NO_SHARED_ERROR)
 
     @cached_property
     def every(self) -> tuple[Effect, ...]:
@@ -119,7 +120,7 @@ def forced(measured, effects, sizes, problem=None, family=None) -> EndOfSearch:
     """Return the search as if it had ended with these effects, in its own or another problem."""
     problem = measured.problem if problem is None else problem
     family = measured.family if family is None else family
-    there = fit(problem, effects, sizes, (0.0, 0.0))
+    there = fit(problem, effects, sizes, NO_SHARED_ERROR)
     return ended_at(problem, there, family, np.eye(len(family), dtype=bool))
 
 
@@ -161,7 +162,7 @@ def measure(missing=Missing(), seed=20080427, poses=POSES, apparatus_m=5e-6, pos
     single = _readings(missing, model, x, T_instr_base, (poses, (0.0, 44.0)), rng, pose_m)
     held_out = _readings(missing, model, x, T_instr_base, (10, (0.0, 22.0, 66.0)), rng, pose_m)
     nominal = FittedModel(model, np.where(x == 3e-3, 2e-3, 0.0), T_instr_base)
-    found = fit(prepare(single, nominal, setup), (), (), (0.0, 0.0))
+    found = fit(prepare(single, nominal, setup), (), (), NO_SHARED_ERROR)
     calibrated = FittedModel(model, found.x[:-6], moved_base(T_instr_base, found.x[-6:]))
     return Measured(single, average_repeats(held_out), setup, calibrated)
 

@@ -9,6 +9,7 @@ from made_up_arm import ARM, Missing, harmonic, measure, scored
 from pa10cal.arm.chain import Chain
 from pa10cal.discovery.evidence.by_repeats import channel_tests, evidence_lack_of_fit
 from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import name_of
 from pa10cal.discovery.gap import errors_by_name
@@ -120,7 +121,7 @@ def test_friction_winds_the_spring_by_direction(friction):
 
 
 def test_what_the_effect_explains_is_gone_with_it(wavy):
-    with_it = fit(wavy.problem, (HARMONIC,), (1,), (0.0, 0.0), wavy.start)
+    with_it = fit(wavy.problem, (HARMONIC,), (1,), NO_SHARED_ERROR, wavy.start)
     after = evidence_lack_of_fit(wavy.problem, with_it)
     assert pytest.approx(1.0, abs=0.25) == after.pure_error.F
     assert after.by_joint[1].rms_rad == pytest.approx(after.by_joint[1].floor_rad, rel=0.2)
@@ -132,7 +133,7 @@ def test_unlogged_torques_and_temperatures_are_not_made_up(null):
     model = Model(Chain.of(ARM, bends=tuple(range(1, ARM.n))), rigid.terms)
     start = FittedModel(model, np.zeros(len(model.parameters)), null.baseline.T_instr_base)
     problem = prepare(readings, start, null.setup)
-    part = evidence_lack_of_fit(problem, fit(problem, (), (), (0.0, 0.0)))
+    part = evidence_lack_of_fit(problem, fit(problem, (), (), NO_SHARED_ERROR))
     for joint in part.by_joint:
         assert joint.torque_residual_Nm is joint.torque_noise_Nm is None
     assert all(each.with_temperature_mm is None for each in part.drifts)
@@ -157,7 +158,7 @@ def test_the_record_holds_finite_numbers_cell_by_cell(left):
 
 def test_errors_fall_name_by_name_from_the_baseline_to_the_extended_model(wave):
     problem, start = wave.problem, wave.start
-    extended = fit(problem, (FRICTION, HARMONIC), (1, 1), (0.0, 0.0), start)
+    extended = fit(problem, (FRICTION, HARMONIC), (1, 1), NO_SHARED_ERROR, start)
     scorer = scored(problem, extended)
     train = scorer.gap_on(average_repeats(problem.readings))
     found = errors_by_name(train, None, extended.effects, scorer.model_with)

@@ -13,6 +13,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence.candidates import split_testable
 from pa10cal.discovery.evidence.fit import EvidenceFit, fit
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import evidence_about, search
 from pa10cal.discovery.linear import residual
@@ -84,7 +85,7 @@ def measure(tmp_path_factory):
         model = calibrated(found.description, ARM, found.calibration, options=options)
         setup = setup_of(found.description, ARM, options, DiscoveryOptions())
         problem = prepare(found.calibration, model.with_bends(), setup)
-        start = fit(problem, (), (), (0.0, 0.0))
+        start = fit(problem, (), (), NO_SHARED_ERROR)
         shown, refused = split_testable(problem, start, candidates(problem.context))
         return Measured(problem, start, shown, tuple(entry.effect for entry in refused))
 
@@ -176,7 +177,7 @@ def test_poses_cannot_tell_a_twisting_forearm_from_a_yielding_joint_4(measure):
         first.effect("joint_compliance", "joint 4"),
     )
     for effect, rival in (pair, pair[::-1]):
-        there = fit(first.problem, (effect,), (1,), (0.0, 0.0))
+        there = fit(first.problem, (effect,), (1,), NO_SHARED_ERROR)
         poses, separation = first.apart(there, (effect, rival), 10)
         assert poses == ()
         assert not separation.can_be_split

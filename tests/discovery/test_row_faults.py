@@ -149,7 +149,7 @@ class TestReadings:
 
 class TestNamesThatOnePoseCarries:
     def test_an_effect_of_all_poses_has_no_carrier(self, wave):
-        assert [finding.carrier for finding in wave.discovery.findings] == [None]
+        assert [finding.proof.carrier for finding in wave.discovery.findings] == [None]
 
     def test_one_pose_is_no_evidence(self, null, wave):
         """Of the wave one pose has its part, ten times over, and the others have none."""

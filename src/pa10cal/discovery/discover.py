@@ -88,14 +88,14 @@ def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:
     """
     for _ in range(JUDGING.most_carriers):
         # A map states no cause, and may be shown by a single pose.
-        carried = [one for one in found.effects if one.carrier and is_named(one.effect)]
+        carried = [one for one in found.effects if one.proof.carrier and is_named(one.effect)]
         if not (is_sought(found) and carried):
             break
-        first, pose = carried[0], str(carried[0].carrier)
-        fault = influential_pose(pose, label_of(first.effect, None), first.gain)
+        first, pose = carried[0], str(carried[0].proof.carrier)
+        fault = influential_pose(pose, label_of(first.effect, None), first.proof.explains)
         without = _judged(found.prepared.without_pose(pose, fault), model)
         if without.unexplained:
-            reasons = {one: f"pose {one.carrier} alone carries it" for one in carried}
+            reasons = {one: f"pose {one.proof.carrier} alone carries it" for one in carried}
             return without_names(found, reasons, found.train.after.mean_mm)
         found = without
     return found

@@ -148,6 +148,10 @@ class Rival:
     nats: Array
     weight: float = 1.0  # prior odds, relative to the effect found
 
+    def by_block(self, blocks: int) -> Array:
+        """Return the log score of each block, (B,); one score of all blocks is shared equally."""
+        return np.broadcast_to(self.nats * len(self.nats) / blocks, blocks)
+
 
 @dataclass(frozen=True)
 class Explanations:
@@ -214,8 +218,7 @@ class Finding(Generic[P]):
         weight = np.ones(len(effects))
         for k, name in enumerate(effects):
             if name in rivals:
-                # One score of all blocks is shared equally among them.
-                nats[k] = rivals[name].nats * len(rivals[name].nats) / blocks
+                nats[k] = rivals[name].by_block(blocks)
                 weight[k] = rivals[name].weight if k else 1.0
         drawn = np.random.default_rng(0).dirichlet(np.ones(blocks), PROBABILITIES.draws)
         share = softmax(blocks * drawn @ nats.T + np.log(weight), axis=1).mean(axis=0)
@@ -239,16 +242,6 @@ class Finding(Generic[P]):
         return self.effect.of
 
     @property
-    def gain(self) -> float | None:
-        """Return the part of the squared error of held-out poses that it explains, if known."""
-        return self.proof.explains
-
-    @property
-    def carrier(self) -> str | None:
-        """Return the one pose without which there is no evidence of it; None for none."""
-        return self.proof.carrier
-
-    @property
     def parameters(self) -> dict[str, EffectParameter]:
         """Return its reported parameters by name."""
         return effect_parameters(self.effect, self.x, self.covariance)
@@ -267,12 +260,9 @@ class Finding(Generic[P]):
             known.setdefault(name_of(effect).name, Rival(effect, np.zeros(1)))
         chosen = known.pop(name_of(other).name)
         blocks = max(len(rival.nats) for rival in self.rivals)
-
-        def by_block(rival: Rival) -> Array:
-            return np.broadcast_to(rival.nats * len(rival.nats) / blocks, blocks)
-
+        nats = chosen.by_block(blocks)
         rivals = tuple(
-            Rival(rival.effect, by_block(rival) - by_block(chosen), rival.weight / chosen.weight)
+            Rival(rival.effect, rival.by_block(blocks) - nats, rival.weight / chosen.weight)
             for rival in known.values()
         )
         others = (self.effect, *self.alternatives)

@@ -393,7 +393,7 @@ def _by_parameters(
         return divided.reshape(len(channel.whitener), -1, rows.shape[1])
 
     rows = [np.hstack([lin.own, pose.common]), *(block.pose for block in lin.blocks)]
-    rows = [scaled(pose, found.pose_variance, part) for part in rows]
+    rows = [scaled(pose, found.variances.pose, part) for part in rows]
     if problem.torque is not None and any(shows_torque(effect) for effect in effects):
         torque = problem.torque
         # Effects alone show in poses and torques both: all other columns are zero in one of them.
@@ -402,7 +402,7 @@ def _by_parameters(
         of_torques = [np.pad(torque.common, [(0, 0), (of_poses, 0)])]
         of_torques += [block.torque for block in lin.blocks]
         rows = [
-            np.concatenate([part, scaled(torque, found.torque_variance, more)], axis=1)
+            np.concatenate([part, scaled(torque, found.variances.torque, more)], axis=1)
             for part, more in zip(rows, of_torques, strict=True)
         ]
     for effect, part in zip(effects, rows[1:], strict=True):

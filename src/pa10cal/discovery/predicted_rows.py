@@ -11,6 +11,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.evidence.fit import EvidenceFit
+from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, noise_models
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
@@ -145,7 +146,6 @@ def without_repeats(
         at=found.at,
         converged=found.converged,
         sizes=(EVIDENCE.sizes.index(1.0),) * len(found.effects),
-        pose_variance=max(scatter - 1.0, 0.0),
-        torque_variance=0.0,
+        variances=SharedVariances(max(scatter - 1.0, 0.0), 0.0),
     )
     return problem, fit

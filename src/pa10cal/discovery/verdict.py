@@ -285,7 +285,7 @@ class Verdict(Generic[S]):
         """
         names = {name_of(found.effect) for found in self.findings}
         of_all = (
-            fault_of(found.effect, found.x, found.covariance, found.gain)
+            fault_of(found.effect, found.x, found.covariance, found.proof.explains)
             for found in self.findings
             if is_fault(found.effect)
         )

@@ -54,7 +54,7 @@ def test_a_transmission_error_is_named_and_the_gap_closed(wave, null):
     assert found.extended.effects == (finding.effect,)
     search = found.scorer.judgement.found
     assert search.fit.converged
-    assert search.score.pose_variance < 0.05 < search.nothing.pose_variance
+    assert search.score.variances.pose < 0.05 < search.nothing.variances.pose
     for closed, bare in (
         (found.train, null.discovery.train),
         (found.holdout, null.discovery.holdout),
@@ -75,7 +75,7 @@ def test_friction_is_seen_in_torque_and_pose(rubbing):
     assert name(finding.effect) == ("friction_torque", "joint 3")
     assert abs(finding.x[0] - 3.0) < 4.0 * np.sqrt(finding.covariance[0, 0])
     nothing, score = found.scorer.judgement.found.nothing, found.scorer.judgement.found.score
-    assert nothing.torque_variance > 100.0 > 1.0 > score.torque_variance
+    assert nothing.variances.torque > 100.0 > 1.0 > score.variances.torque
     # The spring of joint 3 was wound by a torque that the log made up.
     assert found.holdout.reduction.interval95_mm[0] > 0.0
     assert found.holdout.after.mean_mm < 1.3 * found.noise_floor_mm

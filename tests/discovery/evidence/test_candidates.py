@@ -10,6 +10,7 @@ from made_up_arm import Missing, at_joint, measure
 from pa10cal.arm.statics import PoseStates
 from pa10cal.discovery.evidence.candidates import indistinguishable, linearise, split_testable
 from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.linear import at_unknowns, residual, with_base_term
 from pa10cal.discovery.rules import CANDIDATES
@@ -77,7 +78,7 @@ class TestLinearise:
     @pytest.mark.parametrize("factor", [1.0, 4.0])
     def test_effects_put_back_are_as_if_they_had_not_been_in_the_fit(self, null, factor):
         effects = tuple(null.effect(*name) for name in self.NAMES)
-        found = fit(null.problem, effects, (1, 1), (0.0, 0.0))
+        found = fit(null.problem, effects, (1, 1), NO_SHARED_ERROR)
         first, last = found.columns_of(effects[0]).start, found.columns_of(effects[-1]).stop
         x = found.x.copy()
         x[first:last] = factor * np.array([2e-4, -1e-4, 1.5])
@@ -98,7 +99,7 @@ class TestLinearise:
         effects = tuple(null.effect(*name) for name in self.NAMES)
         lin = linearise(null.problem, null.start, effects)
         x = np.array([2e-5, -1e-5])
-        with_it = fit(null.problem, effects[:1], (1,), (0.0, 0.0))
+        with_it = fit(null.problem, effects[:1], (1,), NO_SHARED_ERROR)
         at = with_it.columns_of(effects[0])
         first, last = at.start, at.stop
         own = np.insert(null.start.x, [first] * (last - first), 0.0)
@@ -119,7 +120,7 @@ class TestLinearise:
 
     def test_candidates_come_in_the_order_asked_for(self, null):
         effects = tuple(null.effect(*name) for name in self.NAMES)
-        found = fit(null.problem, effects[1:], (1,), (0.0, 0.0))
+        found = fit(null.problem, effects[1:], (1,), NO_SHARED_ERROR)
         there = linearise(null.problem, found, effects)
         back = linearise(null.problem, found, effects[::-1])
         for one, other in zip(there.blocks, back.blocks[::-1], strict=True):
@@ -179,13 +180,13 @@ class TestTestable:
         warm = 21.0 + 4.0 * np.sin(readings.states.time_s / 2000.0)
         readings = replace(readings, states=replace(readings.states, temperature_C=warm))
         problem = prepare(readings, null.baseline, null.setup)
-        start = fit(problem, (), (), (0.0, 0.0))
+        start = fit(problem, (), (), NO_SHARED_ERROR)
         assert split_testable(problem, start, (Warm("joint 2"),))[0] == (Warm("joint 2"),)
 
     def test_an_effect_that_needs_masses_is_not_where_they_are_not_known(self, null):
         setup = replace(null.setup, payload=None)
         problem = prepare(null.readings, null.baseline, setup)
-        start = fit(problem, (), (), (0.0, 0.0))
+        start = fit(problem, (), (), NO_SHARED_ERROR)
         names = [("link_bending", "forearm"), ("friction_torque", "joint 3")]
         shown, refused = split_testable(problem, start, tuple(null.effect(*name) for name in names))
         assert not shown

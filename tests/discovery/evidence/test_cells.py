@@ -45,7 +45,7 @@ def some_readings(draw):
 @examples(40)
 def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
     cov_ee = np.arange(1.0, len(readings) + 1)[:, None, None] * np.eye(6)
-    cells, cell_cov = average_into_cells(readings, cov_ee)
+    cells, cell_cov = average_into_cells(readings, cov_ee, EVIDENCE.readings_a_cell)
     held = cells.states.q_rad > 0.0
     assert (held.sum(axis=0) == 1).all()
     assert (held.sum(axis=1) == cells.readings).all()
@@ -63,7 +63,7 @@ def test_every_reading_is_in_one_cell_of_its_own_circumstances(readings):
 @given(some_readings())
 @examples(40)
 def test_cells_of_the_same_circumstances_follow_each_other_in_time(readings):
-    cells, _ = average_into_cells(readings, readings.measured.cov)
+    cells, _ = average_into_cells(readings, readings.measured.cov, EVIDENCE.readings_a_cell)
     held = cells.states.q_rad > 0.0
     time_s = readings.states.time_s
     keys = list(zip(cells.pose, cells.states.load_N, map(tuple, cells.states.arrival), strict=True))

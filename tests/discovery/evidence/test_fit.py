@@ -15,6 +15,7 @@ from pa10cal.discovery.evidence.fit import (
     targets_off_m,
     torque_rows,
 )
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.linear import at_unknowns, possible_sizes, with_base_term
 
 #: What moves poses, what shows in torques by way of a spring, what the joint carries, what bends
@@ -43,9 +44,8 @@ def fit_at(measured, effects, amounts):
     own = start.x[start.own_columns()]
     model = with_base_term(measured.baseline, effects)
     x = np.concatenate([own[:-6], *amounts, own[-6:]])
-    return EvidenceFit(
-        effects, replace(start.at, model=model, x=x), True, (1,) * len(effects), 0.0, 0.0
-    )
+    at, sizes = replace(start.at, model=model, x=x), (1,) * len(effects)
+    return EvidenceFit(effects, at, True, sizes, NO_SHARED_ERROR)
 
 
 @pytest.mark.slow_but_one_in(2)
@@ -93,7 +93,7 @@ def test_columns_of_effects_and_of_the_model_are_all_there_are(null):
 
 def test_a_fit_comes_to_rest_where_nothing_leads_down(wave):
     effect = wave.effect("transmission_error", "joint 2")
-    found = fit(wave.problem, (effect,), (1,), (0.0, 0.0), wave.start)
+    found = fit(wave.problem, (effect,), (1,), NO_SHARED_ERROR, wave.start)
     assert found.converged
 
     def cost(x):
@@ -124,7 +124,7 @@ def test_an_effect_that_shapes_itself_is_fitted_from_its_best_start(tau0_Nm):
         return at_joint(5, -6e-4 * np.tanh(states.tau_Nm[:, 4] / tau0_Nm))
 
     made = measure(Missing(turn=turn))
-    found = fit(made.problem, (made.effect("soft_windup", "joint 5"),), (1,), (0.0, 0.0))
+    found = fit(made.problem, (made.effect("soft_windup", "joint 5"),), (1,), NO_SHARED_ERROR)
     amount, tau0 = found.of(found.effects[0])
     assert amount == pytest.approx(6e-4, rel=0.02)
     assert tau0 == pytest.approx(tau0_Nm, rel=0.05)
@@ -132,7 +132,7 @@ def test_an_effect_that_shapes_itself_is_fitted_from_its_best_start(tau0_Nm):
 
 def test_expected_sizes_hold_back_what_the_data_do_not_tell(null):
     effect = null.effect("scale", "instrument")
-    tight, wide = (fit(null.problem, (effect,), (size,), (0.0, 0.0)) for size in (0, 2))
+    tight, wide = (fit(null.problem, (effect,), (size,), NO_SHARED_ERROR) for size in (0, 2))
     std = [
         np.sqrt(np.diag(covariance_of(null.problem, found)))[found.columns_of(effect)]
         for found in (tight, wide)

@@ -122,7 +122,7 @@ def test_is_the_density_at_the_best_of_the_variances_tried(made, members, sizes,
     between = found.log_evidence + penalty(members) - CONSTANT - best
     if max(found.grid_index) < 2:  # nothing to lay a curve through
         assert between == pytest.approx(0.0, abs=1e-6)
-        assert found.pose_variance == SHARED_VARIANCES[found.grid_index[0]]
+        assert found.variances.pose == SHARED_VARIANCES[found.grid_index[0]]
     assert -1e-6 < between < 0.5
 
 
@@ -130,7 +130,7 @@ def test_is_the_density_at_the_best_of_the_variances_tried(made, members, sizes,
 def test_between_the_variances_tried_it_is_close_to_the_density(made, members, sizes):
     data = made.data(3, 5.0, 300.0, members)
     found = made.evidence(data).score(tuple(zip(members, sizes, strict=True)))
-    variances = found.pose_variance, found.torque_variance
+    variances = found.variances.pose, found.variances.torque
     assert min(found.grid_index) >= 2
     assert variances[1] > variances[0] > 0.0
     expected = made.log_density(data, members, sizes, variances) + CONSTANT - penalty(members)
@@ -156,7 +156,7 @@ def test_what_a_candidate_adds_is_the_difference_of_two_scores(made, members, si
 def test_a_candidate_may_be_what_the_shared_error_of_torques_was(made):
     evidence = made.evidence(made.data(4, members=(2,), scale=8.0))
     nothing, there = evidence.score(()), evidence.score(((2, 2),))
-    assert nothing.torque_variance > 1.0 > there.torque_variance
+    assert nothing.variances.torque > 1.0 > there.variances.torque
     assert evidence.additions((), []) == []
     ((gain, size),) = evidence.additions((), [2])
     best = evidence.score(((2, size),)).log_evidence - nothing.log_evidence
@@ -177,7 +177,7 @@ def test_without_torques_poses_speak_alone(made):
         for evidence in (alone, both)
     ]
     assert gains[0] == pytest.approx(gains[1])
-    assert alone.score(()).torque_variance == 0.0
+    assert alone.score(()).variances.torque == 0.0
 
 
 @pytest.mark.parametrize("variance", [1.0, 4.0, 7.0, 12.0, 22.0])
@@ -197,7 +197,7 @@ def test_the_best_variance_is_found_where_hundreds_of_rows_have_a_part(variance)
     best = minimize_scalar(minus_log, bracket=(-1.0, 4.0))
     # Far less than what decides: the steps between the variances tried are wide.
     assert found.log_evidence == pytest.approx(-best.fun, abs=1.0)
-    assert found.pose_variance == pytest.approx(np.exp(best.x), rel=0.1)
+    assert found.variances.pose == pytest.approx(np.exp(best.x), rel=0.1)
 
 
 TRIALS, ALPHA = 250, 0.2

@@ -8,6 +8,7 @@ import pytest
 
 from made_up_arm import ERROR_RATE, Missing, harmonic, measure
 from pa10cal.discovery.evidence.fit import fit
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR
 from pa10cal.discovery.evidence.search import evidence_about, less, refit, search
 from pa10cal.discovery.finding import threshold
 from pa10cal.discovery.linear import residual
@@ -51,7 +52,7 @@ def test_where_nothing_is_missing_nothing_is_found(null):
     assert found.without == ()
     assert found.score.log_evidence == found.nothing.log_evidence
     # What is left is the noise: no pose is off by more than its readings.
-    assert found.score.pose_variance < 0.05
+    assert found.score.variances.pose < 0.05
     gains = found.evidence.additions((), list(range(len(found.family))))
     assert max(gain for gain, _ in gains) < threshold(len(found.family), ERROR_RATE)
 
@@ -83,7 +84,7 @@ def test_a_proxy_found_before_is_dropped_when_the_right_effects_may_enter(two_wa
     right = tuple(two_waves.effect("transmission_error", f"joint {j}") for j in (2, 3))
     alone = search(two_waves.problem, (proxy,), ERROR_RATE, two_waves.start)
     assert alone.fit.effects == (proxy,)
-    assert alone.score.pose_variance > 1.0  # much is left
+    assert alone.score.variances.pose > 1.0  # much is left
     evidence = evidence_about(alone.problem, alone.fit, (proxy, *right))
     scores = {
         members: max(
@@ -104,12 +105,12 @@ def test_a_family_of_none_or_one_is_searched_too(wave):
 
 def test_noise_is_worked_out_about_the_better_model(rubbing):
     friction = rubbing.effect("friction_torque", "joint 3")
-    problem, found = refit(rubbing.problem, (friction,), (1,), (0.0, 0.0), rubbing.start)
+    problem, found = refit(rubbing.problem, (friction,), (1,), NO_SHARED_ERROR, rubbing.start)
     assert problem.readings is not None
     assert found.of(friction) == pytest.approx([3.0], rel=0.01)
     # Friction of either sign in the torque of a spring is no scatter of repeats.
     np.testing.assert_allclose(problem.noise.torque_Nm, 0.05, rtol=0.25)
-    again = fit(problem, (friction,), (1,), (0.0, 0.0), found)
+    again = fit(problem, (friction,), (1,), NO_SHARED_ERROR, found)
     np.testing.assert_allclose(again.x, found.x, rtol=1e-3, atol=1e-9)
 
 

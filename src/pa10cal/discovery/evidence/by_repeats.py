@@ -24,7 +24,7 @@ from pa10cal.discovery.evidence.fit import (
     torque_rows,
 )
 from pa10cal.discovery.evidence.judge import Judgement, floor_mm, judge, shared_error_mm
-from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.noise_model import NO_SHARED_ERROR, NoiseModel, SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.evidence.search import EndOfSearch, evidence_about, refit, resized, search
 from pa10cal.discovery.finding import Finding, Untestable, threshold
@@ -142,7 +142,8 @@ class ByRepeats(Scorer):
         model = replace(found.fit.model, kept=None)
         found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
         if not held:  # formulas then have to reach the noise of repeats
-            found = replace(found, score=replace(found.score, pose_variance=0.0))
+            variances = SharedVariances(0.0, found.score.variances.torque)
+            found = replace(found, score=replace(found.score, variances=variances))
         problem = found.problem
         rows = whitened_rows(problem, found, ())
         columns = np.arange(rows.own.shape[1])
@@ -192,8 +193,8 @@ class ByRepeats(Scorer):
             error_rate=found.error_rate,
             needed_nats=threshold(found.candidates, found.error_rate),
             shared_error_mm=SharedError(
-                before=shared_error_mm(self.problem, ended.nothing.pose_variance),
-                after=shared_error_mm(self.problem, ended.score.pose_variance),
+                before=shared_error_mm(self.problem, ended.nothing.variances.pose),
+                after=shared_error_mm(self.problem, ended.score.variances.pose),
             ),
             readings_excluded=int(found.prepared.gross.sum()),
         )
@@ -306,7 +307,7 @@ def _with_time(
     poses = preparation.complete(readings, baseline, setup)
     moved = moved_between_repeats(poses, residual(baseline, poses), same_circumstances(poses))
     problem = prepare(readings, baseline, setup, torques_logged=logged, moved_between_repeats=moved)
-    start = fit(problem, (), (), (0.0, 0.0))
+    start = fit(problem, (), (), NO_SHARED_ERROR)
     every, found = (*_sought(problem), *lines), NO_MOTION
     for _ in range(EVIDENCE.rounds_of_time):
         # A jump within few repeats may leave directions without noise: a part of that stated is
@@ -323,7 +324,7 @@ def _with_time(
         if found.wander is None and not (found.has_drift or moved.any()):
             break
         problem = prepare(readings, baseline, setup, torques_logged=logged, in_time=found)
-        start = fit(problem, (), (), (0.0, 0.0))
+        start = fit(problem, (), (), NO_SHARED_ERROR)
         if found.wander is None:
             break
     return problem, start
@@ -418,7 +419,7 @@ def fit_given(
     Returns:
         The campaign prepared about the fit, and the fit.
     """
-    current = fit(problem, (), (), (0.0, 0.0))
+    current = fit(problem, (), (), NO_SHARED_ERROR)
     sizes = (EVIDENCE.usual_size,) * len(effects)
     last: tuple[object, ...] = ()
     for _ in range(EVIDENCE.rounds_of_sizes):

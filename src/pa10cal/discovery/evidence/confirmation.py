@@ -115,9 +115,9 @@ def whitened_rows(
         return rotated_back
 
     def both(pose_rows: Array, torque_rows: Array) -> Array:
-        parts = [rows_of(problem.pose, score.pose_variance, pose_rows)]
+        parts = [rows_of(problem.pose, score.variances.pose, pose_rows)]
         if problem.torque is not None:
-            parts.append(rows_of(problem.torque, score.torque_variance, torque_rows))
+            parts.append(rows_of(problem.torque, score.variances.torque, torque_rows))
         return np.concatenate(parts)
 
     def block(candidate: CandidateRows, scale: float) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.linear import (
     ModelWithEffects,
@@ -32,25 +33,19 @@ class EvidenceFit(ModelWithEffects):
     """The calibrated model with effects, fitted under the noise models of the evidence."""
 
     sizes: tuple[int, ...]  # index in `EVIDENCE.sizes` of the size expected of each effect
-    pose_variance: float  # of the errors that the cells of a pose share, as assumed in the fit
-    torque_variance: float  # the same of torques
+    variances: SharedVariances  # as assumed in the fit
 
     @property
     def size_of(self) -> dict[Effect, int]:
         """Return the index in `EVIDENCE.sizes` of the size expected of each effect."""
         return dict(zip(self.effects, self.sizes, strict=True))
 
-    @property
-    def variances(self) -> tuple[float, float]:
-        """Return the variances of the shared errors of poses and of torques."""
-        return self.pose_variance, self.torque_variance
-
 
 def fit(
     problem: EvidenceProblem,
     effects: tuple[Effect, ...],
     sizes: tuple[int, ...],
-    variances: tuple[float, float],
+    variances: SharedVariances,
     start: EvidenceFit | None = None,
 ) -> EvidenceFit:
     """Fit the model with some effects, from every shape of those that have several.
@@ -59,7 +54,7 @@ def fit(
         problem: the campaign.
         effects: what is added to the calibrated model.
         sizes: index in `EVIDENCE.sizes` of the size expected of each effect.
-        variances: of the shared errors of poses and of torques.
+        variances: those of the shared errors.
         start: the fit at which this one starts; None for the baseline.
 
     Returns:
@@ -101,7 +96,7 @@ def fit(
         )
         if best is None or found.equations.cost < best[0]:
             fitted = EvidenceFit(
-                effects, at_unknowns(at, found.at), found.converged, sizes, *variances
+                effects, at_unknowns(at, found.at), found.converged, sizes, variances
             )
             best = found.equations.cost, fitted
     assert best is not None
@@ -132,7 +127,7 @@ def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     residuals.
     """
     rows = problem.pose.rows(residual(found.at, problem.cells)[:, :, None])
-    units = problem.pose.common_amounts(rows, found.pose_variance)[:, 0]
+    units = problem.pose.common_amounts(rows, found.variances.pose)[:, 0]
     stated = problem.cells.measured.by_stated_targets.shape[2]  # other common errors follow
     return np.asarray(-problem.setup.apparatus_m * units[:stated], dtype=np.float64)
 
@@ -145,7 +140,7 @@ class _FitRows:
         problem: EvidenceProblem,
         effects: tuple[Effect, ...],
         sizes: tuple[int, ...],
-        variances: tuple[float, float],
+        variances: SharedVariances,
         at: FittedModel,
     ) -> None:
         self._problem, self._at, self._variances = problem, at, variances
@@ -178,10 +173,10 @@ class _FitRows:
         """Return the sum of squares at parameters (k,), without derivatives."""
         self._evaluate(x)
         problem, off = self._problem, self._prior_rows @ (x - self._prior_mean)[:, None]
-        rows = [problem.pose.whitened(self._residual[:, :, None], self._variances[0])]
+        rows = [problem.pose.whitened(self._residual[:, :, None], self._variances.pose)]
         if self._torque is not None:
             torque_Nm = torque_residual_Nm(problem, self._at)
-            rows.append(self._torque.whitened(torque_Nm[:, :, None], self._variances[1]))
+            rows.append(self._torque.whitened(torque_Nm[:, :, None], self._variances.torque))
         return float(sum(np.sum(part**2) for part in (*rows, off)))
 
     def equations(self, x: Array) -> Equations:
@@ -189,9 +184,11 @@ class _FitRows:
         self._evaluate(x)
         problem, off = self._problem, self._prior_rows @ (x - self._prior_mean)
         of_pose = np.concatenate([self._residual[:, :, None], self._jacobian()], axis=2)
-        rows = [problem.pose.whitened(of_pose, self._variances[0])]
+        rows = [problem.pose.whitened(of_pose, self._variances.pose)]
         if self._torque is not None:
-            rows.append(self._torque.whitened(torque_rows(problem, self._at), self._variances[1]))
+            rows.append(
+                self._torque.whitened(torque_rows(problem, self._at), self._variances.torque)
+            )
         rows.append(np.concatenate([off[:, None], self._prior_rows], axis=1))
         every = np.concatenate(rows)
         return Equations.of(every[:, 0], every[:, 1:])

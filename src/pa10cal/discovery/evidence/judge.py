@@ -167,15 +167,15 @@ def _unexplained(
     of_averages = np.mean(1.0 / np.bincount(group)[group])
     places = []
     for effect, without in zip(found.fit.effects, found.without, strict=True):
-        shared_mm = shared_error_mm(problem, without.pose_variance)
-        counts = shared_mm > floor or without.torque_variance > of_averages
+        shared_mm = shared_error_mm(problem, without.variances.pose)
+        counts = shared_mm > floor or without.variances.torque > of_averages
         if (
             effect.generic
             and counts
             and confirmations[effect].p_sign_flips_max_t <= EVIDENCE.false_rate
         ):
             places.append(smooth_unknown(effect, shared_mm, "it"))
-    remaining_mm = shared_error_mm(problem, found.score.pose_variance)
+    remaining_mm = shared_error_mm(problem, found.score.variances.pose)
     if not places and remaining_mm > floor:
         why = "no effect of the vocabulary explains what the readings of a pose share"
         places.append(Unexplained(of=None, form=None, shared_error_mm=remaining_mm, why=why))

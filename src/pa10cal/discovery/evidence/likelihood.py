@@ -19,7 +19,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.evidence.noise_model import NoiseModel
+from pa10cal.discovery.evidence.noise_model import NoiseModel, SharedVariances
 from pa10cal.discovery.other_numbers import COMPUTING, none_and_spaced
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
@@ -56,14 +56,8 @@ class Score:
     """Evidence of one set of candidates."""
 
     log_evidence: float  # natural logarithm, up to a constant of the data
-    pose_variance: float  # most likely one of the shared error, in units of that of a reading
-    torque_variance: float  # the same of torques
+    variances: SharedVariances  # the most likely ones
     grid_index: tuple[int, int]  # of the two nearest `SHARED_VARIANCES`
-
-    @property
-    def variances(self) -> tuple[float, float]:
-        """Return the variances of the shared errors of poses and of torques."""
-        return self.pose_variance, self.torque_variance
 
 
 class Addition(NamedTuple):
@@ -197,8 +191,7 @@ class SetEvidence:
         return Score(
             log_evidence=-0.5 * (float(costs[g]) - pose_gain - torque_gain)
             - float(np.log(len(EVIDENCE.sizes))) * len(members),
-            pose_variance=pose_variance,
-            torque_variance=torque_variance,
+            variances=SharedVariances(pose_variance, torque_variance),
             grid_index=(g, h),
         )
 

@@ -10,20 +10,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.noise import mean_covariance, same_circumstances
-from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations, average_groups
 
 
-def average_into_cells(
-    readings: Observations, cov: Array, most: int = EVIDENCE.readings_a_cell
-) -> tuple[Observations, Array]:
+class SharedVariances(NamedTuple):
+    """Variances of the errors that the cells of a pose share, in units of that of a reading."""
+
+    pose: float
+    torque: float
+
+
+NO_SHARED_ERROR = SharedVariances(0.0, 0.0)
+
+
+def average_into_cells(readings: Observations, cov: Array, most: int) -> tuple[Observations, Array]:
     """Average readings into C cells: of one pose, load, direction of arrival and stretch of time.
 
     A cell has at most `most` readings. What may distinguish effects is not averaged.

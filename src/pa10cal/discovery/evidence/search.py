@@ -11,6 +11,7 @@ from pa10cal.arrays import Mask
 from pa10cal.discovery.evidence.candidates import indistinguishable, linearise
 from pa10cal.discovery.evidence.fit import EvidenceFit, fit
 from pa10cal.discovery.evidence.likelihood import CandidateSet, Score, SetEvidence
+from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem, prepare
 from pa10cal.discovery.finding import threshold
 from pa10cal.discovery.preparation import effects_in
@@ -90,7 +91,7 @@ def refit(
     problem: EvidenceProblem,
     effects: tuple[Effect, ...],
     sizes: tuple[int, ...],
-    variances: tuple[float, float],
+    variances: SharedVariances,
     start: EvidenceFit,
 ) -> tuple[EvidenceProblem, EvidenceFit]:
     """Fit a set of effects, compute noise and weights about the fit, and fit again.
