@@ -1,9 +1,9 @@
-"""Joints that give way under weights that nobody stated: which, how stiff, and what rivals them.
+"""Joints that give way under weights that are not stated: evidence, rivals and stiffness.
 
 The calibration of an arm whose weights are assumed gives a spring to each joint that its poses show
-to be compliant. Here each spring is judged in the model that the search ended with: the misfit with
-the joint rigid, the effects that explain the poses as well in its place, and its stiffness relative
-to the assumed weights. The problem is linearised about that model, weights among the unknowns.
+to be compliant. Here each spring is judged in the extended model: by the misfit with the joint
+rigid, by the effects that explain the poses as well in its place, and by its stiffness relative to
+the assumed weights. The problem is linearised about that model, weights among the unknowns.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ S = TypeVar("S", bound=Basis)
 
 
 def with_compliance(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict with the joints that give way under weights that nobody stated.
+    """Return a verdict with the joints that give way under weights that are not stated.
 
     Springs are those of the extended model. Where the weights are stated, springs are part of the
-    calibrated model and no finding.
+    calibrated model and not reported.
     """
     known = weights_known(found.baseline.arm)
     if known.origin == "stated" or found.prepared.setup.payload is None:
@@ -108,7 +108,7 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
 
 
 def _sags_too_far(found: Verdict, spring: JointSpring, sag_rad: float, why: str) -> Unexplained:
-    """Return what a spring stands for whose joint would sag farther than joints can."""
+    """Return the unexplained part of a spring whose joint would sag farther than is possible."""
     text = (
         f"joint_compliance of {spring.of} fits best, but is not named: it would sag by "
         f"{1e3 * sag_rad:.0f} mrad: {why}"

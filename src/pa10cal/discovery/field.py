@@ -1,12 +1,12 @@
-"""The discrepancy of a fitted model that has no name, predicted where held-out poses gain by it.
+"""Prediction of a fitted model's discrepancy without a name, if held-out poses gain by it.
 
 The residual is fitted by effects of which none is named (`discovery.nameless`), by a smooth
-displacement, a Gaussian process of the joint positions (`terms.field`), or by both; the model stays
-as it is (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001). The displacement's size maximises the
-marginal likelihood. Its length is the most likely of those with which held-out poses are predicted
-better and whole held-out regions no worse; a rough process, which has no length of its own, takes
-its place where it predicts them better yet. Effects, displacement or both are used, whichever
-predicts held-out poses best, or nothing where nothing helps.
+displacement, a Gaussian process of the joint positions (`terms.field`), or by both; the model is
+not changed (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001). The displacement's size maximises
+the marginal likelihood. Its length is the likeliest of those with which held-out poses are
+predicted better and whole held-out regions no worse; a rough process is used in its place if that
+predicts them better still. Effects, displacement or both are used, whichever predicts held-out
+poses best, or none of them.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class _Judged:
 
     @property
     def helps(self) -> bool:
-        """Return whether held-out poses gain significantly, and whole regions lose nothing."""
+        """Return whether held-out poses gain significantly, and whole regions do not lose."""
         gains = self.places.sure > FIELD.standard_errors and self.places.gain > FIELD.least_gain
         return gains and self.regions.gain >= -FIELD.most_loss
 

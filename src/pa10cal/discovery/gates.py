@@ -1,7 +1,7 @@
-"""Acceptance checks of a verdict after the search: of every name, and of the word `none`.
+"""Acceptance checks of a verdict after the search: of every name, and of the verdict `none`.
 
-An effect that fails is no name: the model is fitted anew without it, and what it explained is
-unexplained.
+An effect that fails is not named: the model is fitted again without it, and its part of the error
+becomes unexplained.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ AGAINST_NONE_BY_REPEATS = (*AGAINST_NONE, "incomplete")
 
 
 def gated(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict whose names, or whose `none`, have passed the checks."""
+    """Return a verdict with names that pass the checks, or a `none` that passes its own."""
     found = _without_unlikely_names(_with_likeliest_names(_with_names_that_pass(found)))
     found = _without_names_that_move_nothing(with_pulls(found))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
@@ -69,9 +69,9 @@ def gated(found: Verdict[S]) -> Verdict[S]:
 
 
 def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict in which likelier rivals take the place of names, if they fit as well.
+    """Return a verdict in which likelier rivals replace names, if they fit as well.
 
-    Probabilities are by rows linear about the calibrated model; the new fit decides.
+    Probabilities are linear about the calibrated model, so the new fit decides.
     """
     for finding in found.effects:
         known = in_doubt(found, finding).explanations
@@ -92,7 +92,7 @@ def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
 
 
 def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] | None:
-    """Return the verdict fitted anew with a finding in another's place; None if it is unfit."""
+    """Return the verdict with a finding in place of another; None if the new fit rules it out."""
     # A new fit accepts alternatives of findings only.
     known = replace(old, alternatives=(new.effect, *old.alternatives))
     tried = replace(found, findings=instead(found, known))
@@ -102,7 +102,7 @@ def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] 
 
 
 def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict without names that fail, each replaced by an alternative that passes."""
+    """Return a verdict in which names that fail are replaced by alternatives, or withdrawn."""
     for finding in found.effects:
         if not is_named(finding.effect):
             continue
@@ -110,8 +110,8 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
         if not reasons:
             found = _of_the_robot(found, finding)
             continue
-        # Of joints that are commanded and not read back, a controller may stop short of its command
-        # or beyond: either sign is possible, unlike that of lost motion.
+        # Where positions are commanded, a controller may stop before or beyond its command: unlike
+        # lost motion, an arrival error can have either sign.
         stops = ArrivalError(finding.of, found.context.campaigns)
         commanded = finding.id == Backlash.id and found.context.commanded
         if commanded and stops not in finding.alternatives:
@@ -126,10 +126,10 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
 
 
 def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Verdict[S] | None:
-    """Return the verdict without an effect that the rest of the model, fitted anew, replaces.
+    """Return the verdict without an effect that the rest of the model can replace, else None.
 
-    Its amount may as well be zero and poses are predicted no worse without it, so that nothing
-    remains unexplained. None for any other effect.
+    The amount of such an effect is not significant, and poses are predicted no worse without it by
+    the new fit, so that nothing becomes unexplained.
     """
     if set(reasons) - set(holds_zero(finding.effect, found.model)):
         return None
@@ -143,7 +143,7 @@ def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Ve
 def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict without names that are less likely than something without a name.
 
-    A name that held-out poses need stays, with its probability.
+    A name stays if held-out poses are predicted worse without it.
     """
     names = [in_doubt(found, name) for name in found.findings if is_named(name.effect)]
     for finding in sorted(names, key=lambda name: name.explanations.of(name.effect)):
@@ -162,10 +162,10 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
 
 
 def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:
-    """Return a harmless verdict, without names that remove no error.
+    """Return a verdict that does no harm, without names that reduce no error.
 
-    That is so if the model falls back on the calibrated one everywhere, and the poses of the fit
-    are not significantly better by it either.
+    They reduce none if the model falls back on the calibrated one everywhere, and the errors at the
+    poses fitted are not significantly smaller either.
     """
     safe, names = harmless(found), [name for name in found.findings if is_named(name.effect)]
     if not safe.holds_nowhere or not names or found.train.reduction.interval95_mm[0] > 0.0:
@@ -197,8 +197,8 @@ def with_pulls(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which a pull at a joint is an alternative of its gear ratio error.
 
     A cable that pulls like a spring turns a compliant joint in proportion to its angle, as a wrong
-    gear ratio does; only logged torques distinguish them. A pull has no name: the map of the joint
-    stands for it. Sliding joints have none.
+    gear ratio does; only logged torques distinguish them. A pull is no effect of the vocabulary
+    and is represented by the map of the joint. Sliding joints have none.
     """
     turning = {f"joint {joint}" for joint in turning_joints(found.context)}
     if found.prepared.torques == "logged":
@@ -216,7 +216,7 @@ def with_pulls(found: Verdict[S]) -> Verdict[S]:
 
 
 def _alternative(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
-    """Return the verdict with the first alternative of a finding that passes in its place."""
+    """Return the verdict with the first alternative that passes in a finding's place, or None."""
     held = {other.effect for other in found.findings}
     for other in finding.alternatives[: NAMES.most_alternatives]:
         if not is_named(other) or other in held:
@@ -231,8 +231,8 @@ def _alternative(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
 def _of_the_robot(found: Verdict[S], finding: Finding) -> Verdict[S]:
     """Return the verdict with an effect of the robot in place of the instrument's, if one fits.
 
-    Where both fit, the robot's is named: predictions leave out the instrument's, and geometry
-    fitted beside a wrong one is off by as much.
+    Predictions omit effects of the instrument, and a wrong one falsifies the geometry fitted with
+    it: so the robot's effect is named where both fit.
     """
     if not finding.effect.falsifies_readings:
         return found
@@ -243,12 +243,11 @@ def _of_the_robot(found: Verdict[S], finding: Finding) -> Verdict[S]:
 
 
 def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
-    """Yield why the amount of an effect of a model may as well be zero.
+    """Yield why the amount of an effect of a model is not significantly different from zero.
 
-    Zero is in the 95 % confidence region of its linear parameters, or in the interval of each: if
-    only a combination differs from zero, the poses do not determine the amounts, and other
-    parameters depend on them. Scales of three axes are exempt from the latter: only their
-    differences are determined, their mean is correlated with the arm's lengths.
+    Zero is in the 95 % confidence region of its linear parameters, or in the interval of each of
+    them: if only a combination is significant, the poses do not determine the amounts. The scales
+    of three axes are exempt from the latter: only their differences are identifiable.
     """
     linear = slice(0, effect.linear)
     if model.covariance is None:
@@ -268,10 +267,10 @@ def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:
 
 
 def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None) -> Iterator[str]:
-    """Yield why an effect cannot be named, by the calibrated model with the effects found.
+    """Yield why an effect cannot be named, by the extended model.
 
     Args:
-        states: poses at which its turns must be possible; None for no such check.
+        states: poses at which the rotations that it causes must be possible; None for no check.
     """
     effect = finding.effect
     linear = slice(0, effect.linear)
@@ -297,9 +296,10 @@ def unfit(finding: Finding, model: FittedModel, states: PoseStates | None = None
 
 
 def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
-    """Return whether the size of an effect is limited otherwise than by its plausible size.
+    """Return whether another limit applies to an effect than its plausible size.
 
-    Compliances under weights that nobody stated are as uncertain as these: only turns are limited.
+    Compliances under weights that are not stated are as uncertain as these: their limit is the
+    rotation that they cause.
     """
     by_turn = effect.most_rad is not None and weights_known(model.arm).assumed
     return effect.possible is not None or by_turn
@@ -308,18 +308,18 @@ def _has_other_limits(effect: Effect, model: FittedModel) -> bool:
 def _turns_too_far(
     finding: Finding, x: Array, states: PoseStates, most_rad: float, why: str
 ) -> Iterator[str]:
-    """Yield why an effect cannot be named that turns joints or links farther than they can."""
+    """Yield that an effect causes larger rotations of joints or links than are possible."""
     effect = finding.effect
     value, std = abs(float(finding.x[0])), float(np.sqrt(max(finding.covariance[0, 0], 0.0)))
     turn_rad = effect.turn_rad(states, x)
-    # The turn is proportional to the first parameter, or to its inverse, a stiffness.
+    # The rotation is proportional to the first parameter, or to its inverse, a stiffness.
     least_rad = turn_rad * max(0.0, 1.0 - HALF_WIDTH_95 * std / max(value, COMPUTING.tiny))
     if least_rad > most_rad:
         yield f"it would turn by {1e3 * turn_rad:.0f} mrad: {why}"
 
 
 def _disagreements(found: Verdict) -> Iterator[str]:
-    """Yield where errors, repeatability and stated uncertainty do not agree."""
+    """Yield disagreements between errors, repeatability and stated uncertainty, in words."""
     train, holdout = found.train, found.trusted_holdout
     measured, floor_mm = train.poses.measured, train.noise_floor_mm
     # Residuals of the fit are smaller than errors by the parameters it takes up; predictions have
@@ -349,7 +349,7 @@ def _disagreements(found: Verdict) -> Iterator[str]:
 
 
 def reasons_against_none(found: Verdict) -> Iterator[str]:
-    """Yield why the verdict cannot be that nothing is missing."""
+    """Yield what speaks against the verdict that nothing is missing, in words."""
     yield from _disagreements(found)
     train = found.train
     weights = [term for term in found.model.model.terms if holds_weights(term)]

@@ -1,9 +1,9 @@
-"""What effects of the vocabulary predict together where none of them can be named.
+"""Prediction by effects of the vocabulary together, none of which can be named.
 
-The model stays as it is. Departures of its geometry and effects are fitted to its residual all at
-once, each with a prior x ~ N(0, size² Q) whose size maximises the marginal likelihood (MacKay,
-Bayesian Interpolation, Neural Computation 4, 1992). The size of an effect that is not there goes to
-zero. Selecting one effect after the other may find none, where effects mask each other.
+The model is not changed. Departures of its geometry and effects are fitted to its residual
+together, each with a prior x ~ N(0, size² Q) whose size maximises the marginal likelihood (MacKay,
+Bayesian Interpolation, Neural Computation 4, 1992). The size of an effect that is absent goes to
+zero. Forward selection may find none where effects mask each other.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ F = TypeVar("F", bound=Fitted)
 def nameless_effects(
     context: CandidateContext, states: PoseStates, held: Sequence[Term], *, logged: bool
 ) -> tuple[Effect, ...]:
-    """Return the effects that may stand for what has no name: they move the arm with the pose.
+    """Return the effects that may predict errors without a name: those of the arm, by the pose.
 
     They are the named effects that the model does not hold and that the states of complete poses
-    determine. Effects that yield to torques are left to springs; effects of the log, of the
-    instrument or of time alone are none of the arm.
+    determine. Deflections of joints are left to springs; effects of the log, of the instrument and
+    of time are not of the arm.
     """
     kinds = [
         kind

@@ -1,15 +1,15 @@
 """No harm to held-out poses: the last check of a verdict, which selects no effect.
 
 Where held-out poses are predicted worse than before, even by a new fit without effects, the
-extended model is replaced by the calibrated one: beyond the joint positions of the fit or, if that
-is not enough, everywhere. A name with which they are predicted worse by far more than its
-uncertainty explains is contradicted.
+calibrated model replaces the extended one: beyond the joint positions of the fit or, if that is not
+enough, everywhere. A name is contradicted if with it they are predicted worse by far more than its
+uncertainty explains.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -38,7 +38,7 @@ B = TypeVar("B", bound=Basis)
 
 
 def harmed(held_out: PairedErrors | None, other: PairedErrors | None = None) -> bool:
-    """Return whether held-out poses are predicted worse than before, or than after another fit."""
+    """Return whether held-out poses are predicted worse than before, or than by another fit."""
     if held_out is None:
         return False
     if other is not None:
@@ -47,10 +47,7 @@ def harmed(held_out: PairedErrors | None, other: PairedErrors | None = None) -> 
 
 
 def harmless(found: Verdict[S]) -> Verdict[S]:
-    """Return a verdict whose extended model predicts held-out poses no worse than before.
-
-    Nor those at stretches of a path that the fit has not seen.
-    """
+    """Return a verdict whose extended model predicts held-out poses no worse than before."""
     visited = span_visited(found.prepared.readings.states.q_rad)
     found = _without_harmful(_without_contradicted(found, visited))
     found = _harmless_to_every_campaign(found)
@@ -63,8 +60,8 @@ def harmless(found: Verdict[S]) -> Verdict[S]:
 def limits(found: Verdict) -> FallBack | None:
     """Return where a verdict's model must fall back on the calibrated one; None for nowhere.
 
-    No held-out poses are to be predicted worse: neither all, nor those at unseen stretches of a
-    path, nor those of the most harmed campaign of a group.
+    Held-out poses must be predicted no worse: all together, those on stretches of a path that the
+    fit has not seen, and those of the most harmed campaign of a group.
     """
     held_out = found.trusted_holdout
     if held_out is None:
@@ -101,14 +98,14 @@ def limits(found: Verdict) -> FallBack | None:
 def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[S]:
     """Return the verdict without names that held-out poses contradict.
 
-    Motion of the base that was found is no fault of a name: it is subtracted here.
+    Motion of the base that was found is subtracted from the errors: no name causes it.
     """
     while (contradiction := _contradiction(found, visited)) is not None:
         rows, harm = contradiction
         names = [name for name in found.effects if is_named(name.effect)]
         if not names:
             break
-        # Names of joints that left the visited positions there; all names where there are none.
+        # They contradict names of joints that are beyond the positions visited, or else all names.
         assert found.trusted_holdout is not None
         q_rad = found.trusted_holdout.poses.states.q_rad[rows]
         left = np.any(~visited.each(q_rad), axis=0)
@@ -124,9 +121,9 @@ def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[
 
 
 def _contradiction(found: Verdict, visited: AngleCoverage) -> tuple[Mask, BeforeAfter] | None:
-    """Return held-out poses (P,) that contradict names, and their errors; None for no such poses.
+    """Return held-out poses (P,) that contradict names, and their errors; None for none.
 
-    They are those beyond the visited joint positions, or else all.
+    The poses beyond the visited joint positions, or else all poses.
     """
     if (held_out := found.trusted_holdout) is None:
         return None
@@ -144,8 +141,8 @@ def _contradiction(found: Verdict, visited: AngleCoverage) -> tuple[Mask, Before
 def _without_harmful(found: Verdict[S]) -> Verdict[S]:
     """Return the verdict without those of several names that significantly harm held-out poses.
 
-    Such an effect may be there, if what it depends on is not known: a base that tilts under weights
-    that nobody stated.
+    Such an effect may be present, but depend on a quantity that is not known well enough, as the
+    tilt of a base on weights that are not stated.
     """
     while len(names := [name for name in found.effects if is_named(name.effect)]) > 1:
         worse: dict[Finding, BeforeAfter] = {}
@@ -154,9 +151,9 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
             gap = None if found.holdout is None else replace(found.holdout, found_before=without)
             if (gap := trusted(gap, found.prepared.suspected)) is None:
                 return found
-            harm, _, surely = _worse(gap, np.ones(len(gap.poses), dtype=bool))
-            if surely and harm is not None:
-                worse[name] = harm
+            compared = _compare(gap, np.ones(len(gap.poses), dtype=bool))
+            if compared is not None and compared.over and compared.surely:
+                worse[name] = compared.errors
         if not worse:
             break
         name = max(worse, key=lambda name: _ratio(worse[name]))
@@ -167,11 +164,11 @@ def _without_harmful(found: Verdict[S]) -> Verdict[S]:
 
 
 def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
-    """Return the verdict on a group in which none of its campaigns is predicted worse.
+    """Return the verdict on a group in which no campaign is predicted worse.
 
-    Beyond the joint positions of the other campaigns the extended model falls back on the
-    calibrated one. If that is not enough an effect goes: the one without which the campaign is not
-    harmed and all held-out poses are best, or else that campaign is best.
+    The extended model falls back on the calibrated one beyond the joint positions of the other
+    campaigns. If that is not enough, an effect is removed: the one without which that campaign is
+    not harmed and the error at all held-out poses is smallest, or else that of the campaign.
     """
     while found.effects and (most := _most_harmed(found)) is not None:
         campaign, harm = most
@@ -194,14 +191,14 @@ def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
 
 
 def only_within(found: Verdict[B], within: AngleCoverage) -> Verdict[B]:
-    """Return the verdict with the calibrated model's errors beyond some joint positions."""
+    """Return the verdict with the errors of the calibrated model beyond some joint positions."""
     return found.with_gaps(
         lambda gap: fallen_back(gap, ~within.inside(gap.poses.states.q_rad)),
     )
 
 
 def _error_mm(found: Verdict, campaign: str) -> float:
-    """Return the error of held-out poses, or of those of a campaign if they are harmed."""
+    """Return the error of held-out poses, of a campaign alone if this is harmed."""
     gap = found.trusted_holdout
     assert gap is not None
     rows = gap.campaigns[campaign] if _is_harmed(found, campaign) else slice(None)
@@ -209,10 +206,7 @@ def _error_mm(found: Verdict, campaign: str) -> float:
 
 
 def _most_harmed(found: Verdict) -> tuple[str, BeforeAfter] | None:
-    """Return the campaign of a group that is predicted worse by most, and its errors.
-
-    None where none is predicted worse.
-    """
+    """Return the most harmed campaign of a group, and its errors; None where none is harmed."""
     if (gap := found.trusted_holdout) is None:
         return None
     every = ((name, gap.accuracies(rows)) for name, rows in gap.campaigns.items())
@@ -227,42 +221,54 @@ def _ratio(harm: BeforeAfter) -> float:
 def _is_harmed(found: Verdict, campaign: str) -> bool:
     """Return whether held-out poses of a campaign are predicted worse by more than chance.
 
-    Where they are too few to be significant, the fitted poses of that campaign decide: an effect
-    that only suits the other campaigns makes them worse, too.
+    If there are too few of them to be significant, the fitted poses of that campaign decide: an
+    effect that only suits the other campaigns makes them worse, too.
     """
 
-    def worse(gap: PairedErrors | None) -> tuple[bool, bool]:
+    def compared(gap: PairedErrors | None) -> _Comparison | None:
         if gap is None or campaign not in gap.campaigns:
-            return False, False
-        return _worse(gap, gap.campaigns[campaign])[1:]
+            return None
+        return _compare(gap, gap.campaigns[campaign])
 
-    over, surely = worse(found.trusted_holdout)
-    return surely or (over and worse(found.train)[1])
+    held_out, train = compared(found.trusted_holdout), compared(found.train)
+    if held_out is None or not held_out.over:
+        return False
+    return held_out.surely or (train is not None and train.over and train.surely)
 
 
-def _worse(gap: PairedErrors, rows: Mask) -> tuple[BeforeAfter | None, bool, bool]:
-    """Return errors of configurations (P,), whether they are worse, and whether significantly."""
-    harm, paired = gap.accuracies(rows), gap.reduction_of(rows)
-    over = harm is not None and _is_over(NAMES.worse_ratio, harm)
-    return harm, over, over and paired.poses > 1 and paired.interval95_mm[1] < 0.0
+class _Comparison(NamedTuple):
+    """Errors of some poses before and after."""
+
+    errors: BeforeAfter
+    over: bool  # whether those after are larger by the factor `NAMES.worse_ratio`
+    surely: bool  # whether their mean is significantly larger
+
+
+def _compare(gap: PairedErrors, rows: Mask) -> _Comparison | None:
+    """Compare the errors of poses (P,); None where there are none."""
+    errors = gap.accuracies(rows)
+    if errors is None:
+        return None
+    paired = gap.reduction_of(rows)
+    surely = paired.poses > 1 and paired.interval95_mm[1] < 0.0
+    return _Comparison(errors, _is_over(NAMES.worse_ratio, errors), surely)
 
 
 def _harm(gap: PairedErrors, rows: Mask) -> BeforeAfter | None:
-    """Return the errors of configurations (P,) that are predicted worse; None where they are not.
+    """Return the errors of poses (P,) if they are predicted worse, else None.
 
-    They count as worse if significantly so, or if larger by the factor `NAMES.worse_ratio`.
+    Worse by the factor `NAMES.worse_ratio`, or significantly and by more than a trifle.
     """
-    harm = gap.accuracies(rows)
-    if harm is None:
+    compared = _compare(gap, rows)
+    if compared is None:
         return None
-    paired = gap.reduction_of(rows)
-    worse = harm.after.mean_mm > NAMES.trifling_ratio * harm.before.mean_mm
-    surely = worse and paired.poses > 1 and paired.interval95_mm[1] < 0.0
-    return harm if _is_over(NAMES.worse_ratio, harm) or surely else None
+    errors = compared.errors
+    more = errors.after.mean_mm > NAMES.trifling_ratio * errors.before.mean_mm
+    return errors if compared.over or (more and compared.surely) else None
 
 
 def _is_over(factor: float, harm: BeforeAfter) -> bool:
-    """Return whether the mean or the root mean square is larger by more than a factor."""
+    """Return whether mean or root mean square are larger after by more than a factor."""
     before, after = harm.before, harm.after
     return after.mean_mm > factor * before.mean_mm or after.rms_mm > factor * before.rms_mm
 
@@ -270,7 +276,7 @@ def _is_over(factor: float, harm: BeforeAfter) -> bool:
 def _beyond_uncertainty(found: Verdict, gap: PairedErrors, rows: Mask) -> bool:
     """Return whether errors exceed what noise and the uncertainty of the model explain.
 
-    The scatter of single poses, where it is known, takes the place of noise.
+    The scatter of single poses replaces the noise where it is known.
     """
     poses = gap.poses.take(rows)
     jacobian = residual_and_jacobian(found.extended.at, poses)[1]

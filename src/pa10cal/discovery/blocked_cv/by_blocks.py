@@ -1,7 +1,7 @@
 """The verdict by blocked cross-validation, on a campaign of many different poses.
 
-`discover_by_blocks`, after the scorer `ByBlocks`, runs the search, again about models that it
-shows, and names the causes of maps.
+The scorer `ByBlocks`; then `discover_by_blocks`, which runs the search, repeats it about a better
+model if it finds one, and names the causes of maps.
 """
 
 from __future__ import annotations
@@ -203,10 +203,9 @@ class ByBlocks(Scorer):
 
     @override
     def likelier(self, found: Verdict[ByBlocks]) -> Verdict[ByBlocks] | None:
-        # A calibration has springs alone, and a search that adds one effect after the other leaves
-        # to them what links, bearings and base do. The search is therefore repeated from the most
-        # likely set, about the weights that go with it, and taken if it predicts held-out blocks
-        # better.
+        # The calibrated model has springs only, and they take up deflections of links, bearings and
+        # base in a search that adds one effect at a time. So the search is repeated from the
+        # likeliest set and its weights, and accepted if it predicts held-out blocks better.
         survey, extended = self.survey, self.extended
         if survey.wander or survey.change:
             return None
@@ -314,7 +313,7 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
 def _better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
     """Return whether a verdict predicts held-out blocks better than another.
 
-    With more names it has to do so by more than the same model fitted otherwise would.
+    With more names it has to be better by more than another fit of the same model could be.
     """
     more_names = len(ahead.effects) > len(found.effects)
     least_ratio = NAMES.worse_ratio if more_names else 1.0
@@ -322,7 +321,7 @@ def _better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
 
 
 def _searched(campaign: Prepared, survey: Survey) -> Verdict[ByBlocks]:
-    """Return the verdict of the search of a survey."""
+    """Return the verdict of the search of a survey, with the causes of maps."""
     searched = search_with_motion(survey)
     verdict = _verdict(campaign, searched)
     nameless = searched.outcome.nameless
@@ -437,11 +436,11 @@ def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verd
 
 
 def _without_motion_for_arm(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
-    """Return the verdict, fitted again without motion of the base if that stood for the arm.
+    """Return the verdict, fitted again without motion of the base if that imitated the arm.
 
     If the order of poses is unrelated to joint positions, the arm fitted together with the motion
-    is nearer to the truth. If rows are ordered by a joint, the motion takes up errors of the arm:
-    the model without it then explains more of the readings than its parameters do by chance.
+    is nearer to the truth. If rows are sorted by a joint, the motion takes up errors of the arm. The
+    model without it then explains more of the readings than its parameters could by chance.
     """
     scorer, survey = found.scorer, found.scorer.survey
     if survey.wander is None:
@@ -456,7 +455,7 @@ def _without_motion_for_arm(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
 
 
 def with_causes(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
-    """Return a verdict in which maps have the name of their cause, where that is known."""
+    """Return a verdict in which maps whose cause is known are sensor or gear errors."""
     scorer = found.scorer
     causes = causes_of(scorer.survey, scorer.extended)
     names, alternatives = names_by_cause(scorer.extended.effects, causes)
@@ -514,10 +513,10 @@ def names_by_cause(
 ) -> tuple[dict[Effect, Effect], dict[Effect, tuple[Effect, ...]]]:
     """Return the named effect, and its alternatives, for each map whose cause is known.
 
-    Sensor and gear are alternatives if both err by the ripple, or if nothing shows that the error
-    is the joint's own. Without a ripple they are so for a map that has fine waves on which
-    campaigns or turns agree, or that was named already: nothing else turns a joint to and fro ten
-    times a turn. Any other map of a joint whose motor shows no ripple stays a map.
+    Sensor and gear are alternatives of each other if the ripple does not decide between them.
+    Without a ripple they are the causes of a map with fine waves on which campaigns or turns agree,
+    since nothing else turns a joint to and fro ten times a turn, or of one that was named already.
+    Any other map without a ripple stays a map.
     """
     names: dict[Effect, Effect] = {}
     alternatives: dict[Effect, tuple[Effect, ...]] = {}

@@ -61,10 +61,10 @@ class BlockPrediction(BlockedCrossValidation, Proof):
 class Judged:
     """An effect that was found, with its evidence."""
 
-    effect: Effect  # as in the search; maps may be finer in the model
-    proof: BlockPrediction  # how well it predicts held-out poses
-    alternatives: tuple[Effect, ...]  # effects that predict them as well in its place
-    rivals: tuple[Rival, ...] = ()  # all that was tried in its place
+    effect: Effect  # in the form of the search; maps may be finer in the model
+    proof: BlockPrediction
+    alternatives: tuple[Effect, ...]  # effects that predict held-out poses as well in its place
+    rivals: tuple[Rival, ...] = ()  # every effect that was tried in its place, with its score
 
 
 def prediction(
@@ -167,9 +167,9 @@ def remaining_error(
 
 
 def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
-    """Return whether mean errors of blocks (B,) exceed the noise, whatever a single outlier does.
+    """Return whether mean errors of blocks (B,) exceed the noise, robustly against outliers.
 
-    By their mean and its standard error, or by their median and its standard error for normal
+    By their mean and its standard error; or by their median and its standard error for normal
     deviates, from their median absolute deviation.
     """
     if mean_mm <= BLOCKS.over_floor * floor_mm:
@@ -187,10 +187,10 @@ def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
 
 
 class InPlace(NamedTuple):
-    """What may stand in a member's place."""
+    """Effects that may be present in place of a member."""
 
     alternatives: tuple[Effect, ...]  # effects that predict as well, to within a standard error
-    rivals: tuple[Rival, ...]  # all that was tried there, with its score
+    rivals: tuple[Rival, ...]  # every effect that was tried there, with its score
 
 
 def in_place_of(
@@ -200,10 +200,10 @@ def in_place_of(
     squares_with: Mapping[Candidate, Array],
     row_count: int,
 ) -> InPlace:
-    """Return what may stand in a member's place.
+    """Return the effects that may be present in place of a member.
 
-    A candidate is no alternative if the member is needed in addition to it, nor is a joint's map,
-    which can always do what a named form of it does.
+    A candidate is no alternative if the member is needed in addition to it. Neither is the map of
+    the member's joint, which can always imitate a named effect there.
 
     Args:
         search: the search, with its criteria.
@@ -224,7 +224,7 @@ def in_place_of(
         nats = 0.5 * (chosen.squares - instead) / variance / PROBABILITIES.blocks
         known = best.get(other.name)
         if known is None or nats.sum() > known.nats.sum():
-            # Held-out squares, unlike evidence, hardly penalise that it can do more than a name.
+            # Unlike evidence, held-out squares hardly penalise a more flexible effect.
             flexible = other.effect.generic or (other.is_map and not own.is_map)
             weight = PROBABILITIES.flexible if flexible else 1.0
             best[other.name] = Rival(other.effect, nats, weight)
@@ -237,7 +237,7 @@ def in_place_of(
 
 
 def gains_of_others(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
-    """Return what each candidate that was not chosen would still gain, the largest gain first."""
+    """Return the gain by each candidate that was not chosen, the largest first."""
     others = search.others(chosen)
     if not others:
         return ()
