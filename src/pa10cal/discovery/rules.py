@@ -1,6 +1,6 @@
-"""Every number that a verdict hangs on, once: what it bounds, its unit and where it is from.
+"""Every number on which a verdict depends: what it bounds, its unit and its source.
 
-Where it is from, in brackets: `level`, a probability or odds that were chosen; `statistics`, what
+The source is in brackets: `level`, a probability or odds that were chosen; `statistics`, what
 theory says; `size`, what parts of robots and instruments are like; `trials`, what parted right from
 wrong on simulated campaigns, which no measured robot has fixed; `measured`, what did so on measured
 robots; `chosen`, a plausible round number, which no study on record has fixed; `vocabulary`, which
@@ -26,155 +26,155 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Noise:
-    """How noisy readings are: repeats, and where there are few, poses near each other."""
+    """Noise of readings, from repeats or else from poses near each other."""
 
-    least_differences: int = 20  # differences below which nothing is said of the noise (statistics)
-    # least part of the readings that are repeats, where blocks of poses could be held out instead
-    # (trials)
+    least_differences: int = 20  # least differences of repeats that show the noise (statistics)
+    # least share of repeats among the readings with which repeats judge, where blocks could be held
+    # out instead (trials)
     least_repeated_share: float = 0.25
-    # part of the readings that residuals stand for at least, however many parameters (chosen)
+    # least share of the readings that counts as degrees of freedom of the residuals (chosen)
     least_left_share: float = 0.5
-    # repeats from any side are compared where they are so many times those from one side (trials)
+    # ratio of repeats from any side to those from one side from which on all are compared (trials)
     any_side_ratio: float = 2.0
-    same_pose: float = 2e-3  # poses nearer than this in every joint are the same [rad, m] (size)
-    # poses up to so far apart make a variogram, whose nugget is the noise [rad, m] (Cressie,
+    same_pose: float = 2e-3  # poses nearer than this in every joint count as one [rad, m] (size)
+    # largest distance of pairs in the variogram whose nugget is the noise [rad, m] (Cressie,
     # Statistics for Spatial Data, 1993)
     near_pose: float = 0.01
     near_steps: int = 5  # steps of distance of that variogram (computing)
-    most_neighbours: int = 8  # neighbours that a pose is compared with there (computing)
+    most_neighbours: int = 8  # neighbours of a pose in that variogram (computing)
     # scatter of a torque, in the largest one, that rounding alone makes (size)
     rounded_torque_share: float = 1e-6
-    reweighted: int = 2  # times that scatter is found anew about weights fitted with it (computing)
-    # torques a column above which their scatter about the weights is their noise (statistics)
+    reweighted: int = 2  # rounds in which scatter and weights are estimated in turn (computing)
+    # least torques a fitted column with which their scatter is their noise (statistics)
     torques_a_weight: int = 2
     # scatter of normal deviates over the median of their sizes (statistics)
     median_to_sigma: float = 1.0 / float(ndtri(0.75))
     huber_tail: float = 1e-3  # share of undisturbed poses that weigh less than fully (level)
-    # stated uncertainties are brought down by no more than this factor (size)
+    # least factor by which stated uncertainties are reduced (size)
     least_shrink: float = 1e-3
-    enough_poses: int = 1500  # poses that say enough of how joints scatter (computing)
+    enough_poses: int = 1500  # poses that suffice for the scatter of joints (computing)
     variances: tuple[float, float] = (1e-14, 1e-4)  # bounds of these variances [rad², m²] (size)
-    first_variance: float = 1e-9  # variance of a joint to begin with [rad²] (computing)
+    first_variance: float = 1e-9  # start of the variance of a joint [rad²] (computing)
 
 
 @dataclass(frozen=True)
 class Judging:
-    """Which campaigns can be judged, and by what."""
+    """Which campaigns can be judged, and what is no effect of all poses."""
 
-    # components of different poses a parameter, where repeats are the judge (trials)
+    # least components of different poses a parameter, where repeats judge (trials)
     rows_an_unknown: float = 1.25
-    # orientations typically off by so much are none of the arm [rad] (size)
+    # typical error from which on orientations are not those of the arm [rad] (size)
     no_attitude_rad: float = 0.05
-    # poses that carry a name alone and are left out, one after the other (trials)
+    # most poses that are excluded because a name rests on them alone (trials)
     most_carriers: int = 3
-    # one pose carries a name where less than this part of what speaks for it remains without it
-    # (trials)
+    # a name rests on one pose if less than this part of its evidence remains without it (trials)
     carried_share: float = 0.5
-    # a parameter known no better than this part of what is possible is not identified (trials)
+    # largest standard uncertainty of an identified parameter, over its possible size (trials)
     identified_share: float = 1.0 / 3.0
     gap_level: float = 0.95  # probability of the interval of the gap's reduction (level)
-    # root mean square errors over those of noise that are more, where nothing was found (trials)
+    # errors over noise from which on something is missing, where nothing was found (trials)
     more_than_noise: float = 1.15
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Which effects of the vocabulary the poses could show."""
+    """Which effects of the vocabulary the poses can show."""
 
-    # least part of an effect that remains beside the model's own parameters (trials)
+    # least part of an effect that the model's own parameters cannot follow (trials)
     least_share: float = 0.02
-    # least sum of an effect of its largest plausible size, in standard deviations (statistics)
+    # least size of that part, for the largest plausible effect [standard deviations] (statistics)
     least_signal: float = 4.0
-    largest_sizes: float = 10.0  # the largest plausible size, in usual ones (size)
-    sizes_of_time: float = 3.0  # usual size of effects of time, in plausible ones (trials)
-    # waves a turn taken out of a joint's error where poses are read once; of a slow joint (trials)
+    largest_sizes: float = 10.0  # largest plausible size over the usual one (size)
+    sizes_of_time: float = 3.0  # prior size of effects of time, in plausible sizes (trials)
+    # highest wave of a joint's error that motion in time has to beat where poses are read once; and
+    # of a joint that moves slowly [cycles a turn] (trials)
     waves: tuple[int, int] = (8, 24)
-    wave_rad: float = 3e-4  # their expected size [rad] (size)
-    named_orders: int = 2  # orders up to here have names of their own (vocabulary)
-    near_order: float = 0.5  # orders this near to twice the gear ratio have one, too (vocabulary)
-    apparatus_m: float = 5e-6  # how well targets on the apparatus are known, an axis [m] (size)
+    wave_rad: float = 3e-4  # their prior size [rad] (size)
+    named_orders: int = 2  # highest order that has a name of its own (vocabulary)
+    near_order: float = 0.5  # distance of other such orders from twice the gear ratio (vocabulary)
+    apparatus_m: float = (
+        5e-6  # standard uncertainty of targets on the apparatus, an axis [m] (size)
+    )
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Effects where repeats are the judge: evidence, confirmed by sign flips over poses."""
+    """Effects where repeats judge: by evidence, confirmed by sign flips over poses."""
 
-    # readings of a cell at most: a drift shows between the cells of a longer row of repeats
-    # (trials)
+    # most readings of a cell: a drift is seen between the cells of a longer row of repeats (trials)
     readings_a_cell: int = 4
-    # standard deviations of an effect that are tried, in its plausible size (size)
+    # prior sizes of an effect that are tried, in its plausible size (size)
     sizes: tuple[float, ...] = (0.1, 1.0, 10.0)
-    usual_size: int = 1  # index among these of the one expected first (size)
-    # effects whose directions are closer than this cosine look the same (statistics)
+    usual_size: int = 1  # index of the size that is tried first (size)
+    # cosine from which on two effects are indistinguishable (statistics)
     indistinguishable: float = 0.999
-    # log evidence that a forward step must gain: it may be a proxy for what comes later [nat]
-    # (trials)
+    # least gain of a forward step, which may be a proxy for a later one [nat] (trials)
     forward_nats: float = 1.0
-    most_effects: int = 10  # effects at a time: more are no finding (trials)
+    most_effects: int = 10  # most effects of a set (trials)
     most_rounds: int = 6  # rounds of steps forward and back (computing)
-    rounds_of_time: int = 2  # times that motions and effects are sought in turn (computing)
-    rounds_of_sizes: int = 4  # times that sizes and operating point are found in turn (computing)
+    rounds_of_time: int = 2  # rounds in which motion and noise are estimated in turn (computing)
+    rounds_of_sizes: int = 4  # rounds in which sizes and fit are found in turn (computing)
     flips: int = 999  # random sign flips (computing)
     flips_seed: int = 20080427  # their random seed (computing)
-    # probability allowed that chance makes as much of the whole family (level)
+    # probability allowed that any candidate gains as much by chance (level)
     false_rate: float = 0.05
-    folds: int = 9  # blocks of poses held out in turn beside them (computing)
+    folds: int = 9  # blocks of poses held out in turn besides (computing)
     # probability allowed that the truth is missing among an effect and its alternatives (level)
     missed_rate: float = 0.03
-    # odds of a name from which a map of the joint is no rival of it (level)
+    # odds of a name against the map of its joint from which on the map is no alternative (level)
     odds_over_map: float = 20.0
-    # what linear evidence may be wrong by where rivals are picked to be refitted [nat] (trials)
+    # error of linear evidence that is allowed for in the choice of rivals to refit [nat] (trials)
     refit_margin_nats: float = 4.0
     most_refits: int = 12  # rivals that are refitted (computing)
-    # lowest, highest and number of variances tried of the error that a pose shares, in those of a
-    # reading; none is tried, too (size)
+    # lowest, highest and number of variances tried of the error that readings of a pose share, in
+    # those of a reading; zero is tried, too (size)
     pose_variances: tuple[float, float, int] = (1e-2, 1e5, 15)
-    # variances looked at between the neighbours of the best one (computing)
+    # variances interpolated between the neighbours of the best one (computing)
     variances_between: int = 129
-    form_folds: int = 9  # blocks of poses held out in turn where short forms compete (computing)
-    # least standard uncertainty of a reading, in what is stated, where readings are compared (size)
+    form_folds: int = 9  # blocks of poses held out in turn for short forms (computing)
+    # least standard uncertainty of a reading over the stated one, for motion in time (size)
     least_uncertainty_share: float = 0.1
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Effects where poses are read once: blocks of poses held out, each in turn."""
+    """Effects where poses are read once: blocks of poses are held out in turn."""
 
     blocks: int = 10  # blocks of poses (trials)
-    least_poses: int = 10  # poses of a block: of fewer their errors say too little (statistics)
-    standard_errors: float = 3.0  # standard errors over blocks by which an effect must help (level)
-    # part of the remaining error over the noise that an effect must be worth (trials)
+    least_poses: int = 10  # least poses of a block (statistics)
+    standard_errors: float = 3.0  # least gain of an effect, in standard errors over blocks (level)
+    # least gain of an effect, as part of the remaining error over the noise (trials)
     least_share: float = 0.05
-    one_sided_deviates: float = 1.645  # standard deviations below which 95 of 100 lie (statistics)
+    one_sided_deviates: float = 1.645  # 95 % quantile of the normal distribution (statistics)
     most_rounds: int = 3  # rounds of the search (computing)
     most_exchanges: int = 5  # names exchanged in a round (computing)
     most_names: int = 4  # names tried at one place (trials)
-    # standard errors by which all names of a place may fall behind a map, to be tried (level)
+    # most that all names of a place together may be worse than a map, in standard errors (level)
     hopeless_errors: float = 3.0
-    # standard errors by which positions or orientations may come out worse for an effect (level)
+    # most that positions or orientations may lose by an effect, in standard errors (level)
     worse_errors: float = 2.0
-    # part of what positions or orientations gain that the other kind may lose by it (trials)
+    # most that one kind may lose by an arrival error, as part of the gain of both (trials)
     most_lost_share: float = 0.1
-    over_floor: float = 1.15  # remaining error over the noise that is more than noise (trials)
-    over_floor_errors: float = 3.0  # standard errors over blocks by which it must be (level)
+    over_floor: float = 1.15  # ratio of remaining error to noise that is more than noise (trials)
+    over_floor_errors: float = 3.0  # and by so many standard errors over blocks (level)
     # standard error of the median of normal deviates over that of the mean (statistics)
     median_errors: float = 1.2533
-    # part of the squared error that parameters may take up by chance (statistics)
+    # largest part of the squared error that parameters take up by chance (statistics)
     most_by_chance: float = 0.9
-    chance_shares: float = 2.0  # times its share of them that a parameter takes up so (chosen)
-    lag_rad: float = 1e-4  # what orientations are expected to lag by [rad] (size)
-    told_share: float = 0.5  # joints are told that lag by this part of the largest lag (trials)
-    # rows are left out where no more than this part of them was seen (computing)
+    chance_shares: float = 2.0  # factor on the share of a parameter in that (chosen)
+    lag_rad: float = 1e-4  # expected lag of orientations [rad] (size)
+    told_share: float = 0.5  # lags are reported from this part of the largest one on (trials)
+    # rows of zeros are removed if less than this part of the rows was seen (computing)
     seen_share: float = 0.75
-    # size of weights whose expectation stands among the rows already (computing)
+    # prior size of weights whose prior is among the rows already (computing)
     sizes_not_twice: float = 100.0
-    directions: int = 1000  # directions of an effect's parameters that are tried (computing)
-    hidden_share: float = 0.05  # part of these that may be hidden behind others (level)
-    # cosines along each axis of a drift: one that turns back more often is a wander (trials)
+    directions: int = 1000  # random directions of an effect's parameters (computing)
+    hidden_share: float = 0.05  # part of these in which it may be hidden (level)
+    # cosines along each axis of a slow drift (trials)
     drift_waves: int = 6
-    # part of the variance expected of a target that is left where poses say nothing (statistics)
+    # part of a target's prior variance from which on its coordinate is not determined (statistics)
     open_share: float = 0.25
-    # part of the readings that must have a time of their own for it (trials)
+    # least part of the readings with different times, for a slow drift (trials)
     own_times_share: float = 0.95
 
 
@@ -217,174 +217,174 @@ class Maps:
 
 @dataclass(frozen=True)
 class Names:
-    """When what was found has a name that is told."""
+    """When an effect that was found is named."""
 
-    # parameters of a named effect are within so many plausible sizes (size)
+    # most plausible sizes of the parameters of a named effect (size)
     most_sizes: float = 10.0
-    # probability of the region of an effect's parameters that must not hold zero (level)
+    # level of the confidence region of its parameters, which must not contain zero (level)
     confidence: float = 0.95
-    most_alternatives: int = 6  # with more alternatives a name says nothing (trials)
-    # error left, held-out error, repeatability and stated uncertainty agree within this factor
-    # (trials)
+    most_alternatives: int = 6  # most alternatives of a named effect (trials)
+    # factor within which errors, repeatability and stated uncertainty agree (trials)
     agree_ratio: float = 3.0
     # lack of fit F of the torques that is none: 0.8 to 1.1 without a fault, 1.6 where one of three
     # loads is stated 40 N for 44 (trials)
     most_torque_ratio: float = 1.3
-    torque_p_value: float = 1e-6  # p value from which on it is one (level)
-    # part of the error that weights other than described may leave, to be told (trials)
+    torque_p_value: float = 1e-6  # and its largest p value (level)
+    # largest part of the error that other weights leave for them to be reported (trials)
     most_left_share: float = 0.9
-    # held-out errors larger by this factor are worse, whatever chance may do (trials)
+    # factor from which on larger held-out errors are worse, significant or not (trials)
     worse_ratio: float = 1.02
-    # times as likely as a name something else must be, to be told in its place (level)
+    # odds against a name from which on a rival replaces it (level)
     likelier: float = 2.0
-    much_worse_ratio: float = 1.05  # by this factor they speak against a name (trials)
-    # held-out errors larger by less are the same, however sure it is (trials)
+    much_worse_ratio: float = 1.05  # factor from which on they speak against a name (trials)
+    # factor up to which larger held-out errors do not count, even if significant (trials)
     trifling_ratio: float = 1.005
-    # held-out errors over what noise and the model's uncertainty explain by which a name is
-    # contradicted (trials)
+    # ratio of held-out errors to noise and model uncertainty that contradicts a name (trials)
     contradicted_ratio: float = 1.5
 
 
 @dataclass(frozen=True)
 class Probabilities:
-    """How probable a name is, among all that was tried in its place."""
+    """How probable a name is, among all effects that were tried in its place."""
 
-    # what scores by blocks of poses are divided by, as poses err alike (trials)
+    # divisor of scores by blocks of poses, as errors of poses are correlated (trials)
     blocks: float = 3.0
     draws: int = 1000  # draws of the weights of blocks (computing)
-    # weight beside a name of what can do all that it does and more, maps and smooth functions, by
-    # blocks of poses (level)
+    # prior odds of maps and smooth functions against a name, which they can imitate, where blocks
+    # judge (level)
     flexible: float = 1.0 / Evidence.odds_over_map
-    pull: float = 0.3  # weight of a pull at a joint beside its gear ratio (trials)
-    unknown: float = 0.01  # probability that nothing that was tried is there (trials)
+    pull: float = 0.3  # prior odds of a pull at a joint against its gear ratio (trials)
+    unknown: float = 0.01  # probability that no effect that was tried is present (trials)
     # the same where repeats judge and more than noise is left without a name (trials)
     unknown_beside: float = 0.17
-    # by blocks: odds of an effect that takes away as much of the squared error as is left, by which
-    # power of that ratio they grow, and of what is left over noise they fall (trials)
+    # where blocks judge: odds of an effect that removes as much of the squared error as remains,
+    # the power of that ratio in these, and that of remaining error over noise (trials)
     known_effect: tuple[float, float, float] = (7.0, 0.2, 0.5)
     known_sag: tuple[float, float] = (1.3, 1.0)  # the same of a joint that gives way (trials)
-    left_of_noise: float = 0.01  # part of that of noise that is left at least (computing)
-    most_left_of_noise: float = 3.0  # up to which odds fall (trials)
+    left_of_noise: float = 0.01  # least remaining squares, as part of those of noise (computing)
+    most_left_of_noise: float = (
+        3.0  # ratio of remaining error to noise from which on odds are the same (trials)
+    )
     # probability of none of these from which an effect has no name (level)
     nameless: float = 0.5
-    surely: float = SURE  # probability of the set that holds what is there (level)
+    surely: float = SURE  # probability of the set that contains the truth (level)
     least: float = 0.01  # probability from which an alternative is listed (level)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Base and instrument that moved: walks, jumps, drifts."""
+    """Motion of base or instrument in time: walks, jumps, drifts."""
 
     # lowest, highest and number of root mean squares of a walk tried [m] (size)
     walks_m: tuple[float, float, int] = (3e-6, 3e-3, 9)
     # standard deviations of a jump tried [m] (size)
     jumps_m: tuple[float, ...] = (3e-5, 3e-4, 3e-3)
-    # turns expected with a shift, or none [rad/m] (size)
+    # expected turns over shifts that are tried [rad/m] (size)
     turns_rad_per_m: tuple[float, ...] = (0.0, 1.0)
-    # sizes of effects tried beside, in their plausible size (size)
+    # prior sizes of effects that are tried besides, in plausible sizes (size)
     effect_sizes: tuple[float, ...] = (0.1, 1.0, 3.0)
-    # lowest, highest and number of variances tried of the error that a pose shares, in those of a
-    # reading; none is tried, too (size)
+    # lowest, highest and number of variances tried of the error that readings of a pose share, in
+    # those of a reading; zero is tried, too (size)
     pose_variances: tuple[float, float, int] = (0.1, 1e4, 7)
     false_rate: float = 1e-3  # probability allowed of seeing a motion where there is none (level)
     most_jumps: int = 4  # jumps that may be found (trials)
     least_side: int = 4  # readings on either side of a jump (statistics)
     coarse_times: int = 40  # times of a jump first scanned (computing)
-    # a motion counts from this part of the noise of one reading on, root mean squares (trials)
+    # least root mean square of a motion over the noise of one reading (trials)
     least_noise_ratio: float = 0.5
-    # noise is no less than this part of that by which rows are whitened: more columns than rows
-    # could else explain it all (trials)
+    # least noise over that by which rows are whitened: more columns than rows could explain all of
+    # it (trials)
     least_noise_share: float = 0.3
-    # log evidence by which another time of a jump may be worse [nat] (level)
+    # most that another possible time of a jump is worse [nat] (level)
     as_good_nats: float = 3.0
-    # a pause is so many times as long as readings are usually apart (trials)
+    # least length of a pause, in the usual time between readings (trials)
     pause_ratio: float = 30.0
-    pause_s: float = 600.0  # and no less than this [s] (size)
-    # log evidence from which a drift shows between the readings of a pose [nat] (level)
+    pause_s: float = 600.0  # least length of a pause [s] (size)
+    # least evidence of a drift between the readings of a pose [nat] (level)
     drift_nats: float = 5.0
-    by_load_m: float = 1e-3  # motion of the base expected from load to load [m, rad] (size)
-    targets_m: float = 3e-2  # how far targets may be off where they were fitted [m] (size)
-    most_readings: int = 1200  # readings, spread evenly over time, that stand for more (computing)
-    # waves of a walk over the campaign: beyond them 4 % of its variance is left (computing)
+    by_load_m: float = 1e-3  # expected motion of the base between loads [m, rad] (size)
+    targets_m: float = 3e-2  # prior size of errors of fitted targets [m] (size)
+    most_readings: int = 1200  # most readings used, spread evenly over time (computing)
+    # waves of a walk over the campaign, with 96 % of its variance (computing)
     walk_waves: int = 16
-    # waves of the base over the positions of a joint that goes with the order of rows (trials)
+    # waves of the base by the positions of a joint that the order of rows follows (trials)
     rival_waves: int = 8
     rival_m: float = 1e-3  # their size [m] (size)
-    # times that what is found of time is held against errors that go with more joints (computing)
+    # rounds in which motion is compared with errors of further joints (computing)
     most_rivals: int = 4
 
 
 @dataclass(frozen=True)
 class Change:
-    """What changed at a row: a target that slipped, another reflector, another model in the log."""
+    """Changes at a row: a target slipped, another reflector, another model in the log."""
 
-    size: float = 1e-3  # size expected of a length or turn that changed [m, rad] (size)
-    scales: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0, 10.0)  # times that size that are tried (size)
-    static_sizes: float = 10.0  # usual sizes that a model fitted to a mixture may be off (size)
-    # how far base and targets of another model are expected to be off [m, rad] (size)
+    size: float = 1e-3  # unit of the size of a change [m, rad] (size)
+    scales: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0, 10.0)  # sizes tried, in that unit (size)
+    # prior size of parameters that were fitted to readings before and after, in usual sizes (size)
+    static_sizes: float = 10.0
+    # expected difference of base and targets of another model [m, rad] (size)
     frames: float = 3e-3
-    # squares below this part of those without a change are not told apart: rows are linear no
-    # better (computing)
+    # least share of the squares that a change leaves: rows are no more linear than that (computing)
     same_squares: float = 1e-3
     least_side: int = 10  # readings on either side (statistics)
     false_rate: float = 1e-3  # probability allowed of seeing a change where there is none (level)
-    # log evidence by which it must be better than a step of the base [nat] (trials)
+    # least evidence of a change against a step of the base [nat] (trials)
     better_nats: float = 9.0
-    # log evidence up to which another kind of change is as good [nat] (level)
+    # most that another kind of change is worse to be a rival [nat] (level)
     as_good_nats: float = 3.0
-    # part of the squared error that it may leave: what goes with the pose goes with many a row a
-    # little (trials)
+    # largest part of the squared error that it leaves: errors that depend on the pose are a little
+    # better with a step at many a row (trials)
     most_left_share: float = 0.5
-    # it counts from this part of the stated noise of a reading on (trials)
+    # least size over the stated noise of a reading (trials)
     least_noise_ratio: float = 0.5
-    courses: int = 3  # powers of time that it is held against: what grows comes on slowly (trials)
-    row_nats: float = 3.0  # log evidence by which another row of it may be worse [nat] (level)
+    courses: int = 3  # powers of time of the gradual courses that it must beat (trials)
+    row_nats: float = 3.0  # most that another possible row is worse [nat] (level)
 
 
 @dataclass(frozen=True)
 class Springs:
     """Joints that give way."""
 
-    # no joint is named that gives way by less at its largest torque [rad] (size)
+    # least deflection at the largest torque of a joint that is named [rad] (size)
     least_rad: float = 1e-6
-    stretches: int = 40  # stretches of time whose poses may err alike (trials)
-    stretch_poses: int = 4  # least poses in each (statistics)
+    stretches: int = 40  # stretches of time whose poses may have correlated errors (trials)
+    stretch_poses: int = 4  # least poses of a stretch (statistics)
 
 
 @dataclass(frozen=True)
 class Together:
-    """Sets of effects that may be there, under weights that nobody stated."""
+    """Sets of effects under weights that are not stated."""
 
-    # what gives way may do so by so many times what is plausible under weights as assumed, which
-    # are uncertain by as much as they are (trials)
+    # prior size of compliances, in plausible sizes, as assumed weights are uncertain (trials)
     sizes: float = 3.0
-    # an amount that is physically none below zero may be found so many standard uncertainties below
-    # (level)
+    # standard uncertainties by which an amount that cannot be negative may be below zero (level)
     below_zero: float = 2.0
-    most_poses: int = 2000  # poses by which sets are compared (computing)
-    steps: int = 10  # steps to the amounts and weights of a set (computing)
-    steps_beside: int = 2  # the same from a set that differs by one step (computing)
-    # change of an amount, in its size, or of nats, at the last one (computing)
+    most_poses: int = 2000  # most poses used (computing)
+    steps: int = 10  # Gauss-Newton steps to the amounts and weights of a set (computing)
+    steps_beside: int = 2  # the same from a set that differs by one member (computing)
+    # change of amounts, in their sizes, and of nats, at which steps end (computing)
     settled: float = 1e-3
-    looked_at: int = 5  # sets ahead that are looked at as they are (computing)
-    # log evidence by which a rival may be worse that is looked at as it is [nat] (computing)
+    looked_at: int = 5  # most promising sets that are scored exactly (computing)
+    # most that a rival is worse to be scored exactly [nat] (computing)
     near_nats: float = 5.0
-    # members that alone make rows likeliest, from each of which a search begins (computing)
+    # likeliest single members from which searches start (computing)
     begun_with: int = 5
-    # squares of the noise that a combination of weights must be able to move (computing)
+    # least squares that a combination of weights changes, in those of noise (computing)
     least_squares: float = 0.01
-    rounding: float = 1e-12  # part of the largest products that rounding leaves (computing)
+    rounding: float = (
+        1e-12  # eigenvalues of products that are rounding, over the largest (computing)
+    )
 
 
 @dataclass(frozen=True)
 class Torques:
     """Faults of logged torques."""
 
-    fault_nats: float = 6.9  # gain in evidence that a fault needs: odds of 1000 to 1 [nat] (level)
-    # squares, in those of the noise, that it must take away of either half alone (level)
+    fault_nats: float = 6.9  # least gain of a fault: odds of 1000 to 1 [nat] (level)
+    # least decrease of squares of either half, in those of noise (level)
     half_squares: float = 4.0
-    least_sizes: float = 0.3  # part of its plausible size that it must have (trials)
-    reweighted: int = 5  # times that scatter is found anew about what is fitted (computing)
+    least_sizes: float = 0.3  # least size, in its plausible size (trials)
+    reweighted: int = 5  # rounds in which scatter and fit are found in turn (computing)
     least_noise_Nm: float = 1e-9  # least noise of a torque [N m] (computing)
 
 
@@ -392,41 +392,41 @@ class Torques:
 class Rows:
     """Faults of single rows: gross errors, exchanged labels, slips of a load."""
 
-    # labels are exchanged where another order leaves so little of what is left (trials)
+    # largest part of a residual that another order of exchanged labels leaves (trials)
     exchanged_left_share: float = 0.25
-    most_targets: int = 5  # targets whose orders are all tried (computing)
+    most_targets: int = 5  # most targets of which every order is tried (computing)
     # probability that any reading is excluded where none is wrong and errors are normal (level)
     excluded_rate: float = 0.1
-    # readings before and after: where most of them are off as well, something happened in time
+    # readings before and after a reading: if most of them are off as well, it is no gross error
     # (trials)
     neighbours: int = 5
     # relative error of a scatter found from one deviate by its median, twice (statistics)
     scale_error: float = 2.3
-    # probability allowed of accusing a mean of a pose: their tails are lighter than those of
-    # readings (level)
+    # probability allowed of a gross error in any mean of a pose, whose tails are light (level)
     of_poses_rate: float = 1e-3
     # standard errors by which their tails may be heavier than found (level)
     of_poses_errors: float = 1.6
-    most_beyond_share: float = 0.1  # more readings than this part are no gross errors (trials)
-    least_of_a_joint: int = 5  # readings that one joint alone put off are no gross errors (trials)
-    of_a_joint_share: float = 0.95  # it makes this part of their squares (trials)
-    of_a_joint_times: float = 3.0  # and none is so many times the usual size (trials)
-    least_noise_share: float = 0.1  # scatter is no less than this part of the noise found (size)
-    median_readings: int = 11  # readings over which a median runs (computing)
-    # a reading's load is within this part of the difference from the other load (trials)
+    most_beyond_share: float = 0.1  # largest share of readings that are gross errors (trials)
+    least_of_a_joint: int = (
+        5  # least readings that are off by one joint, and so no gross errors (trials)
+    )
+    of_a_joint_share: float = 0.95  # least part of their squares that this joint explains (trials)
+    of_a_joint_times: float = 3.0  # largest of these over their median (trials)
+    least_noise_share: float = 0.1  # least scatter over the noise found (size)
+    median_readings: int = 11  # readings of a running median (computing)
+    # most that the load shown differs from the other load, over the difference of both (trials)
     near_load_share: float = 0.25
-    load_known_times: float = 3.0  # and known so many times better than that difference (level)
-    load_errors: float = 8.0  # it is so many times its uncertainty from the load stated (level)
-    # and the other load leaves no more than this part of the squared error (trials)
+    load_known_times: float = 3.0  # that difference over the uncertainty of the load shown (level)
+    load_errors: float = 8.0  # distance from the stated load, in uncertainties (level)
+    # largest part of the squared error that the other load leaves (trials)
     load_left_share: float = 0.25
-    # more than this part of the readings are no slip: a load is misstated, or a torque wrong
-    # (trials)
+    # largest share of readings with an exchanged load; of more a load or torque is wrong (trials)
     most_slips_share: float = 0.1
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines of gears whose ratio nobody stated."""
+    """Lines of gears whose ratio is not stated."""
 
     # lowest and highest cycles a turn: below are errors by the joint's angle, that maps follow;
     # above is twice the ratio of any gear but a few (size)
@@ -447,7 +447,7 @@ class Lines:
 
 @dataclass(frozen=True)
 class Wobbles:
-    """Axes that wobble, which have to stand out of all that may give way under the weights."""
+    """Axes that wobble, more than any compliance under the weights can explain."""
 
     # plausible sizes by which bearings, links and base may give way, about any axes (trials)
     sizes: float = 10.0
@@ -457,7 +457,7 @@ class Wobbles:
 
 @dataclass(frozen=True)
 class Ripple:
-    """The motor's ripple in residuals of joints, which tells sensors from gears."""
+    """The motor's ripple in residuals of joints, which distinguishes sensors and gears."""
 
     false_rate: float = 0.01  # probability allowed of one false line in a whole search (level)
     most_orders: int = 40  # multiples of the gear ratio at which lines are sought (trials)

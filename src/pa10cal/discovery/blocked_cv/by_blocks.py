@@ -439,8 +439,8 @@ def _without_motion_for_arm(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     """Return the verdict, fitted again without motion of the base if that imitated the arm.
 
     If the order of poses is unrelated to joint positions, the arm fitted together with the motion
-    is nearer to the truth. If rows are sorted by a joint, the motion takes up errors of the arm. The
-    model without it then explains more of the readings than its parameters could by chance.
+    is nearer to the truth. If rows are sorted by a joint, motion takes up errors of the arm. Then a
+    model without it explains more of the readings than its parameters could by chance.
     """
     scorer, survey = found.scorer, found.scorer.survey
     if survey.wander is None:
