@@ -92,9 +92,8 @@ class Candidates:
     wave_rad: float = 3e-4  # their prior size [rad] (size)
     named_orders: int = 2  # highest order that has a name of its own (vocabulary)
     near_order: float = 0.5  # distance of other such orders from twice the gear ratio (vocabulary)
-    apparatus_m: float = (
-        5e-6  # standard uncertainty of targets on the apparatus, an axis [m] (size)
-    )
+    # standard uncertainty of targets on the apparatus, an axis [m] (size)
+    apparatus_m: float = 5e-6
 
 
 @dataclass(frozen=True)
@@ -262,9 +261,8 @@ class Probabilities:
     known_effect: tuple[float, float, float] = (7.0, 0.2, 0.5)
     known_sag: tuple[float, float] = (1.3, 1.0)  # the same of a joint that gives way (trials)
     left_of_noise: float = 0.01  # least remaining squares, as part of those of noise (computing)
-    most_left_of_noise: float = (
-        3.0  # ratio of remaining error to noise from which on odds are the same (trials)
-    )
+    # ratio of remaining error to noise from which on odds are the same (trials)
+    most_left_of_noise: float = 3.0
     # probability of none of these from which an effect has no name (level)
     nameless: float = 0.5
     surely: float = SURE  # probability of the set that contains the truth (level)
@@ -371,9 +369,8 @@ class Together:
     begun_with: int = 5
     # least squares that a combination of weights changes, in those of noise (computing)
     least_squares: float = 0.01
-    rounding: float = (
-        1e-12  # eigenvalues of products that are rounding, over the largest (computing)
-    )
+    # eigenvalues of products that are rounding, over the largest (computing)
+    rounding: float = 1e-12
 
 
 @dataclass(frozen=True)
@@ -407,9 +404,8 @@ class Rows:
     # standard errors by which their tails may be heavier than found (level)
     of_poses_errors: float = 1.6
     most_beyond_share: float = 0.1  # largest share of readings that are gross errors (trials)
-    least_of_a_joint: int = (
-        5  # least readings that are off by one joint, and so no gross errors (trials)
-    )
+    # least readings that are off by one joint, and so no gross errors (trials)
+    least_of_a_joint: int = 5
     of_a_joint_share: float = 0.95  # least part of their squares that this joint explains (trials)
     of_a_joint_times: float = 3.0  # largest of these over their median (trials)
     least_noise_share: float = 0.1  # least scatter over the noise found (size)
