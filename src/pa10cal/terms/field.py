@@ -7,6 +7,7 @@ Williams, Gaussian Processes for Machine Learning, 2006, chapter 2; subset of re
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Literal, TypeGuard
@@ -27,14 +28,42 @@ _AXES = 3
 #: Covariance function of the distance over the length: with `exponential` the displacement is
 #: continuous but has no derivative, with `squared exponential` it is smooth.
 Kernel = Literal["squared exponential", "exponential"]
-_POWERS: dict[Kernel, str] = {"squared exponential": "-d_k^2 / (2 length_m^2)"}
-_POWERS["exponential"] = "-d_k / length_m"
+_POWERS: dict[Kernel, str] = {
+    "squared exponential": "-d_k^2 / (2 length_m^2)",
+    "exponential": "-d_k / length_m",
+}
 #: The place of predicted errors without a name, in lists of what is explained.
 NO_NAME = "without a name, predicted"
 
 
+class Unnamed(Traits):
+    """A term for errors without a name, whose amounts mean nothing one by one.
+
+    It is known in the poses of one campaign, and not for another arm, tool or day.
+    """
+
+    id: ClassVar[str]
+    of: ClassVar[str] = "joints"
+    proportional: ClassVar[bool] = True
+    stays_with_arm: ClassVar[bool] = False
+    known_elsewhere: ClassVar[bool] = False
+
+    @cached_property
+    @abstractmethod
+    def parameters(self) -> tuple[TermParameter, ...]:
+        """Return its amounts."""
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        of_field: Role = "field"
+        return (of_field,) * len(self.parameters)
+
+    def report(self, x: Array) -> Report:
+        return Report((), np.zeros(0), np.zeros((0, len(x))))
+
+
 @dataclass(frozen=True)
-class Field(Traits):
+class Field(Unnamed):
     """Moves the end along base axes, by amounts that change smoothly with the joint positions.
 
     Its parameters, those of all places along x, then y, then z, are a priori independent with the
@@ -49,10 +78,6 @@ class Field(Traits):
     size_m: float  # prior standard deviation of the displacement along each axis
     kernel: Kernel = field(default="squared exponential", metadata={OPTIONAL: True})
     id: ClassVar[str] = "field"
-    of: ClassVar[str] = "joints"
-    #: It was learnt in the poses of one campaign: it is unknown for another arm, tool or day.
-    stays_with_arm: ClassVar[bool] = False
-    known_elsewhere: ClassVar[bool] = False
     #: Words for it, see `Effect`; {at} are the joints that it mostly depends on.
     nouns: ClassVar[tuple[str, ...]] = ("what has no name and is predicted",)
     clauses: ClassVar[tuple[str, ...]] = ("what has no name is predicted, mostly by {at}",)
@@ -66,7 +91,7 @@ class Field(Traits):
             "correlation of the places with 1e-6 added to its diagonal"
         )
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:
         return tuple(
             TermParameter(f"field_{axis}_{place:03d}", "m", self.size_m)
@@ -75,17 +100,8 @@ class Field(Traits):
         )
 
     @property
-    def roles(self) -> tuple[Role, ...]:
-        of_field: Role = "field"
-        return (of_field,) * (_AXES * len(self.q))
-
-    @property
     def coordinates(self) -> tuple[str, ...]:
         return BASE[:_AXES]
-
-    @property
-    def proportional(self) -> bool:
-        return True
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         return np.asarray(self.features(states.q_rad) @ x.reshape(_AXES, -1).T)
@@ -94,10 +110,6 @@ class Field(Traits):
         features = self.features(states.q_rad)
         along_axes = features[:, None, None, :] * np.eye(_AXES)[None, :, :, None]
         return np.asarray(along_axes.reshape(len(features), _AXES, -1))
-
-    def report(self, x: Array) -> Report:
-        """Return nothing: the amounts have no meaning one by one."""
-        return Report((), np.zeros(0), np.zeros((0, len(x))))
 
     def features(self, q: Array) -> Array:
         """Return the derivative of the displacement by the parameters of one axis, (N, m)."""
@@ -123,23 +135,20 @@ class Field(Traits):
 
 
 @dataclass(frozen=True)
-class Nameless(Traits):
+class Nameless(Unnamed):
     """A sum of terms that predicts an unexplained error; none of them is claimed to be present.
 
-    Terms are departures of the geometry and effects, proportional to their parameters. None turns
-    a joint under torque or shows in logged torques.
+    Terms are departures of the geometry and effects, proportional to their parameters. None of them
+    deflects a joint under torque or changes logged torques.
     """
 
     terms: tuple[Term, ...]  # the summands
     sizes: tuple[float, ...]  # (k,) prior standard deviation of each parameter, term by term
     id: ClassVar[str] = "nameless"
-    of: ClassVar[str] = "joints"
     formula: ClassVar[str] = (
         "the sum of the terms of its form, each by its formula, with the amounts x one after the "
         "other; they predict together, and none is said to be there"
     )
-    stays_with_arm: ClassVar[bool] = False
-    known_elsewhere: ClassVar[bool] = False
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:
@@ -149,43 +158,32 @@ class Nameless(Traits):
             for each, size in zip(every, self.sizes, strict=True)
         )
 
-    @property
-    def roles(self) -> tuple[Role, ...]:
-        of_field: Role = "field"
-        return (of_field,) * len(self.sizes)
-
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for term in self.terms for name in term.coordinates))
 
-    @property
-    def proportional(self) -> bool:
-        return True
-
     def shift(self, states: PoseStates, x: Array) -> Array:
-        shift, first = np.zeros((len(states), len(self.coordinates))), 0
-        for term, rows in zip(self.terms, self._rows, strict=True):
-            last = first + len(term.parameters)
-            shift[:, rows] += term.shift(states, x[first:last])
-            first = last
+        shift = np.zeros((len(states), len(self.coordinates)))
+        for term, rows, columns in self._parts:
+            shift[:, rows] += term.shift(states, x[columns])
         return shift
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
-        derivative, first = np.zeros((len(states), len(self.coordinates), len(x))), 0
-        for term, rows in zip(self.terms, self._rows, strict=True):
-            last = first + len(term.parameters)
-            derivative[:, rows, first:last] = term.derivative(states, x[first:last])
-            first = last
+        derivative = np.zeros((len(states), len(self.coordinates), len(x)))
+        for term, rows, columns in self._parts:
+            derivative[:, rows, columns] = term.derivative(states, x[columns])
         return derivative
 
-    def report(self, x: Array) -> Report:
-        """Return nothing: the amounts have no meaning one by one."""
-        return Report((), np.zeros(0), np.zeros((0, len(x))))
-
     @cached_property
-    def _rows(self) -> list[list[int]]:
-        at = {name: row for row, name in enumerate(self.coordinates)}
-        return [[at[name] for name in term.coordinates] for term in self.terms]
+    def _parts(self) -> list[tuple[Term, list[int], slice]]:
+        """Return every term with the indices of its coordinates and its columns."""
+        parts, first = [], 0
+        for term in self.terms:
+            last = first + len(term.parameters)
+            rows = [self.coordinates.index(name) for name in term.coordinates]
+            parts.append((term, rows, slice(first, last)))
+            first = last
+        return parts
 
 
 def is_nameless(term: Term) -> TypeGuard[Nameless]:
