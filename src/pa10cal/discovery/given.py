@@ -1,7 +1,7 @@
-"""Calibration with given effects: the fit, its grade, and the record of the calibration with it.
+"""Calibration with given effects: the fit, its grade, and the record of the calibration.
 
-Effects that were named become part of the model. Weights of poses, noise and solver are those of
-the scorer that would judge the campaign; nothing is searched.
+The effects become part of the model. Weights of poses, noise and solver are those of the scorer
+that would judge the campaign, without a search.
 """
 
 from __future__ import annotations
@@ -103,10 +103,10 @@ def calibrate_with(
     suspected: Collection[tuple[str, float]] = (),
     wanted_mm: float | None = None,
 ) -> CalibratedWith:
-    """Fit a calibrated model with effects, all parameters anew.
+    """Fit a calibrated model with effects, and all its parameters again.
 
-    Effects whose amounts may as well be zero are left out of the model: the data do not determine
-    them. Readings with a gross error are excluded from the fit, as from a search.
+    Effects whose amounts are not significantly different from zero are omitted: the data do not
+    determine them. Readings with a gross error are excluded, as in a search.
 
     Args:
         every: single readings of a campaign, of all kinds.
@@ -248,7 +248,7 @@ def _summary(fit: _Fit) -> FitSummary:
 
 
 def _may_be_zero(found: ModelWithEffects, covariance: Array) -> Iterator[tuple[Effect, str]]:
-    """Yield the named effects whose amounts may as well be zero, and the warning for each."""
+    """Yield the effects whose amounts are not significant, each with a warning."""
     for effect in filter(is_named, found.effects):
         for why in holds_zero(effect, found.fitted(covariance)):
             values = sized(effect_parameters(effect, *found.reported(effect, covariance)))
@@ -343,7 +343,7 @@ def _with_orders(
     whiten: Array,
     error_rate: float,
 ) -> tuple[Effect, ...]:
-    """Return effects in which gear lines that are wanted by their place alone have their order.
+    """Return the effects, where gear lines that are wanted by their place have an order.
 
     Raises:
         CalibrationError: where the residual of the model has no line at that joint.

@@ -1,10 +1,10 @@
-"""Single readings, and poses, with gross errors: those that others do not confirm.
+"""Single readings, and poses, with gross errors: those that no other reading confirms.
 
-What a model lacks moves all readings of a pose alike; a gross error moves one. So a reading is
-judged by the others of its group, those of its pose, load and direction of arrival. A reading
-without others is judged by the calibrated model, and only beyond what heavy tails of its errors
-explain. Touched balls are judged like all else: each touch was within its ball, but the ball may
-have been in another place.
+An effect that a model lacks moves all readings of a pose alike; a gross error moves one. So a
+reading is compared with the others of its group, those of its pose, load and direction of arrival.
+A reading without others is compared with the calibrated model, with a limit by the heavy tails of
+its errors. Touched balls are no exception: though its touches agree, a ball may have been in another
+place.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class GrossErrors:
 
     @classmethod
     def none(cls, count: int) -> GrossErrors:
-        """Return that so many readings have no gross error."""
+        """Return that none of `count` readings has a gross error."""
         nobody, nothing = np.zeros(count, dtype=bool), np.zeros(count)
         return cls(nobody, nobody, nothing, nothing)
 
@@ -106,11 +106,11 @@ class _Repeats:
     """Single readings that are compared with the others of their group."""
 
     readings: Observations
-    residual: Array  # (P, b) motion between repeats taken out
-    group: Index  # (P,)
+    residual: Array  # (P, b) without motion between repeats
+    group: Index  # (P,) number of each reading's group
 
     def whitened(self, whitener: Array, out: Mask) -> Array:
-        """Return the deviations (P, b) from the mean of the others, whitened; `out` in no mean."""
+        """Return whitened deviations (P, b) from the mean of the others, without those `out`."""
         seen = self.readings.measured.components_seen
         apart, others = _less_others(self.residual, self.group, seen, out)
         apart /= np.sqrt(1.0 + 1.0 / np.maximum(others, 1.0))  # the mean scatters as well
@@ -156,8 +156,8 @@ class _Repeats:
 def _of_one_joint(readings: Observations, model: FittedModel, apart: Array, out: Mask) -> bool:
     """Return whether excluded readings are off their repeats by similar motions of one joint.
 
-    A joint that rests in its lost motion or hysteresis now at one side, now at the other, does so:
-    its readings are correct.
+    So are the readings of a joint that rests now at one side of its lost motion or hysteresis, now
+    at the other: they are correct.
 
     Args:
         apart: (P, b) deviations from the others of the group.
@@ -211,7 +211,7 @@ def _whitened(readings: Observations, model: FittedModel, of_model: Array) -> Ar
 def _beyond_tails(
     white: Array, readings: Observations, usual: Mask, judged: Mask | None = None
 ) -> Mask:
-    """Return which readings (P,) are further off than the tails of correct data explain.
+    """Return which readings (P,) are further off than the tails of correct readings explain.
 
     Args:
         white: (P, b) whitened deviations; zero where there is nothing to compare with.
@@ -220,7 +220,7 @@ def _beyond_tails(
     """
     judged = usual if judged is None else judged
     beyond = np.zeros(len(readings), dtype=bool)
-    # Tails are found anew without readings beyond them, so that these do not hide each other.
+    # Tails are estimated again without the readings beyond them, which could hide each other.
     while True:
         found = beyond.copy()
         for _, at in readings.measured.component_kinds:
@@ -235,9 +235,9 @@ def _beyond_tails(
 
 
 def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Array, Array]:
-    """Return values (P, b) less the mean of the others of their group, and the number of others.
+    """Return values (P, b) less the mean of the others in their group, and the number of these.
 
-    Zero where no other was seen. Readings that are out (P,) are in no mean.
+    Zero where no other was seen. Readings that are `out` (P,) do not count in means.
     """
     counts = seen & ~out[:, None]
     shape = (int(group.max()) + 1, values.shape[1])
@@ -250,7 +250,7 @@ def _less_others(values: Array, group: Index, seen: Mask, out: Mask) -> tuple[Ar
 
 
 def _in_time(off: Mask, time_s: Array) -> Mask:
-    """Return which readings (P,) are off in a stretch of time in which most readings are off."""
+    """Return which readings (P,) are off together with most readings near them in time."""
     order = np.argsort(time_s, kind="stable")
     window = np.ones(2 * ROWS.neighbours + 1)
     if len(off) < len(window):
@@ -262,7 +262,7 @@ def _in_time(off: Mask, time_s: Array) -> Mask:
 
 
 def above_noise(readings: Observations, of_model: Array, white: Array) -> Mask:
-    """Return which readings (P,) are further off than is usual, and than their stated noise.
+    """Return which readings (P,) are off by more than the usual and the stated scatter.
 
     Args:
         of_model: (P, b) residual.
@@ -287,7 +287,7 @@ def position_mm(readings: Observations, apart: Array) -> Array:
 def moved_between_repeats(readings: Observations, of_model: Array, group: Index) -> Array:
     """Return the motion of readings in the course of time, (P, b), by running medians.
 
-    Gross errors do not sway a median. Zero where the motion is smaller than the scatter about it.
+    Medians are robust against gross errors. Zero where the motion is within the scatter about it.
 
     Args:
         of_model: (P, b) residual of a model.

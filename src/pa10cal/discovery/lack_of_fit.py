@@ -1,6 +1,6 @@
 """Where model and data disagree: the remaining error against noise, and where it sits.
 
-Everything is stated of cells: readings of a pose that have been averaged, or single poses.
+Everything is computed for cells: averaged readings of a pose, or single poses.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pa10cal.results.evaluation import Estimate
 
 # Weighted means and slopes whose uncertainty counts poses, not rows.
 #
-# Rows of a pose share its errors, so what scatters from pose to pose decides.
+# Rows of a pose share its errors, so the scatter from pose to pose decides.
 
 
 def mean(values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate:
@@ -32,9 +32,9 @@ def mean(values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate:
 
 
 def drift(by: Array, values: Array, weight: Array, pose: NDArray[np.str_]) -> Estimate | None:
-    """Return what (C,) values change by over the range of (C,) another quantity, by a line.
+    """Return the change of values (C,) over the range of another quantity (C,), by a line.
 
-    None where that quantity is the same in all of them, but for rounding, or not known.
+    None where that quantity is constant to rounding, or not known.
     """
     if not np.ptp(by) > COMPUTING.same_share * np.abs(by).max():
         return None
@@ -57,15 +57,15 @@ def _last_coefficient(
 
 # Residuals of the model as errors of joint angles, and how they depend on each joint's angle.
 #
-# A picture of where to look, not a test: the angles of one cell are found from six numbers, so an
-# error that no joint makes shows in several of them.
+# This shows where to look and is no test: the angles of one cell follow from six numbers, so an
+# error that no joint causes appears in several of them.
 
 
 def joint_errors(jacobian: Array, white_residual: Array) -> tuple[Array, Array]:
     """Return errors of the joints by least squares, (C, n) [rad, m], and their standard deviations.
 
-    That is by how much further joints stand than the model says. Residuals (C, b, 1), measured less
-    predicted, are whitened by the noise of each cell, as is their Jacobian by the joints (C, b, n).
+    An error is the true position less that of the model. Residuals (C, b, 1), measured less
+    predicted, and their Jacobian by the joints (C, b, n) are whitened by the noise of each cell.
     """
     across = jacobian.transpose(0, 2, 1)
     covariance = np.linalg.inv(
@@ -80,10 +80,10 @@ def periodogram(
 ) -> records.Periodogram | None:
     """Return the periodogram of one joint's error by its angle, None where it hardly turned.
 
-    It is that of Lomb and Scargle, generalised: a constant is free; of each order it has the root
-    mean square that a sinusoid explains, not its amplitude. Orders are marked where joints
-    are known to err: once and twice a turn of the joint, once and twice a turn of the motor, whose
-    gear ratio is nan where not known. Angles, errors and weights are those of the cells, (C,).
+    It is the generalised one of Lomb and Scargle, with a free constant: for each order the root
+    mean square that a sinusoid explains, not its amplitude. Marked are the orders of usual errors: once
+    and twice a turn of the joint, and of the motor if its gear ratio is known (not nan). Angles,
+    errors and weights are those of the cells, (C,).
     """
     turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
     known = (gear_ratio, 2.0 * gear_ratio) if np.isfinite(gear_ratio) else ()
@@ -110,7 +110,7 @@ def periodogram(
 
 
 def _explained_variance(q_rad: Array, centred: Array, share: Array, orders: Array) -> Array:
-    """Return what a sinusoid of each order (O,) explains, a constant being free with it.
+    """Return the variance that a sinusoid of each order (O,) explains beside a constant.
 
     As `scipy.signal.lombscargle`, whose import takes longer than all periodograms of a campaign.
     """
@@ -128,10 +128,12 @@ AXES = ("x", "y", "z")
 
 
 def pure_error_test(chi_square: float, dof: float, pure_dof: int) -> records.PureErrorTest:
-    """Return Fisher's F of a remaining error, near one where the model lacks nothing.
+    """Return Fisher's F of a remaining error, which is near one for a complete model.
 
-    By the sum of squares in units of the pure error's variance, rows less what the parameters took
-    of them, and the degrees of freedom behind the pure error, from repeats.
+    Args:
+        chi_square: sum of squares in units of the variance of the pure error.
+        dof: its degrees of freedom.
+        pure_dof: degrees of freedom of the pure error, from repeats.
     """
     F, pure = chi_square / dof, float(pure_dof)
     p_value = float(fdtrc(dof, pure, F))
@@ -162,9 +164,9 @@ class CellResiduals:
 def lack_of_fit(
     residuals: CellResiduals, pure_error: records.PureErrorTest | None = None
 ) -> records.LackOfFit:
-    """Compute where a model and the data disagree.
+    """Return where a model and the data disagree.
 
-    With the test of what poses share against pure error, None without repeats.
+    `pure_error` is the test of the errors that readings of a pose share; None without repeats.
     """
     cells, states, cov = residuals.cells, residuals.cells.states, residuals.cov
     squares = linear.error_mm(cells.measured, residuals.components) ** 2
@@ -196,7 +198,7 @@ def _part(of: str, squares: Array, noise: Array) -> records.ErrorPart:
 
 
 def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
-    """Yield what is left as an error of each joint, its torque besides."""
+    """Yield the residuals as errors of each joint, and those of its torque."""
     last, most = len(residuals.cells) - 1, min(len(residuals.cells), PLACES.most_cells)
     shown = np.unique(np.linspace(0, last, most).round().astype(int))
     cells, arm = residuals.cells.take(shown), residuals.at.arm
@@ -233,7 +235,7 @@ def _by_joint(residuals: CellResiduals) -> Iterator[records.JointPart]:
 
 
 def rounded(values: Array) -> Array:
-    """Return numbers rounded to what a picture shows."""
+    """Return numbers rounded to the digits that a picture shows."""
     flat = [float(f"{value:.{PLACES.digits}g}") for value in np.ravel(values).tolist()]
     return np.array(flat).reshape(np.shape(values))
 

@@ -1,11 +1,11 @@
-"""What to measure next: poses that separate rival effects, or take joints to angles not seen.
+"""What to measure next: poses that separate rival effects, or take joints to angles not visited.
 
 The separation of an effect from its rival is the expected difference of their log evidence if the
-effect is true in the size found: the squares that the rival and the model's own parameters leave of
-it. Either of the two may be the truth, so the lesser of both separations counts.
+effect is present in the size found: the squares of its signal that the rival and the model's own
+parameters cannot follow. Either may be present, so the smaller of both separations counts.
 
-Poses are chosen by the information that they are expected to give about which of the two is true
-(Lindley, Annals of Mathematical Statistics 27, 1956): pairs that are settled need no poses.
+Poses are chosen by the expected information about which of the two is present (Lindley, Annals of
+Mathematical Statistics 27, 1956), which is small for a pair that is nearly decided.
 """
 
 from __future__ import annotations
@@ -149,10 +149,10 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
 def unresolved(
     effects: Sequence[Finding], not_testable: Sequence[Untestable] = ()
 ) -> dict[Pair, PairProbability | None]:
-    """Return the pairs that other poses might settle, those of largest open entropy first.
+    """Return the pairs that other poses may separate, those with the largest entropy first.
 
-    Effects found are paired with their alternatives. After them come effects that are not testable,
-    whose rival are the model's own parameters alone, without a probability.
+    Effects found are paired with their alternatives. Effects that are not testable follow, without
+    a probability: their only rivals are the model's own parameters.
     """
     found = {
         (finding.effect, other): PairProbability(
@@ -253,10 +253,11 @@ def separating_poses(
 
 
 def _separated_by(n: int, nats: Array, bits: Array, sought: Sequence[int]) -> list[int]:
-    """Return the pairs that the n-th pose serves.
+    """Return the pairs that the n-th pose separates.
 
-    It is the pair that it informs most, and those to whose log evidence it adds no less than the
-    mean pose. Log evidence and information (poses + 1, pairs) are before any pose and after each.
+    The pair about which it informs most, and those to whose log evidence it adds at least as much
+    as the mean pose. Log evidence and information (poses + 1, pairs) are before any pose and after
+    each.
     """
     even_share = (nats[-1] - nats[0]) / (len(nats) - 1)
     learnt, added = bits[n + 1] - bits[n], nats[n + 1] - nats[n]

@@ -51,7 +51,7 @@ class Noise:
 
     @property
     def origin(self) -> str:
-        """Return in words where noise is from that was not found from repeats."""
+        """Return the source of noise that was not found from repeats, in words."""
         if not self.differences:
             return "the instrument's stated uncertainty: repeats do not show the noise"
         carried_on = "" if self.within == NOISE.same_pose else ", carried on to the same pose"
@@ -354,8 +354,8 @@ def with_torque_noise(
 # Weights of poses.
 #
 # The covariance that the instrument states is scaled to the scatter of the residuals, for each kind
-# of component: what a model lacks scatters like noise. A pose far outside that scatter weighs less
-# (Huber); none is omitted.
+# of component, as an incomplete model leaves residuals that scatter like noise. A pose far outside
+# that scatter weighs less (Huber); none is omitted.
 
 
 @dataclass(frozen=True)

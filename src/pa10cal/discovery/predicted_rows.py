@@ -1,4 +1,4 @@
-"""Campaigns as they would be of other poses, or with repeats, by which poses are planned."""
+"""Problems of poses that were not measured, and of campaigns without repeats, to plan poses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from pa10cal.observe.observations import Observations
 def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) -> EvidenceProblem:
     """Return the problem of other poses, each with as many readings as a pose of the campaign.
 
-    Readings are predicted by a fit to the campaign. The states have torques nan.
+    Readings are predicted by a fit to the campaign. The torques of the states are nan.
 
     Raises:
         DiscoveryError: when torques were logged but the weights that make them are not known.
@@ -63,9 +63,10 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
 
 
 def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:
-    """Return what the instrument would measure of a model, without noise.
+    """Return the readings of a model by the instrument, without noise.
 
-    The derivative by places of stated targets is about constant along the end's axes: its mean.
+    The derivative by stated places of targets is nearly constant along the end's axes: its mean is
+    used.
     """
     measured = problem.readings.measured
     T_instr_ee = at.T_instr_base @ at.model.predict(states, at.x)
@@ -112,8 +113,8 @@ def without_repeats(
 ) -> tuple[EvidenceProblem, EvidenceFit]:
     """Return a campaign without repeats as the problem of one with repeats, and a fit to it.
 
-    Scatter beyond the noise of readings is the variance of the error of each pose. Where there are
-    very many poses, some stand for all.
+    The scatter beyond the noise of readings is the variance of the error that readings of a pose
+    share. Of very many poses some are used.
     """
     count = len(survey.poses)
     rows = np.linspace(0, count - 1, min(count, NEXT_POSES.most_measured)).round().astype(np.intp)
