@@ -18,7 +18,6 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.blocked_cv.normal_equations import (
     BlockEquations,
     ByKind,
-    in_map_bases,
     map_columns,
     normal_equations_of,
     solve,
@@ -164,10 +163,7 @@ class BlockedRows:
             np.empty_like(gram), np.empty_like(projection), np.empty_like(squares)
         )
         for block in range(BLOCKS.blocks):
-            positions, others = (
-                in_map_bases(equations, self.dense_count, bases)
-                for equations in self.equations_by_kind(block, self.joints, knots)
-            )
+            positions, others = self.equations_by_kind(block, self.joints, knots, bases)
             of_positions.gram[block] = positions.gram
             of_positions.projection[block] = positions.projection
             of_positions.squares[block] = positions.squares
@@ -186,11 +182,13 @@ class BlockedRows:
             gram, projection, squares, None if only_positions else of_positions, precision
         )
 
-    def equations_by_kind(self, block: int, joints: Sequence[int], knots: Sequence[int]) -> ByKind:
+    def equations_by_kind(
+        self, block: int, joints: Sequence[int], knots: Sequence[int], bases: Sequence[Array] = ()
+    ) -> ByKind:
         """Return the normal equations of a block.
 
         In the columns of model, nuisances and effects, and the B-splines of the maps of some
-        joints, each with its number of knots a turn.
+        joints, each with its number of knots a turn; or in other unknowns of these maps.
         """
         design, measured = self.design(block), self.survey.poses.measured
         splines = design.maps(knots, [self.joints.index(joint) for joint in joints])
@@ -198,7 +196,7 @@ class BlockedRows:
         of_positions = np.isin(component, measured.position_columns)
         return ByKind(
             *(
-                normal_equations_of(design.data[rows], design.dense[rows], splines[rows])
+                normal_equations_of(design.data[rows], design.dense[rows], splines[rows], bases)
                 for rows in (np.flatnonzero(of_positions), np.flatnonzero(~of_positions))
             )
         )

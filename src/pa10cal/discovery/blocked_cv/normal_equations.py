@@ -26,9 +26,21 @@ from pa10cal.numerics.periodic_spline import b_splines
 _SUPPORT = 4
 
 
-def normal_equations_of(data: Array, dense: Array, splines: csr_array) -> Gaussian:
-    """Return the normal equations of data (R,) in dense columns (R, d), then B-splines (R, K)."""
+def normal_equations_of(
+    data: Array, dense: Array, splines: csr_array, bases: Sequence[Array] = ()
+) -> Gaussian:
+    """Return the normal equations of data (R,) in dense columns (R, d), then B-splines (R, K).
+
+    With bases in the unknowns of these, see `in_map_bases`.
+    """
     d, total = dense.shape[1], dense.shape[1] + splines.shape[1]
+    if bases and len(data) >= splines.shape[1]:
+        return in_map_bases(normal_equations_of(data, dense, splines), d, bases)
+    if bases:  # the columns of few rows take less than the products of all coefficients
+        stops = np.cumsum([0, *(len(basis) for basis in bases)])
+        places = zip(pairwise(stops), bases, strict=True)
+        turned = [splines[:, first:last] @ basis for (first, last), basis in places]
+        return Gaussian.of(np.hstack([dense, *turned]), data)
     observed = np.asarray(dense.any(axis=1))
     # Rows of zeros are components that other campaigns of a group have.
     if np.count_nonzero(observed) < BLOCKS.seen_share * len(observed):
