@@ -157,30 +157,22 @@ class BlockedRows:
         """Return the normal equations in all columns, block by block."""
         knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
         total = self.dense_count + len(self.joints) * (self.knots - 1)
-        shape = (BLOCKS.blocks, total)
-        gram, projection, squares = np.empty((*shape, total)), np.empty(shape), np.empty(shape[:1])
-        of_positions = BlockEquations(
-            np.empty_like(gram), np.empty_like(projection), np.empty_like(squares)
-        )
+        measured = self.survey.poses.measured
+        only_positions = measured.components_seen.shape[1] <= len(measured.position_columns)
+        found = BlockEquations.empty(BLOCKS.blocks, total)
+        of_positions = None if only_positions else BlockEquations.empty(BLOCKS.blocks, total)
         for block in range(BLOCKS.blocks):
-            positions, others = self.equations_by_kind(block, self.joints, knots, bases)
-            of_positions.gram[block] = positions.gram
-            of_positions.projection[block] = positions.projection
-            of_positions.squares[block] = positions.squares
-            gram[block] = positions.gram + others.gram
-            projection[block] = positions.projection + others.projection
-            squares[block] = positions.squares + others.squares
+            by_kind = self.equations_by_kind(block, self.joints, knots, bases)
+            found.put(block, by_kind.total)
+            if of_positions is not None:
+                of_positions.put(block, by_kind.positions)
         # The prior on the arm's weights enters as pseudo-observations, shared among the blocks: if
         # an effect needs weights unlike those described, it counts against the effect.
         precision = np.zeros(total)
         precision[self.weight_columns] = 1.0 / BLOCKS.blocks
         diagonal = np.arange(total)
-        gram[:, diagonal, diagonal] += precision
-        measured = self.survey.poses.measured
-        only_positions = measured.components_seen.shape[1] <= len(measured.position_columns)
-        return BlockEquations(
-            gram, projection, squares, None if only_positions else of_positions, precision
-        )
+        found.gram[:, diagonal, diagonal] += precision
+        return replace(found, of_positions=of_positions, prior_precision=precision)
 
     def equations_by_kind(
         self, block: int, joints: Sequence[int], knots: Sequence[int], bases: Sequence[Array] = ()
@@ -201,8 +193,21 @@ class BlockedRows:
             )
         )
 
+    @cached_property
+    def _kept(self) -> dict[int, BlockDesign]:
+        """Blocks that were computed, where all of them together are small."""
+        return {}
+
     def design(self, block: int) -> BlockDesign:
         """Return the whitened rows of one block."""
+        if block in self._kept:
+            return self._kept[block]
+        found = self._design(block)
+        if self.survey.block.size * found.dense.shape[1] < COMPUTING.most_kept:
+            self._kept[block] = found
+        return found
+
+    def _design(self, block: int) -> BlockDesign:
         rows = np.flatnonzero(self.survey.block == block)
         poses, whiten = self.survey.poses.take(rows), self.weights.whiteners(rows)
         at, model = self.operating_point, self.operating_point.model

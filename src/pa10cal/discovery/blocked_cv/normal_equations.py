@@ -108,6 +108,17 @@ class BlockEquations:
     # (N,) prior precision that every block's gram contains in addition to its rows; None: none
     prior_precision: Array | None = None
 
+    @classmethod
+    def empty(cls, blocks: int, columns: int) -> BlockEquations:
+        """Return room for the equations of so many blocks."""
+        shape = blocks, columns
+        return cls(np.empty((*shape, columns)), np.empty(shape), np.empty(blocks))
+
+    def put(self, block: int, equations: Gaussian) -> None:
+        """Set the equations of a block."""
+        self.gram[block], self.projection[block] = equations.gram, equations.projection
+        self.squares[block] = equations.squares
+
     def summed(self) -> Gaussian:
         """Return the normal equations of all blocks together."""
         return Gaussian.of_products(
