@@ -41,8 +41,7 @@ class Noise:
     differences: int  # pairs of readings behind it; 0 where it is what the instrument states
     # (n,) standard deviation of each joint's position; empty where not attributed to sources
     joint_rad: Array = field(default_factory=lambda: np.zeros(0))
-    # factor on the instrument's stated standard uncertainty
-    instrument: float = 1.0
+    instrument: float = 1.0  # factor on the instrument's stated standard uncertainty
     # (n,) standard deviation of a reading's torques; nan where none is logged, zero where none
     # scatters, as in a log that was calculated
     torque_Nm: Array = field(default_factory=lambda: np.zeros(0))

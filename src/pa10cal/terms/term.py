@@ -41,8 +41,7 @@ class TermParameter:
     # lower and upper: ends of the physically possible range, or None
     lower: float | None = None
     upper: float | None = None
-    # prior standard deviation of an effect, about zero, or None
-    plausible: float | None = None
+    plausible: float | None = None  # prior standard deviation of an effect, about zero, or None
 
 
 @dataclass(frozen=True)
