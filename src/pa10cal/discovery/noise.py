@@ -269,8 +269,7 @@ def _explained(difference: Array, columns: Array, sizes: Array, seen: Mask) -> A
     weight = np.where(seen, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
     white = (columns * weight[..., None]).reshape(-1, columns.shape[2])
     amounts = np.linalg.lstsq(white, (difference * weight).ravel(), rcond=None)[0]
-    explained: Array = columns @ amounts
-    return explained
+    return np.asarray(columns @ amounts)
 
 
 def whitener_of(cov: Array) -> Array:
@@ -379,8 +378,7 @@ class PoseWeights:
 
     def whiteners(self, rows: Index | slice = slice(None)) -> Array:
         """Return the whiteners of all or some poses, times the square roots of their weights."""
-        found: Array = np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows]
-        return found
+        return np.asarray(np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows])
 
     def widened(self, by: Widening) -> PoseWeights:
         """Return the weights with the scatter changed by a widening."""

@@ -438,13 +438,11 @@ def _combinations(added: list[list[Array]]) -> Array:
         return np.zeros((0, len(added)))
     flat = np.stack([np.concatenate([part.ravel() for part in parts]) for parts in added], axis=1)
     values, vectors = np.linalg.eigh(flat.T @ flat / PROBABILITIES.blocks)
-    kept: Array = vectors[:, values > TOGETHER.least_squares].T
-    return kept
+    return np.asarray(vectors[:, values > TOGETHER.least_squares].T)
 
 
 def _as_rows(equations: Gaussian) -> Array:
     """Return the fewest rows (r, k + 1) with the same normal equations."""
     values, vectors = np.linalg.eigh(equations.products)
     kept = values > TOGETHER.rounding * values[-1]
-    rows: Array = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
-    return rows
+    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)

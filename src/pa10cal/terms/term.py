@@ -256,8 +256,7 @@ class TorqueOnly(Traits):
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
         """Return the torques that it adds to those of the weights in the log, (P, n)."""
-        torque: Array = self.torque_derivative(states, x) @ x
-        return torque
+        return np.asarray(self.torque_derivative(states, x) @ x)
 
 
 class JointTorqueOnly(TorqueOnly):

@@ -99,8 +99,7 @@ class BlockedRows:
     @cached_property
     def basis(self) -> Array:
         """Return the B-spline coefficients (K, K - 1) of every harmonic of unit amplitude."""
-        found: Array = b_splines_by_knots(self.knots) @ harmonics_at_knots(self.knots)[:, 1:]
-        return found
+        return np.asarray(b_splines_by_knots(self.knots) @ harmonics_at_knots(self.knots)[:, 1:])
 
     @property
     def baseline_columns(self) -> Index:
@@ -232,8 +231,7 @@ class BlockedRows:
         )
         white = design.data[:, None] - design.dense @ x[: self.dense_count] - maps
         whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == block))
-        found: Array = np.linalg.solve(whiteners, white.reshape(*whiteners.shape[:2], -1))
-        return found
+        return np.asarray(np.linalg.solve(whiteners, white.reshape(*whiteners.shape[:2], -1)))
 
 
 # Weights of poses, by the scatter about a model with all named effects and maps of all joints.
