@@ -126,7 +126,7 @@ def change_of(
         return None
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
-    rows, kinds = _Rows(at, poses, whitener), _kinds(at)
+    rows, kinds = _StepRows(at, poses, whitener), _kinds(at)
     steps = {kind: rows.best(_columns(*kind, at, poses)) for kind in kinds}
     changed = max(kinds, key=lambda kind: steps[kind].gain)
     (kind, target), best, of_base = changed, steps[changed], steps["base", 0]
@@ -147,7 +147,7 @@ def change_of(
     gradual = [
         CHANGE.static_sizes * (columns * course**power) for power in range(1, CHANGE.courses + 1)
     ]
-    beside = _Rows(at, poses, whitener, *smooth, *gradual).best(columns, np.array([best.row]))
+    beside = _StepRows(at, poses, whitener, *smooth, *gradual).best(columns, np.array([best.row]))
     if beside.gain < needed or beside.remaining > CHANGE.most_left_share:
         return None
     near = rows.as_good(columns, best.scale, best.row)
@@ -188,7 +188,7 @@ def rivals_of_steps(
     for jump in wander.jumps:
         others = tuple(other for other in wander.jumps if other is not jump)
         of_others = replace(wander, jumps=others, amounts=None).columns(at, poses)
-        rows = _Rows(at, poses, whitener, of_others)
+        rows = _StepRows(at, poses, whitener, of_others)
         row = np.array([np.searchsorted(time_s, jump.time_s)])
         kinds = _kinds(at)
         steps = {kind: rows.best(_columns(*kind, at, poses), row) for kind in kinds}
@@ -233,7 +233,7 @@ def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> A
     return np.concatenate([*own, *frames], axis=2)
 
 
-class _Rows:
+class _StepRows:
     """Whitened rows in order of time, and the log evidence of steps at each of them."""
 
     def __init__(

@@ -18,14 +18,8 @@ import numpy as np
 from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration import rules as calibration_rules
+from pa10cal.discovery import linear
 from pa10cal.discovery.finding import Finding, GivesWay, Rival, name_of
-from pa10cal.discovery.linear import (
-    cluster_covariance,
-    error_mm,
-    residual_and_jacobian,
-    rms,
-    unknowns,
-)
 from pa10cal.discovery.noise import pose_weights
 from pa10cal.discovery.rules import NAMES, SPRINGS
 from pa10cal.discovery.together import Together
@@ -69,7 +63,8 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
     shown.sort(key=lambda spring: -nats[spring])
     held_out, judging = problem.held_out, problem.held_out or problem.poses
     all_rigid_mm = problem.rigid(*shown).errors_mm(judging)
-    gives_way_mm = rms(problem.errors_mm(problem.poses))
+    gives_way_mm = linear.rms(problem.errors_mm(problem.poses))
+    held_out_mm = None if held_out is None else linear.rms(problem.errors_mm(held_out))
     commanded = found.context.commanded
     most_rad, too_far = most_wound_up(found.baseline.arm.reach_m, commanded=commanded)
     findings, unexplained = [], list(found.unexplained)
@@ -83,11 +78,11 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
             needed_nats=needed,
             sag_mrad=1e3 * sized.sag_rad,
             sag_u_mrad=1e3 * sized.sag_u_rad,
-            rigid_mm=rms(rigid.errors_mm(problem.poses)),
+            rigid_mm=linear.rms(rigid.errors_mm(problem.poses)),
             gives_way_mm=gives_way_mm,
-            held_out_rigid_mm=None if held_out is None else rms(rigid.errors_mm(held_out)),
-            held_out_gives_way_mm=None if held_out is None else rms(problem.errors_mm(held_out)),
-            all_rigid_mm=rms(all_rigid_mm),
+            held_out_rigid_mm=None if held_out is None else linear.rms(rigid.errors_mm(held_out)),
+            held_out_gives_way_mm=held_out_mm,
+            all_rigid_mm=linear.rms(all_rigid_mm),
             without_each_mm=rigid.errors_mm(judging),
             all_rigid_each_mm=all_rigid_mm,
             weights="logged" if found.prepared.torques == "logged" else known.origin,
@@ -167,7 +162,7 @@ class _LinearProblem:
     def of(cls, found: Verdict) -> _LinearProblem:
         """Return the problem of a verdict's extended model and of the poses it was fitted to."""
         at, poses = found.extended.at, found.train.poses
-        residual, jacobian = residual_and_jacobian(at, poses)
+        residual, jacobian = linear.residual_and_jacobian(at, poses)
         weights = pose_weights(residual, float(jacobian.shape[2]), poses.measured)
         trusted_holdout = found.trusted_holdout
         held_out = None if trusted_holdout is None else trusted_holdout.poses
@@ -204,13 +199,13 @@ class _LinearProblem:
     @cached_property
     def off_prior(self) -> Array:
         """Return how far unknowns (k,) are from their prior means, in prior standard deviations."""
-        return np.where(self.is_weight, unknowns(self.at) / self.prior_std, 0.0)
+        return np.where(self.is_weight, linear.unknowns(self.at) / self.prior_std, 0.0)
 
     @cached_property
     def rows(self) -> tuple[Array, Array]:
         """Return the whitened design matrix (N, k), unknowns scaled, and residual (N,)."""
         at = self.at
-        residual, jacobian = residual_and_jacobian(at, self.poses)
+        residual, jacobian = linear.residual_and_jacobian(at, self.poses)
         for term in at.model.terms:
             # A joint that is all but rigid is held: it cannot have a negative compliance.
             if is_spring(term) and self.is_rigid(term):
@@ -239,8 +234,8 @@ class _LinearProblem:
 
         The step may take springs beyond their bounds: only the remaining errors are used.
         """
-        residual, jacobian = residual_and_jacobian(self.at, poses)
-        return error_mm(poses.measured, residual + jacobian @ (self.step * self.prior_std))
+        residual, jacobian = linear.residual_and_jacobian(self.at, poses)
+        return linear.error_mm(poses.measured, residual + jacobian @ (self.step * self.prior_std))
 
     def design_effect(self, spring: JointSpring) -> float:
         """Return the variance of a spring for correlated poses over that for independent ones.
@@ -262,7 +257,7 @@ class _LinearProblem:
         scores = columns * (residual + columns @ self.step)[:, None]
         scale = np.outer(self.prior_std, self.prior_std)
         independent = self.posterior.covariance
-        return independent * scale, cluster_covariance(independent, scores, stretch) * scale
+        return independent * scale, linear.cluster_covariance(independent, scores, stretch) * scale
 
     def stiffness(self, spring: JointSpring) -> _Stiffness:
         """Return the stiffness of a joint and its largest sag.

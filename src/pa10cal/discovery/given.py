@@ -20,6 +20,7 @@ from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters
 from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.block_rows import weighted_rows
 from pa10cal.discovery.blocked_cv.family import computable_shapes
 from pa10cal.discovery.blocked_cv.refit import refit, with_tilts_shown
@@ -31,20 +32,8 @@ from pa10cal.discovery.evidence.problem import prepare
 from pa10cal.discovery.finding import effect_parameters
 from pa10cal.discovery.gates import holds_zero
 from pa10cal.discovery.gear_lines import gear_lines
-from pa10cal.discovery.linear import (
-    ModelWithEffects,
-    WhitenedPoses,
-    residual,
-    residual_and_jacobian,
-)
 from pa10cal.discovery.noise import whitener_of
-from pa10cal.discovery.preparation import (
-    MeasurementSetup,
-    Prepared,
-    complete,
-    prepared,
-    setup_of,
-)
+from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, prepared, setup_of
 from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, remedy_for
@@ -176,7 +165,7 @@ def calibrate_with(
 class _Fit(NamedTuple):
     """The calibrated model with effects, fitted as a scorer fits it."""
 
-    fitted: ModelWithEffects
+    fitted: linear.ModelWithEffects
     poses: Observations  # those fitted, P of them
     covariance: Array  # (k, k) of all unknowns
     whitener: Array  # (P, b, b) of their components
@@ -226,7 +215,7 @@ def _summary(fit: _Fit) -> FitSummary:
     kept = np.ones(len(every), dtype=bool)
     kept[: len(model.parameters)] = ~model.having("weight")
     parameters = tuple(each for each, stays in zip(every, kept, strict=True) if stays)
-    jacobian = residual_and_jacobian(fit.fitted.at, fit.poses)[1][:, :, kept]
+    jacobian = linear.residual_and_jacobian(fit.fitted.at, fit.poses)[1][:, :, kept]
     white = fit.whitener @ jacobian
     scale = np.array([parameter.scale for parameter in parameters])
     rank = identify(white.reshape(-1, white.shape[2]), scale)
@@ -247,7 +236,7 @@ def _summary(fit: _Fit) -> FitSummary:
     )
 
 
-def _may_be_zero(found: ModelWithEffects, covariance: Array) -> Iterator[tuple[Effect, str]]:
+def _may_be_zero(found: linear.ModelWithEffects, covariance: Array) -> Iterator[tuple[Effect, str]]:
     """Yield the effects whose amounts are not significant, each with a warning."""
     for effect in filter(is_named, found.effects):
         for why in holds_zero(effect, found.fitted(covariance)):
@@ -351,7 +340,7 @@ def _with_orders(
     places = {effect.of for effect in effects if effect.id == GearLine.id and effect not in wanted}
     if not places:
         return effects
-    rows = WhitenedPoses(at, poses, residual(at, poses), whiten)
+    rows = linear.WhitenedPoses(at, poses, linear.residual(at, poses), whiten)
     found = {line.of: line for line in gear_lines(rows, error_rate)}
     for place in sorted(places - set(found)):
         raise CalibrationError(

@@ -3,8 +3,8 @@
 An effect that a model lacks moves all readings of a pose alike; a gross error moves one. So a
 reading is compared with the others of its group, those of its pose, load and direction of arrival.
 A reading without others is compared with the calibrated model, with a limit by the heavy tails of
-its errors. Touched balls are no exception: though its touches agree, a ball may have been in another
-place.
+its errors. Touched balls are no exception: though its touches agree, a ball may have been
+elsewhere.
 """
 
 from __future__ import annotations
@@ -17,12 +17,7 @@ from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.discovery.linear import by_every_joint, residual
-from pa10cal.discovery.noise import (
-    noise_of_repeats,
-    pose_weights,
-    repeat_groups,
-    whitener_of,
-)
+from pa10cal.discovery.noise import noise_of_repeats, pose_weights, repeat_groups, whitener_of
 from pa10cal.discovery.rules import NOISE, ROWS
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel

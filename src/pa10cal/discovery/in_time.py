@@ -53,7 +53,7 @@ _WALKS_M = np.geomspace(*MOTION.walks_m)
 _SHARED = tuple(none_and_spaced(*MOTION.pose_variances).tolist())
 
 
-def _motion_in(rows: _Rows, *, walks: bool) -> TimeFindings:
+def _motion_in(rows: _TimedRows, *, walks: bool) -> TimeFindings:
     """Return the jumps of the base, its walk where one is sought, and whether it drifts."""
     poses = rows.poses
     needed_jump = float(
@@ -108,7 +108,7 @@ class _Likelihood(NamedTuple):
     noise_scale: float  # standard deviation of whitened rows
 
 
-class _Rows:
+class _TimedRows:
     """Whitened rows of single readings, and the log evidence of motions in time."""
 
     def __init__(
@@ -221,7 +221,7 @@ class _Rows:
         more = Jump(best.time_s, first.before_s, last.after_s, size_m, turn, pause=best.pause)
         return float(nats[k]), replace(wander, jumps=(*wander.jumps, more))
 
-    def without_time(self) -> _Rows:
+    def without_time(self) -> _TimedRows:
         """Return the rows without effects of time."""
         found = copy(self)
         found._with_time = False
@@ -353,7 +353,7 @@ def in_time_of(
     def beside(rivals: tuple[Parting, ...]) -> TimeFindings:
         own = np.concatenate([*held, _motions_by(rivals, at, poses)], axis=2)
         walks = all(np.isfinite(rival.at) for rival in rivals)
-        return _motion_in(_Rows(at, poses, whitener, own, static, of_time), walks=walks)
+        return _motion_in(_TimedRows(at, poses, whitener, own, static, of_time), walks=walks)
 
     found = beside(())
     if again:

@@ -81,9 +81,9 @@ def periodogram(
     """Return the periodogram of one joint's error by its angle, None where it hardly turned.
 
     It is the generalised one of Lomb and Scargle, with a free constant: for each order the root
-    mean square that a sinusoid explains, not its amplitude. Marked are the orders of usual errors: once
-    and twice a turn of the joint, and of the motor if its gear ratio is known (not nan). Angles,
-    errors and weights are those of the cells, (C,).
+    mean square that a sinusoid explains, not its amplitude. Marked are the orders of usual errors:
+    once and twice a turn of the joint, and of the motor if its gear ratio is known (not nan).
+    Angles, errors and weights are those of the cells, (C,).
     """
     turns = float(np.ptp(q_rad)) / (2.0 * np.pi)
     known = (gear_ratio, 2.0 * gear_ratio) if np.isfinite(gear_ratio) else ()

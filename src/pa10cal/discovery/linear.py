@@ -248,8 +248,8 @@ def mean_length(covariance: Array) -> Array:
     """Return the mean length of Gaussian vectors, (P,), for covariances (P, d, d)."""
     sizes = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
     draws = np.random.default_rng(0).standard_normal((COMPUTING.draws, covariance.shape[1]))
-    lengths: Array = np.sqrt((sizes[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2)).mean(axis=1)
-    return lengths
+    lengths = np.sqrt((sizes[:, None, :] ** 2 * draws[None] ** 2).sum(axis=2))
+    return np.asarray(lengths.mean(axis=1))
 
 
 def mean_error_of_noise_mm(measured: Instrument, cov: Array) -> float:
@@ -366,5 +366,4 @@ def at_unknowns(at: FittedModel, x: Array) -> FittedModel:
 
 def moved_base(T_instr_base: Array, small: Array) -> Array:
     """Return a base frame moved by the six small motions (6,) that a model's base term makes."""
-    T: Array = T_instr_base @ motion_of_base(small)
-    return T
+    return np.asarray(T_instr_base @ motion_of_base(small))

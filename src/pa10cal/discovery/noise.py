@@ -41,8 +41,7 @@ class Noise:
     differences: int  # pairs of readings behind it; 0 where it is what the instrument states
     # (n,) standard deviation of each joint's position; empty where not attributed to sources
     joint_rad: Array = field(default_factory=lambda: np.zeros(0))
-    # factor on the instrument's stated standard uncertainty
-    instrument: float = 1.0
+    instrument: float = 1.0  # factor on the instrument's stated standard uncertainty
     # (n,) standard deviation of a reading's torques; nan where none is logged, zero where none
     # scatters, as in a log that was calculated
     torque_Nm: Array = field(default_factory=lambda: np.zeros(0))
@@ -95,14 +94,7 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         squares = np.sum(turned**2, axis=0)
         by_direction_Nm = np.sum(turned * torque_difference, axis=0) / np.where(squares, squares, 1)
         torque_difference = torque_difference - turned * by_direction_Nm
-    # Covariances (P, s, b, b) by unit variances of the sources: of each joint, of what the
-    # instrument states, and of an independent error of each kind of component.
-    of_sources = [np.einsum("pik,pjk->pkij", screws, screws), stated[:, None]]
-    for _, at in measured.component_kinds:
-        rows, of_kind = np.arange(seen.shape[1])[at], np.zeros((len(seen), 1, *stated.shape[1:]))
-        of_kind[:, 0, rows, rows] = seen[:, at]
-        of_sources.append(of_kind)
-    sources = np.concatenate(of_sources, axis=1)
+    sources = _covariances_by_source(screws, measured)
     both = seen[first] & seen[second]
     sources_of_pairs = np.where(
         (both[:, :, None] & both[:, None, :])[:, None],
@@ -112,24 +104,9 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
     try:
         variances = _variance_components(np.where(both, difference, 0.0), sources_of_pairs, both)
     except np.linalg.LinAlgError:
-        largest = f"largest difference of two readings {np.abs(difference).max():.3g} m or rad"
-        if rounded := measured.rounded_kinds(difference, both):
-            raise DiscoveryError(
-                f"repeats of the {' and the '.join(rounded)} are the same in every digit",
-                where="grid poses",
-                value=largest,
-                allowed="numbers with so many digits that repeats differ by the noise",
-                remedy="export them with more digits",
-            ) from None
-        raise DiscoveryError(
-            "the scatter of repeats shows no noise in some component of the readings",
-            where="grid poses",
-            value=largest,
-            allowed="repeats that differ by the noise of joints and instrument",
-            remedy="look for readings with a gross error, and for readings that were copied",
-        ) from None
-    # The torque of a joint whose log does not scatter, as if it always reads zero, is as uncertain
-    # as the one that scatters most: nothing else is known of it.
+        raise _no_noise(measured, difference, both) from None
+    # A torque whose log does not scatter, as if it always reads zero, counts as uncertain as the
+    # one that scatters most.
     n, torque_Nm = screws.shape[2], np.sqrt(np.mean(torque_difference**2, axis=0))
     quiet = torque_Nm <= NOISE.rounded_torque_share * np.abs(states.tau_Nm).max()
     return Noise(
@@ -138,6 +115,41 @@ def noise_of_repeats(readings: Observations, deviation: Array, screws: Array) ->
         joint_rad=np.sqrt(variances[:n]),
         instrument=float(np.sqrt(variances[n])),
         torque_Nm=np.where(quiet, 0.0 if quiet.all() else torque_Nm.max(), torque_Nm),
+    )
+
+
+def _covariances_by_source(screws: Array, measured: Instrument) -> Array:
+    """Return the covariances (P, s, b, b) of components by unit variances of s sources.
+
+    Of each joint's position, of what the instrument states, and of an independent error of each
+    kind of component.
+    """
+    seen, stated = measured.components_seen, measured.stated_covariance
+    of_sources = [np.einsum("pik,pjk->pkij", screws, screws), stated[:, None]]
+    for _, at in measured.component_kinds:
+        rows, of_kind = np.arange(seen.shape[1])[at], np.zeros((len(seen), 1, *stated.shape[1:]))
+        of_kind[:, 0, rows, rows] = seen[:, at]
+        of_sources.append(of_kind)
+    return np.concatenate(of_sources, axis=1)
+
+
+def _no_noise(measured: Instrument, difference: Array, both: Mask) -> DiscoveryError:
+    """Return the refusal of repeats whose differences (D, b) show no noise."""
+    largest = f"largest difference of two readings {np.abs(difference).max():.3g} m or rad"
+    if rounded := measured.rounded_kinds(difference, both):
+        return DiscoveryError(
+            f"repeats of the {' and the '.join(rounded)} are the same in every digit",
+            where="grid poses",
+            value=largest,
+            allowed="numbers with so many digits that repeats differ by the noise",
+            remedy="export them with more digits",
+        )
+    return DiscoveryError(
+        "the scatter of repeats shows no noise in some component of the readings",
+        where="grid poses",
+        value=largest,
+        allowed="repeats that differ by the noise of joints and instrument",
+        remedy="look for readings with a gross error, and for readings that were copied",
     )
 
 
@@ -257,8 +269,7 @@ def _explained(difference: Array, columns: Array, sizes: Array, seen: Mask) -> A
     weight = np.where(seen, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
     white = (columns * weight[..., None]).reshape(-1, columns.shape[2])
     amounts = np.linalg.lstsq(white, (difference * weight).ravel(), rcond=None)[0]
-    explained: Array = columns @ amounts
-    return explained
+    return np.asarray(columns @ amounts)
 
 
 def whitener_of(cov: Array) -> Array:
@@ -367,8 +378,7 @@ class PoseWeights:
 
     def whiteners(self, rows: Index | slice = slice(None)) -> Array:
         """Return the whiteners of all or some poses, times the square roots of their weights."""
-        found: Array = np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows]
-        return found
+        return np.asarray(np.sqrt(self.weight[rows])[:, None, None] * self.whitener[rows])
 
     def widened(self, by: Widening) -> PoseWeights:
         """Return the weights with the scatter changed by a widening."""

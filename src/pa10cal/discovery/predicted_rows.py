@@ -98,8 +98,7 @@ def _reading_cov(problem: EvidenceProblem, poses: Observations) -> Array:
     before, axes = _axes_of_end(at, readings), _axes_of_end(at, poses)
     along_end = np.mean(before.transpose(0, 2, 1) @ stated @ before, axis=0)
     of_instrument = axes @ along_end @ axes.transpose(0, 2, 1)
-    total: Array = of_joints(poses) + of_instrument + np.diag(rest)
-    return total
+    return np.asarray(of_joints(poses) + of_instrument + np.diag(rest))
 
 
 def _axes_of_end(at: FittedModel, poses: Observations) -> Array:

@@ -50,8 +50,7 @@ class Noise:
     # scatter of normal deviates over the median of their sizes (statistics)
     median_to_sigma: float = 1.0 / float(ndtri(0.75))
     huber_tail: float = 1e-3  # share of undisturbed poses that weigh less than fully (level)
-    # least factor by which stated uncertainties are reduced (size)
-    least_shrink: float = 1e-3
+    least_shrink: float = 1e-3  # least factor by which stated uncertainties are reduced (size)
     enough_poses: int = 1500  # poses that suffice for the scatter of joints (computing)
     variances: tuple[float, float] = (1e-14, 1e-4)  # bounds of these variances [rad², m²] (size)
     first_variance: float = 1e-9  # start of the variance of a joint [rad²] (computing)
@@ -169,8 +168,7 @@ class Blocks:
     sizes_not_twice: float = 100.0
     directions: int = 1000  # random directions of an effect's parameters (computing)
     hidden_share: float = 0.05  # part of these in which it may be hidden (level)
-    # cosines along each axis of a slow drift (trials)
-    drift_waves: int = 6
+    drift_waves: int = 6  # cosines along each axis of a slow drift (trials)
     # part of a target's prior variance from which on its coordinate is not determined (statistics)
     open_share: float = 0.25
     # least part of the readings with different times, for a slow drift (trials)
@@ -218,8 +216,7 @@ class Maps:
 class Names:
     """When an effect that was found is named."""
 
-    # most plausible sizes of the parameters of a named effect (size)
-    most_sizes: float = 10.0
+    most_sizes: float = 10.0  # most plausible sizes of the parameters of a named effect (size)
     # level of the confidence region of its parameters, which must not contain zero (level)
     confidence: float = 0.95
     most_alternatives: int = 6  # most alternatives of a named effect (trials)
@@ -233,8 +230,7 @@ class Names:
     most_left_share: float = 0.9
     # factor from which on larger held-out errors are worse, significant or not (trials)
     worse_ratio: float = 1.02
-    # odds against a name from which on a rival replaces it (level)
-    likelier: float = 2.0
+    likelier: float = 2.0  # odds against a name from which on a rival replaces it (level)
     much_worse_ratio: float = 1.05  # factor from which on they speak against a name (trials)
     # factor up to which larger held-out errors do not count, even if significant (trials)
     trifling_ratio: float = 1.005
@@ -263,8 +259,7 @@ class Probabilities:
     left_of_noise: float = 0.01  # least remaining squares, as part of those of noise (computing)
     # ratio of remaining error to noise from which on odds are the same (trials)
     most_left_of_noise: float = 3.0
-    # probability of none of these from which an effect has no name (level)
-    nameless: float = 0.5
+    nameless: float = 0.5  # probability of none of these from which an effect has no name (level)
     surely: float = SURE  # probability of the set that contains the truth (level)
     least: float = 0.01  # probability from which an alternative is listed (level)
 
@@ -293,8 +288,7 @@ class Motion:
     # least noise over that by which rows are whitened: more columns than rows could explain all of
     # it (trials)
     least_noise_share: float = 0.3
-    # most that another possible time of a jump is worse [nat] (level)
-    as_good_nats: float = 3.0
+    as_good_nats: float = 3.0  # most that another possible time of a jump is worse [nat] (level)
     # least length of a pause, in the usual time between readings (trials)
     pause_ratio: float = 30.0
     pause_s: float = 600.0  # least length of a pause [s] (size)
@@ -303,8 +297,7 @@ class Motion:
     by_load_m: float = 1e-3  # expected motion of the base between loads [m, rad] (size)
     targets_m: float = 3e-2  # prior size of errors of fitted targets [m] (size)
     most_readings: int = 1200  # most readings used, spread evenly over time (computing)
-    # waves of a walk over the campaign, with 96 % of its variance (computing)
-    walk_waves: int = 16
+    walk_waves: int = 16  # waves of a walk over the campaign, with 96 % of its variance (computing)
     # waves of the base by the positions of a joint that the order of rows follows (trials)
     rival_waves: int = 8
     rival_m: float = 1e-3  # their size [m] (size)
@@ -326,15 +319,13 @@ class Change:
     same_squares: float = 1e-3
     least_side: int = 10  # readings on either side (statistics)
     false_rate: float = 1e-3  # probability allowed of seeing a change where there is none (level)
-    # least evidence of a change against a step of the base [nat] (trials)
-    better_nats: float = 9.0
+    better_nats: float = 9.0  # least evidence of a change against a step of the base [nat] (trials)
     # most that another kind of change is worse to be a rival [nat] (level)
     as_good_nats: float = 3.0
     # largest part of the squared error that it leaves: errors that depend on the pose are a little
     # better with a step at many a row (trials)
     most_left_share: float = 0.5
-    # least size over the stated noise of a reading (trials)
-    least_noise_ratio: float = 0.5
+    least_noise_ratio: float = 0.5  # least size over the stated noise of a reading (trials)
     courses: int = 3  # powers of time of the gradual courses that it must beat (trials)
     row_nats: float = 3.0  # most that another possible row is worse [nat] (level)
 
@@ -363,10 +354,8 @@ class Together:
     # change of amounts, in their sizes, and of nats, at which steps end (computing)
     settled: float = 1e-3
     looked_at: int = 5  # most promising sets that are scored exactly (computing)
-    # most that a rival is worse to be scored exactly [nat] (computing)
-    near_nats: float = 5.0
-    # likeliest single members from which searches start (computing)
-    begun_with: int = 5
+    near_nats: float = 5.0  # most that a rival is worse to be scored exactly [nat] (computing)
+    begun_with: int = 5  # likeliest single members from which searches start (computing)
     # least squares that a combination of weights changes, in those of noise (computing)
     least_squares: float = 0.01
     # eigenvalues of products that are rounding, over the largest (computing)
@@ -378,8 +367,7 @@ class Torques:
     """Faults of logged torques."""
 
     fault_nats: float = 6.9  # least gain of a fault: odds of 1000 to 1 [nat] (level)
-    # least decrease of squares of either half, in those of noise (level)
-    half_squares: float = 4.0
+    half_squares: float = 4.0  # least decrease of squares of either half, in those of noise (level)
     least_sizes: float = 0.3  # least size, in its plausible size (trials)
     reweighted: int = 5  # rounds in which scatter and fit are found in turn (computing)
     least_noise_Nm: float = 1e-9  # least noise of a torque [N m] (computing)
@@ -428,8 +416,7 @@ class Lines:
     # above is twice the ratio of any gear but a few (size)
     orders: tuple[float, float] = (13.0, 360.0)
     size_rad: float = 1e-4  # size of a line by which it is sought [rad] (size)
-    # widths within which numbers of cycles are one line (statistics)
-    widths_apart: float = 2.0
+    widths_apart: float = 2.0  # widths within which numbers of cycles are one line (statistics)
     # nats by which the best number must stand out of all others, further away (level)
     better_nats: float = 4.6
     angle_decimals: int = 4  # of angles [rad] that are different (size)

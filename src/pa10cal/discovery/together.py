@@ -21,8 +21,8 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array, drawn
 from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.calibration.rules import SPRINGS
+from pa10cal.discovery import linear
 from pa10cal.discovery.finding import Rival, threshold
-from pa10cal.discovery.linear import by_own_terms, by_targets, by_terms
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.preparation import MeasurementSetup, computable
 from pa10cal.discovery.rules import PROBABILITIES, TOGETHER
@@ -363,16 +363,18 @@ def _own_columns(
     terms = bare.model.terms
     others = [t for t in terms if is_effect(t) and (t.id, t.of) not in names]
     own = [t for t in terms if not (is_effect(t) or is_spring(t) or holds_weights(t))]
-    of_others = by_terms(bare, poses, others, [bare.values_of(other) for other in others], whiten)
+    of_others = linear.by_terms(
+        bare, poses, others, [bare.values_of(other) for other in others], whiten
+    )
     targets = possible_sizes(bare.model, poses.measured)[len(bare.x) :]
     return np.concatenate(
         [
-            *by_own_terms(bare, poses, own, whiten),
+            *linear.by_own_terms(bare, poses, own, whiten),
             *(
                 columns[:, :, : other.linear] @ other.prior_factor
                 for columns, other in zip(of_others, others, strict=True)
             ),
-            whiten @ (by_targets(bare, poses) * targets),
+            whiten @ (linear.by_targets(bare, poses) * targets),
         ],
         axis=2,
     )
@@ -411,7 +413,7 @@ def _columns_under(
 
     def columns(posed: Observations, some: Sequence[Member]) -> list[Array]:
         terms, starts = [member.term for member in some], [member.start for member in some]
-        by_terms_of = by_terms(bare, posed, terms, starts, whiten)
+        by_terms_of = linear.by_terms(bare, posed, terms, starts, whiten)
         return [
             by_term[:, :, : len(member.sizes)] @ member.sizes
             for by_term, member in zip(by_terms_of, some, strict=True)
@@ -436,13 +438,11 @@ def _combinations(added: list[list[Array]]) -> Array:
         return np.zeros((0, len(added)))
     flat = np.stack([np.concatenate([part.ravel() for part in parts]) for parts in added], axis=1)
     values, vectors = np.linalg.eigh(flat.T @ flat / PROBABILITIES.blocks)
-    kept: Array = vectors[:, values > TOGETHER.least_squares].T
-    return kept
+    return np.asarray(vectors[:, values > TOGETHER.least_squares].T)
 
 
 def _as_rows(equations: Gaussian) -> Array:
     """Return the fewest rows (r, k + 1) with the same normal equations."""
     values, vectors = np.linalg.eigh(equations.products)
     kept = values > TOGETHER.rounding * values[-1]
-    rows: Array = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
-    return rows
+    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)

@@ -51,11 +51,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
-from pa10cal.results.discovery import (
-    Separation,
-    SuggestedPose,
-    Unexplained,
-)
+from pa10cal.results.discovery import Separation, SuggestedPose, Unexplained
 from pa10cal.results.discovery import Verdict as Word
 from pa10cal.results.explained import Explained
 from pa10cal.results.maps import JointWitness

@@ -92,8 +92,7 @@ class JointSpring(Traits):
         return (f"theta_{self.joint}",)
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        shift: Array = -x[0] * self._unit(states, x).x[:, None]
-        return shift
+        return np.asarray(-x[0] * self._unit(states, x).x[:, None])
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `shift`, (P, 1, k), by the implicit-function theorem."""
@@ -104,8 +103,7 @@ class JointSpring(Traits):
     def by_torque(self, states: PoseStates, x: Array) -> Array:
         unit = self._unit(states, x)
         share = float(x[1]) if self.cubic else 0.0
-        slope: Array = -x[0] / self.tau_ref_Nm / ((1.0 - share) + 3.0 * share * unit.x**2)
-        return slope
+        return np.asarray(-x[0] / self.tau_ref_Nm / ((1.0 - share) + 3.0 * share * unit.x**2))
 
     def report(self, x: Array) -> Report:
         windup, share = x[0], x[1] if self.cubic else 0.0
@@ -257,5 +255,4 @@ def deflection_rad(tau_Nm: Array, k_lin: float, k_cub: float) -> Array:
         return linear
     unit_rad = np.sqrt(k_lin / k_cub)
     # In this unit linear and cubic part are equal at x = 1: s = 1/2, t = tau / (2 K_lin unit).
-    deflection: Array = unit_rad * unit_deflection(tau_Nm / (2.0 * k_lin * unit_rad), 0.5).x
-    return deflection
+    return np.asarray(unit_rad * unit_deflection(tau_Nm / (2.0 * k_lin * unit_rad), 0.5).x)

@@ -333,8 +333,7 @@ class Kept:
         """Return `term.shift(states, x)`, from the cached derivative where that is valid."""
         if not self._is_valid(term, states):
             return term.shift(states, x)
-        shift: Array = self._cached[term][0] @ x
-        return shift
+        return np.asarray(self._cached[term][0] @ x)
 
     def _is_valid(self, term: Term, states: PoseStates) -> bool:
         """Return whether a derivative is cached, of states with the very same arrays."""

@@ -41,8 +41,7 @@ class TermParameter:
     # lower and upper: ends of the physically possible range, or None
     lower: float | None = None
     upper: float | None = None
-    # prior standard deviation of an effect, about zero, or None
-    plausible: float | None = None
+    plausible: float | None = None  # prior standard deviation of an effect, about zero, or None
 
 
 @dataclass(frozen=True)
@@ -257,8 +256,7 @@ class TorqueOnly(Traits):
 
     def torque_Nm(self, states: PoseStates, x: Array) -> Array:
         """Return the torques that it adds to those of the weights in the log, (P, n)."""
-        torque: Array = self.torque_derivative(states, x) @ x
-        return torque
+        return np.asarray(self.torque_derivative(states, x) @ x)
 
 
 class JointTorqueOnly(TorqueOnly):

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pa10cal.arrays import Array, Index, Mask
+from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.normal_equations import (
     BlockEquations,
     ByKind,
@@ -23,14 +24,6 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     solve,
 )
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.linear import (
-    by_targets,
-    by_terms,
-    positions_of,
-    residual,
-    unknowns,
-    with_base_term,
-)
 from pa10cal.discovery.noise import Noise, PoseWeights, pose_weights, unweighted
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS, MAPS
@@ -95,7 +88,7 @@ class BlockedRows:
         """Return the survey's baseline with small motions of the base as parameters, at zero."""
         baseline = self.survey.baseline
         x = np.concatenate([baseline.x, np.zeros(6)])
-        return replace(baseline, model=with_base_term(baseline), x=x)
+        return replace(baseline, model=linear.with_base_term(baseline), x=x)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
@@ -105,13 +98,12 @@ class BlockedRows:
     @cached_property
     def basis(self) -> Array:
         """Return the B-spline coefficients (K, K - 1) of every harmonic of unit amplitude."""
-        found: Array = b_splines_by_knots(self.knots) @ harmonics_at_knots(self.knots)[:, 1:]
-        return found
+        return np.asarray(b_splines_by_knots(self.knots) @ harmonics_at_knots(self.knots)[:, 1:])
 
     @property
     def baseline_columns(self) -> Index:
         """Return the columns of the model's parameters, of targets and of nuisances."""
-        return np.arange(len(unknowns(self.operating_point)) + self.survey.nuisance_count)
+        return np.arange(len(linear.unknowns(self.operating_point)) + self.survey.nuisance_count)
 
     @property
     def dense_count(self) -> int:
@@ -214,20 +206,20 @@ class BlockedRows:
         terms: list[Term] = [*model.terms, *(shaped.effect for shaped in self.shaped)]
         points = [at.x[model.columns_of(term)] for term in model.terms]
         points += [shaped.start for shaped in self.shaped]
-        joints = positions_of(at, self.joints)
-        *derivatives, by_angle = by_terms(
+        joints = linear.positions_of(at, self.joints)
+        *derivatives, by_angle = linear.by_terms(
             at, poses, [*terms, joints], [*points, np.zeros(len(self.joints))], whiten
         )
         of_model, of_effects = derivatives[: len(model.terms)], derivatives[len(model.terms) :]
         sizes = possible_sizes(model, poses.measured)
         columns = [np.concatenate(of_model, axis=2) * sizes[: len(at.x)]]
-        columns.append(whiten @ (by_targets(at, poses) * sizes[len(at.x) :]))
+        columns.append(whiten @ (linear.by_targets(at, poses) * sizes[len(at.x) :]))
         columns += [whiten @ each.columns(at, poses) for each in self.survey.nuisances]
         for shaped, derivative in zip(self.shaped, of_effects, strict=True):
             columns.append(derivative[:, :, : shaped.effect.linear] @ shaped.effect.prior_factor)
         dense = np.concatenate(columns, axis=2)
         q_rad = poses.states.q_rad[:, [joint - 1 for joint in self.joints]]
-        data = -whiten @ residual(at, poses)[:, :, None]
+        data = -whiten @ linear.residual(at, poses)[:, :, None]
         return BlockDesign(data.ravel(), dense.reshape(-1, dense.shape[2]), by_angle, q_rad)
 
     def block_residual(self, block: int, x: Array) -> Array:
@@ -242,8 +234,7 @@ class BlockedRows:
         )
         white = design.data[:, None] - design.dense @ x[: self.dense_count] - maps
         whiteners = self.weights.whiteners(np.flatnonzero(self.survey.block == block))
-        found: Array = np.linalg.solve(whiteners, white.reshape(*whiteners.shape[:2], -1))
-        return found
+        return np.asarray(np.linalg.solve(whiteners, white.reshape(*whiteners.shape[:2], -1)))
 
 
 # Weights of poses, by the scatter about a model with all named effects and maps of all joints.
@@ -263,7 +254,9 @@ def weighted_rows(survey: Survey, shaped: tuple[ShapedEffect, ...], knots: int) 
     named = tuple(each for each in shaped if not (each.effect.generic or each.shape))
     rows = BlockedRows(survey, unweighted(measured), named, MAPS.weighing_knots)
     weights = pose_weights(
-        residual(rows.operating_point, survey.poses), float(len(rows.baseline_columns)), measured
+        linear.residual(rows.operating_point, survey.poses),
+        float(len(rows.baseline_columns)),
+        measured,
     )
     for _ in range(MAPS.reweighted):
         rows = BlockedRows(survey, weights, named, MAPS.weighing_knots)

@@ -103,8 +103,7 @@ class EffectSet:
     def solution(self) -> Array:
         """Return the parameters estimated without each block, (B, n)."""
         projection = (self.total.projection - self.equations.projection)[:, self.index]
-        found: Array = (self.inverse @ projection[:, :, None])[:, :, 0]
-        return found
+        return np.asarray((self.inverse @ projection[:, :, None])[:, :, 0])
 
     @cached_property
     def squares(self) -> Array:
@@ -227,14 +226,12 @@ class EffectSet:
                 amounts * (amounts @ corner[place] + 2.0 * slope), axis=(1, 2)
             )
         change += np.sum(steps * (steps @ gram_in_use - 2.0 * gradient_in_use), axis=1)
-        squares: Array = self.squares[b] + change
-        return squares
+        return np.asarray(self.squares[b] + change)
 
     def _gram_of_others(self, b: int, rows: Index, columns: Index) -> Array:
         """Return the products of columns over all blocks but one."""
         at = np.ix_(rows, columns)
-        found: Array = self.total.gram[at] - self.equations.gram[b][at]
-        return found
+        return np.asarray(self.total.gram[at] - self.equations.gram[b][at])
 
     def _places(self) -> list[Index]:
         """Return where each member's columns stand in the set."""

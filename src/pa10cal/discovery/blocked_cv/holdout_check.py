@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.effect_set import as_good, surely_helps, surely_worse
 from pa10cal.discovery.blocked_cv.judge import BlockPrediction, Judged, prediction
 from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
-from pa10cal.discovery.linear import by_effects, by_own_terms, error_mm, left_out, rms
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.observe.order import like_a_scan
@@ -53,7 +53,7 @@ class HoldoutCheck:
         self._whiten, self._data = found.weights.whiteners(), -survey.net_residual(found.at)
         terms = found.model.terms
         own = [term for term in terms if not isinstance(term, JointErrorMap | BaseDrift)]
-        self._own = by_own_terms(found.at, survey.poses, own, self._whiten)
+        self._own = linear.by_own_terms(found.at, survey.poses, own, self._whiten)
 
     def squares(self, effects: Sequence[Effect] = (), *, lag: bool = True) -> HeldOutSquares:
         """Return the squares of held-out poses with effects added to the model.
@@ -64,7 +64,7 @@ class HoldoutCheck:
         """
         data, poses, of_lag = self._data, self._survey.poses, self._survey.lag
         starts = [effect.starts[0] for effect in effects]
-        added = by_effects(self._at, poses, effects, starts, self._whiten)
+        added = linear.by_effects(self._at, poses, effects, starts, self._whiten)
         if of_lag is not None and lag:
             added.append(self._whiten @ of_lag.columns(self._at, poses))
         elif of_lag is not None and of_lag.amounts is not None:
@@ -72,7 +72,7 @@ class HoldoutCheck:
         columns = np.concatenate([*self._own, *added], axis=2).reshape(data.size, -1)
         white_data = (self._whiten @ data[:, :, None]).ravel()
         block_of_row = np.repeat(self._block, data.shape[1])
-        white = left_out(white_data, columns, block_of_row).reshape(data.shape)
+        white = linear.left_out(white_data, columns, block_of_row).reshape(data.shape)
         measured = poses.measured
         of_positions = np.isin(np.arange(data.shape[1]), measured.position_columns)
         by_kind = [
@@ -80,7 +80,7 @@ class HoldoutCheck:
             for kind in (of_positions, ~of_positions)
         ]
         error_m = np.asarray(np.linalg.solve(self._whiten, white[:, :, None]), np.float64)[:, :, 0]
-        return HeldOutSquares(np.stack(by_kind), rms(error_mm(measured, error_m)))
+        return HeldOutSquares(np.stack(by_kind), linear.rms(linear.error_mm(measured, error_m)))
 
     def helps(self, before: HeldOutSquares, after: HeldOutSquares) -> bool:
         """Return whether held-out poses are predicted enough better, as the search requires.

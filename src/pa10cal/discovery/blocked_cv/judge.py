@@ -11,6 +11,7 @@ from pydantic import Field
 from typing_extensions import override
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
+from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows
 from pa10cal.discovery.blocked_cv.effect_set import (
     Candidate,
@@ -21,7 +22,6 @@ from pa10cal.discovery.blocked_cv.effect_set import (
 )
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.finding import Proof, Rival, UnknownBeside, carrier_of, over_left
-from pa10cal.discovery.linear import error_mm, rms, standard_error
 from pa10cal.discovery.rules import BLOCKS, PROBABILITIES
 from pa10cal.discovery.verdict import smooth_unknown
 from pa10cal.results.discovery import (
@@ -83,7 +83,7 @@ def prediction(
         noise: sum of squares that noise alone leaves; None if not known.
         carrier: the pose without which the effect has little evidence.
     """
-    part, std = float(gain.sum()) / whole, standard_error(gain) / whole
+    part, std = float(gain.sum()) / whole, linear.standard_error(gain) / whole
     return BlockPrediction(
         rms_without_mm=rms_mm[0],
         rms_with_mm=rms_mm[1],
@@ -143,7 +143,7 @@ def _held_out_errors(rows: BlockedRows, chosen: EffectSet) -> tuple[Array, Array
         here = np.flatnonzero(rows.survey.block == block)
         measured, residual = rows.survey.poses.measured.take(here), rows.block_residual(block, x)
         errors_mm[here] = np.stack(
-            [error_mm(measured, each) for each in residual.T.swapaxes(1, 2)], axis=1
+            [linear.error_mm(measured, each) for each in residual.T.swapaxes(1, 2)], axis=1
         )
         squares[here] = np.sum((rows.weights.whiteners(here) @ residual) ** 2, axis=1)
     return errors_mm, squares
@@ -159,7 +159,7 @@ def remaining_error(
     return Remaining(
         mean_mm=mean_mm,
         std_mm=float(means_mm.std(ddof=1) / np.sqrt(BLOCKS.blocks)),
-        rms_mm=rms(errors_mm),
+        rms_mm=linear.rms(errors_mm),
         floor_mm=floor_mm,
         over_floor=over_floor(means_mm, mean_mm, floor_mm),
         tried=others,
@@ -251,7 +251,7 @@ def gains_of_others(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
             id=other.effect.id,
             of=other.effect.of,
             gain=float(gain.sum()) / whole,
-            gain_std=standard_error(gain) / whole,
+            gain_std=linear.standard_error(gain) / whole,
             helps=helps,
             positions_and_attitudes_agree=ahead and both_kinds_agree(chosen, ahead),
             physical=ahead and within_bounds(ahead),

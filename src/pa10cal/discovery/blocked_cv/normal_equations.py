@@ -172,8 +172,7 @@ def solve(gram: Array, projection: Array, prior: Array) -> Array:
         factor = cho_factor(normal * np.outer(scale, scale), check_finite=False)
     except LinAlgError:
         return no_wider_than(normal, prior) @ projection
-    solved: Array = (cho_solve(factor, scaled, check_finite=False).T * scale).T
-    return solved
+    return np.asarray((cho_solve(factor, scaled, check_finite=False).T * scale).T)
 
 
 def solve_each(gram: Array, projection: Array, precision: Array) -> Array:
@@ -188,8 +187,8 @@ def solve_each(gram: Array, projection: Array, precision: Array) -> Array:
     except np.linalg.LinAlgError:  # at least one of them is indefinite
         systems = zip(gram, projection, precision, strict=True)
         return np.stack([solve(one, right, np.diag(prior)) for one, right, prior in systems])
-    found: Array = scale * np.linalg.solve(normal, (scale * projection)[:, :, None])[:, :, 0]
-    return found
+    solved = np.linalg.solve(normal, (scale * projection)[:, :, None])[:, :, 0]
+    return np.asarray(scale * solved)
 
 
 def inverse_of(gram: Array, sizes: Array) -> Array:
@@ -210,5 +209,4 @@ def no_wider_than(normal: Array, prior: Array) -> Array:
     within = np.linalg.solve(root, np.linalg.solve(root, normal).T)
     values, vectors = np.linalg.eigh(0.5 * (within + within.T))
     vectors = np.linalg.solve(root.T, vectors)
-    inverse: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
-    return inverse
+    return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)

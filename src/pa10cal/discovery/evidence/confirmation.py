@@ -111,8 +111,7 @@ def whitened_rows(
             return channel.whitening(variance)(rows)
         cells, b, _ = channel.whitener.shape
         whitened = channel.whitening(0.0)(rows).reshape(cells, -1)
-        rotated_back: Array = (channel.shared.rotation.T @ whitened).reshape(cells * b, -1)
-        return rotated_back
+        return np.asarray((channel.shared.rotation.T @ whitened).reshape(cells * b, -1))
 
     def both(pose_rows: Array, torque_rows: Array) -> Array:
         parts = [rows_of(problem.pose, score.variances.pose, pose_rows)]
@@ -156,8 +155,7 @@ def _share_of_flips(rows: WhitenedRows, k: int, pose: Index, signs: Array) -> fl
 
     def residual_of(columns: Array) -> Array:
         """Return what all but member k leaves of columns."""
-        found: Array = columns - others @ fit_of_others.taken_of(others.T @ columns)
-        return found
+        return np.asarray(columns - others @ fit_of_others.taken_of(others.T @ columns))
 
     data, of_row = residual_of(rows.data[:, None]), pose[rows.cell]
 
@@ -170,8 +168,7 @@ def _share_of_flips(rows: WhitenedRows, k: int, pose: Index, signs: Array) -> fl
         values = np.maximum(values, 0.0)
         sizes = np.array(EVIDENCE.sizes)[:, None] ** 2
         explained = (signs @ scores @ vectors) ** 2 @ (sizes / (1.0 + sizes * values)).T
-        best: Array = 0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1)
-        return best
+        return np.asarray(0.5 * (explained - np.log1p(sizes * values).sum(axis=1)).max(axis=1))
 
     (of_member,) = gain(rows.own[:, rows.members[k]], np.ones((1, signs.shape[1])))
     highest = np.full(len(signs), -np.inf)

@@ -7,18 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pa10cal.arrays import Array
+from pa10cal.discovery import linear
 from pa10cal.discovery.evidence.noise_model import SharedVariances
 from pa10cal.discovery.evidence.problem import EvidenceProblem
-from pa10cal.discovery.linear import (
-    ModelWithEffects,
-    at_unknowns,
-    base_shown,
-    residual,
-    residual_and_jacobian,
-    residual_then_jacobian,
-    unknowns,
-    with_base_term,
-)
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.fit.fitted_model import FittedModel
@@ -29,7 +20,7 @@ from pa10cal.terms.term import shows_torque
 
 
 @dataclass(frozen=True, eq=False)
-class EvidenceFit(ModelWithEffects):
+class EvidenceFit(linear.ModelWithEffects):
     """The calibrated model with effects, fitted under the noise models of the evidence."""
 
     sizes: tuple[int, ...]  # index in `EVIDENCE.sizes` of the size expected of each effect
@@ -61,7 +52,7 @@ def fit(
         The fit with the least cost.
     """
     baseline, first = problem.baseline, len(problem.baseline.x)
-    model = replace(with_base_term(baseline, effects), kept=problem.kept)
+    model = replace(linear.with_base_term(baseline, effects), kept=problem.kept)
     targets = problem.cells.measured.target_parameters[: len(baseline.targets_m)]
     bounds = Bounds.of((*model.parameters, *targets))
     own = np.concatenate([baseline.x, np.zeros(6), baseline.targets_m])
@@ -96,7 +87,7 @@ def fit(
         )
         if best is None or found.equations.cost < best[0]:
             fitted = EvidenceFit(
-                effects, at_unknowns(at, found.at), found.converged, sizes, variances
+                effects, linear.at_unknowns(at, found.at), found.converged, sizes, variances
             )
             best = found.equations.cost, fitted
     assert best is not None
@@ -111,7 +102,7 @@ def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     rows = _FitRows(problem, found.effects, found.sizes, found.variances, found.at)
     free = np.ones(len(found.x), dtype=bool)
     base = found.at.model.columns_of(found.at.model.terms[-1])
-    free[base] = base_shown(problem.cells.measured)
+    free[base] = linear.base_shown(problem.cells.measured)
     of_free = np.ix_(free, free)
     information = rows.equations(found.x).normal[of_free]
     size = 1.0 / np.sqrt(np.diag(information))
@@ -126,7 +117,7 @@ def targets_off_m(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     They are common to all poses. The fit integrates them out; here they are estimated from its
     residuals.
     """
-    rows = problem.pose.rows(residual(found.at, problem.cells)[:, :, None])
+    rows = problem.pose.rows(linear.residual(found.at, problem.cells)[:, :, None])
     units = problem.pose.common_amounts(rows, found.variances.pose)[:, 0]
     stated = problem.cells.measured.by_stated_targets.shape[2]  # other common errors follow
     return np.asarray(-problem.setup.apparatus_m * units[:stated], dtype=np.float64)
@@ -150,24 +141,26 @@ class _FitRows:
         # The prior mean is that of tool and targets as calibrated, of the shape of an effect where
         # it starts (with an amount of zero the data do not determine it, and its first step would
         # end at a bound), and zero of all else.
-        x_start, baseline = unknowns(at), problem.baseline
+        x_start, baseline = linear.unknowns(at), problem.baseline
         of_tool = baseline.model.having("tool")
         mean = np.zeros(len(x_start))
         mean[: len(of_tool)] = np.where(of_tool, baseline.x, 0.0)
         mean[len(at.x) :] = baseline.targets_m
         for effect, size in zip(effects, sizes, strict=True):
             at_effect = at.model.columns_of(effect)
-            linear = slice(at_effect.start, at_effect.start + effect.linear)
-            prior_rows[linear, linear] = np.linalg.inv(EVIDENCE.sizes[size] * effect.prior_factor)
-            mean[linear.stop : at_effect.stop] = x_start[linear.stop : at_effect.stop]
+            amounts = slice(at_effect.start, at_effect.start + effect.linear)
+            prior_rows[amounts, amounts] = np.linalg.inv(EVIDENCE.sizes[size] * effect.prior_factor)
+            mean[amounts.stop : at_effect.stop] = x_start[amounts.stop : at_effect.stop]
         self._prior_rows, self._prior_mean = prior_rows, mean
         self._last_x: Array | None = None
 
     def _evaluate(self, x: Array) -> None:
         """Compute the residuals of poses at parameters, once for cost and equations."""
         if self._last_x is not x:
-            self._last_x, self._at = x, at_unknowns(self._at, x)
-            self._residual, self._jacobian = residual_then_jacobian(self._at, self._problem.cells)
+            self._last_x, self._at = x, linear.at_unknowns(self._at, x)
+            self._residual, self._jacobian = linear.residual_then_jacobian(
+                self._at, self._problem.cells
+            )
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at parameters (k,), without derivatives."""
@@ -196,7 +189,7 @@ class _FitRows:
 
 def pose_rows(problem: EvidenceProblem, at: FittedModel) -> Array:
     """Return predicted minus measured and its derivative side by side, (C, b, 1 + k + t)."""
-    difference, jacobian = residual_and_jacobian(at, problem.cells)
+    difference, jacobian = linear.residual_and_jacobian(at, problem.cells)
     return np.concatenate([difference[:, :, None], jacobian], axis=2)
 
 

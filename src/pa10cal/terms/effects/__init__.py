@@ -1,4 +1,4 @@
-"""The vocabulary of effects that a model may lack, one small class a file.
+"""The vocabulary of effects that a model may lack, a module for those of one kind.
 
-A new effect is one more file here: its classes are found by `effect.every_effect`.
+`effect.every_effect` finds every class in these modules; a new effect is a class in one of them.
 """

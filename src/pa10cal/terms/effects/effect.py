@@ -224,8 +224,7 @@ class Effect(Traits):
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         """Return what it adds to its coordinates, (P, m): by default proportional to x."""
-        shift: Array = self.derivative(states, x) @ x
-        return shift
+        return np.asarray(self.derivative(states, x) @ x)
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `shift` by x, (P, m, k)."""

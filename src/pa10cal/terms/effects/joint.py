@@ -513,8 +513,7 @@ class SoftWindup(WindsUp):
         )
 
     def shift(self, states: PoseStates, x: Array) -> Array:
-        shift: Array = -x[0] * np.tanh(self.tau_Nm(states) / x[1])[:, None]
-        return shift
+        return np.asarray(-x[0] * np.tanh(self.tau_Nm(states) / x[1])[:, None])
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         tau_Nm = self.tau_Nm(states)
@@ -523,8 +522,7 @@ class SoftWindup(WindsUp):
         return np.stack([-full, by_tau0], axis=-1)[:, None, :]
 
     def by_torque(self, states: PoseStates, x: Array) -> Array:
-        slope: Array = -x[0] / x[1] * (1.0 - np.tanh(self.tau_Nm(states) / x[1]) ** 2)
-        return slope
+        return np.asarray(-x[0] / x[1] * (1.0 - np.tanh(self.tau_Nm(states) / x[1]) ** 2))
 
     @property
     def starts(self) -> tuple[Array, ...]:

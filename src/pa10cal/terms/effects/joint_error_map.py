@@ -52,8 +52,7 @@ class FadingPrior:
 
     def sizes_rad(self, orders: Array) -> Array:
         """Return the standard deviation of sine and cosine part of orders (M,)."""
-        sizes: Array = self.size_rad / (1.0 + (orders / self.half_order) ** 2)
-        return sizes
+        return np.asarray(self.size_rad / (1.0 + (orders / self.half_order) ** 2))
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,7 @@ class BandPrior:
         level = self.below_rad**2 + (self.level_rad**2 - self.below_rad**2) * inside
         above = 1.0 + (orders / self.last_order) ** (2.0 * self.decay)
         variance = np.where(orders <= _SLOW, self.slow_rad**2, level / above)
-        sizes: Array = np.sqrt(variance + self.floor_rad**2)
-        return sizes
+        return np.asarray(np.sqrt(variance + self.floor_rad**2))
 
 
 Spectrum = FadingPrior | BandPrior

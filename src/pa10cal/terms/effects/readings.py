@@ -34,8 +34,7 @@ class FalseReading(Effect):
         observed = seen_in(states, self)
         poses, targets, _ = observed.p_instr_targets_m.shape
         field = self.field(observed.p_instr_targets_m).reshape(poses, 3 * targets, len(x))
-        derivative: Array = observed.pose_by_targets @ field
-        return derivative
+        return np.asarray(observed.pose_by_targets @ field)
 
 
 @dataclass(frozen=True)

@@ -74,8 +74,8 @@ class AtSlide(AtJoint):
         """Return where the carriage is, (P,): from -1 to 1 over the span, and held beyond."""
         low_m, high_m = self.span_m
         middle_m, half_m = 0.5 * (low_m + high_m), 0.5 * (high_m - low_m)
-        at: Array = np.clip((states.q_rad[:, self.joint - 1] - middle_m) / half_m, -1.0, 1.0)
-        return at
+        from_middle = (states.q_rad[:, self.joint - 1] - middle_m) / half_m
+        return np.asarray(np.clip(from_middle, -1.0, 1.0))
 
 
 @dataclass(frozen=True)

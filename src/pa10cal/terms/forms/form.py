@@ -143,8 +143,7 @@ class Form(Effect):
 
     @property
     def prior_factor(self) -> Array:
-        found: Array = _ANY_SIZE * super().prior_factor
-        return found
+        return np.asarray(_ANY_SIZE * super().prior_factor)
 
     def values(self, states: PoseStates) -> Array:
         """Return the derivative of what it adds by each parameter, (P, k)."""
