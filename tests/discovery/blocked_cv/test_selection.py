@@ -5,7 +5,7 @@ import pytest
 
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.effect_set import Candidate, Columns, both_kinds_agree, start
-from pa10cal.discovery.blocked_cv.judge import in_place_of, over_floor, unexplained
+from pa10cal.discovery.blocked_cv.judge import in_place_of, over_expected, unexplained
 from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.rules import PROBABILITIES
@@ -142,12 +142,18 @@ def test_orientations_that_come_out_worse_contradict():
     ],
 )
 def test_one_bad_block_neither_makes_nor_hides_what_is_left(means_mm, over):
-    assert over_floor(means_mm, float(means_mm.mean()), 0.01) is over
+    assert over_expected(means_mm, float(means_mm.mean()), 0.01) is over
 
 
 def remaining(*tried):
     return Remaining(
-        mean_mm=0.3, std_mm=0.01, rms_mm=0.3, floor_mm=0.05, over_floor=True, tried=tried
+        mean_mm=0.3,
+        std_mm=0.01,
+        rms_mm=0.3,
+        floor_mm=0.05,
+        expected_mm=0.06,
+        over_floor=True,
+        tried=tried,
     )
 
 
