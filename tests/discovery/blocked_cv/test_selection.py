@@ -132,6 +132,21 @@ def test_orientations_that_come_out_worse_contradict():
         assert both_kinds_agree(before, after) is agree
 
 
+def test_estimates_add_to_held_out_squares_what_drawn_noise_shows(rows):
+    """With no prior to speak of: held-out squares of noise alone have this expectation."""
+    columns, rng = rows[0][:, :, :6], np.random.default_rng(3)
+    own = Columns(np.arange(6), np.full(6, 1e9))
+    squares = [
+        float(start(products_of(columns, rng.standard_normal((BLOCKS, ROWS))), own).squares.sum())
+        for _ in range(400)
+    ]
+    noise = BLOCKS * ROWS
+    added = start(products_of(columns, np.zeros((BLOCKS, ROWS))), own).squares_of_estimates
+    assert added > 6.0  # more than one of each parameter: blocks are predicted from others
+    std = np.std(squares) / np.sqrt(len(squares))
+    assert abs(np.mean(squares) - noise - added) < 4.0 * std < 0.5 * added
+
+
 @pytest.mark.parametrize(
     ("means_mm", "over"),
     [
