@@ -143,15 +143,17 @@ def change_of(
     ):
         return None
     columns = _columns(kind, target, at, poses)
-    # It must also gain beside smooth functions of the pose, and beside the same change coming on
-    # gradually.
+    # Beside smooth functions of the pose it must take up as much; and it must also gain beside the
+    # same change coming on gradually, which takes up most of a step, too.
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    row = np.array([best.row])
+    if _Rows(at, poses, whitener, *smooth).best(columns, row).remaining > CHANGE.most_left_share:
+        return None
     course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
     gradual = [
         CHANGE.static_sizes * (columns * course**power) for power in range(1, CHANGE.courses + 1)
     ]
-    beside = _Rows(at, poses, whitener, *smooth, *gradual).best(columns, np.array([best.row]))
-    if beside.gain < needed or beside.remaining > CHANGE.most_left_share:
+    if _Rows(at, poses, whitener, *smooth, *gradual).best(columns, row).gain < needed:
         return None
     near = rows.as_good(columns, best.scale, best.row)
     rivals = dict.fromkeys(
