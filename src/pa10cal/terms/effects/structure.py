@@ -19,7 +19,7 @@ from pa10cal.terms.effects.effect import (
 )
 from pa10cal.terms.term import OPTIONAL, TermParameter
 
-_LONG_LINKS = ("upper_arm", "forearm")
+LONG_LINKS = ("upper_arm", "forearm")
 GRAVITY_M_S2 = 9.81
 #: Plausible rotation of a structure under the whole weight of its arm [rad].
 _TURN_RAD = 3e-4
@@ -53,7 +53,7 @@ class LinkEffect(Effect):
     # moment that causes a plausible rotation, where weights are assumed; None where they are stated
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Links that may have it.
-    places: ClassVar[tuple[str, ...]] = _LONG_LINKS
+    places: ClassVar[tuple[str, ...]] = LONG_LINKS
     bends = True
     weights_power = -1.0
     # An aluminium tube of 60 mm and 3 mm wall, 0.4 m long, twists by 0.035 mrad per N m (L / G J):
@@ -69,7 +69,7 @@ class LinkEffect(Effect):
         rows = long_links(context.arm)
         return tuple(
             cls(place, row, tuple(spans_m[row - 1]), moment_of_arm_Nm(context.arm))
-            for place, row in zip(_LONG_LINKS, rows, strict=False)  # a short arm has fewer
+            for place, row in zip(LONG_LINKS, rows, strict=False)  # a short arm has fewer
             if place in cls.places
         )
 
