@@ -262,7 +262,6 @@ class SimulatedLinkGrowth(effect.SimulatedEffect):
     strains = True
     by_temperature = True
     usual = effect.draws(alpha=effect.sized(2e-5))
-    plausible_size = 1.0
 
     alpha: effect.Finite = Field(description="growth of the link for 1 K of the log [1/K]")
 
