@@ -113,6 +113,18 @@ def test_a_spring_that_poses_do_not_identify_decides_no_grade(campaign, monkeypa
     assert model.grade == "good", model.fitted_to.health
 
 
+def test_a_length_that_is_known_well_beside_open_weights_decides_no_grade(campaign, monkeypatch):
+    """Directions of weights that nobody stated hold a little of a length that poses show well."""
+    found = campaign(poses=60, departs="rows", flexible_joints=(2, 3), hardening=False)
+    bare = replace(found.arm, mass_kg=None, com_m=None)
+    arm = weighed_arm(bare, found.observations, found.description.payload)
+    known = case.not_identifiable
+    monkeypatch.setattr(case, "not_identifiable", lambda *of: known(*of) | {"delta_d_4"})
+    assert pa10cal.calibrate(replace(found, arm=arm)).grade == "good"
+    monkeypatch.setattr(case, "GRADES", replace(case.GRADES, shown_share=0.0))
+    assert pa10cal.calibrate(replace(found, arm=arm)).grade == "few_poses"
+
+
 @pytest.mark.slow
 def test_touched_balls_at_their_noise_are_good():
     """What no instrument of that kind can determine does not count against a campaign."""

@@ -31,11 +31,12 @@ REPEATED = {"poses": 80, "repeat_every": 1}
 
 @pytest.fixture
 def campaign(tmp_path):
-    def measured(instrument, *hidden, robot="ur10", **plan):
+    def measured(instrument, *hidden, robot="ur10", drift_C=0.0, **plan):
         raw = {
             "random_seed": 1,
             "robot": robot,
             "hidden_effects": list(hidden),
+            "temperature_drift_C": drift_C,
             "without_touches": {
                 "instrument": instrument,
                 "departs": "rows",
@@ -176,3 +177,23 @@ def test_gross_errors_of_single_readings_change_no_name(campaign, hidden):
         value, true = effect.parameters[name], sound.parameters[name]
         assert abs(value.value - true.value) < 0.5 * true.std
         assert value.std < 1.1 * true.std
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("id_", "of", "alpha"),
+    [
+        ("thermal_growth", "arm", 2e-5),
+        ("link_growth", "upper_arm", 5e-5),
+        ("link_growth", "forearm", 6e-5),
+    ],
+)
+def test_what_grows_with_temperature_is_the_arm_or_one_link(campaign, id_, of, alpha):
+    """A link may be warmer than where the temperature is logged, by several times."""
+    hidden = {"id": id_, "of": of, "parameters": {"alpha": alpha}}
+    verdict = searched(campaign("points", hidden, **MANY, drift_C=6.0, seconds_a_pose=180.0))
+    assert names(verdict) == [(id_, of)]
+    assert is_sure(verdict)
+    (found,) = verdict.effects
+    std = float(np.sqrt(found.covariance[0, 0]))
+    assert abs(found.x[0] - alpha) < 4.0 * std < 0.2 * alpha

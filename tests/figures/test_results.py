@@ -17,6 +17,7 @@ from pa10cal.errors import Pa10calError, RawDataError, RecordError
 from pa10cal.figures.campaign.paper_figures import PLACE_MM, places, scatter_by_load
 from pa10cal.figures.draw import of_campaign
 from pa10cal.figures.published import is_of_papers_arm
+from pa10cal.reports.errors import better_general, headline
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.calibration import BaseFrameRecord
 from pa10cal.results.discovery import VerdictRecord
@@ -179,3 +180,16 @@ def test_nothing_is_known_without_repeats_or_without_grid_poses():
     p_mm = np.zeros((1, 3, 1, 3))
     assert scatter_by_load(poses(p_mm, [0])).empty
     assert scatter_by_load(poses(np.zeros((1, 1, 4, 3)), [0], kind="holdout")).empty
+
+
+def test_says_where_the_general_model_predicts_far_better_than_the_papers(spoiled):
+    assert better_general(spoiled) is None
+    path = spoiled.folder / "calibration/general.json"
+    health = json.loads(path.read_text(encoding="utf-8"))["health"]
+    far_mm = 0.4 * headline(spoiled)[1].counted.rms_mm
+    change(path, health={**health, "grade": "good", "held_out_rms_mm": far_mm})
+    said = better_general(elsewhere(spoiled, spoiled.folder))
+    assert f"leaves {far_mm:.3f} mm" in said
+    assert "calibration.model to general" in said
+    change(path, health={**health, "grade": "suspect_input", "held_out_rms_mm": far_mm})
+    assert better_general(elsewhere(spoiled, spoiled.folder)) is None

@@ -63,7 +63,8 @@ class Grades:
     most_names: int = 4  # names that a sentence lists (told)
     # a stated uncertainty in another unit is off by its factor, within this (size)
     of_unit: float = 4.0
-    # standard uncertainty of a windup, in its size, below which poses show it (statistics)
+    # standard uncertainty of a windup, in its size, and of a length or angle beside open weights,
+    # in its typical size, below which poses show it (statistics)
     shown_share: float = 0.5
     # part of the spread of the places seen that no calibrated arm is off by, where held-out
     # poses do not confirm it (size)

@@ -140,15 +140,18 @@ def change_of(
     ):
         return None
     columns = _columns(kind, target, at, poses)
-    # It must also gain beside effects that depend on the pose, and beside the same change in a
-    # gradual course.
+    # Beside smooth functions of the pose it must take up as much; and it must also gain beside the
+    # same change coming on gradually, which takes up most of a step, too.
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    row = np.array([best.row])
+    beside = _StepRows(at, poses, whitener, *smooth).best(columns, row)
+    if beside.remaining > CHANGE.most_left_share:
+        return None
     course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
     gradual = [
         CHANGE.static_sizes * (columns * course**power) for power in range(1, CHANGE.courses + 1)
     ]
-    beside = _StepRows(at, poses, whitener, *smooth, *gradual).best(columns, np.array([best.row]))
-    if beside.gain < needed or beside.remaining > CHANGE.most_left_share:
+    if _StepRows(at, poses, whitener, *smooth, *gradual).best(columns, row).gain < needed:
         return None
     near = rows.as_good(columns, best.scale, best.row)
     rivals = dict.fromkeys(

@@ -153,8 +153,10 @@ class Blocks:
     worse_errors: float = 2.0
     # most that one kind may lose by an arrival error, as part of the gain of both (trials)
     most_lost_share: float = 0.1
-    over_floor: float = 1.15  # ratio of remaining error to noise that is more than noise (trials)
-    over_floor_errors: float = 3.0  # and by so many standard errors over blocks (level)
+    # error of held-out blocks over what noise and uncertain parameters give, above which the model
+    # lacks something (trials)
+    over_expected: float = 1.12
+    over_expected_errors: float = 3.0  # standard errors over blocks by which it must be (level)
     # standard error of the median of normal deviates over that of the mean (statistics)
     median_errors: float = 1.2533
     # largest part of the squared error that parameters take up by chance (statistics)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from pa10cal.reports.blocks import Beside, Callout, Items, PageBlock, Paragraph, grid
+from pa10cal.reports.errors import better_general
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
     listed,
@@ -68,6 +69,8 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
             "A model of this grade is not to be used. The commands refuse its model without "
             "--force: mend the input first.",
         )
+    if better := better_general(results):
+        yield Callout("warning", sentence(better))
     yield grid(
         "What is probably wrong in the input",
         "where | what | what to do | would leave [mm rms]",

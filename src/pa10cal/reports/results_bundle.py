@@ -156,6 +156,12 @@ class ResultsBundle:
         return _record(CalibrationRecord, f"calibration/{self.load_case}.json")(self)
 
     @cached_property
+    def general_beside(self) -> GeneralCalibrationRecord | None:
+        """The calibration of the general model beside that of the paper's."""
+        found = _record(CalibrationRecord, f"calibration/{GENERAL}.json")(self)
+        return found if isinstance(found, GeneralCalibrationRecord) else None
+
+    @cached_property
     def planes(self) -> list[PlaneRecord]:
         """The planes of the Monte Carlo, from low to high."""
         files = (self.folder / "montecarlo").glob("z*.json")
@@ -199,9 +205,8 @@ class ResultsBundle:
 
     @cached_property
     def _own_records(self) -> tuple[CampaignRecord, ...]:
-        general = _record(CalibrationRecord, f"calibration/{GENERAL}.json")(self)
         every = (getattr(self, name) for name in _OF_A_RUN if name not in ("poses", "model"))
-        return tuple(record for record in (*every, general) if record is not None)
+        return tuple(each for each in (*every, self.general_beside) if each is not None)
 
     @cached_property
     def campaign(self) -> str:

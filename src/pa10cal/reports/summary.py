@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from pa10cal.input_files import is_file, read_csv
-from pa10cal.reports.errors import headline
+from pa10cal.reports.errors import better_general, headline
 from pa10cal.reports.results_bundle import OUTPUTS, ResultsBundle
 from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
 from pa10cal.results.discovery import NamedEffect, VerdictKeys, VerdictRecord
@@ -52,6 +52,7 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     assert ends is not None  # those of the calibration at least
     before, after = ends
     prior = fitted.prior if isinstance(fitted, GeneralCalibrationRecord) else None
+    about_fit = (None if prior is None else prior.line, better_general(bundle))
     outcome = ChainRecord(
         campaign=fitted.campaign,
         status="done",
@@ -60,7 +61,7 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         grade=fitted.health.grade,
         line=fitted.health.line,
         verdict=verdict.verdict,
-        notes=(*(() if prior is None else (prior.line,)), *notes(verdict)),
+        notes=(*filter(None, about_fit), *notes(verdict)),
         before_mm=before.of.mean_mm,
         after_mm=after.of.mean_mm,
         over=after.over,

@@ -250,7 +250,9 @@ class Remaining(record.Part):
     std_mm: float  # standard error of the mean over blocks [mm]
     rms_mm: float  # root mean square position error [mm]
     floor_mm: float  # mean position error that noise leaves [mm]
-    over_floor: bool  # whether it is significantly above the noise
+    # mean position error that noise and uncertain parameters leave [mm]; not in earlier files
+    expected_mm: float | None = None
+    over_floor: bool  # whether it is significantly above that
     tried: tuple[Tried, ...]  # what else was tried, the best first
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect
 from pa10cal.discovery.blocked_cv.effect_set import Candidate, Columns, both_kinds_agree, start
-from pa10cal.discovery.blocked_cv.judge import in_place_of, over_floor, unexplained
+from pa10cal.discovery.blocked_cv.judge import in_place_of, over_expected, unexplained
 from pa10cal.discovery.blocked_cv.normal_equations import BlockEquations
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.rules import PROBABILITIES
@@ -132,6 +132,21 @@ def test_orientations_that_come_out_worse_contradict():
         assert both_kinds_agree(before, after) is agree
 
 
+def test_estimates_add_to_held_out_squares_what_drawn_noise_shows(rows):
+    """With no prior to speak of: held-out squares of noise alone have this expectation."""
+    columns, rng = rows[0][:, :, :6], np.random.default_rng(3)
+    own = Columns(np.arange(6), np.full(6, 1e9))
+    found = []
+    for _ in range(400):
+        noise = rng.standard_normal((BLOCKS, ROWS))
+        held_out = start(products_of(columns, noise), own).squares
+        found.append(float(held_out.sum() - np.sum(noise**2)))
+    expected = start(products_of(columns, noise), own).squares_of_estimates
+    assert expected > 6.0  # more than 1 of each parameter: blocks are predicted from the others
+    std = np.std(found) / np.sqrt(len(found))
+    assert abs(np.mean(found) - expected) < 4.0 * std < 0.2 * expected
+
+
 @pytest.mark.parametrize(
     ("means_mm", "over"),
     [
@@ -142,12 +157,18 @@ def test_orientations_that_come_out_worse_contradict():
     ],
 )
 def test_one_bad_block_neither_makes_nor_hides_what_is_left(means_mm, over):
-    assert over_floor(means_mm, float(means_mm.mean()), 0.01) is over
+    assert over_expected(means_mm, float(means_mm.mean()), 0.01) is over
 
 
 def remaining(*tried):
     return Remaining(
-        mean_mm=0.3, std_mm=0.01, rms_mm=0.3, floor_mm=0.05, over_floor=True, tried=tried
+        mean_mm=0.3,
+        std_mm=0.01,
+        rms_mm=0.3,
+        floor_mm=0.05,
+        expected_mm=0.06,
+        over_floor=True,
+        tried=tried,
     )
 
 

@@ -297,6 +297,7 @@ def test_singles_have_the_size_that_the_vocabulary_holds_for_plausible():
     elsewhere = (
         "along_move",
         "joint_coupling",
+        "link_growth",
         "range_constant",
         "scale",
         "move_settling",

@@ -344,11 +344,14 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
     hidden: frozenset[str] = frozenset()
     payload, assumed = general.payload, weights_known(general.arm).assumed
     if assumed:
-        # More poses do not determine weights that nobody stated, so these do not count. Springs are
-        # correlated with them; a spring counts as identified if its windup is known all the same.
+        # More poses do not determine weights that nobody stated, so these do not count. Springs and
+        # lengths are correlated with them; a spring counts as identified if its windup is known all
+        # the same, another unknown if it is known to a part of its typical size.
         std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        windup = problem.having("windup")
-        unidentified -= {*names_of(parameters, windup & np.less(std, GRADES.shown_share * fit.x))}
+        of_windup, of_weights = problem.having("windup"), problem.having("weight")
+        size = np.where(of_windup, fit.x, fit.scale)
+        known = ~of_weights & np.less(std, GRADES.shown_share * size)
+        unidentified -= {*names_of(parameters, known)}
     if assumed or (payload is not None and payload.com_u_m is not None):
         # Nor do springs that only weights leave undetermined: another campaign may find none.
         hidden = frozenset(names_of(parameters, problem.having("weight", "windup", "cubic")))

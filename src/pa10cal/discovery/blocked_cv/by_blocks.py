@@ -334,7 +334,13 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
     survey, extended, poses = found.survey, found.extended, found.survey.poses
     noise = survey.noise_about(extended.fitted())
     floor_mm = linear.mean_error_of_noise_mm(poses.measured, noise.cov)
-    remaining = judge.remaining_error(found.rows, found.errors_mm, floor_mm, found.tried)
+    remaining = judge.remaining_error(
+        survey.block,
+        found.errors_mm,
+        floor_mm,
+        found.expected_over_noise * floor_mm,
+        found.tried,
+    )
     findings = tuple(
         Finding(
             effect,

@@ -124,6 +124,19 @@ class EffectSet:
         positions = self._squares(self.equations.of_positions, self.solution)
         return positions, readings - positions
 
+    @property
+    def squares_of_estimates(self) -> float:
+        """Return the sum of squares of held-out positions that estimates are expected to add.
+
+        The sum over blocks of tr(C J'J), C the covariance of the parameters as the other blocks
+        determine them, J the whitened position rows of the block: noise alone adds 1 a row.
+        """
+        of = self.equations.of_positions or self.equations
+        gram = of.gram[:, self.index[:, None], self.index]
+        if of is self.equations and (precision := of.prior_precision) is not None:
+            gram = gram - np.diag(precision[self.index])
+        return float(np.sum(self.inverse * gram))
+
     def squares_with_each(self, candidates: Sequence[Columns]) -> Array:
         """Return the sums of squares with each of some candidates added, (m, B)."""
         every = np.unique(np.concatenate([each.index for each in candidates]))

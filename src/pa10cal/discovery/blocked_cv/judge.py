@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 from typing_extensions import override
 
-from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.block_rows import BlockedRows
 from pa10cal.discovery.blocked_cv.effect_set import (
@@ -150,10 +150,17 @@ def _held_out_errors(rows: BlockedRows, chosen: EffectSet) -> tuple[Array, Array
 
 
 def remaining_error(
-    rows: BlockedRows, errors_mm: Array, floor_mm: float, others: tuple[Tried, ...]
+    block: Index, errors_mm: Array, floor_mm: float, expected_mm: float, tried: tuple[Tried, ...]
 ) -> Remaining:
-    """Return the position error of held-out blocks, against noise, and what was tried on it."""
-    block = rows.survey.block
+    """Return the position error of held-out blocks, against noise, and what was tried on it.
+
+    Args:
+        block: (P,) block of each pose.
+        errors_mm: (P,) position errors.
+        floor_mm: mean error that noise alone leaves.
+        expected_mm: mean error that noise and uncertain estimates leave.
+        tried: what each candidate that was not chosen would still gain.
+    """
     means_mm = np.array([errors_mm[block == number].mean() for number in range(BLOCKS.blocks)])
     mean_mm = float(errors_mm.mean())
     return Remaining(
@@ -161,27 +168,28 @@ def remaining_error(
         std_mm=float(means_mm.std(ddof=1) / np.sqrt(BLOCKS.blocks)),
         rms_mm=linear.rms(errors_mm),
         floor_mm=floor_mm,
-        over_floor=over_floor(means_mm, mean_mm, floor_mm),
-        tried=others,
+        expected_mm=expected_mm,
+        over_floor=over_expected(means_mm, mean_mm, expected_mm),
+        tried=tried,
     )
 
 
-def over_floor(means_mm: Array, mean_mm: float, floor_mm: float) -> bool:
-    """Return whether mean errors of blocks (B,) exceed the noise, robustly against outliers.
+def over_expected(means_mm: Array, mean_mm: float, expected_mm: float) -> bool:
+    """Return whether mean errors of blocks (B,) exceed the expected one, robustly against outliers.
 
     By their mean and its standard error; or by their median and its standard error for normal
     deviates, from their median absolute deviation.
     """
-    if mean_mm <= BLOCKS.over_floor * floor_mm:
+    if mean_mm <= BLOCKS.over_expected * expected_mm:
         return False
     root = np.sqrt(len(means_mm))
     median_mm = float(np.median(means_mm))
     scatter_mm = MEDIAN_TO_SIGMA * float(np.median(np.abs(means_mm - median_mm)))
     median_std_mm = BLOCKS.median_errors * scatter_mm / root
-    by_mean = mean_mm - floor_mm > BLOCKS.over_floor_errors * means_mm.std(ddof=1) / root
+    by_mean = mean_mm - expected_mm > BLOCKS.over_expected_errors * means_mm.std(ddof=1) / root
     by_median = (
-        median_mm > BLOCKS.over_floor * floor_mm
-        and median_mm - floor_mm > BLOCKS.over_floor_errors * median_std_mm
+        median_mm > BLOCKS.over_expected * expected_mm
+        and median_mm - expected_mm > BLOCKS.over_expected_errors * median_std_mm
     )
     return bool(by_mean or by_median)
 
@@ -285,8 +293,9 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
     if places:
         return tuple(places)
     why = (
-        f"held-out blocks have a mean error of {mean_mm:.3f} mm where noise alone gives "
-        f"{remaining.floor_mm:.3f} mm, and nothing that was tried significantly predicts it"
+        f"held-out blocks have a mean error of {mean_mm:.3f} mm where noise and uncertain "
+        f"parameters give {remaining.expected_mm:.3f} mm, and nothing that was tried significantly "
+        "predicts it"
     )
     if others:
         nearest = others[0]

@@ -63,6 +63,8 @@ class SearchOutcome:
     nameless: tuple[Effect, ...]  # generic effects that the search chose: not in the model
     tried: tuple[Tried, ...]  # what each candidate that was not chosen would still gain
     errors_mm: Array  # (P,) position errors of held-out blocks
+    # the error of held-out positions that noise and uncertain estimates make, over that of noise
+    expected_over_noise: float
     hidden: tuple[Untestable, ...]  # effects that these data cannot show
     below_detection_limit: tuple[Untestable, ...]
     candidates: int  # how many effects were tried
@@ -121,6 +123,9 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
         if with_rivals.members[k].effect.generic:  # rivals are not in the model
             chosen = chosen.without_member(k)
     judged, errors_mm = judged_members(rows, search, chosen, with_rivals)
+    measured = rows.survey.poses.measured
+    position_rows = measured.components_seen[:, measured.position_columns].sum()
+    expected_over_noise = (1.0 + chosen.squares_of_estimates / position_rows) ** 0.5
     members = tuple(member.shaped for member in chosen.members)
     effect_count, least_gain = search.effect_count, search.least_gain
     below = below_detection_limit(known, search.is_surely_found)
@@ -133,6 +138,7 @@ def _searched(rows: BlockedRows) -> SearchOutcome:
         nameless=nameless,
         tried=others,
         errors_mm=errors_mm,
+        expected_over_noise=float(expected_over_noise),
         hidden=known.hidden,
         below_detection_limit=below,
         candidates=effect_count,

@@ -1,16 +1,20 @@
-"""Effects that change in time: a base that moves, links that grow with temperature."""
+"""Effects that change in time: a base that moves, an arm or a link that grows with temperature."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 
 from pa10cal.arm.chain import BASE, Chain, long_links
+from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, Effect, time_in
+from pa10cal.terms.effects.structure import LONG_LINKS
 from pa10cal.terms.term import TermParameter
 
 _SECONDS_AN_HOUR = 3600.0
@@ -101,19 +105,10 @@ class ThermalGrowth(Effect):
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
         """Return the lengths of the pedestal (the motions before joint 2) and the long links."""
-        chain = Chain.of(context.arm)
-        ends = [0, *(int(column) for column in chain.joint_columns)]
-        pedestal = range(ends[0], ends[2] if len(ends) > 2 else len(chain.motions))
-        links = (range(ends[row], ends[row + 1]) for row in long_links(context.arm))
-        columns = [
-            column
-            for link in (pedestal, *links)
-            for column in link
-            if chain.nominal[column] != 0.0 and not chain.motions[column].turns
-        ]
-        lengths = tuple(chain.motions[column].coordinate for column in columns)
-        lengths_m = tuple(float(chain.nominal[column]) for column in columns)
-        return lengths, lengths_m, context.reference_temperature_C
+        links = _motions_by_link(context.arm)
+        grown = [links[0], *(links[row - 1] for row in long_links(context.arm))]
+        columns = [column for link in grown for column in link]
+        return *_lengths(context.arm, columns), context.reference_temperature_C
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -121,3 +116,42 @@ class ThermalGrowth(Effect):
 
     def per_unit(self, states: PoseStates) -> Array:
         return np.outer(states.temperature_C - self.reference_temperature_C, self.lengths_m)
+
+
+@dataclass(frozen=True)
+class LinkGrowth(ThermalGrowth):
+    """One long link grows by alpha (T - reference), alpha in 1/K, T as logged and not of the link.
+
+    A motor in it, or the sun, warms it more than where the temperature is logged.
+    """
+
+    id = "link_growth"
+    clauses = ("{at} grows with temperature",)
+    possible = (0.0, 1.3e-4, "light metal grows by 26e-6, and no link warms five times as much")
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        """Return the growth of each long link."""
+        links, reference_C = _motions_by_link(context.arm), context.reference_temperature_C
+        return tuple(
+            cls(place, *_lengths(context.arm, links[row - 1]), reference_C)
+            for place, row in zip(LONG_LINKS, long_links(context.arm), strict=False)
+        )
+
+
+def _motions_by_link(arm: Arm) -> list[range]:
+    """Return the columns of the motions of each link; before joint 2, of the pedestal too."""
+    ends = [*Chain.of(arm).joint_columns.tolist(), len(Chain.of(arm).motions)]
+    ends[0] = 0
+    return [range(first, last) for first, last in pairwise(ends)]
+
+
+def _lengths(arm: Arm, columns: Iterable[int]) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Return the coordinates of those motions that are lengths other than zero, and these [m]."""
+    chain = Chain.of(arm)
+    lengths = {
+        chain.motions[column].coordinate: float(chain.nominal[column])
+        for column in columns
+        if chain.nominal[column] != 0.0 and not chain.motions[column].turns
+    }
+    return tuple(lengths), tuple(lengths.values())

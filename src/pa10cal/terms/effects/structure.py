@@ -14,7 +14,7 @@ from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, static_loads_in
 from pa10cal.terms.term import OPTIONAL, TermParameter
 
-_LONG_LINKS = ("upper_arm", "forearm")
+LONG_LINKS = ("upper_arm", "forearm")
 GRAVITY_M_S2 = 9.81
 #: Plausible rotation of a structure under the moment of the stretched arm [rad].
 _TURN_RAD = 3e-4
@@ -63,7 +63,7 @@ class LinkEffect(Compliance):
     span_m: tuple[float, float, float]
     moment_of_arm_Nm: float | None = field(default=None, metadata={OPTIONAL: True})
     #: Links that may have it.
-    places: ClassVar[tuple[str, ...]] = _LONG_LINKS
+    places: ClassVar[tuple[str, ...]] = LONG_LINKS
     # An aluminium tube of 60 mm and 3 mm wall, 0.4 m long, twists by 0.035 mrad per N m (L / G J):
     # 100 N m, for which no arm would have it, make 3.5 mrad.
     most_rad = (0.01, "no link of an arm turns at its end by more than 10 mrad")
@@ -75,7 +75,7 @@ class LinkEffect(Compliance):
         rows = long_links(context.arm)
         return tuple(
             cls(place, row, tuple(spans_m[row - 1]), moment_of_arm_Nm(context.arm))
-            for place, row in zip(_LONG_LINKS, rows, strict=False)  # a short arm has fewer
+            for place, row in zip(LONG_LINKS, rows, strict=False)  # a short arm has fewer
             if place in cls.places
         )
 

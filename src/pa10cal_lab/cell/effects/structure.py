@@ -253,6 +253,25 @@ class SimulatedThermalGrowth(effect.SimulatedEffect):
         return replace(none, stretch=stretch)
 
 
+class SimulatedLinkGrowth(effect.SimulatedEffect):
+    """One long link grows with the logged temperature, which it follows by more or less."""
+
+    id = "link_growth"
+    places = effect.LONG_LINKS
+    drawn = False  # no study hides it
+    strains = True
+    by_temperature = True
+    usual = effect.draws(alpha=effect.sized(2e-5))
+
+    alpha: effect.Finite = Field(description="growth of the link for 1 K of the log [1/K]")
+
+    def strain(self, loading: effect.Loading) -> Strain:
+        none = loading.none
+        stretch = none.stretch.copy()
+        stretch[:, loading.link(self.of)] = self.alpha * loading.warming_K
+        return replace(none, stretch=stretch)
+
+
 # Effects that sit in the tool on the flange and in the measuring instrument.
 
 

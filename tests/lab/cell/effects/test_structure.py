@@ -112,6 +112,15 @@ def test_thermal_growth_stretches_pedestal_upper_arm_and_forearm(rigid, plain):
     assert np.abs(turn).max() < 1e-15
 
 
+@pytest.mark.parametrize(("link", "near", "far"), [("upper_arm", 1, 2), ("forearm", 3, 4)])
+def test_a_link_that_grows_alone_stretches_no_other(rigid, plain, link, near, far):
+    frames = np.array([plain(rigid).frames(q) for q in Q])
+    span = frames[:, far, :3, 3] - frames[:, near, :3, 3]
+    shift, turn = moved(rigid, structure.SimulatedLinkGrowth(alpha=5e-5).at(link))
+    assert shift == pytest.approx(5e-5 * WARMING[:, None] * span, abs=1e-14)
+    assert np.abs(turn).max() < 1e-15
+
+
 def test_springs_and_structure_yield_together(robot, plain):
     """The moment is that of the posture at rest, springs and bent link included."""
     effect = structure.SimulatedLinkBending(c=1e-6).at("upper_arm")

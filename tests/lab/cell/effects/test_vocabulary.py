@@ -30,6 +30,7 @@ GOOD = [
     ("base_compliance", "base", {"cx": 1e-6, "cy": 1e-6}),
     ("base_drift", "base", {"rate": [1e-5, 0.0, 0.0]}),
     ("thermal_growth", "arm", {"alpha": 2e-5}),
+    ("link_growth", "forearm", {"alpha": 5e-5}),
     ("tool_sag", "tool", {"c": 3e-5}),
     ("cmm_scale", "instrument", {"s": [1e-4, 0.0, 0.0]}),
     ("cmm_squareness", "instrument", {"xy": 1e-4}),
