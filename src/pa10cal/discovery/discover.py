@@ -21,6 +21,7 @@ from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
 from pa10cal.discovery.gates import gated
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
+from pa10cal.discovery.loose_targets import loose_targets
 from pa10cal.discovery.nameless import nameless_effects
 from pa10cal.discovery.no_harm import harmed, limits, only_within
 from pa10cal.discovery.noise import mean_covariance, noise_of_near_poses, repeated
@@ -172,7 +173,18 @@ def _nameless(found: Verdict, model: FittedModel) -> tuple[Effect, ...]:
 
 
 def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
-    """Return the verdict of the scorer that suits a campaign, before its gates."""
+    """Return the verdict of the scorer that suits a campaign, before its gates.
+
+    A loose target stands for what is unexplained and at no place.
+    """
+    found = _by_scorer(campaign, model)
+    if not (loose := loose_targets(campaign.trusted)):
+        return found
+    placed = tuple(each for each in found.unexplained if each.of is not None)
+    return replace(found, unexplained=(*loose, *placed))
+
+
+def _by_scorer(campaign: Prepared, model: FittedModel) -> Verdict:
     readings = complete(campaign.trusted, campaign.baseline, campaign.setup)
     if wrong_convention := orientations_off(readings, campaign.baseline):
         return not_sought(campaign, model, wrong_convention)

@@ -333,6 +333,21 @@ class Change:
 
 
 @dataclass(frozen=True)
+class Loose:
+    """A target that is loose on the tool."""
+
+    targets: int = 3  # of fewer it cannot be told which one moves (statistics)
+    least_poses: int = 20  # poses that show the distance between two (statistics)
+    # scatter of a distance over the noise from which on a target moves (measured: pairs of targets
+    # of six measured robots differ by less where they are above the stated noise)
+    ratio: float = 1.5
+    standard_errors: float = 3.0  # and surely so, by these errors of its estimate (level)
+    # standard error of a standard deviation by the median absolute deviation, times the root of the
+    # number of normal deviates (statistics)
+    median_errors: float = 1.166
+
+
+@dataclass(frozen=True)
 class Springs:
     """Joints that give way."""
 
@@ -526,6 +541,7 @@ NAMES = Names()
 PROBABILITIES = Probabilities()
 MOTION = Motion()
 CHANGE = Change()
+LOOSE = Loose()
 SPRINGS = Springs()
 TOGETHER = Together()
 TORQUES = Torques()
@@ -547,6 +563,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "probabilities": PROBABILITIES,
     "motion": MOTION,
     "change": CHANGE,
+    "loose": LOOSE,
     "springs": SPRINGS,
     "together": TOGETHER,
     "torques": TORQUES,

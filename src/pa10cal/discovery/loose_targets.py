@@ -1,0 +1,95 @@
+"""Targets that are loose on the tool: their distances from the others scatter.
+
+Distances between targets of one rigid tool need no model of the arm. Where those of one target
+scatter by more than noise and those among the others do not, that target moves on its mount.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
+from pa10cal.discovery.rules import LOOSE
+from pa10cal.observe.instrument import Instrument
+from pa10cal.observe.observations import Observations
+from pa10cal.results.discovery import Unexplained
+
+
+class _Distance(NamedTuple):
+    """How the distance between two targets scatters."""
+
+    targets: tuple[int, int]
+    scatter_m: float  # standard deviation, robustly
+    noise_m: float  # of that the stated uncertainty gives
+    surely_m: float  # scatter less some standard errors of its estimate
+
+    @property
+    def ratio(self) -> float:
+        return self.scatter_m / self.noise_m
+
+
+def loose_targets(poses: Observations) -> tuple[Unexplained, ...]:
+    """Return the target that is loose, or two of which one is, as an unexplained part of the error.
+
+    Nothing is told of a group, nor where fewer than three targets were measured: which of two moves
+    cannot be told, nor whether the stated uncertainty is too small.
+    """
+    measured = poses.measured
+    _, targets, axes = measured.places_m.shape
+    if measured.campaigns or targets < LOOSE.targets or axes != 3:
+        return ()
+    distances = list(_distances(measured))
+    if not distances:
+        return ()
+    # The steadiest distance shows the noise where the stated uncertainty is too small.
+    noise_ratio = max(1.0, min(each.ratio for each in distances))
+    moving = [
+        each for each in distances if each.surely_m > LOOSE.ratio * noise_ratio * each.noise_m
+    ]
+    common = set.intersection(*(set(each.targets) for each in moving)) if moving else set()
+    if not common:
+        return ()
+    names = [measured.target_names[target] for target in sorted(common)]
+    worst = max(moving, key=lambda each: each.scatter_m)
+    steady_mm = 1e3 * min(each.scatter_m for each in distances)
+    why = (
+        f"its distances from other targets scatter by up to {1e3 * worst.scatter_m:.3f} mm, the "
+        f"steadiest of all distances by {steady_mm:.3f} mm, whatever the arm does: it is loose, or "
+        "its mount gives way; fasten it, or calibrate without it"
+    )
+    return (
+        Unexplained(
+            of=f"target {' or '.join(names)}",
+            form=None,
+            shared_error_mm=1e3 * float(np.sqrt(worst.scatter_m**2 - worst.noise_m**2)),
+            why=why,
+        ),
+    )
+
+
+def _distances(measured: Instrument) -> Iterator[_Distance]:
+    """Yield the distances that enough poses show."""
+    places_m, covariance = measured.places_m, measured.stated_covariance
+    for pair in combinations(range(places_m.shape[1]), 2):
+        between_m = places_m[:, pair[0]] - places_m[:, pair[1]]
+        length_m = np.linalg.norm(between_m, axis=1)
+        seen = np.flatnonzero(np.isfinite(length_m))
+        if len(seen) < LOOSE.least_poses:
+            continue
+        along = between_m[seen] / length_m[seen, None]
+        rows = [slice(3 * target, 3 * target + 3) for target in pair]
+        by_targets = np.zeros((len(seen), covariance.shape[1]))
+        by_targets[:, rows[0]], by_targets[:, rows[1]] = along, -along
+        noise_m = _root_mean(np.einsum("pi,pij,pj->p", by_targets, covariance[seen], by_targets))
+        away_m = np.abs(length_m[seen] - np.median(length_m[seen]))
+        scatter_m = MEDIAN_TO_SIGMA * float(np.median(away_m))
+        std = LOOSE.median_errors / np.sqrt(len(seen))
+        yield _Distance(pair, scatter_m, noise_m, scatter_m * (1.0 - LOOSE.standard_errors * std))
+
+
+def _root_mean(squares: Array) -> float:
+    return float(np.sqrt(squares.mean()))

@@ -1,0 +1,66 @@
+"""A target that moves on the tool is told by the distances alone, and nothing else is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from drawn_examples import examples
+from pa10cal.arm.statics import PoseStates
+from pa10cal.discovery.loose_targets import loose_targets
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.points import Points
+
+POSES, STATED_MM = 160, 0.03
+PLACES_M = np.array([[0.1, 0.0, 0.1], [-0.06, 0.09, 0.1], [-0.05, -0.08, 0.15], [0.0, 0.02, 0.2]])
+
+
+def measured(seed, *, targets=3, noise_mm=(STATED_MM,) * 3, loose=None, moves_mm=0.0):
+    """Return poses of a tool in every orientation, one target of which hangs as gravity pulls."""
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(POSES, rng).as_matrix()
+    places_m = np.tile(PLACES_M[:targets], (POSES, 1, 1))
+    if loose is not None:
+        places_m[:, loose] -= 1e-3 * moves_mm * R[:, 2]  # down, as the tool sees it
+    p_m = np.einsum("pij,pbj->pbi", R, places_m) + rng.uniform(1.0, 3.0, (POSES, 1, 3))
+    p_m += 1e-3 * rng.normal(0.0, 1.0, p_m.shape) * noise_mm
+    cov_m2 = np.broadcast_to((1e-3 * STATED_MM) ** 2 * np.eye(3), (*p_m.shape, 3))
+    names = tuple(f"T{k + 1}" for k in range(targets))
+    zero, zeros = np.zeros(POSES), np.zeros((POSES, 6))
+    states = PoseStates(
+        q_rad=zeros, load_N=zero, tau_Nm=zeros, arrival=zeros, temperature_C=zero, time_s=zero
+    )
+    labels = np.array([f"P{k}" for k in range(POSES)])
+    return Observations.single(labels, states, Points(names, p_m, cov_m2, None))
+
+
+@pytest.mark.parametrize(("targets", "loose"), [(3, 0), (3, 1), (3, 2), (4, 3)])
+def test_the_target_that_moves_is_told(targets, loose):
+    (found,) = loose_targets(measured(1, targets=targets, loose=loose, moves_mm=0.2))
+    assert found.of == f"target T{loose + 1}"
+    assert found.shared_error_mm == pytest.approx(0.2 / np.sqrt(3.0), rel=0.4)
+    assert "fasten it" in found.why
+
+
+@examples(40)
+@given(st.integers(0, 10_000), st.floats(0.5, 4.0), st.floats(1.0, 3.0))
+def test_none_is_told_where_noise_is_larger_than_stated_or_not_the_same_in_all_directions(
+    seed, times, across
+):
+    noise_mm = times * STATED_MM * np.array([1.0, across, across])
+    assert loose_targets(measured(seed, noise_mm=noise_mm)) == ()
+
+
+def test_of_two_targets_none_is_told():
+    assert loose_targets(measured(1, targets=2, loose=1, moves_mm=0.2)) == ()
+
+
+def test_of_few_poses_none_is_told():
+    every = measured(1, loose=1, moves_mm=0.2)
+    assert loose_targets(every.take(np.arange(12))) == ()
+    unseen = every.measured.p_instr_m.copy()
+    unseen[12:, 1] = np.nan
+    assert loose_targets(replace(every, measured=replace(every.measured, p_instr_m=unseen))) == ()
