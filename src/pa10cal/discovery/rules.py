@@ -338,8 +338,8 @@ class Loose:
 
     targets: int = 3  # of fewer it cannot be told which one moves (statistics)
     least_poses: int = 20  # poses that show the distance between two (statistics)
-    # scatter of a distance over the noise from which on a target moves (measured: pairs of targets
-    # of six measured robots differ by less where they are above the stated noise)
+    # scatter of a distance over the noise from which on a target moves; no target of six measured
+    # robots comes near (measured)
     ratio: float = 1.5
     standard_errors: float = 3.0  # and surely so, by these errors of its estimate (level)
     # standard error of a standard deviation by the median absolute deviation, times the root of the
