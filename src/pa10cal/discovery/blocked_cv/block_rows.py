@@ -156,35 +156,66 @@ class BlockedRows:
 
     def normal_equations(self) -> BlockEquations:
         """Return the normal equations in all columns, block by block."""
-        knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
-        total = self.dense_count + len(self.joints) * (self.knots - 1)
+        total = len(self._precision)
         shape = (BLOCKS.blocks, total)
         gram, projection, squares = np.empty((*shape, total)), np.empty(shape), np.empty(shape[:1])
-        of_positions = BlockEquations(
-            np.empty_like(gram), np.empty_like(projection), np.empty_like(squares)
-        )
-        for block in range(BLOCKS.blocks):
-            positions, others = (
-                in_map_bases(equations, self.dense_count, bases)
-                for equations in self.equations_by_kind(block, self.joints, knots)
+        of_positions = None
+        if self._other_rows:
+            of_positions = BlockEquations(
+                np.empty_like(gram), np.empty_like(projection), np.empty_like(squares)
             )
-            of_positions.gram[block] = positions.gram
-            of_positions.projection[block] = positions.projection
-            of_positions.squares[block] = positions.squares
-            gram[block] = positions.gram + others.gram
-            projection[block] = positions.projection + others.projection
-            squares[block] = positions.squares + others.squares
-        # The prior on the arm's weights enters as pseudo-observations, shared among the blocks: if
-        # an effect needs weights unlike those described, it counts against the effect.
-        precision = np.zeros(total)
+        for block in range(BLOCKS.blocks):
+            equations, positions = self._of_block(block)
+            gram[block], projection[block] = equations.gram, equations.projection
+            squares[block] = equations.squares
+            if of_positions is not None:
+                of_positions.gram[block] = positions.gram
+                of_positions.projection[block] = positions.projection
+                of_positions.squares[block] = positions.squares
+        return BlockEquations(gram, projection, squares, of_positions, self._precision)
+
+    def summed_equations(self) -> Gaussian:
+        """Return the normal equations of all blocks together, of which one is held at a time."""
+        found, _ = self._of_block(0)
+        products, squares = found.products, np.empty(BLOCKS.blocks)
+        squares[0] = found.squares
+        for block in range(1, BLOCKS.blocks):
+            equations, _ = self._of_block(block)
+            products += equations.products
+            squares[block] = equations.squares
+        products[-1, -1] = squares.sum()
+        return found
+
+    def _of_block(self, block: int) -> tuple[Gaussian, Gaussian]:
+        """Return the normal equations of a block with the prior, and of its position rows alone.
+
+        The prior on the arm's weights enters as pseudo-observations, shared among the blocks: if an
+        effect needs weights unlike those described, it counts against the effect.
+        """
+        knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
+        by_kind = self.equations_by_kind(block, self.joints, knots)
+        positions = in_map_bases(by_kind[0], self.dense_count, bases)
+        if self._other_rows:
+            equations = in_map_bases(by_kind[1], self.dense_count, bases)
+            np.add(positions.products, equations.products, out=equations.products)
+        else:
+            equations = positions
+        diagonal = np.arange(equations.unknowns)
+        equations.gram[diagonal, diagonal] += self._precision
+        return equations, positions
+
+    @cached_property
+    def _precision(self) -> Array:
+        """Return the prior precision (N,) that every block's gram contains."""
+        precision = np.zeros(self.dense_count + len(self.joints) * (self.knots - 1))
         precision[self.weight_columns] = 1.0 / BLOCKS.blocks
-        diagonal = np.arange(total)
-        gram[:, diagonal, diagonal] += precision
+        return precision
+
+    @property
+    def _other_rows(self) -> bool:
+        """Return whether there are rows of anything but positions."""
         measured = self.survey.poses.measured
-        only_positions = measured.components_seen.shape[1] <= len(measured.position_columns)
-        return BlockEquations(
-            gram, projection, squares, None if only_positions else of_positions, precision
-        )
+        return bool(measured.components_seen.shape[1] > len(measured.position_columns))
 
     def equations_by_kind(
         self, block: int, joints: Sequence[int], knots: Sequence[int]
@@ -275,7 +306,7 @@ def _residual_of_richest_model(rows: BlockedRows) -> tuple[Array, float]:
     Of the model with all columns, without maps, or without effects too: the first that leaves
     enough degrees of freedom of the readings.
     """
-    total = rows.normal_equations().summed()
+    total = rows.summed_equations()
     harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
     count = total.unknowns
     without_maps = count - len(harmonics)
