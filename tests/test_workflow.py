@@ -52,7 +52,8 @@ def checkout(tmp_path, call_snakemake):
     """Lay out a copy of the project with stand-in commands and one campaign; return a runner."""
     place = tmp_path / "check out"
     source = place / "src"
-    shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("__pycache__"))
+    # With byte code, else each job compiles it anew; what is just being compiled vanishes.
+    shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("*.pyc.*"))
     shutil.copytree(ROOT / "workflow", place / "workflow")
     for name in ("Snakefile", "config.yaml", "README.md"):
         shutil.copy(ROOT / name, place)
@@ -72,7 +73,7 @@ def checkout(tmp_path, call_snakemake):
 
     def run(*words, config=()):
         pairs = ["campaigns=['c1']", "montecarlo={'planes_mm': [300, 500]}", *config]
-        env = {"PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
+        env = {"PYTHONPATH": str(source)}
         return call_snakemake(*COMMON, *words, "--config", *pairs, cwd=place, env=env)
 
     run.place = place

@@ -212,8 +212,14 @@ def small_screws(checked: CheckedCampaign) -> InputFinding | None:
     if not CHECKS.screw_above_noise * noise_mm < now_mm < np.inf:
         return None
 
+    # Of a pitch of zero, which every screw is tried with, and of the best one, more than once.
+    known = {checked.grid.states.q_rad.tobytes(): now_mm}
+
     def error(changed: ChangedLog) -> float:
-        return checked.calibrated_mm(checked.payload, changed.q)[0]
+        q = changed.q
+        if (key := q.tobytes()) not in known:
+            known[key] = checked.calibrated_mm(checked.payload, q)[0]
+        return known[key]
 
     log = ChangedLog(checked)
     tried = []

@@ -288,15 +288,7 @@ class _TimedRows:
         rows = np.concatenate([self._held, steps, self._walk, self._data], axis=2)
         flat = rows.reshape(-1, rows.shape[2])
         total = flat.T @ flat
-        sums = np.zeros((len(self._count), *rows.shape[1:]))
-        np.add.at(sums, self._group, rows)
-        # Products of the sums over groups of m readings, over m; last come poses read once. A
-        # shared error of variance v takes m v / (1 + m v) of them from the products of all rows.
-        of_groups: dict[int, Array] = {}
-        for m in sorted(set(self._count.tolist()), key=lambda m: (m == 1, m)):
-            own = sums[self._count == m] if m > 1 else rows[self._count[self._group] == 1]
-            part = own.reshape(-1, rows.shape[2]) / np.sqrt(m)
-            of_groups[m] = part.T @ part
+        of_groups = self._multiplied_by_group(rows) if any(self._shared) else {}
         found = []
         for variance in self._shared:
             products, determinant = total, 0.0
@@ -306,6 +298,21 @@ class _TimedRows:
                 determinant += self._components * many * float(np.log1p(m * variance))
             found.append(Gaussian(products, determinant))
         return found
+
+    def _multiplied_by_group(self, rows: Array) -> dict[int, Array]:
+        """Return the products of the sums of rows over groups of m readings, over m, by m.
+
+        Last come poses read once. A shared error of variance v takes m v / (1 + m v) of them from
+        the products of all rows.
+        """
+        sums = np.zeros((len(self._count), *rows.shape[1:]))
+        np.add.at(sums, self._group, rows)
+        of_groups: dict[int, Array] = {}
+        for m in sorted(set(self._count.tolist()), key=lambda m: (m == 1, m)):
+            own = sums[self._count == m] if m > 1 else rows[self._count[self._group] == 1]
+            part = own.reshape(-1, rows.shape[2]) / np.sqrt(m)
+            of_groups[m] = part.T @ part
+        return of_groups
 
 
 def in_time_of(

@@ -49,24 +49,33 @@ def source_files(*modules: str) -> tuple[Path, ...]:
         module = waiting.pop()
         if module in paths:
             continue
-        place = _FOLDER.joinpath(*module.split("."))
-        there = [p for p in (place / "__init__.py", place.with_suffix(".py")) if p.is_file()]
-        if not module.startswith(pa10cal.__name__) or not there:
+        there = _file_of(_FOLDER, module) if module.startswith(pa10cal.__name__) else None
+        if there is None:
             if module in modules:
                 raise ModuleNotFoundError(f"no module {module} in {_FOLDER}")
             continue  # the name of a function or class: `from pa10cal.errors import RawDataError`
-        paths[module] = there[0]
+        paths[module] = there
         if module == pa10cal.__name__:
             continue  # the public interface, which commands do not use
-        imported = _imports(there[0])
+        imported = _imports(there)
         waiting += [*imported, *([module.rpartition(".")[0]] if "." in module else [])]
         if "pkgutil" in imported:  # it looks through its own package
-            for path in there[0].parent.rglob("*.py"):
+            for path in there.parent.rglob("*.py"):
                 parts = path.relative_to(_FOLDER).with_suffix("").parts
                 waiting.append(".".join(parts).removesuffix(".__init__"))
     packages = {path.parent for path in paths.values() if path.name == "__init__.py"}
     data = {entry for package in packages for entry in _data_files(package)}
     return tuple(sorted(data | set(paths.values())))
+
+
+@cache
+def _file_of(folder: Path, module: str) -> Path | None:
+    """Return the file of a module or package; None where a name is of neither."""
+    place = folder.joinpath(*module.split("."))
+    for path in (place / "__init__.py", place.with_suffix(".py")):
+        if path.is_file():
+            return path
+    return None
 
 
 #: `import a, b` and `from a import b, c`, the names in brackets over several lines or not. That a

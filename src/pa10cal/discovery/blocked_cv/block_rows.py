@@ -29,6 +29,7 @@ from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.least_squares import Bounds
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonic_orders, harmonics_at_knots
 from pa10cal.terms.effects.effect import Effect, turning_joints
@@ -147,24 +148,49 @@ class BlockedRows:
 
     def normal_equations(self) -> BlockEquations:
         """Return the normal equations in all columns, block by block."""
-        knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
-        total = self.dense_count + len(self.joints) * (self.knots - 1)
-        measured = self.survey.poses.measured
-        only_positions = measured.components_seen.shape[1] <= len(measured.position_columns)
-        found = BlockEquations.empty(BLOCKS.blocks, total)
-        of_positions = None if only_positions else BlockEquations.empty(BLOCKS.blocks, total)
+        found = BlockEquations.empty(BLOCKS.blocks, len(self._precision))
+        of_positions = None
+        if self._other_rows:
+            of_positions = BlockEquations.empty(BLOCKS.blocks, len(self._precision))
         for block in range(BLOCKS.blocks):
-            by_kind = self.equations_by_kind(block, self.joints, knots, bases)
-            found.put(block, by_kind.total)
+            total, positions = self._of_block(block)
+            found.put(block, total)
             if of_positions is not None:
-                of_positions.put(block, by_kind.positions)
-        # The prior on the arm's weights enters as pseudo-observations, shared among the blocks: if
-        # an effect needs weights unlike those described, it counts against the effect.
-        precision = np.zeros(total)
+                of_positions.put(block, positions)
+        return replace(found, of_positions=of_positions, prior_precision=self._precision)
+
+    def summed_equations(self) -> Gaussian:
+        """Return the normal equations of all blocks together, of which one is held at a time."""
+        total, _ = self._of_block(0)
+        for block in range(1, BLOCKS.blocks):
+            total = total + self._of_block(block)[0]
+        return total
+
+    def _of_block(self, block: int) -> tuple[Gaussian, Gaussian]:
+        """Return the normal equations of a block with the prior, and of its position rows alone.
+
+        The prior on the arm's weights enters as pseudo-observations, shared among the blocks: if an
+        effect needs weights unlike those described, it counts against the effect.
+        """
+        knots, bases = [self.knots] * len(self.joints), [self.basis] * len(self.joints)
+        by_kind = self.equations_by_kind(block, self.joints, knots, bases)
+        total = by_kind.total
+        diagonal = np.arange(total.unknowns)
+        total.gram[diagonal, diagonal] += self._precision
+        return total, by_kind.positions
+
+    @cached_property
+    def _precision(self) -> Array:
+        """Return the prior precision (N,) that every block's gram contains."""
+        precision = np.zeros(self.dense_count + len(self.joints) * (self.knots - 1))
         precision[self.weight_columns] = 1.0 / BLOCKS.blocks
-        diagonal = np.arange(total)
-        found.gram[:, diagonal, diagonal] += precision
-        return replace(found, of_positions=of_positions, prior_precision=precision)
+        return precision
+
+    @property
+    def _other_rows(self) -> bool:
+        """Return whether there are rows of anything but positions."""
+        measured = self.survey.poses.measured
+        return bool(measured.components_seen.shape[1] > len(measured.position_columns))
 
     def equations_by_kind(
         self, block: int, joints: Sequence[int], knots: Sequence[int], bases: Sequence[Array] = ()
@@ -270,7 +296,7 @@ def _residual_of_richest_model(rows: BlockedRows) -> tuple[Array, float]:
     Of the model with all columns, without maps, or without effects too: the first that leaves
     enough degrees of freedom of the readings.
     """
-    total = rows.normal_equations().summed()
+    total = rows.summed_equations()
     harmonics = np.tile(_FADING.sizes_rad(harmonic_orders(rows.knots)[1:]), len(rows.joints))
     count = total.unknowns
     without_maps = count - len(harmonics)

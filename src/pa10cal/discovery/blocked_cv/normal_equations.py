@@ -82,7 +82,8 @@ def in_map_bases(equations: Gaussian, dense_count: int, bases: Sequence[Array]) 
     old_stops = dense_count + np.cumsum([0, *(len(basis) for basis in bases)])
     new_stops = dense_count + np.cumsum([0, *(basis.shape[1] for basis in bases)])
     maps = list(zip(bases, pairwise(old_stops), pairwise(new_stops), strict=True))
-    gram, projection = np.empty((new_stops[-1], new_stops[-1])), np.empty(new_stops[-1])
+    found = Gaussian(np.empty((new_stops[-1] + 1, new_stops[-1] + 1)))
+    gram, projection = found.gram, found.projection
     gram[:dense_count, :dense_count] = equations.gram[:dense_count, :dense_count]
     projection[:dense_count] = equations.projection[:dense_count]
     for k, (basis, (old, old_end), (new, new_end)) in enumerate(maps):
@@ -93,7 +94,8 @@ def in_map_bases(equations: Gaussian, dense_count: int, bases: Sequence[Array]) 
         for other_basis, (start, stop), (first, last) in maps[: k + 1]:
             gram[new:new_end, first:last] = across[:, start:stop] @ other_basis
         gram[:new, new:new_end] = gram[new:new_end, :new].T
-    return Gaussian.of_products(gram, projection, equations.squares)
+    found.products[-1, :-1], found.products[-1, -1] = projection, equations.squares
+    return found
 
 
 @dataclass(frozen=True, eq=False)
