@@ -25,7 +25,7 @@ from pa10cal.commands.command_line import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.options import IngestOptions
-from pa10cal.running.workflow import RunDisplay
+from pa10cal.running.display import RunDisplay
 
 REFUSAL = RawDataError(
     "not a number",

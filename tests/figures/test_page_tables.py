@@ -13,7 +13,8 @@ from pa10cal.reports.blocks import Grid
 from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
 from pa10cal.reports.outcome import verdict
-from pa10cal.reports.page import SECTIONS, images
+from pa10cal.reports.page import SECTIONS
+from pa10cal.reports.render import images
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.trust import missing, trust
 

@@ -14,7 +14,9 @@ import pytest
 
 from pa10cal.errors import OutputError, SettingsError
 from pa10cal.running import workflow as running
-from pa10cal.running.workflow import RunDisplay, StageError, Workflow, run_workflow, settings_of
+from pa10cal.running.display import RunDisplay
+from pa10cal.running.failure import StageError
+from pa10cal.running.workflow import Workflow, run_workflow, settings_of
 
 SNAKEFILE = """
 rule ingest:
@@ -152,7 +154,7 @@ def test_a_command_that_is_not_there_is_told(run):
 
 @pytest.mark.slow
 def test_a_full_disk_is_told_where_no_command_can(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(running.shutil, "disk_usage", lambda place: SimpleNamespace(free=0))
+    monkeypatch.setattr("shutil.disk_usage", lambda place: SimpleNamespace(free=0))
     with pytest.raises(OutputError, match=r"out: the results cannot be written \(got 'No space"):
         run("exit 1")
 

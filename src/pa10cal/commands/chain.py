@@ -83,7 +83,7 @@ def chain(
     _remove(results, *written)
     # Late: where all went well, the child alone has imported what writes records.
     from pa10cal.results.codec import write
-    from pa10cal.running.workflow import StageError
+    from pa10cal.running.failure import StageError
 
     write(ChainRecord(**outcome | {"campaign": name, "stage": stage}), results / file)
     raise StageError(f"{name}: {stage}: {outcome['message']}")

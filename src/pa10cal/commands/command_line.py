@@ -63,7 +63,7 @@ GROUPS = {
         "plan": "pa10cal.commands.plan",
         "run": "pa10cal.commands.runs",
         "report": "pa10cal.commands.runs",
-        "fleet": "pa10cal.commands.runs",
+        "fleet": "pa10cal.commands.fleet",
         "columns": "pa10cal.commands.data",
         "doctor": "pa10cal.commands.doctor",
     },
@@ -82,7 +82,7 @@ GROUPS = {
         "transfer": "pa10cal.stages.evaluate",
         "export": "pa10cal.stages.export",
         "figures": "pa10cal.commands.figures",
-        "fleet_summary": "pa10cal.commands.runs",
+        "fleet_summary": "pa10cal.commands.fleet",
         "measured": "pa10cal.commands.measured",
     },
     "arms, effects and public data": dict.fromkeys(
@@ -152,7 +152,8 @@ def _main(words: list[str]) -> int:
     try:
         try:
             if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow
-                from pa10cal.running.run_lock import end_with_parents, share
+                from pa10cal.running.child import end_with_parents
+                from pa10cal.running.run_lock import share
 
                 end_with_parents()  # with the run that this is a job of
                 share()
