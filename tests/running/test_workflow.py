@@ -93,6 +93,20 @@ def test_a_workflow_that_refuses_its_settings_is_a_refusal(run):
         run("", text=text)
 
 
+def test_a_handler_that_python_did_not_install_does_not_end_a_run_in_a_fault(monkeypatch):
+    installed = []
+
+    def install(number, handler):
+        assert handler is not None, "signal.signal raises TypeError"
+        installed.append((number, handler))
+
+    monkeypatch.setattr(signal, "signal", install)
+    with running._termination_as_interrupt():
+        pass
+    ends = (signal.SIGTERM, signal.SIGHUP)
+    assert installed[2:] == [(number, signal.SIG_DFL) for number in ends]
+
+
 @pytest.mark.slow
 def test_an_interrupt_ends_the_workflow_and_its_jobs(run, tmp_path):
     class Interrupting(RunDisplay):

@@ -238,7 +238,10 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
     Returns:
         0, `REFUSED`, `FAULT`, `INTERRUPTED` or `CLOSED`.
     """
-    command = command or command_named(name)
+    try:
+        command = command or command_named(name)
+    except ImportError as error:
+        return _report(name, error, debug="--debug" in argv)
     types = get_type_hints(command)
     given = vars(_parser(name, command, types).parse_args(argv))
     debug: bool = given.pop("debug")
@@ -252,22 +255,28 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
     except Exception as error:
         if isinstance(error, BrokenPipeError) and _nobody_reads():
             return _closed()
-        if debug:
-            traceback.print_exc()
-        refusal = error if isinstance(error, Pa10calError) else missing_package(error)
-        if refusal is not None:
-            print(f"pa10cal {name}: {refusal}", file=sys.stderr)
-            return REFUSED
-        if isinstance(error, MemoryError):
-            print(f"pa10cal {name}: {no_memory(error)}", file=sys.stderr)
-            return REFUSED
-        print(
-            f"pa10cal {name}: internal fault: {type(error).__name__}: {error}; "
-            "run again with --debug and report it",
-            file=sys.stderr,
-        )
-        return FAULT
+        return _report(name, error, debug=debug)
     return 0
+
+
+def _report(name: str, error: Exception, *, debug: bool) -> int:
+    """Print the message of an error that is being handled, and return the exit code."""
+    if debug:
+        traceback.print_exc()
+    message, code = _message(error)
+    print(f"pa10cal {name}: {message}", file=sys.stderr)
+    return code
+
+
+def _message(error: Exception) -> tuple[str, int]:
+    """Return what is said of an error, and the exit code that goes with it."""
+    refusal = error if isinstance(error, Pa10calError) else missing_package(error)
+    if refusal is not None:
+        return str(refusal), REFUSED
+    if isinstance(error, MemoryError):
+        return no_memory(error), REFUSED
+    what = f"internal fault: {type(error).__name__}: {error}"
+    return f"{what}; run again with --debug and report it", FAULT
 
 
 def _refuse_to_replace(values: Mapping[str, Any]) -> None:

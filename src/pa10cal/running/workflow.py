@@ -267,7 +267,8 @@ def _termination_as_interrupt() -> Iterator[None]:
         yield
     finally:
         for number, handler in former_handlers.items():
-            signal.signal(number, handler)
+            # None: a handler that Python did not install, and cannot install again.
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def settings_of(files: list[Path], over: Mapping[str, Any], where: str) -> Settings:
