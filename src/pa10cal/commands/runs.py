@@ -132,27 +132,18 @@ def _is_in(place: Path, folder: Path) -> bool:
 
 
 def _campaign_names(folders: Sequence[Path], group: str | None, arms: Path | None) -> list[str]:
-    """Return the names of the campaigns, whose descriptions, arms and group are checked.
-
-    Raises:
-        Pa10calError: when a description, or the nominal arm that it names, cannot be used.
-        SettingsError: when these names do not make a group of this name.
-    """
-    from pa10cal.campaign.description import (
-        check_joints,
-        check_names,
-        nominal_arm,
-        read_description,
-    )
+    """Return the names of the campaigns; their descriptions, arms and group are checked."""
+    from pa10cal.campaign import description
 
     names = []
     for folder in folders:
-        description = read_description(folder)
-        arm = nominal_arm(description, folder, arms)
-        check_joints(description, len(arm.axes_slide), str(folder / "campaign.yaml"))
-        names.append(description.name)
+        campaign = description.read_description(folder)
+        arm = description.nominal_arm(campaign, folder, arms)
+        file = str(folder / description.DESCRIPTION_FILE)
+        description.check_joints(campaign, len(arm.axes_slide), file)
+        names.append(campaign.name)
     if group is not None:
-        check_names(group, names, f"--group {group}")
+        description.check_names(group, names, f"--group {group}")
     return names
 
 
@@ -196,11 +187,7 @@ def _checked_prior(given: Path, results: Sequence[Path]) -> Path:
 def _link_raw_files(
     raw_dir: Path, folder_of: Mapping[str, Path], arms: Path | None
 ) -> dict[Path, Path]:
-    """Make links to the campaigns' folders, by their names, and to the folder of arms.
-
-    Returns:
-        The folder of each campaign by its link.
-    """
+    """Link campaigns' folders by name, and the folder of arms; return each folder by its link."""
     raw_dir.mkdir(parents=True, exist_ok=True)
     for former in raw_dir.iterdir():  # of an earlier run, perhaps to other folders
         former.unlink()
@@ -213,15 +200,12 @@ def _link_raw_files(
 
 
 def _report_so_far(results: Path, described_in: Path, load_case: str) -> str:
-    """Write the report of a run that a stage ended, and return the end of the message about it.
-
-    Results that hold a model are those of an earlier run, perhaps of other raw files: of them no
-    report is written.
-    """
+    """Write the report of a run that a stage ended, and return the words that name it, if any."""
     from pa10cal.reports.page import write_page
     from pa10cal.reports.results_bundle import MODEL
 
     page = results / "report.html"
+    # Results with a model are those of an earlier run, perhaps of other raw files.
     if not (results / MODEL).exists():
         with suppress(Pa10calError):  # no result to report
             write_page(results, page, described_in, load_case)
