@@ -83,7 +83,7 @@ class TestAccuracy:
             for each in errors_of(results)
             if (each.poses, each.name, each.load, each.part) == (poses, model, load, part)
         )
-        return each.of
+        return each.accuracy
 
     def test_errors_of_all_loads_are_pooled(self, sighted):
         errors = sighted["points"].general_calibration().errors
@@ -119,7 +119,7 @@ class TestAccuracy:
         assert "| held out | all | 0.040 | 0.0300 to 0.0500 | 45 |" in shown
 
     def test_an_attitude_not_seen_is_a_dash(self, sighted):
-        assert {each.of.orientation_deg for each in errors_of(sighted["distance"])} == {None}
+        assert {each.accuracy.orientation_deg for each in errors_of(sighted["distance"])} == {None}
         assert any(" | – | " in line for line in lines(accuracy, sighted["distance"]))
 
 

@@ -60,9 +60,8 @@ def fleet(
         campaigns = str(Path(campaigns).absolute())
     listed = campaigns_of(campaigns, raw_dir)
     names = [campaign.campaign for campaign in listed]
-    used = running.settings_of(
-        [settings] if settings else [], {"campaigns": names}, f"{settings or 'campaigns'}"
-    )
+    files, where = [settings] if settings else [], str(settings or "campaigns")
+    used = running.settings_of(files, {"campaigns": names}, where)
     over: dict[str, object] = {
         "campaigns": campaigns,
         "raw_dir": str(raw_dir),

@@ -71,10 +71,7 @@ def run(
             remedy="give --group NAME to calibrate them as one robot, or run them one by one",
         )
     folders = tuple(Path(os.path.normpath(folder.absolute())) for folder in folders)
-    surrounding = [folder for folder in folders if _is_in(Path.cwd(), folder.resolve())]
-    beside_raw_files = out is None and bool(surrounding)
-    start = surrounding[0].parent if beside_raw_files else Path.cwd()
-    out = Path(os.path.normpath(start / (out or "results")))
+    out, beside_raw_files = _results_folder(folders, out)
     names = _campaign_names(folders, group, arms)
     name = group or names[0]
     _refuse_results_among_raw_files(folders, out, name)
@@ -125,6 +122,17 @@ def run(
 
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
+
+
+def _results_folder(folders: Sequence[Path], out: Path | None) -> tuple[Path, bool]:
+    """Return the folder of results, and whether it was put beside the raw files.
+
+    By default it is `results` in the working folder; beside the raw files if that lies among them.
+    """
+    surrounding = [folder for folder in folders if _is_in(Path.cwd(), folder.resolve())]
+    beside = out is None and bool(surrounding)
+    start = surrounding[0].parent if beside else Path.cwd()
+    return Path(os.path.normpath(start / (out or "results"))), beside
 
 
 def _is_in(place: Path, folder: Path) -> bool:

@@ -136,8 +136,8 @@ def _glances(results: ResultsBundle) -> Iterator[Glance]:
     text += f"; peak {mm(first.peak_mm)} to {mm(last.peak_mm)} mm"
     if flagged := after.with_flagged("rms_mm"):
         text += f"; {flagged}"
-    if after.beside:
-        text += f"; {mm(after.beside.rms_mm)} mm {BETWEEN}"
+    if after.between:
+        text += f"; {mm(after.between.rms_mm)} mm {BETWEEN}"
     yield Glance("Position error", f"{mm(first.rms_mm)} → {mm(last.rms_mm)} mm", f"{text}.")
 
 

@@ -65,7 +65,7 @@ def export(
     fitted, warnings = _exported_model(calibrated, record, extended)
     grade = f"{record.health.grade}: {record.health.line}"
     forced = f"exported with --force; {grade}" if withheld else None
-    mark = "forced " * withheld + record.health.grade  # the grade in tables
+    mark = f"forced {record.health.grade}" if withheld else record.health.grade  # in tables
     comments = [f"{record.campaign}, {record.provenance}", forced or grade]
     if coupling := coupling_in_words(fitted.arm):
         comments.append(f"positions of its joints by what the controller counts (J): {coupling}")
