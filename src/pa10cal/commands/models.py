@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
     from pa10cal.arrays import Array
     from pa10cal.campaign.pose_lists import JointList, TargetList
+    from pa10cal.fit.fitted import Compensation
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
 
@@ -288,20 +289,8 @@ def compensate(
         T_flange_tcp=controller_pose(tcp, convention) if tcp else None,
         controller=controller_arm,
     )
-    columns = {
-        "status": found.status,
-        "error_mm": found.error_mm,
-        "u_mm": found.u_mm,
-        "u_parameters_mm": found.u_parameters_mm,
-        "error_deg": found.error_deg,
-        "inside": found.inside,
-        "branch": found.branch,
-    }
-    if write == "cartesian":
-        columns |= found.cartesian(convention)
-    if needs_force(fitted):
-        columns["forced"] = np.full(len(found), fitted.grade)
-    _write_commands(out, listed.ids, found.q, arm, columns)
+    poses_to_send = found.cartesian(convention) if write == "cartesian" else {}
+    _write_commands(out, listed.ids, fitted, found, poses_to_send)
 
     warnings = list(contradictions.of_targets(fitted, listed.T, listed.q, frame))
     if not warnings:
@@ -343,20 +332,37 @@ def _controller_arm(arm: Arm, controller: str | None, *, needed: bool) -> Arm | 
 
 
 def _write_commands(
-    out: Path, ids: NDArray[np.str_], q: Array, arm: Arm, columns: Mapping[str, NDArray[Any]]
+    out: Path,
+    ids: NDArray[np.str_],
+    fitted: FittedModel,
+    found: Compensation,
+    poses_to_send: Mapping[str, NDArray[Any]],
 ) -> None:
-    """Write a row for each target: its name (N,), joint positions (N, n) and further columns."""
+    """Write a row for each target: name (N,), joint positions, status, and the pose to send."""
+    import numpy as np
+
     from pa10cal.campaign.pose_lists import commands_text
     from pa10cal.files.output import whole_file
     from pa10cal.fit.loads import blocks
 
+    columns = {
+        "status": found.status,
+        "error_mm": found.error_mm,
+        "u_mm": found.u_mm,
+        "u_parameters_mm": found.u_parameters_mm,
+        "error_deg": found.error_deg,
+        "inside": found.inside,
+        "branch": found.branch,
+        **poses_to_send,
+    }
+    if needs_force(fitted):
+        columns["forced"] = np.full(len(found), fitted.grade)
+    slide = fitted.arm.axes_slide
     with whole_file(out) as path, path.open("w", encoding="utf-8", newline="\n") as file:
-        for rows in blocks(len(q)):
-            columns_of_rows = {name: values[rows] for name, values in columns.items()}
+        for rows in blocks(len(found)):
+            of_rows = {name: values[rows] for name, values in columns.items()}
             first = not len(rows) or rows[0] == 0
-            file.write(
-                commands_text(ids[rows], q[rows], arm.axes_slide, columns_of_rows, header=first)
-            )
+            file.write(commands_text(ids[rows], found.q[rows], slide, of_rows, header=first))
 
 
 def _tcp_text(T_flange_tcp: Array, convention: Angles) -> str:

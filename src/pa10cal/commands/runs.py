@@ -62,14 +62,7 @@ def run(
         pa10cal run after-the-crash --prior results/march/mine
     """
     # Everything that a folder can be refused for is checked before anything heavy is imported.
-    if group is None and len(folders) > 1:
-        raise SettingsError(
-            "several campaigns without the name of their group",
-            where="run",
-            value=", ".join(map(str, folders)),
-            allowed="one folder, or several of one robot with --group NAME",
-            remedy="give --group NAME to calibrate them as one robot, or run them one by one",
-        )
+    _refuse_without_group(folders, group)
     folders = tuple(Path(os.path.normpath(folder.absolute())) for folder in folders)
     out, beside_raw_files = _results_folder(folders, out)
     names = _campaign_names(folders, group, arms)
@@ -110,18 +103,26 @@ def run(
         try:
             running.run_workflow(workflow, display)
         except StageError as error:
-            message = str(error)
-            for link, folder in links.items():
-                message = message.replace(str(link), str(folder))
             described_in = folders[0] if group is None else out / name / "ingest"
-            message += _report_so_far(out / name, described_in, used.evaluation.calibration)
-            raise StageError(message) from None
+            report = _report_so_far(out / name, described_in, used.evaluation.calibration)
+            raise StageError(_with_real_paths(str(error), links) + report) from None
         fleet_record.unlink(missing_ok=True)
 
     from pa10cal.reports.summary import paths, summarise, table
 
     print(table([summarise(out / name, used.evaluation.calibration)]))
     print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
+
+
+def _refuse_without_group(folders: Sequence[Path], group: str | None) -> None:
+    if group is None and len(folders) > 1:
+        raise SettingsError(
+            "several campaigns without the name of their group",
+            where="run",
+            value=", ".join(map(str, folders)),
+            allowed="one folder, or several of one robot with --group NAME",
+            remedy="give --group NAME to calibrate them as one robot, or run them one by one",
+        )
 
 
 def _results_folder(folders: Sequence[Path], out: Path | None) -> tuple[Path, bool]:
@@ -205,6 +206,13 @@ def _link_raw_files(
     if arms is not None:
         (raw_dir / ARMS).symlink_to(arms.absolute(), target_is_directory=True)
     return links
+
+
+def _with_real_paths(message: str, links: Mapping[Path, Path]) -> str:
+    """Return a message that names folders of raw files in place of the links to them."""
+    for link, folder in links.items():
+        message = message.replace(str(link), str(folder))
+    return message
 
 
 def _report_so_far(results: Path, described_in: Path, load_case: str) -> str:
