@@ -7,21 +7,22 @@ import signal
 import sys
 from collections.abc import Sequence
 
-#: That of the command line.
+#: Exit code of an interrupted command, as the command line has it.
 _INTERRUPTED = 130
 
 
 def start() -> int:
-    """Run the command of this process, which an interrupt ends in one line at any moment."""
-    former = signal.getsignal(signal.SIGINT)
-    if former is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupted)
-    import pa10cal.commands.command_line  # noqa: F401 -- what takes time
+    """Run the command of this process; an interrupt ends it with one line at any moment."""
+    takes_interrupts = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if takes_interrupts:
+        signal.signal(signal.SIGINT, _exit_interrupted)
+    import pa10cal.commands.command_line  # noqa: F401 -- takes most of the time
 
-    signal.signal(signal.SIGINT, former)
+    if takes_interrupts:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         return main()
-    except KeyboardInterrupt:  # once more, while the first was being answered
+    except KeyboardInterrupt:  # a second one, while the first was handled
         return _INTERRUPTED
 
 
@@ -32,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run(argv)
 
 
-def _interrupted(*_: object) -> None:
+def _exit_interrupted(*_: object) -> None:
     os.write(sys.stderr.fileno(), b"pa10cal: interrupted\n")
     os._exit(_INTERRUPTED)
 

@@ -1,4 +1,7 @@
-"""The one error a user sees: what is wrong, where, the value, what is allowed, what to do."""
+"""Refusals that a user sees, and what their words need: visible text, near words, names, extras.
+
+A refusal says what is wrong, where, the value, what is allowed, and what to do.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,11 @@ import sys
 from collections.abc import Iterable
 from typing import Self
 
-#: A longer part of a message is shortened in its middle: a file may hold anything.
+#: Longer parts of a message are shortened in their middle [letters]: a file may hold anything.
 _LONGEST = 2000
 
-#: What a terminal obeys, what changes the order in which text is read or breaks its line, and what
-#: is no character; tabs and ends of lines are not among them.
+#: Control characters, marks that change the direction of text or break its line, and code points
+#: that are no characters; without tabs and ends of lines.
 _UNSEEN = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff"
     r"\ud800-\udfff\U000e0000-\U000e007f]"
@@ -21,16 +24,16 @@ _UNSEEN = re.compile(
 
 def visible(text: str) -> str:
     r"""Return a text with control characters and marks of direction by their numbers: `\x1b`."""
-    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _UNSEEN.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def one_line(text: str) -> str:
-    """Return a text as `visible` on one line, as in a message or a comment."""
+    """Return a text on one line, with what `visible` shows, for a message or a comment."""
     return visible(re.sub(r"\s*[\r\n]+\s*", " ", text))
 
 
 class Pa10calError(Exception):
-    """A refusal with everything the reader needs to mend its cause.
+    """A refusal, with everything that a reader needs to remove its cause.
 
     Attributes:
         what: what is wrong, one clause.
@@ -56,12 +59,12 @@ class Pa10calError(Exception):
         self.remedy = remedy
         got = "" if value is None else f" (got {_short(visible(repr(value)))})"
         where, what, allowed, remedy = (
-            _short(one_line(each)) for each in (where, what, allowed, remedy)
+            _short(one_line(part)) for part in (where, what, allowed, remedy)
         )
         super().__init__(f"{where}: {what}{got}; allowed: {allowed}; {remedy}")
 
     def within(self, place: str) -> Self:
-        """Return this refusal, and where it belongs in what was being done."""
+        """Return this refusal with a place in front of where it is."""
         return type(self)(
             self.what,
             where=f"{place}: {self.where}",
@@ -72,13 +75,13 @@ class Pa10calError(Exception):
 
 
 def _short(text: str) -> str:
-    """Return a text, of one that is too long for a message both ends."""
+    """Return a text, or if it is too long for a message its beginning and end."""
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} … {text[-half:]}"
 
 
 def no_memory(error: MemoryError) -> str:
-    """Return what is said where memory does not suffice, and what to do about it."""
+    """Return the message for memory that does not suffice, with what to do about it."""
     needed = f" ({_short(str(error))})" if str(error) else ""
     return (
         f"not enough memory{needed}; close other programs, use fewer cores (--cores 1) or less "
@@ -87,17 +90,16 @@ def no_memory(error: MemoryError) -> str:
 
 
 def last_message(printed: str) -> tuple[str, str] | None:
-    """Return the last message in what a command printed: who says it, and what; warnings are none.
+    """Return the last message in what a command printed, but no warning: command and message.
 
     Args:
         printed: lines such as `pa10cal ingest: …`.
     """
-    told = [line for line in printed.splitlines() if line.startswith("pa10cal")]
-    told = [line for line in told if ": warning: " not in line]
-    if not told:
-        return None
-    words, _, message = told[-1].partition(": ")
-    return words, message
+    for line in reversed(printed.splitlines()):
+        if line.startswith("pa10cal") and ": warning: " not in line:
+            command, _, message = line.partition(": ")
+            return command, message
+    return None
 
 
 class SettingsError(Pa10calError):
@@ -144,58 +146,55 @@ class CurveError(Pa10calError):
     """A curve cannot be made into links, or no roll keeps their joints within limits."""
 
 
-# The word that was probably meant, where one of those known is near enough to say so.
+# The word that was probably meant, if one of those known is near enough.
 
-#: Part of the letters in common from which a known word counts as meant.
+#: Ratio of letters in common from which a known word counts as meant (`difflib`).
 LIKENESS = 0.65
+#: Longer words are not compared [letters]: nobody meant them, and it takes long.
 _LONGEST_WORD = 200
 
 
 def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
     """Return a remedy for an unknown word: the nearest known one, or else what to do instead.
 
-    Capitals do not count. One of the words that a known name is made of is near it too.
+    Capitals do not count. A part of a known name, as `_` divides it, is near to it too.
 
     Args:
         word: what was written.
         known: what could have been meant.
         otherwise: the remedy where none of them is near.
     """
-    names = [name for name in known if len(name) <= _LONGEST_WORD]
-    if len(word) > _LONGEST_WORD:  # nobody meant it, and to compare takes long
+    if len(word) > _LONGEST_WORD:
         return otherwise
-    small = {name.casefold(): name for name in reversed(names)}
-    found = difflib.get_close_matches(word.casefold(), small, n=1, cutoff=LIKENESS)
-    near = [small[each] for each in found]
+    names = [name for name in known if len(name) <= _LONGEST_WORD]
+    by_folded = {name.casefold(): name for name in reversed(names)}
+    close = difflib.get_close_matches(word.casefold(), by_folded, n=1, cutoff=LIKENESS)
+    near = [by_folded[folded] for folded in close]
     near = near or [name for name in names if word in name.split("_")]
     return f"did you mean {near[0]!r}?" if near else otherwise
 
 
 # Names that become folders and files: of campaigns, groups and robots.
 
-#: As long as the shortest limit of a usual file system leaves room for an ending.
+#: Longest name [letters]; with it the shortest limit of a usual file system has room for an ending.
 LONGEST = 100
 
 
 def fits_a_folder(name: str) -> bool:
-    """Return whether a name may become a file or folder, and leads nowhere else.
-
-    It may if it is made of letters, digits, '-', '_' and '.', does not begin with '.' or '-', and
-    is not longer than 100 letters.
-    """
-    whole = all(letter.isalnum() or letter in "-_." for letter in name)
-    return 0 < len(name) <= LONGEST and whole and name[0] not in ".-"
+    """Return whether a name may become a file or folder: one of those that `ALLOWED` describes."""
+    allowed = all(letter.isalnum() or letter in "-_." for letter in name)
+    return 0 < len(name) <= LONGEST and allowed and name[0] not in ".-"
 
 
-#: The same in words.
+#: Names of files and folders, in words.
 ALLOWED = (
     f"a name of at most {LONGEST} letters, digits, '-', '_' and '.', not beginning with '.' or '-'"
 )
 
 
-# Packages that only some commands need, and the extra of pyproject.toml that brings each.
+# Packages that only some commands need.
 
-#: The extra that brings a package, by the name of its module.
+#: The extra of pyproject.toml that brings a package, by the name of its module.
 EXTRAS = {
     "matplotlib": "figures",
     "jinja2": "report",
@@ -225,12 +224,12 @@ class MissingPackageError(Pa10calError):
 
 
 def how_to_install(module: str) -> str:
-    """Return what to do where one of `EXTRAS` is missing."""
+    """Return how to install one of `EXTRAS`."""
     return f"pip install '.[{EXTRAS[module]}]' in the folder that pa10cal was installed from"
 
 
 def missing_package(error: Exception) -> MissingPackageError | None:
-    """Return the refusal that an error stands for, where it is one of `EXTRAS` that is missing."""
+    """Return the refusal for an error that says that one of `EXTRAS` is missing; else None."""
     module = (getattr(error, "name", None) or "").partition(".")[0]
     if isinstance(error, ModuleNotFoundError) and module in EXTRAS:
         return MissingPackageError(module)

@@ -1,4 +1,4 @@
-"""YAML that people wrote, read with bounds: no depth, size or repeated key that it cannot mean.
+"""Reads YAML that people wrote, within bounds of depth, size and numbers, and every key once.
 
 The parser's own limits are no protection: deep nesting ends the process, references to references
 grow without end, numbers of many digits take hours to convert, and of two keys of one name the
@@ -18,17 +18,16 @@ import yaml
 from pa10cal.errors import Pa10calError
 from pa10cal.input_files import read_file, reason
 
-MAX_BYTES = 64 * 1024**2
-MAX_DEPTH = 40
-MAX_NODES = 200_000
-#: Keys of one mapping, and letters of a number or a date.
+#: Largest file, deepest nesting, and most values once references are followed.
+MAX_BYTES, MAX_DEPTH, MAX_NODES = 64 * 1024**2, 40, 200_000
+#: Most keys of one mapping, and most letters of a number or a date.
 MAX_KEYS, MAX_NUMBER = 10_000, 64
 
 # The parser in C is ten times as fast, and is not in every build of the package.
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-#: Tells what a value without quotes or tag becomes.
+#: Says what a value without quotes or tag becomes.
 _RESOLVER: Any = yaml.resolver.Resolver()
-#: What is converted by more than a look at it.
+#: Tags of values that are converted from their text.
 _CONVERTED = frozenset(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "timestamp"))
 
 
@@ -60,14 +59,14 @@ def read_yaml(
         content = read_file(path, MAX_BYTES, within)
         try:
             text = content.decode("utf-8-sig")
-        except UnicodeDecodeError as odd:
-            line = content[: odd.start].count(b"\n") + 1
-            what_is = f"it is not UTF-8 text, as line {line} shows: save it as UTF-8"
-            raise ValueError(what_is) from None
+        except UnicodeDecodeError as invalid:
+            line = content[: invalid.start].count(b"\n") + 1
+            message = f"it is not UTF-8 text, as line {line} shows: save it as UTF-8"
+            raise ValueError(message) from None
         return parse_yaml(text)
-    except (OSError, ValueError) as found:
+    except (OSError, ValueError) as cause:
         raise error(
-            what, where=str(path), value=reason(found), allowed=allowed, remedy=remedy
+            what, where=str(path), value=reason(cause), allowed=allowed, remedy=remedy
         ) from None
 
 
@@ -81,11 +80,12 @@ def parse_yaml(text: str) -> Any:
         _check_structure(text)
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
-        said = " ".join(str(error).split())
-        tabs = re.search(r"^ *\t", text, re.MULTILINE) is not None
-        raise ValueError(said + "; indent with spaces, not with tabs" * tabs) from None
+        message = " ".join(str(error).split())
+        if re.search(r"^ *\t", text, re.MULTILINE):
+            message += "; indent with spaces, not with tabs"
+        raise ValueError(message) from None
     except (AttributeError, IndexError, TypeError, OverflowError) as error:
-        # What the package's own conversions of tagged values raise, such as `!!int ''`.
+        # The package's own conversions of tagged values raise these, such as of `!!int ''`.
         raise ValueError(f"a tagged value that cannot be converted: {error}") from None
 
 
@@ -94,33 +94,43 @@ class _Collection:
     """A list or mapping that is being read."""
 
     anchor: str | None
-    keys: dict[str, str] | None  # of a mapping, so far, and their lines; None of a list
+    keys: dict[str, str] | None  # keys of a mapping so far, with their lines; None for a list
     expects_key: bool
-    nodes: int = 1  # values that it stands for
+    nodes: int = 1  # values in it, references followed
+
+    def add_key(self, key: str, line: str) -> None:
+        """Note a key of a mapping; refuse one that is repeated, or too many."""
+        assert self.keys is not None
+        if key in self.keys:
+            twice = f"the key {key} stands there twice, first in {self.keys[key]}: remove one"
+            raise ValueError(f"{line}: {twice}")
+        self.keys[key] = line
+        if len(self.keys) > MAX_KEYS:
+            raise ValueError(f"{line}: more than {MAX_KEYS} keys in one mapping")
 
 
 def _check_structure(text: str) -> None:
-    """Refuse what would not survive being read, from the parser's events alone, without recursion.
+    """Refuse what cannot be read safely, by the parser's events alone and without recursion.
 
     Raises:
         ValueError: too deep, too many values once references are followed, a key that is repeated,
             a number that is too long, a second document.
         yaml.YAMLError: a syntax error.
     """
-    above: list[_Collection] = []
-    nodes_of: dict[str | None, int] = {}
+    open_collections: list[_Collection] = []
+    nodes_of: dict[str | None, int] = {}  # by anchor
     documents = 0
     event: Any
     for event in yaml.parse(text, Loader=_Loader):
         kind, line = type(event), f"line {event.start_mark.line + 1}"
         if kind in (yaml.MappingStartEvent, yaml.SequenceStartEvent):
             mapping = kind is yaml.MappingStartEvent
-            above.append(_Collection(event.anchor, {} if mapping else None, mapping))
-            if len(above) > MAX_DEPTH:
+            open_collections.append(_Collection(event.anchor, {} if mapping else None, mapping))
+            if len(open_collections) > MAX_DEPTH:
                 raise ValueError(f"{line}: nested deeper than {MAX_DEPTH} levels")
             continue
         if kind in (yaml.MappingEndEvent, yaml.SequenceEndEvent):
-            closed = above.pop()
+            closed = open_collections.pop()
             nodes = nodes_of[closed.anchor] = closed.nodes
         elif kind is yaml.ScalarEvent:
             if len(event.value) > MAX_NUMBER and _is_converted(event):
@@ -137,22 +147,16 @@ def _check_structure(text: str) -> None:
             if documents > 1:
                 raise ValueError(f"{line}: another document begins there, and one is read")
             continue
-        if not above:
+        if not open_collections:
             continue
-        parent = above[-1]
+        parent = open_collections[-1]
         parent.nodes += nodes
         if parent.nodes > MAX_NODES:
             raise ValueError(f"{line}: more than {MAX_NODES} values once references are read")
         if parent.keys is None:
             continue
         if parent.expects_key and kind is yaml.ScalarEvent:
-            if event.value in parent.keys:
-                first = parent.keys[event.value]
-                twice = f"the key {event.value} stands there twice, first in {first}: remove one"
-                raise ValueError(f"{line}: {twice}")
-            parent.keys[event.value] = line
-            if len(parent.keys) > MAX_KEYS:
-                raise ValueError(f"{line}: more than {MAX_KEYS} keys in one mapping")
+            parent.add_key(event.value, line)
         parent.expects_key = not parent.expects_key
 
 

@@ -4,6 +4,7 @@ import functools
 import inspect
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Literal
 
 import pytest
 
+from pa10cal import __main__
 from pa10cal.commands import command_line
 from pa10cal.commands.command_line import (
     CLOSED,
@@ -25,7 +27,7 @@ from pa10cal.commands.command_line import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.options import IngestOptions
-from pa10cal.running.workflow import RunDisplay
+from pa10cal.running.display import RunDisplay
 
 REFUSAL = RawDataError(
     "not a number",
@@ -320,6 +322,39 @@ def test_an_interrupt_while_it_starts_is_one_line():
     )
     done = subprocess.run([sys.executable, "-c", code, "doctor"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (INTERRUPTED, "pa10cal: interrupted\n")
+
+
+@pytest.mark.parametrize("handler", [None, signal.SIG_IGN, print])
+def test_a_handler_of_interrupts_that_is_not_pythons_own_stays(monkeypatch, handler):
+    """None is one that Python did not install, and cannot install again."""
+    monkeypatch.setattr(signal, "getsignal", lambda number: handler)
+    monkeypatch.setattr(__main__, "main", lambda: 0)
+    installed = []
+    monkeypatch.setattr(signal, "signal", lambda *words: installed.append(words))
+    assert __main__.start() == 0
+    assert installed == []
+
+
+@pytest.mark.parametrize(
+    ("package", "code", "message"),
+    [
+        ("matplotlib", REFUSED, "the package matplotlib is not installed"),
+        ("pydantic", FAULT, "internal fault: ModuleNotFoundError: import of pydantic halted"),
+    ],
+)
+def test_a_package_that_the_module_of_a_command_lacks_is_one_line(
+    tmp_path, monkeypatch, capsys, package, code, message
+):
+    (tmp_path / "command_of_a_test.py").write_text(f"import {package}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setitem(COMMANDS, "plan", "command_of_a_test")
+    assert main(["plan"]) == code
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
+    assert main(["plan", "--debug"]) == code
+    assert "Traceback" in capsys.readouterr().err
 
 
 HOSTILE = "a\x1b[2Jb\x9bc\u202ed\u2066e\u200ff\u2028g\rh\x00\udc80"

@@ -13,7 +13,8 @@ from pa10cal.reports.blocks import Grid
 from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
 from pa10cal.reports.outcome import verdict
-from pa10cal.reports.page import SECTIONS, images
+from pa10cal.reports.page import SECTIONS
+from pa10cal.reports.render import images
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.trust import missing, trust
 
@@ -82,7 +83,7 @@ class TestAccuracy:
             for each in errors_of(results)
             if (each.poses, each.name, each.load, each.part) == (poses, model, load, part)
         )
-        return each.of
+        return each.accuracy
 
     def test_errors_of_all_loads_are_pooled(self, sighted):
         errors = sighted["points"].general_calibration().errors
@@ -118,7 +119,7 @@ class TestAccuracy:
         assert "| held out | all | 0.040 | 0.0300 to 0.0500 | 45 |" in shown
 
     def test_an_attitude_not_seen_is_a_dash(self, sighted):
-        assert {each.of.orientation_deg for each in errors_of(sighted["distance"])} == {None}
+        assert {each.accuracy.orientation_deg for each in errors_of(sighted["distance"])} == {None}
         assert any(" | – | " in line for line in lines(accuracy, sighted["distance"]))
 
 

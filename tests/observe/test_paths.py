@@ -108,7 +108,7 @@ def test_what_is_printed_says_where_held_out_poses_lie(folder, tmp_path, capsys)
     last = model["linear"]
     parts = [last["unseen"]["configurations"], last["between"]["configurations"]]
     assert sum(parts) == last["configurations"]
-    assert after.of.rms_mm == pytest.approx(last["unseen"]["rms_mm"])
+    assert after.accuracy.rms_mm == pytest.approx(last["unseen"]["rms_mm"])
 
 
 def test_neighbours_that_the_rows_hold_out_are_used_and_called_so(folder, tmp_path, capsys):

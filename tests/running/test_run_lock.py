@@ -26,8 +26,8 @@ time.sleep(100)
 """
 JOB = """
 import time
+from pa10cal.running.child import end_with_parents
 from pa10cal.running.run_lock import share
-from pa10cal.running.run_lock import end_with_parents
 end_with_parents()
 share()
 print("held", flush=True)
@@ -114,7 +114,7 @@ def test_files_outside_of_the_results_are_held_by_nobody(tmp_path, started):
 
     results = tmp_path / "results"
     with pytest.MonkeyPatch.context() as patch, module.ExitStack() as stack:
-        patch.setattr(module, "_TO_THE_END", stack)
+        patch.setattr(module, "_HELD_TO_THE_END", stack)
         patch.chdir(tmp_path)
         inside = ("results/a/x.json", results / "a/y/z.json", "results/coverage.json")
         hold(results, [*inside, "raw/b/campaign.yaml", tmp_path / "c"])
@@ -136,7 +136,7 @@ def test_a_run_waits_for_the_jobs_of_a_dead_one(tmp_path, started, monkeypatch, 
     job = started(JOB, **{RUN: dead.said})
     dead.kill()
     dead.wait()
-    monkeypatch.setattr(module, "_SOON_S", 0.0)
+    monkeypatch.setattr(module, "_JOBS_END_S", 0.0)
 
     def end(_):
         job.kill()

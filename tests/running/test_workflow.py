@@ -14,7 +14,9 @@ import pytest
 
 from pa10cal.errors import OutputError, SettingsError
 from pa10cal.running import workflow as running
-from pa10cal.running.workflow import RunDisplay, StageError, Workflow, run_workflow, settings_of
+from pa10cal.running.display import RunDisplay
+from pa10cal.running.failure import StageError
+from pa10cal.running.workflow import Workflow, run_workflow, settings_of
 
 SNAKEFILE = """
 rule ingest:
@@ -91,6 +93,20 @@ def test_a_workflow_that_refuses_its_settings_is_a_refusal(run):
         run("", text=text)
 
 
+def test_a_handler_that_python_did_not_install_does_not_end_a_run_in_a_fault(monkeypatch):
+    installed = []
+
+    def install(number, handler):
+        assert handler is not None, "signal.signal raises TypeError"
+        installed.append((number, handler))
+
+    monkeypatch.setattr(signal, "signal", install)
+    with running._termination_as_interrupt():
+        pass
+    ends = (signal.SIGTERM, signal.SIGHUP)
+    assert installed[2:] == [(number, signal.SIG_DFL) for number in ends]
+
+
 @pytest.mark.slow
 def test_an_interrupt_ends_the_workflow_and_its_jobs(run, tmp_path):
     class Interrupting(RunDisplay):
@@ -152,7 +168,7 @@ def test_a_command_that_is_not_there_is_told(run):
 
 @pytest.mark.slow
 def test_a_full_disk_is_told_where_no_command_can(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(running.shutil, "disk_usage", lambda place: SimpleNamespace(free=0))
+    monkeypatch.setattr("shutil.disk_usage", lambda place: SimpleNamespace(free=0))
     with pytest.raises(OutputError, match=r"out: the results cannot be written \(got 'No space"):
         run("exit 1")
 

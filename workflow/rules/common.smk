@@ -22,7 +22,8 @@ from pa10cal.planning.campaign import (
     by_general_model as planned_by_general_model,
 )
 from pa10cal.planning.code import code_digest
-from pa10cal.running.run_lock import PARENTS, end_with_parents, hold
+from pa10cal.running.child import PARENTS, end_with_parents
+from pa10cal.running.run_lock import hold
 from pa10cal.settings import parse_settings
 from pa10cal.stages.pipeline import MEMBERS, stages
 from pa10cal_lab import options

@@ -36,7 +36,7 @@ rule fleet:
     log:
         os.path.join(_literal(SETTINGS.results_dir), "fleet", "fleet.log"),
     params:
-        code=code_of("pa10cal.commands.runs"),
+        code=code_of("pa10cal.commands.fleet"),
         campaigns=FLEET if isinstance(FLEET, str) else ",".join(SETTINGS.campaigns),
         out=lambda wildcards, output: os.path.dirname(output[0]),
         raw=SETTINGS.raw_dir,

@@ -1,4 +1,4 @@
-"""Command `chain`."""
+"""Command `chain`: a campaign from raw files to its model, and an outcome whatever ends it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pa10cal.files.output import MAKE_ROOM, no_room
 if TYPE_CHECKING:
     from pa10cal.running.child import Say
 
-#: What a run writes under the results of a campaign; `members` is a group's.
-_WRITTEN = (
+#: Folders that a run makes among the results of a campaign; `members` is that of a group.
+_FOLDERS = (
     *("members", "ingest", "seed", "baseline"),
     *("calibration", "discovery", "evaluation", "model"),
 )
@@ -59,17 +59,16 @@ def chain(
             allowed="--dataset with --source and one folder of raw files, or neither of them",
             remedy="give both; for a group run pa10cal import first",
         )
-    file, several = ChainRecord.FILE, len(campaign_dir) > 1
-    name = results.name if several else campaign_dir[0].name
+    members = campaign_dir if len(campaign_dir) > 1 else ()
+    name = results.name if members else campaign_dir[0].name
     if settings.calibration.prior is not None:  # before results that hold it are removed
-        members = campaign_dir if several else ()
         own = [results, *(results.parent / folder.name for folder in members)]
         check_prior(settings.calibration.prior, own)
-    _remove(results, file, *_WRITTEN)
-    found = in_child(partial(_walk, campaign_dir, results, name, dataset, source, settings))
-    said = dict(found.said)
-    stage, written = said.pop("stage", "import"), said.pop("written", ())
-    if full := said.pop("no_room", None):
+    _remove(results, ChainRecord.FILE, *_FOLDERS)
+    child = in_child(partial(_run_stages, campaign_dir, results, name, dataset, source, settings))
+    outcome = dict(child.said)
+    stage, folders = outcome.pop("stage", "import"), outcome.pop("folders", ())
+    if full := outcome.pop("no_room", None):
         raise OutputError(
             "the results cannot be written",
             where=str(results),
@@ -77,19 +76,21 @@ def chain(
             allowed="a folder with room in it",
             remedy=MAKE_ROOM,
         )
-    if said.get("status") == "done" and found.code == 0:
+    if child.code != 0:
+        outcome = {"status": "ended", "message": child.why}
+    elif outcome.get("status") == "done":
         return
-    outcome = said if found.code == 0 else {"status": "ended", "message": found.why}
-    _remove(results, *written)
-    # Late: where all went well, the child alone has imported what writes records.
+    _remove(results, *folders)  # of the stage that did not come to its end
+    # Late: where all went well, only the child needs to import what writes records.
     from pa10cal.results.codec import write
-    from pa10cal.running.workflow import StageError
+    from pa10cal.running.failure import StageError
 
-    write(ChainRecord(**outcome | {"campaign": name, "stage": stage}), results / file)
-    raise StageError(f"{name}: {stage}: {outcome['message']}")
+    record = ChainRecord(**outcome | {"campaign": name, "stage": stage})
+    write(record, results / ChainRecord.FILE)
+    raise StageError(f"{name}: {stage}: {record.message}")
 
 
-def _walk(
+def _run_stages(
     folders: tuple[Path, ...],
     results: Path,
     name: str,
@@ -98,7 +99,10 @@ def _walk(
     settings: ChainOptions,
     say: Say,
 ) -> None:
-    """Walk the stages of a campaign, say which is at work, and at last what came of them."""
+    """Run the stages of a campaign; send which stage is at work, and at last the outcome.
+
+    The outcome is status and message of the record, or `no_room`, why nothing can be written.
+    """
     import traceback
 
     from pa10cal.commands.data import import_data
@@ -112,18 +116,18 @@ def _walk(
         if source is not None:
             raw = folders[0]
             import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
-        for each in stages(folders, results, settings):
-            parts = {path.relative_to(results).parts[0] for path in each.writes.values()}
-            say({"stage": each.name, "written": sorted(parts)})
-            each.run()
-        done = dict(summarise(results, settings.evaluation.calibration).outcome)
-        write(ChainRecord(**done | {"campaign": name}), results / ChainRecord.FILE)
+        for stage in stages(folders, results, settings):
+            written = {path.relative_to(results).parts[0] for path in stage.writes.values()}
+            say({"stage": stage.name, "folders": sorted(written)})
+            stage.run()
+        record = summarise(results, settings.evaluation.calibration).outcome
+        write(record.model_copy(update={"campaign": name}), results / ChainRecord.FILE)
     except (OutputError, OSError, MemoryError) as error:
-        # A full disk is no verdict on a campaign, and ends a run: all others would end likewise.
+        # A full disk says nothing about this campaign, and would end all others likewise.
         outcome = {"no_room": str(error)} if no_room(error) else _ended(error)
     except Pa10calError as error:
         outcome = {"status": "refused", "message": str(error)}
-    except Exception as error:  # a fault of one campaign is not to end the others
+    except Exception as error:  # a fault in one campaign does not end the others
         traceback.print_exc()
         message = f"internal fault: {type(error).__name__}: {error}"
         outcome = {"status": "fault", "message": message}
@@ -131,19 +135,17 @@ def _walk(
 
 
 def _ended(error: Exception) -> dict[str, Any]:
-    """Return the outcome of a campaign that the machine ended, which a next run begins anew."""
+    """Return the outcome of a campaign that the machine ended, which the next run begins anew."""
+    message = f"{type(error).__name__}: {error}"
     if isinstance(error, MemoryError):
-        return {"status": "ended", "message": no_memory(error)}
-    told = str(error) if isinstance(error, OutputError) else f"{type(error).__name__}: {error}"
-    return {"status": "ended", "message": told}
+        message = no_memory(error)
+    elif isinstance(error, OutputError):
+        message = str(error)
+    return {"status": "ended", "message": message}
 
 
 def _remove(results: Path, *names: str) -> None:
-    """Remove what lies under these names, if anything does.
-
-    Raises:
-        OutputError: when it cannot be removed.
-    """
+    """Remove the files and folders of these names that are there."""
     import shutil
 
     from pa10cal.files.output import writing_into

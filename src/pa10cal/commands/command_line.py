@@ -45,25 +45,25 @@ from pa10cal.errors import (
     visible,
 )
 
-#: Exit codes: refused input, settings or use; a fault of the program itself; stopped by Ctrl-C;
-#: stopped because nobody reads the output any more, as by `| head`.
+#: Exit codes: input, settings or use refused; a fault of the program itself; interrupted (Ctrl-C);
+#: ended because nobody reads the output any more, as by `| head`.
 REFUSED = 2
 FAULT = 3
 INTERRUPTED = 130
 CLOSED = 141
 
-#: Parameters of `mallopt` [malloc.h], and by how much memory grows at a time [bytes].
+#: Parameters of `mallopt` (malloc.h), and the step by which memory grows [bytes].
 _M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_MAX = -1, -2, -4
 _TOP_PAD = 2**26
 
-#: Commands by whom they serve, as `--help` lists them, and the modules that they stand in: by name,
-#: for some stand in packages beside this one, which import it.
+#: Commands by their purpose, as `--help` lists them, and the module of each. Modules are given by
+#: name: some belong to packages beside this one, which import it.
 GROUPS = {
     "a campaign from raw files to a model": {
         "plan": "pa10cal.commands.plan",
         "run": "pa10cal.commands.runs",
         "report": "pa10cal.commands.runs",
-        "fleet": "pa10cal.commands.runs",
+        "fleet": "pa10cal.commands.fleet",
         "columns": "pa10cal.commands.data",
         "doctor": "pa10cal.commands.doctor",
     },
@@ -82,7 +82,7 @@ GROUPS = {
         "transfer": "pa10cal.stages.evaluate",
         "export": "pa10cal.stages.export",
         "figures": "pa10cal.commands.figures",
-        "fleet_summary": "pa10cal.commands.runs",
+        "fleet_summary": "pa10cal.commands.fleet",
         "measured": "pa10cal.commands.measured",
     },
     "arms, effects and public data": dict.fromkeys(
@@ -101,7 +101,7 @@ GROUPS = {
 }
 #: The module of every command.
 COMMANDS = {name: module for names in GROUPS.values() for name, module in names.items()}
-#: Commands whose function cannot have their name, since it is a word of Python.
+#: Functions of commands whose name is a keyword of Python.
 _FUNCTIONS = {"import": "import_data"}
 
 _USE = "usage: pa10cal COMMAND [options]\n       pa10cal COMMAND --help | pa10cal --version"
@@ -125,9 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class _Visible:
-    """A stream on which everything is printed as `errors.visible` has it, whoever wrote it.
+    """A stream that prints all text as `errors.visible` returns it.
 
-    What moves the cursor of a terminal goes to `terminal`.
+    Sequences that move the cursor are written to its attribute `terminal`.
     """
 
     def __init__(self, terminal: TextIO) -> None:
@@ -151,19 +151,20 @@ class _Visible:
 def _main(words: list[str]) -> int:
     try:
         try:
-            if "PA10CAL_PARENTS" in os.environ:  # a job of a workflow
-                from pa10cal.running.run_lock import end_with_parents, share
+            if "PA10CAL_PARENTS" in os.environ:  # this process is a job of a run of the workflow
+                from pa10cal.running.child import end_with_parents
+                from pa10cal.running.run_lock import share
 
-                end_with_parents()  # with the run that this is a job of
+                end_with_parents()
                 share()
             return _run(words)
-        except OutputError as error:  # that run has ended already
+        except OutputError as error:  # the run has ended already
             print(f"pa10cal: {error}", file=sys.stderr)
             return REFUSED
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        return _closed()
+        return _discard_output()
     except KeyboardInterrupt:
         print("pa10cal: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -189,10 +190,10 @@ def _run(words: list[str]) -> int:
 
 
 def limit_threads() -> None:
-    """Keep BLAS on one thread a process, whatever the environment says.
+    """Limit BLAS to one thread in each process, whatever the environment says.
 
-    More of them add in another order, and the last digits of results would depend on the machine.
-    Works only before numpy is first imported, so commands import it late.
+    Several threads add in another order, so the last digits of results would depend on the machine.
+    It has an effect only before numpy is first imported; commands import it late.
     """
     for library in ("OPENBLAS", "OMP", "MKL", "BLIS", "NUMEXPR"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
@@ -200,11 +201,11 @@ def limit_threads() -> None:
 
 
 def keep_memory() -> None:
-    """Keep the memory of arrays for the next ones, instead of giving it back to the system.
+    """Keep the memory of freed arrays for new ones, instead of returning it to the system.
 
-    The system hands out memory anew zeroed page by page, and large arrays come and go all the time:
-    without this a search of many poses spends a third of its time there. Only where the C library
-    is that of GNU (`malloc.h`).
+    The system zeroes returned memory page by page, and large arrays come and go all the time:
+    without this a search of many poses spends a third of its time there. It has an effect only with
+    the C library of GNU (`malloc.h`).
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
@@ -237,12 +238,15 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
     Returns:
         0, `REFUSED`, `FAULT`, `INTERRUPTED` or `CLOSED`.
     """
-    command = command or command_named(name)
+    try:
+        command = command or command_named(name)
+    except ImportError as error:
+        return _report(name, error, debug="--debug" in argv)
     types = get_type_hints(command)
     given = vars(_parser(name, command, types).parse_args(argv))
     debug: bool = given.pop("debug")
     try:
-        values = {key: _read(types[key], value, key) for key, value in given.items()}
+        values = {key: _parsed(types[key], value, key) for key, value in given.items()}
         _refuse_to_replace(values)
         command(**values)
     except KeyboardInterrupt:
@@ -250,27 +254,33 @@ def run_command(name: str, argv: Sequence[str], command: Command | None = None) 
         return INTERRUPTED
     except Exception as error:
         if isinstance(error, BrokenPipeError) and _nobody_reads():
-            return _closed()
-        if debug:
-            traceback.print_exc()
-        refusal = error if isinstance(error, Pa10calError) else missing_package(error)
-        if refusal is not None:
-            print(f"pa10cal {name}: {refusal}", file=sys.stderr)
-            return REFUSED
-        if isinstance(error, MemoryError):
-            print(f"pa10cal {name}: {no_memory(error)}", file=sys.stderr)
-            return REFUSED
-        print(
-            f"pa10cal {name}: internal fault: {type(error).__name__}: {error}; "
-            "run again with --debug and report it",
-            file=sys.stderr,
-        )
-        return FAULT
+            return _discard_output()
+        return _report(name, error, debug=debug)
     return 0
 
 
+def _report(name: str, error: Exception, *, debug: bool) -> int:
+    """Print the message of an error that is being handled, and return the exit code."""
+    if debug:
+        traceback.print_exc()
+    message, code = _message(error)
+    print(f"pa10cal {name}: {message}", file=sys.stderr)
+    return code
+
+
+def _message(error: Exception) -> tuple[str, int]:
+    """Return what is said of an error, and the exit code that goes with it."""
+    refusal = error if isinstance(error, Pa10calError) else missing_package(error)
+    if refusal is not None:
+        return str(refusal), REFUSED
+    if isinstance(error, MemoryError):
+        return no_memory(error), REFUSED
+    what = f"internal fault: {type(error).__name__}: {error}"
+    return f"{what}; run again with --debug and report it", FAULT
+
+
 def _refuse_to_replace(values: Mapping[str, Any]) -> None:
-    """Refuse an output in the place of a file that the command reads."""
+    """Refuse an output that would replace a file that the command reads."""
     out = values.get("out")
     if not isinstance(out, Path) or not out.is_file():
         return
@@ -295,8 +305,8 @@ def _nobody_reads() -> bool:
     return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
-def _closed() -> int:
-    """Let the rest of the output go nowhere, and return `CLOSED`."""
+def _discard_output() -> int:
+    """Discard the rest of the output, and return `CLOSED`."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return CLOSED
 
@@ -304,17 +314,17 @@ def _closed() -> int:
 def _usage() -> str:
     """Return how to call the program, with a line for every command."""
     width = max(map(len, COMMANDS))
-    listed = (
-        "\n".join((f"{title}:", *(f"  {name:<{width}}  {_summary(name)}" for name in names)))
-        for title, names in GROUPS.items()
-    )
-    return "\n\n".join((_USE, *listed, _EXAMPLES))
+    groups = []
+    for title, names in GROUPS.items():
+        lines = [f"  {name:<{width}}  {_summary(name)}" for name in names]
+        groups.append("\n".join((f"{title}:", *lines)))
+    return "\n\n".join((_USE, *groups, _EXAMPLES))
 
 
 def _summary(name: str) -> str:
     """Return the first paragraph of a command's docstring, without its full stop.
 
-    It is read from the source: to list the commands is no reason to import them all.
+    It is read from the source, so that a list of the commands does not import them all.
     """
     function = _FUNCTIONS.get(name, name)
     path = Path(__file__).parents[2] / f"{COMMANDS[name].replace('.', '/')}.py"
@@ -326,7 +336,7 @@ def _summary(name: str) -> str:
 
 
 def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.ArgumentParser:
-    text, meanings, examples = _documented(inspect.getdoc(command) or "")
+    text, meanings, examples = _parts_of(inspect.getdoc(command) or "")
     parser = _Parser(
         prog=f"pa10cal {name}",
         description=text,
@@ -334,7 +344,8 @@ def _parser(name: str, command: Command, types: Mapping[str, Any]) -> argparse.A
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     for parameter in inspect.signature(command).parameters.values():
-        _add(parser, parameter, types[parameter.name], meanings.get(parameter.name, ""))
+        hint, meaning = types[parameter.name], meanings.get(parameter.name, "")
+        _add_argument(parser, parameter, hint, meaning)
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     return parser
 
@@ -345,13 +356,13 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Refuse wrong use, with the nearest option where one is unknown."""
         word = re.match(r"unrecognized arguments: (--[\w-]+)", message)
-        options = [each for action in self._actions for each in action.option_strings]
+        options = [option for action in self._actions for option in action.option_strings]
         remedy = remedy_for(word[1], options, "") if word else ""
         super().error(f"{message}; {remedy}" if remedy else message)
 
 
-def _documented(docstring: str) -> tuple[str, dict[str, str], str]:
-    """Return the text of a docstring, what `Args:` says of each parameter, and the examples."""
+def _parts_of(docstring: str) -> tuple[str, dict[str, str], str]:
+    """Return the text of a docstring, the meaning of each parameter, and the examples."""
     docstring, _, examples = docstring.partition("\n\nExamples:\n")
     text, _, rest = docstring.partition("\nArgs:\n")
     section, _, _ = rest.partition("\n\n")
@@ -359,41 +370,41 @@ def _documented(docstring: str) -> tuple[str, dict[str, str], str]:
     for names, meaning in re.findall(
         r"^ {4}(\w[\w, ]*): (.*(?:\n {8,}.*)*)", section, flags=re.MULTILINE
     ):
-        for each in names.split(", "):
-            meanings[each] = " ".join(meaning.split()).removesuffix(".")
+        for name in names.split(", "):
+            meanings[name] = " ".join(meaning.split()).removesuffix(".")
     return text.strip(), meanings, "\n".join(f"  {line.strip()}" for line in examples.splitlines())
 
 
-def _add(
+def _add_argument(
     parser: argparse.ArgumentParser, parameter: inspect.Parameter, hint: Any, meaning: str
 ) -> None:
-    """Add the argument, or the option, that a parameter of a command is."""
+    """Add the argument, or the option, for a parameter of a command."""
     kind, default = _without_none(hint), parameter.default
-    how: dict[str, Any] = {"type": kind}
+    options: dict[str, Any] = {"type": kind}
     if kind is bool:
-        how = {"action": "store_true"}
+        options = {"action": "store_true"}
     elif get_origin(kind) is Literal:
-        how = {"choices": get_args(kind)}
+        options = {"choices": get_args(kind)}
     elif get_origin(kind) is tuple:
-        how = {"type": get_args(kind)[0], "nargs": "+"}
+        options = {"type": get_args(kind)[0], "nargs": "+"}
     elif _is_section(kind):
-        how = {"metavar": "SETTINGS"}
+        options = {"metavar": "SETTINGS"}
         meaning += ": a JSON object, or the path of a YAML file"
     required = default is parameter.empty
     if not required:
-        how["default"] = default
+        options["default"] = default
         if default is not None and kind is not bool and not _is_section(kind):
             meaning += f" (default: {default})"
-    how["help"] = meaning.replace("%", "%%")
+    options["help"] = meaning.replace("%", "%%")
     if parameter.kind is parameter.KEYWORD_ONLY:
         option = "--" + parameter.name.replace("_", "-")
-        parser.add_argument(option, dest=parameter.name, required=required, **how)
+        parser.add_argument(option, dest=parameter.name, required=required, **options)
     else:
-        parser.add_argument(parameter.name, **how)
+        parser.add_argument(parameter.name, **options)
 
 
-def _read(hint: Any, value: Any, name: str) -> Any:
-    """Return the value of a parameter: a section of the settings is read, a list made a tuple."""
+def _parsed(hint: Any, value: Any, name: str) -> Any:
+    """Return the value of a parameter: text of a section is parsed, and a list becomes a tuple."""
     kind = _without_none(hint)
     if _is_section(kind) and isinstance(value, str):
         from pa10cal.settings_reading import read_settings_argument
@@ -403,12 +414,12 @@ def _read(hint: Any, value: Any, name: str) -> Any:
 
 
 def _without_none(hint: Any) -> Any:
-    """Return the type of a parameter that may also be None, without that."""
+    """Return the type of a parameter, without None where it may be None too."""
     if get_origin(hint) in (Union, UnionType):
-        (hint,) = (each for each in get_args(hint) if each is not NoneType)
+        (hint,) = (member for member in get_args(hint) if member is not NoneType)
     return hint
 
 
 def _is_section(kind: Any) -> bool:
-    """Return whether a type is a section of the settings; pydantic itself is imported by those."""
+    """Return whether a type is a section of the settings; pydantic is not imported here."""
     return isinstance(kind, type) and hasattr(kind, "model_validate")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pa10cal.options import IngestOptions
 
@@ -41,12 +42,10 @@ def columns(
     """
     import sys
 
-    import yaml
-
     from pa10cal.campaign.file_roles import follows_contract, label_of
     from pa10cal.campaign.propose import propose, propose_two_logs
     from pa10cal.campaign.sniffing import sniff
-    from pa10cal.errors import SettingsError, one_line, visible
+    from pa10cal.errors import SettingsError, one_line
     from pa10cal.files.arms import joint_names, load_arm
 
     if len(files) > 2 or len({file.absolute().parent for file in files}) > 1:
@@ -57,49 +56,47 @@ def columns(
             allowed="one file, or the joints' log and the readings' log in one folder",
             remedy="give one or two files of the campaign's folder",
         )
-    file = files[0]
-    robot = None if robot is None else robot.removesuffix(".yaml")
-    arm = None if robot is None else load_arm(robot, file.parent, arms)
-    called = () if robot is None else joint_names(robot, file.parent, arms)
-    label = name or label_of(file.absolute().parent)
+    folder = files[0].parent
+    arm: Arm | None = None
+    names: tuple[str, ...] = ()
+    if robot is not None:
+        robot = robot.removesuffix(".yaml")
+        arm = load_arm(robot, folder, arms)
+        names = joint_names(robot, folder, arms)
+    label = name or label_of(folder.absolute())
+    sniffed = [sniff(file) for file in files]
     if len(files) == 2:
-        logs = sniff(files[0]), sniff(files[1])
-        paths = files[0], files[1]
-        proposal = propose_two_logs(logs, paths, label, robot or "my_arm", arm, called)
+        logs, paths = (sniffed[0], sniffed[1]), (files[0], files[1])
+        proposal = propose_two_logs(logs, paths, label, robot or "my_arm", arm, names)
     else:
-        found = sniff(file)
-        proposal = propose(found, file.name, label, robot or "my_arm", arm, called)
-        if follows_contract(found):
+        proposal = propose(sniffed[0], files[0].name, label, robot or "my_arm", arm, names)
+        if follows_contract(sniffed[0]):
             del proposal.content["columns"]
-
-    def proposed(*, as_it_is: bool) -> str:
-        text: str = yaml.safe_dump(
-            proposal.content,
-            sort_keys=False,
-            default_flow_style=None,
-            width=90,
-            allow_unicode=as_it_is,
-        )
-        return text
-
-    text = proposed(as_it_is=True)
-    if text != visible(text):  # escaped, so that what is printed is read as it was meant
-        text = proposed(as_it_is=False)
-    told = (
-        [] if arm is None else [*(f"# {each}" for each in arm.remarks), *_tried(files, text, arm)]
-    )
-    read_as = (f"# {line}" for line in proposal.read_as)
-    known = (f"# {line}" for line in proposal.known)
-    comments = (*known, *told, *read_as, *(f"# check {each}" for each in proposal.checks))
-    print("\n".join(map(one_line, comments)))
+    text = _yaml_text(proposal.content)
+    comments = list(proposal.known)
+    if arm is not None:
+        comments += [*arm.remarks, *_reading_comments(files, text, arm)]
+    comments += [*proposal.read_as, *(f"check {remark}" for remark in proposal.checks)]
+    print("\n".join(one_line(f"# {comment}") for comment in comments))
     print(text, end="")
     if sys.stdout.isatty():
-        print(f"\nSave this as {file.parent / 'campaign.yaml'}, correct it, and then:")
-        print(f"  pa10cal run {file.parent}")
+        print(f"\nSave this as {folder / 'campaign.yaml'}, correct it, and then:")
+        print(f"  pa10cal run {folder}")
 
 
-def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
-    """Read a campaign as it is proposed, and return what its reader is to know of that."""
+def _yaml_text(content: object) -> str:
+    """Return the text of a campaign.yaml; characters are escaped if one would not be visible."""
+    import yaml
+
+    from pa10cal.errors import visible
+
+    style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 90}
+    text: str = yaml.safe_dump(content, **style, allow_unicode=True)
+    return text if text == visible(text) else str(yaml.safe_dump(content, **style))
+
+
+def _reading_comments(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
+    """Read files by the text of a campaign.yaml, and return comments on how that went."""
     from collections import Counter
     from shutil import copyfile
     from tempfile import TemporaryDirectory
@@ -109,29 +106,29 @@ def _tried(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
     from pa10cal.campaign.text_lines import names_beside
     from pa10cal.errors import Pa10calError
     from pa10cal.files.arms import arm_text
+    from pa10cal.reports.formatting import count
 
-    with TemporaryDirectory() as folder:
-        beside = Path(folder)
-        (beside / DESCRIPTION_FILE).write_text(text, encoding="utf-8")
-        (beside / f"{arm.name}.yaml").write_text(arm_text(arm), encoding="utf-8")
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / DESCRIPTION_FILE).write_text(text, encoding="utf-8")
+        (folder / f"{arm.name}.yaml").write_text(arm_text(arm), encoding="utf-8")
         for file in files:
-            copyfile(file, beside / file.name)  # no link: those out of a folder are not followed
-            if (stated := names_beside(file)) is not None:
-                copyfile(stated, beside / stated.name)
+            copyfile(file, folder / file.name)  # not linked: links out of a folder are not followed
+            if (names_file := names_beside(file)) is not None:
+                copyfile(names_file, folder / names_file.name)
         try:
-            found = read_campaign(beside)
+            campaign = read_campaign(folder)
         except Pa10calError as error:
-            return [f"# check all of it: it is refused: {error}".replace(f"{folder}/", "")]
-        rows = f"{len(found.observations)} rows can be used, {len(found.quarantined)} cannot"
-        lost = Counter(row.reason for row in found.quarantined).most_common()
-        cannot = [
-            f"# cannot be used: {times} {'row' if times == 1 else 'rows'}: {reason}"
-            for reason, times in lost
-        ]
-        said = (" joined by ", " by whole turns")
-        joined = [f"# {note}" for note in found.notes if any(word in note for word in said)]
-        warned = (f"# check: {each}" for each in found.warnings)
-        return [f"# read so: {rows}", *cannot, *joined, *warned]
+            return [f"check all of it: it is refused: {error}".replace(f"{folder}/", "")]
+    unusable = campaign.quarantined
+    reasons = Counter(row.reason for row in unusable).most_common()
+    joined_by = (" joined by ", " by whole turns")
+    return [
+        f"read so: {len(campaign.observations)} rows can be used, {len(unusable)} cannot",
+        *(f"cannot be used: {count(rows, 'row')}: {reason}" for reason, rows in reasons),
+        *(note for note in campaign.notes if any(words in note for words in joined_by)),
+        *(f"check: {warning}" for warning in campaign.warnings),
+    ]
 
 
 #: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.
@@ -180,21 +177,18 @@ def import_data(
             allowed=", ".join(names),
             remedy="correct the name",
         )
-    campaigns = tuple(each for each in campaigns if not only or each.name in only)
-    places = write_campaigns(campaigns, out)
-    for campaign, place in zip(campaigns, places, strict=True):
-        readings = campaign.readings
-        told = (
-            f"{readings.path.name}, read as it is"
-            if isinstance(readings, AsItIs)
-            else f"{len(campaign.left_out)} rows left out"
-        )
-        parts = [told, *campaign.notes]
-        print(f"{place}: {'; '.join(parts)}")
-        for row in campaign.left_out[:SHOWN]:
+    if only:
+        campaigns = tuple(campaign for campaign in campaigns if campaign.name in only)
+    for campaign, folder in zip(campaigns, write_campaigns(campaigns, out), strict=True):
+        readings, left_out = campaign.readings, campaign.left_out
+        outcome = f"{len(left_out)} rows left out"
+        if isinstance(readings, AsItIs):
+            outcome = f"{readings.path.name}, read as it is"
+        print(f"{folder}: {'; '.join([outcome, *campaign.notes])}")
+        for row in left_out[:SHOWN]:
             print(f"  left out: {row.file}:{row.line}: {row.reason} {row.value}".rstrip())
-        if len(campaign.left_out) > SHOWN:
-            print(f"  … and {len(campaign.left_out) - SHOWN} more in {place / 'left_out.csv'}")
+        if len(left_out) > SHOWN:
+            print(f"  … and {len(left_out) - SHOWN} more in {folder / 'left_out.csv'}")
 
 
 def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
@@ -214,9 +208,9 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
     from pa10cal.datasets.fetching import fetch as fetch_files
     from pa10cal.datasets.readers import dataset_named
 
-    asked = dataset_named(dataset)
-    print(asked.published.terms, flush=True)
-    fetched = fetch_files(asked, out, source or None)
+    data_set = dataset_named(dataset)
+    print(data_set.published.terms, flush=True)
+    fetched = fetch_files(data_set, out, source or None)
     print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")
 
 
@@ -253,15 +247,8 @@ def import_arm(
         pa10cal import_arm ur5e --base base --tip wrist_3_link --out my_arm.yaml
         pa10cal import_arm calibration.conf --robot ur10 --out my_ur10.yaml
     """
-    import numpy as np
-
-    from pa10cal.arm.description import neighbouring_axes
     from pa10cal.errors import ArmError
-    from pa10cal.files.arms import arm_text, parse_arm, with_short_limits
-    from pa10cal.files.known_arms import known_urdf, read_urdf
-    from pa10cal.files.output import whole_files
     from pa10cal.files.ur_calibration import ENDINGS
-    from pa10cal.yaml_file import parse_yaml
 
     if out.suffix != ".yaml":
         raise ArmError(
@@ -272,7 +259,7 @@ def import_arm(
             remedy="rename it",
         )
     if file.suffix in ENDINGS:
-        _import_ur(file, out, robot)
+        _import_ur_calibration(file, out, robot)
         return
     arguments = dict(each.partition(":=")[::2] for each in xacro if ":=" in each)
     if len(arguments) < len(xacro):
@@ -283,32 +270,48 @@ def import_arm(
             allowed="NAME:=VALUE, each name once",
             remedy="correct it",
         )
-    from pa10cal.arm.imported import arm_from_urdf_text  # late: a calibration needs no pinocchio
+    _import_urdf(file, out, base, tip, arguments)
+
+
+def _import_urdf(
+    file: Path, out: Path, base: str | None, tip: str | None, arguments: Mapping[str, str]
+) -> None:
+    """Write the description of the arm in a URDF, or of a known robot, and a copy of the URDF."""
+    import numpy as np
+
+    from pa10cal.arm.description import neighbouring_axes
+    from pa10cal.arm.imported import arm_from_urdf_text
     from pa10cal.arm.urdf_chain import ends_of_arm
+    from pa10cal.files.arms import arm_text, parse_arm, with_short_limits
+    from pa10cal.files.known_arms import known_urdf, read_urdf
+    from pa10cal.files.output import whole_files
+    from pa10cal.yaml_file import parse_yaml
 
     known = None if file.suffix or file.exists() else known_urdf(str(file))
-    text = read_urdf(file, arguments) if known is None else known.text
-    where = str(file) if known is None else known.where
-    if known is not None and base is None and tip is None:
-        base, tip = ends_of_arm(text, where)
+    if known is None:
+        text, where, origin = read_urdf(file, arguments), str(file), file.name
+    else:
+        text, where, origin = known.text, known.where, known.where
+        if base is None and tip is None:
+            base, tip = ends_of_arm(text, where)
     imported = arm_from_urdf_text(text, out.stem, base=base, tip=tip, where=where)
     arm = with_short_limits(imported.arm)
-    parallel = [axes for axes in neighbouring_axes(arm) if axes.parallel]
     lines = [
         f"From {imported.base} to {imported.tip}, joints 1 to {arm.n}: "
-        f"{', '.join(imported.joints)}.",
-        *(
-            f"Joints {axes.joints[0]} and {axes.joints[1]} are {np.degrees(axes.angle_rad):.2g} "
-            f"degrees from parallel: row {axes.row} takes beta in place of d."
-            for axes in parallel
-        ),
-        *(f"{note[0].upper()}{note[1:]}." for note in imported.notes),
+        f"{', '.join(imported.joints)}."
     ]
+    for axes in neighbouring_axes(arm):
+        if axes.parallel:
+            lines.append(
+                f"Joints {axes.joints[0]} and {axes.joints[1]} are "
+                f"{np.degrees(axes.angle_rad):.2g} degrees from parallel: row {axes.row} takes "
+                "beta in place of d."
+            )
+    lines += [f"{note[0].upper()}{note[1:]}." for note in imported.notes]
     copy = out.with_suffix(".urdf")
     source = {"file": copy.name, "base": imported.base, "tip": imported.tip}
-    of_file = file.name if known is None else known.where
-    described = arm_text(arm, [f"Imported from {of_file}.", *lines], source)
-    parse_arm(parse_yaml(described), where=str(out))  # what would not be read is not written
+    described = arm_text(arm, [f"Imported from {origin}.", *lines], source)
+    parse_arm(parse_yaml(described), where=str(out))  # refuse what could not be read again
     with whole_files(out, copy) as (description, beside):
         description.write_text(described, encoding="utf-8", newline="\n")
         beside.write_text(text, encoding="utf-8", newline="")
@@ -320,7 +323,7 @@ def import_arm(
     )
 
 
-def _import_ur(file: Path, out: Path, robot: str | None) -> None:
+def _import_ur_calibration(file: Path, out: Path, robot: str | None) -> None:
     """Write the description of an arm of Universal Robots as its maker calibrated it."""
     from pa10cal.arm.chain import mean_distance
     from pa10cal.files.arms import arm_asked, arm_text, parse_arm
@@ -331,25 +334,26 @@ def _import_ur(file: Path, out: Path, robot: str | None) -> None:
     calibration = read_ur_calibration(file)
     designed = None if robot is None else arm_asked(robot, file.parent)
     arm = calibration.arm(out.stem, designed)
-    told = ["Its controller computes with these rows while it uses this calibration."]
+    lines, stated = ["Its controller computes with these rows while it uses this calibration."], {}
     if designed is None:
-        told.append("Limits, gear ratios and masses are not in it: name the model with --robot.")
+        lines.append("Limits, gear ratios and masses are not in it: name the model with --robot.")
     else:
+        stated["of"] = designed.name
         mean_m, most_m, _ = mean_distance(designed, arm)
-        told.append(
+        lines.append(
             f"Its flange is {1e3 * mean_m:.2f} mm from that of {designed.name} in the mean of all "
             f"postures, {1e3 * most_m:.2f} mm at most."
         )
-    of = {} if designed is None else {"of": designed.name}
-    stated = of | ({"hash": calibration.hash} if calibration.hash else {})
-    comments = [f"Calibration by the maker, from {file.name}.", *told]
+    if calibration.hash:
+        stated["hash"] = calibration.hash
+    comments = [f"Calibration by the maker, from {file.name}.", *lines]
     text = arm_text(arm, comments, maker_calibration=stated)
-    parse_arm(parse_yaml(text), where=str(out))
+    parse_arm(parse_yaml(text), where=str(out))  # refuse what could not be read again
     write_text(out, text)
-    print("\n".join([*told, f"{out}: {arm.title}"]))
+    print("\n".join([*lines, f"{out}: {arm.title}"]))
 
 
-#: Of more parameters only the first and the last are listed.
+#: Of more parameters of an effect only the first and the last are listed.
 _MOST_NAMES = 4
 
 
@@ -369,23 +373,23 @@ def effects(*, robot: str = "pa10_6ce") -> None:
     arm = arm_asked(robot)
     print("| effect | meaning | sits at | formula | parameters | expected size |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for places in vocabulary_of(arm):
-        first = places[0]
-        reported = first.report(first.starts[0]).parameters
-        signed = first.linear if first.positive else 0
-        shown = [
-            f"{each.name}{' > 0' if k < signed else ''} [{each.unit}]"
-            for k, each in enumerate(reported)
+    for effect_at_places in vocabulary_of(arm):
+        effect = effect_at_places[0]
+        reported = effect.report(effect.starts[0]).parameters
+        positive_count = effect.linear if effect.positive else 0
+        parameters = [
+            f"{parameter.name}{' > 0' if k < positive_count else ''} [{parameter.unit}]"
+            for k, parameter in enumerate(reported)
         ]
-        if len(shown) > _MOST_NAMES:
-            shown[1:-1] = ["…"]
-        size = first.parameters[0]
+        if len(parameters) > _MOST_NAMES:
+            parameters[1:-1] = ["…"]
+        size = effect.parameters[0]
         cells = (
-            f"`{first.id}`",
-            (type(first).__doc__ or "").splitlines()[0].removesuffix("."),
-            ", ".join(each.of for each in places).replace(", joint ", ", "),
-            f"`{first.formula}`",
-            ", ".join(shown),
+            f"`{effect.id}`",
+            (type(effect).__doc__ or "").splitlines()[0].removesuffix("."),
+            ", ".join(each.of for each in effect_at_places).replace(", joint ", ", "),
+            f"`{effect.formula}`",
+            ", ".join(parameters),
             f"{size.plausible:.2g} {size.unit}".removesuffix(" 1"),
         )
         print(f"| {' | '.join(cells)} |")

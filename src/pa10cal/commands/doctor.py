@@ -1,4 +1,4 @@
-"""Command `doctor`, which imports nothing that may be missing."""
+"""Command `doctor`: checks of this machine; it imports nothing that may be missing."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ from pa10cal.running.workflow import workflow_folder
 LEAST_PYTHON = (3, 11)
 #: A run of the largest campaigns needs less memory than this, and leaves less on the disk [bytes].
 MEMORY, DISK = 2e9, 1e9
-#: The campaign that is calibrated, in the folder of the rules; three seconds at an idle machine.
+#: The campaign that is calibrated, in the folder of the rules, and the time that it may take; on an
+#: idle machine it takes three seconds.
 CAMPAIGN, LIMIT_S = Path("examples/irb120-points"), 30
-#: Its mean error over held-out poses, and how far from it the last digits may lead [mm].
+#: Its mean error over held-out poses, and how far from it rounding may lead [mm].
 KNOWN_MM, NEAR_MM = 0.0841, 0.001
 LOCKED = "pip install --require-hashes --requirement users.lock installs versions that work"
-#: What the death of a process by a signal is likely to mean.
+#: What a signal that kills a process is likely to mean.
 DEATHS = {
     signal.SIGILL: "a library is not built for this processor: install it for this kind of machine",
     signal.SIGKILL: "there was likely not enough memory: make room, or allow this process more",
@@ -56,9 +57,9 @@ LIBRARIES = {
 
 
 class Check(NamedTuple):
-    """One thing that was looked at."""
+    """The result of one check."""
 
-    name: str
+    name: str  # what was checked
     # `ok`, `missing` where something that is needed is not there, `failed` where it does not work
     state: Literal["ok", "missing", "failed", "note"]
     found: str  # what was found
@@ -95,25 +96,25 @@ def doctor() -> None:
 
 def examine() -> Iterator[Check]:
     """Look at Python, libraries, rules, memory, disk and cores, and calibrate once."""
-    lacking = []
-    for check in _there():
+    missing = []
+    for check in _requirements():
         if check.state == "missing":
-            lacking.append(check.name)
+            missing.append(check.name)
         yield check
-    if lacking:
-        yield Check("calibration", "note", f"not tried: {', '.join(lacking)} missing")
+    if missing:
+        yield Check("calibration", "note", f"not tried: {', '.join(missing)} missing")
     else:
         yield _calibration()
 
 
-def _there() -> Iterator[Check]:
+def _requirements() -> Iterator[Check]:
+    """Yield a check of each thing that a run needs."""
     yield Check("pa10cal", "ok", f"{pa10cal.__version__}, {Path(__file__).parents[1]}")
     python, least = platform.python_version(), ".".join(map(str, LEAST_PYTHON))
-    yield (
-        Check("Python", "missing", python, f"install Python {least} or newer")
-        if sys.version_info[:2] < LEAST_PYTHON
-        else Check("Python", "ok", f"{python}, {sys.executable}")
-    )
+    if sys.version_info[:2] < LEAST_PYTHON:
+        yield Check("Python", "missing", python, f"install Python {least} or newer")
+    else:
+        yield Check("Python", "ok", f"{python}, {sys.executable}")
     yield from (_library(name, *what) for name, what in LIBRARIES.items())
     yield from _versions()
     try:
@@ -122,10 +123,12 @@ def _there() -> Iterator[Check]:
         yield Check("workflow", "missing", error.what, error.remedy)
     shell, why = shutil.which("bash"), "not found; Snakemake runs the stages in it"
     yield Check("bash", "ok", shell) if shell else Check("bash", "missing", why, "install bash")
-    size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    few = size < MEMORY
-    remedy = "large campaigns may need more; use --cores 1" if few else ""
-    yield Check("memory", "note" if few else "ok", f"{size / 1e9:.1f} GB", remedy)
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if memory < MEMORY:
+        remedy = "large campaigns may need more; use --cores 1"
+        yield Check("memory", "note", f"{memory / 1e9:.1f} GB", remedy)
+    else:
+        yield Check("memory", "ok", f"{memory / 1e9:.1f} GB")
     yield _disk(Path.cwd())
     yield Check("cores", "ok", f"{len(os.sched_getaffinity(0))} may be used")
     yield Check("threads", "ok", "one for BLAS in each process, as the commands set it")
@@ -148,7 +151,7 @@ def _versions() -> Iterator[Check]:
     lock = Path(__file__).parents[3] / "requirements.lock"
     if not lock.is_file():
         return
-    # Names as an index compares them; of those that are pinned twice, by platform, none is judged.
+    # Versions by normalised name; a package with several, by platform, is not compared.
     pins: dict[str, set[str]] = {}
     for name, pin in re.findall(r"^([\w.-]+)==(\S+)", lock.read_text("utf-8"), re.MULTILINE):
         pins.setdefault(re.sub(r"[-_.]+", "-", name).lower(), set()).add(pin)
@@ -180,7 +183,7 @@ def _disk(here: Path) -> Check:
 
 
 def _calibration() -> Check:
-    """Take a shipped campaign from raw files to a model, in a process that may die of it."""
+    """Take a shipped campaign from raw files to a model, in a process that may be killed by it."""
 
     def failed(why: str, remedy: str) -> Check:
         return Check("calibration", "failed", why, remedy)
@@ -204,9 +207,9 @@ def _calibration() -> Check:
                 died = signal.Signals(-done.returncode)
                 return failed(f"{CAMPAIGN.name}: killed by {died.name}", DEATHS.get(died, LOCKED))
             if done.returncode:
-                told = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-                return failed(f"{CAMPAIGN.name}: {told[-1][:300]}", LOCKED)
-            found = json.loads(Path(results, "chain.json").read_text("utf-8"))
+                lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+                return failed(f"{CAMPAIGN.name}: {lines[-1][:300]}", LOCKED)
+            outcome = json.loads(Path(results, "chain.json").read_text("utf-8"))
             if not Path(results, "model/model.yaml").is_file():
                 return failed(f"{CAMPAIGN.name}: no model was written", LOCKED)
     except subprocess.TimeoutExpired:
@@ -217,7 +220,7 @@ def _calibration() -> Check:
     except OSError as error:
         remedy = "make room, or set TMPDIR to a folder that may be written to"
         return failed(f"no temporary files: {error.strerror}", remedy)
-    error_mm = found["after_mm"]
+    error_mm = outcome["after_mm"]
     if error_mm is None or not abs(error_mm - KNOWN_MM) < NEAR_MM:
         why = f"{CAMPAIGN.name}: {error_mm} mm at held-out poses in place of {KNOWN_MM} mm"
         return failed(why, f"the numbers of this machine are wrong: {LOCKED}")

@@ -1,4 +1,4 @@
-"""Command `figures`."""
+"""Command `figures`: the static pictures and tables of a results folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Command `measured`."""
+"""Command `measured`: models carried between measured campaigns, and one table of all."""
 
 from __future__ import annotations
 
@@ -43,31 +43,33 @@ def measured(
             "data/measured/titan-robot-accuracy, or name such a folder: --config measured_dir=…",
         )
     folders = {folder.name: folder for folder in campaign_dir}
-    found: dict[tuple[str, str], Path | str] = {}
+    carried: dict[tuple[str, str], Path | str] = {}  # file of errors, or message of a refusal
     for source, target in CARRIED:
         if not {source, target} <= set(folders):
             continue
-        carried = out / f"transfer/{source}_in_{target}.json"
-        carried.unlink(missing_ok=True)
-        ends = [read(ChainRecord, results / name / ChainRecord.FILE) for name in (source, target)]
-        if any(each.status != "done" for each in ends):
+        file = out / f"transfer/{source}_in_{target}.json"
+        file.unlink(missing_ok=True)
+        outcomes = [
+            read(ChainRecord, results / name / ChainRecord.FILE) for name in (source, target)
+        ]
+        if any(outcome.status != "done" for outcome in outcomes):
             continue
         try:
             transfer(
                 calibration=results / source / f"calibration/{calibration}.json",
                 campaign_dir=folders[target],
                 poses=results / target / "ingest/poses.parquet",
-                out=carried,
+                out=file,
                 extended=results / source / "discovery/extended.json",
             )
         except OutputError:
             raise
         except Pa10calError as error:
-            found[source, target] = str(error)
+            carried[source, target] = str(error)
         else:
-            found[source, target] = carried
-    record = measured_record(folders, results, calibration, found)
-    with whole_files(out / "measured.csv", out / "measured.json") as (table, whole):
+            carried[source, target] = file
+    record = measured_record(folders, results, calibration, carried)
+    with whole_files(out / "measured.csv", out / "measured.json") as (table, record_file):
         write_text(table, robots_csv(record))
-        write(record, whole)
+        write(record, record_file)
     print(markdown(record))

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pa10cal.errors import ModelError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
 
     from pa10cal.arm.controller_poses import Angles
     from pa10cal.arm.description import Arm
     from pa10cal.arrays import Array
     from pa10cal.campaign.pose_lists import JointList, TargetList
+    from pa10cal.fit.fitted import Compensation
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.comparison import ComparisonRecord
 
 
-def model_in_use(path: Path, *, force: bool) -> FittedModel:
-    """Read a model, unless its calibration is not to be trusted.
+def read_usable_model(path: Path, *, force: bool) -> FittedModel:
+    """Read a model whose calibration may be relied on.
 
     Raises:
         ModelError: when it cannot be read, or its grade needs `force`.
@@ -29,7 +31,7 @@ def model_in_use(path: Path, *, force: bool) -> FittedModel:
     from pa10cal.fit.fitted_model import load_model
 
     model = load_model(path)
-    if doubtful(model) and not force:
+    if needs_force(model) and not force:
         assert model.fitted_to is not None
         raise ModelError(
             f"a model of grade {model.grade} is not applied",
@@ -41,95 +43,99 @@ def model_in_use(path: Path, *, force: bool) -> FittedModel:
     return model
 
 
-def doubtful(model: FittedModel) -> bool:
-    """Return whether a model's grade is one that needs `force`."""
+def needs_force(model: FittedModel) -> bool:
+    """Return whether a model's grade is one with which it is used by force alone."""
     from pa10cal.results.calibration import UNRESERVED
 
     return bool(model.grade) and model.grade not in UNRESERVED
 
 
-class Stated(NamedTuple):
-    """What is given of poses besides their joint positions, in their rows or to the command."""
+class PoseConditions(NamedTuple):
+    """Under which conditions each of N poses of n joints is taken; arguments of a prediction."""
 
     load_N: Array  # (N,)
-    arrival: Array  # (N, n)
-    temperature_C: Array  # (N,) nan where none is given
-    time_s: Array  # (N,) nan where none is given
+    arrival: Array  # (N, n) sign of the last motion of each joint
+    temperature_C: Array  # (N,) nan where not stated
+    time_s: Array  # (N,) nan where not stated
 
 
-def stated(
-    asked: JointList | TargetList,
+def conditions_of(
+    rows: JointList | TargetList,
     load_N: float,
     arrival: tuple[float, ...] | None,
     temperature_C: float | None,
     time_s: float | None,
-) -> Stated:
-    """Return what is given of each pose: by its row, else by the command.
+) -> PoseConditions:
+    """Return the conditions of each pose: those of its row, else those of the command.
 
     Raises:
         ModelError: when the command gives another number of directions than one, or one a joint.
     """
     import numpy as np
 
-    sides = arrival or (0.0,)
-    n = asked.arrival.shape[1]
-    if len(sides) not in (1, n):
+    directions = arrival or (0.0,)
+    n = rows.arrival.shape[1]
+    if len(directions) not in (1, n):
         raise ModelError(
             "directions of arrival of another arm",
             where="--arrival",
-            value=" ".join(f"{side:g}" for side in sides),
+            value=" ".join(f"{direction:g}" for direction in directions),
             allowed=f"1 number for all joints, or {n}: one a joint",
             remedy="give -1 or 1 for each joint, 0 where it is not known",
         )
 
-    def or_else(of_row: Array, of_command: ArrayLike | None) -> Array:
-        return of_row if of_command is None else np.where(np.isnan(of_row), of_command, of_row)
+    def filled(of_rows: Array, of_command: ArrayLike | None) -> Array:
+        if of_command is None:
+            return of_rows
+        return np.where(np.isnan(of_rows), of_command, of_rows)
 
-    return Stated(
-        load_N=or_else(asked.load_N, load_N),
-        arrival=or_else(asked.arrival, sides),
-        temperature_C=or_else(asked.temperature_C, temperature_C),
-        time_s=or_else(asked.time_s, time_s),
+    return PoseConditions(
+        load_N=filled(rows.load_N, load_N),
+        arrival=filled(rows.arrival, directions),
+        temperature_C=filled(rows.temperature_C, temperature_C),
+        time_s=filled(rows.time_s, time_s),
     )
 
 
-def not_stated(model: FittedModel, given: Stated) -> Iterator[str]:
-    """Yield what is taken where a model depends on a temperature or time that is not given."""
+def assumptions(model: FittedModel, conditions: PoseConditions) -> Iterator[str]:
+    """Yield what is assumed where a model depends on a condition that some rows do not state."""
     import numpy as np
 
-    away = model.falls_back
-    used = away.model if away is not None and away.within.nowhere else model
+    fallback = model.falls_back
+    used = fallback.model if fallback is not None and fallback.within.nowhere else model
     for term in used.model.terms:
-        if term.depends_on is None or not (rows := np.isnan(getattr(given, term.depends_on)).sum()):
+        if term.depends_on is None:
             continue
-        taken = "the base is taken to be where T_instr_base of the model has it"
+        missing = np.isnan(getattr(conditions, term.depends_on)).sum()
+        if not missing:
+            continue
+        assumed = "the base is taken to be where T_instr_base of the model has it"
         if term.depends_on == "temperature_C":
-            fitted = used.fitted_to
-            if fitted is None or fitted.temperature_C is None:
+            fit = used.fitted_to
+            if fit is None or fit.temperature_C is None:
                 continue
-            taken = f"the mean of the fit, {fitted.temperature_C:.1f} °C, is taken"
-            if fitted.temperature_std_C:
-                taken += f"; u_mm holds its {fitted.temperature_std_C:.1f} K of spread"
-        yield f"{term.id} needs {term.depends_on}, which {rows} rows do not give: {taken}"
+            assumed = f"the mean of the fit, {fit.temperature_C:.1f} °C, is taken"
+            if fit.temperature_std_C:
+                assumed += f"; u_mm holds its {fit.temperature_std_C:.1f} K of spread"
+        yield f"{term.id} needs {term.depends_on}, which {missing} rows do not give: {assumed}"
 
 
-def remarks(
-    command: str, path: Path, contradictions: Iterable[str], unused: tuple[str, ...]
-) -> str:
-    """Print what in a list contradicts itself, and return which of its columns are not read.
-
-    For the end of a line; nothing where all are.
-    """
-    for each in contradictions:
-        print(f"pa10cal {command}: warning: {path}: {each}", file=sys.stderr)
-    return f"; not read of {path}: {', '.join(unused)}" if unused else ""
+def warn_of(command: str, path: Path, contradictions: Iterable[str]) -> None:
+    """Print a warning for each contradiction in a list of poses."""
+    for contradiction in contradictions:
+        print(f"pa10cal {command}: warning: {path}: {contradiction}", file=sys.stderr)
 
 
-def fallen_back(model: FittedModel) -> str:
-    """Return that a model's effects hold nowhere, for the end of a line; else nothing."""
+def notes_on(model: FittedModel) -> str:
+    """Return, for the end of a line, that the effects of a model hold nowhere; empty if they do."""
     if model.falls_back is None or not model.falls_back.within.nowhere:
         return ""
     return "; its effects hold nowhere, as held-out poses showed: the calibrated model is used"
+
+
+def unused_columns(path: Path, rows: JointList | TargetList) -> str:
+    """Return, for the end of a line, the columns of a list that are not read; empty for none."""
+    return f"; not read of {path}: {', '.join(rows.unused)}" if rows.unused else ""
 
 
 def predict(
@@ -175,28 +181,32 @@ def predict(
     from pa10cal.files.output import whole_file
     from pa10cal.fit import contradictions
 
-    fitted = model_in_use(model, force=force)
-    asked = read_joints(joints, fitted.arm.axes_slide)
-    given = stated(asked, load_N, arrival, temperature_C, time_s)
-    away = 0
-    blocks = fitted.predict_in_blocks(asked.q, frame=frame, **given._asdict(), extrapolate=force)
-    with whole_file(out) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
-        for rows, found in blocks:
-            columns = {
-                "u_mm": found.u_mm,
-                "inside": found.inside,
-                "u_parameters_mm": found.u_parameters_mm,
-            }
-            if doubtful(fitted):
-                columns["forced"] = np.full(len(found), fitted.grade)
-            file.write(poses_text(asked.ids[rows], found.T, columns, header=rows.start == 0))
-            away += int(np.count_nonzero(~found.inside))
-    rest = remarks("predict", joints, contradictions.of_joints(fitted, asked.q), asked.unused)
-    print(
-        f"{out}: {frame} of {fitted.arm.name} at {len(asked.ids)} joint positions, "
-        f"{away} of them away from the poses of the fit{fallen_back(fitted)}{rest}"
+    fitted = read_usable_model(model, force=force)
+    listed = read_joints(joints, fitted.arm.axes_slide)
+    conditions = conditions_of(listed, load_N, arrival, temperature_C, time_s)
+    outside_count = 0
+    blocks = fitted.predict_in_blocks(
+        listed.q, frame=frame, **conditions._asdict(), extrapolate=force
     )
-    for line in not_stated(fitted, given):
+    with whole_file(out) as path, path.open("w", encoding="utf-8", newline="\n") as file:
+        for rows, predicted in blocks:
+            columns = {
+                "u_mm": predicted.u_mm,
+                "inside": predicted.inside,
+                "u_parameters_mm": predicted.u_parameters_mm,
+            }
+            if needs_force(fitted):
+                columns["forced"] = np.full(len(predicted), fitted.grade)
+            first = rows.start == 0
+            file.write(poses_text(listed.ids[rows], predicted.T, columns, header=first))
+            outside_count += int(np.count_nonzero(~predicted.inside))
+    warn_of("predict", joints, contradictions.of_joints(fitted, listed.q))
+    print(
+        f"{out}: {frame} of {fitted.arm.name} at {len(listed.ids)} joint positions, "
+        f"{outside_count} of them away from the poses of the fit"
+        f"{notes_on(fitted)}{unused_columns(joints, listed)}"
+    )
+    for line in assumptions(fitted, conditions):
         print(line)
 
 
@@ -252,16 +262,11 @@ def compensate(
     """
     import numpy as np
 
-    from pa10cal.arm.controller_poses import controller_columns, controller_pose
-    from pa10cal.campaign.pose_lists import commands_text, read_targets
-    from pa10cal.files.arms import arm_asked
-    from pa10cal.files.controller import refuse_another_robot
-    from pa10cal.files.output import whole_file
+    from pa10cal.arm.controller_poses import controller_pose
+    from pa10cal.campaign.pose_lists import read_targets
     from pa10cal.fit import contradictions
-    from pa10cal.fit.fitted import unknown_controller
-    from pa10cal.fit.loads import blocks
 
-    form: Angles = angles or "quaternion"
+    convention: Angles = angles or "quaternion"
     if write == "joints" and (angles or tcp or controller):
         raise ModelError(
             "for poses of a controller, and joint positions are written",
@@ -270,24 +275,76 @@ def compensate(
             allowed="--write cartesian",
             remedy="add --write cartesian, or leave the option out",
         )
-    fitted = model_in_use(model, force=force)
+    fitted = read_usable_model(model, force=force)
     arm = fitted.arm
-    computes = arm.controller_arm if controller is None else arm_asked(controller, Path())
-    if write == "cartesian" and computes is None:
-        raise unknown_controller()
-    if controller is not None and computes is not None:
-        refuse_another_robot(arm, computes, "--controller")
-    asked = read_targets(targets, arm.axes_slide)
-    given = stated(asked, load_N, arrival, temperature_C, time_s)
+    controller_arm = _controller_arm(arm, controller, needed=write == "cartesian")
+    listed = read_targets(targets, arm.axes_slide)
+    conditions = conditions_of(listed, load_N, arrival, temperature_C, time_s)
     found = fitted.compensate(
-        asked.T,
+        listed.T,
         frame=frame,
-        seed=asked.q,
-        **given._asdict(),
+        seed=listed.q,
+        **conditions._asdict(),
         extrapolate=force,
-        T_flange_tcp=controller_pose(tcp, form) if tcp else None,
-        controller=computes,
+        T_flange_tcp=controller_pose(tcp, convention) if tcp else None,
+        controller=controller_arm,
     )
+    poses_to_send = found.cartesian(convention) if write == "cartesian" else {}
+    _write_commands(out, listed.ids, fitted, found, poses_to_send)
+
+    warnings = list(contradictions.of_targets(fitted, listed.T, listed.q, frame))
+    if not warnings:
+        warnings = list(
+            contradictions.of_answers(fitted, listed.T, found, frame, conditions.load_N)
+        )
+    warn_of("compensate", targets, warnings)
+    words, counts = np.unique(found.status, return_counts=True)
+    outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    other_branch = int(np.count_nonzero(found.branch == "other"))
+    if other_branch:
+        outcome += f"; {other_branch} on another branch than the nearest"
+    outcome += notes_on(fitted) + unused_columns(targets, listed)
+    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}")
+    for line in assumptions(fitted, conditions):
+        print(line)
+    if write == "cartesian":
+        tcp_text = _tcp_text(found.T_flange_tcp, convention)
+        model_text = _controller_model(arm, controller_arm)
+        print(f"send_… are for a controller with {model_text} and this TCP: {tcp_text}")
+
+
+def _controller_arm(arm: Arm, controller: str | None, *, needed: bool) -> Arm | None:
+    """Return the arm that the controller computes with: the one named, else what the model states.
+
+    None if neither is known; that is refused where it is needed.
+    """
+    from pa10cal.files.arms import arm_asked
+    from pa10cal.files.controller import refuse_another_robot
+    from pa10cal.fit.fitted import unknown_controller
+
+    if controller is not None:
+        named = arm_asked(controller, Path())
+        refuse_another_robot(arm, named, "--controller")
+        return named
+    if needed and arm.controller_arm is None:
+        raise unknown_controller()
+    return arm.controller_arm
+
+
+def _write_commands(
+    out: Path,
+    ids: NDArray[np.str_],
+    fitted: FittedModel,
+    found: Compensation,
+    poses_to_send: Mapping[str, NDArray[Any]],
+) -> None:
+    """Write a row for each target: name (N,), joint positions, status, and the pose to send."""
+    import numpy as np
+
+    from pa10cal.campaign.pose_lists import commands_text
+    from pa10cal.files.output import whole_file
+    from pa10cal.fit.loads import blocks
+
     columns = {
         "status": found.status,
         "error_mm": found.error_mm,
@@ -296,40 +353,32 @@ def compensate(
         "error_deg": found.error_deg,
         "inside": found.inside,
         "branch": found.branch,
+        **poses_to_send,
     }
-    if write == "cartesian":
-        columns |= found.cartesian(form)
-    if doubtful(fitted):
+    if needs_force(fitted):
         columns["forced"] = np.full(len(found), fitted.grade)
-    with whole_file(out) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+    slide = fitted.arm.axes_slide
+    with whole_file(out) as path, path.open("w", encoding="utf-8", newline="\n") as file:
         for rows in blocks(len(found)):
             of_rows = {name: values[rows] for name, values in columns.items()}
             first = not len(rows) or rows[0] == 0
-            answers = asked.ids[rows], found.q[rows], arm.axes_slide, of_rows
-            file.write(commands_text(*answers, header=first))
-    said = [*contradictions.of_targets(fitted, asked.T, asked.q, frame)]
-    said = said or [*contradictions.of_answers(fitted, asked.T, found, frame, given.load_N)]
-    rest = remarks("compensate", targets, said, asked.unused)
-    words, counts = np.unique(found.status, return_counts=True)
-    outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
-    swung = int(np.count_nonzero(found.branch == "other"))
-    outcome += f"; {swung} on another branch than the nearest" if swung else ""
-    outcome += fallen_back(fitted)
-    print(f"{out}: {len(found)} targets of the {frame} of {arm.name}: {outcome}{rest}")
-    for line in not_stated(fitted, given):
-        print(line)
-    if write == "cartesian":
-        held = controller_columns(found.T_flange_tcp[None], form)
-        # Nine decimals, so that rounding is no number that somebody types into a controller.
-        shown = ", ".join(f"{name} {round(float(v[0]), 9) + 0.0:.6g}" for name, v in held.items())
-        of = _computed_with(arm, computes)
-        print(f"send_… are for a controller with {of} and this TCP: {shown}")
+            file.write(commands_text(ids[rows], found.q[rows], slide, of_rows, header=first))
 
 
-def _computed_with(arm: Arm, computes: Arm | None) -> str:
-    """Return what poses to send are relative to, in words."""
-    if computes is not None and computes is not arm:
-        return f"the model of {computes.name}"
+def _tcp_text(T_flange_tcp: Array, convention: Angles) -> str:
+    """Return a TCP (4, 4) in the flange as a controller states it."""
+    from pa10cal.arm.controller_poses import controller_columns
+
+    columns = controller_columns(T_flange_tcp[None], convention)
+    # Rounding errors such as -1e-17 become 0: they are no numbers to type into a controller.
+    numbers = {name: round(float(values[0]), 9) + 0.0 for name, values in columns.items()}
+    return ", ".join(f"{name} {number:.6g}" for name, number in numbers.items())
+
+
+def _controller_model(arm: Arm, controller_arm: Arm | None) -> str:
+    """Return in words the model with which the controller computes."""
+    if controller_arm is not None and controller_arm is not arm:
+        return f"the model of {controller_arm.name}"
     if arm.controller is None:
         return "the nominal model (its own compensation must be off, or stated in campaign.yaml)"
     if arm.controller.compensation:
@@ -337,8 +386,8 @@ def _computed_with(arm: Arm, computes: Arm | None) -> str:
     return "the nominal model, its compensation off,"
 
 
-#: Parameters shown: those that differ by most of their uncertainty, from so many of it on.
-_SHOWN, _WORTH_SHOWING = 5, 3.0
+#: Most parameters that are shown, and the least difference [standard uncertainties] of one.
+_MOST_SHOWN, _LEAST_SHOWN = 5, 3.0
 
 
 def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
@@ -361,53 +410,53 @@ def compare(first: Path, second: Path, *, out: Path | None = None) -> None:
     from pa10cal.results.codec import write
 
     models = load_model(first), load_model(second)
-    found = compare_models(*models, names=(str(first), str(second)))
+    comparison = compare_models(*models, names=(str(first), str(second)))
     if out is not None:
-        write(found, out)
-    print("\n".join(_lines(found)))
+        write(comparison, out)
+    print("\n".join(_comparison_lines(comparison)))
 
 
-def _lines(found: ComparisonRecord) -> Iterator[str]:
+def _comparison_lines(comparison: ComparisonRecord) -> Iterator[str]:
     """Yield what a reader is shown: models, frames, parameters that differ most, the sentence."""
-    for number, model in enumerate((found.first, found.second), start=1):
-        of = f"{model.calibration} of {model.campaign}" if model.campaign else "not known"
-        yield f"{number}  {model.name}: {model.robot}, fit {of}, grade {model.grade or 'not known'}"
+    for number, model in enumerate((comparison.first, comparison.second), start=1):
+        fit = f"{model.calibration} of {model.campaign}" if model.campaign else "not known"
+        grade = model.grade or "not known"
+        yield f"{number}  {model.name}: {model.robot}, fit {fit}, grade {grade}"
         if model.only_here:
             yield f"   only here: {', '.join(model.only_here)}"
-    if found.described_otherwise:
-        yield f"described otherwise: {', '.join(found.described_otherwise)}"
-    if found.frames:
+    if comparison.described_otherwise:
+        yield f"described otherwise: {', '.join(comparison.described_otherwise)}"
+    if comparison.frames:
         yield ""
-        over = f"over {found.postures} postures"
+        over = f"over {comparison.postures} postures"
         yield f"{over:<24}{'rms mm':>9}{'peak mm':>9}{'rms deg':>10}"
-        for name, each in found.frames.items():
-            yield _row(f"{name}, as predicted", each.rms_mm, each.peak_mm, each.orientation_deg)
-            yield _row("  base and tool explain", each.base_and_tool_mm)
+        for name, frame in comparison.frames.items():
+            yield _row(f"{name}, as predicted", frame.rms_mm, frame.peak_mm, frame.orientation_deg)
+            yield _row("  base and tool explain", frame.base_and_tool_mm)
             yield _row(
-                "  remains", each.remaining_rms_mm, each.remaining_peak_mm, each.remaining_deg
+                "  remains", frame.remaining_rms_mm, frame.remaining_peak_mm, frame.remaining_deg
             )
-            if each.expected_mm is not None:
-                yield _row("  expected to remain", each.expected_mm, None, each.expected_deg)
-    rows = found.parameters
-    most = sorted(
-        (-abs(over_u), k) for k, over_u in enumerate(rows.over_u) if abs(over_u) >= _WORTH_SHOWING
-    )
-    if most:
+            if frame.expected_mm is not None:
+                yield _row("  expected to remain", frame.expected_mm, None, frame.expected_deg)
+    rows = comparison.parameters
+    differing = [k for k, over_u in enumerate(rows.over_u) if abs(over_u) >= _LEAST_SHOWN]
+    differing.sort(key=lambda k: -abs(rows.over_u[k]))
+    if differing:
         yield ""
         yield "parameters that differ most, in standard uncertainties of the difference"
-        for _, k in most[:_SHOWN]:
+        for k in differing[:_MOST_SHOWN]:
             name = f"{rows.parameter[k]} ({rows.term[k]} of {rows.of[k]})"
             values = f"{rows.first[k]:.6g} and {rows.second[k]:.6g} {rows.unit[k]}"
             yield f"  {name:<44} {rows.over_u[k]:+8.1f}  {values}"
     yield ""
-    yield found.line
-    if found.what_moved is not None:
-        yield f"between both campaigns: {found.what_moved.line}"
-        if found.what_moved.verdict != "unchanged":
+    yield comparison.line
+    if comparison.what_moved is not None:
+        yield f"between both campaigns: {comparison.what_moved.line}"
+        if comparison.what_moved.verdict != "unchanged":
             yield (
                 "if the robot was hit or mended in between, the first model as a prior needs fewer "
                 "poses of the second campaign: pa10cal run CAMPAIGN --prior "
-                f"{found.first.name}"
+                f"{comparison.first.name}"
             )
 
 
@@ -429,18 +478,18 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     Examples:
         pa10cal drift results/june results/july results/august --out drift.json --figures figures
     """
-    from pa10cal.evaluation.two_models import drift as over_campaigns
+    from pa10cal.evaluation.two_models import drift as drift_of
     from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.codec import write
 
-    found = [load_model(path) for path in models]
+    fitted = [load_model(path) for path in models]
     names = [
         model.fitted_to.campaign if model.fitted_to else str(path)
-        for path, model in zip(models, found, strict=True)
+        for path, model in zip(models, fitted, strict=True)
     ]
     if len(set(names)) < len(names):
         names = [str(path) for path in models]
-    record = over_campaigns(found, names)
+    record = drift_of(fitted, names)
     write(record, out)
     if figures is not None:
         from pa10cal.evaluation.options import FigureOptions

@@ -1,4 +1,4 @@
-"""Command `montecarlo`."""
+"""Command `montecarlo`: position errors from resolver uncertainty, plane by plane."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pa10cal.options import MonteCarloOptions
 
+#: Lines of progress that a plane prints.
 _PROGRESS_LINES = 10
 
 
@@ -70,18 +71,18 @@ def montecarlo(
 
 
 def _progress(title: str, cycles: int) -> Callable[[int, int], None]:
-    """Return what prints how far the draws are, how fast, and how long they will still take."""
-    began, printed = 0.0, 0
+    """Return a function that prints how many places are drawn, how fast, and the time left."""
+    began_s, lines_printed = 0.0, 0
 
     def show(done: int, places: int) -> None:
-        nonlocal began, printed
+        nonlocal began_s, lines_printed
         if done == 0:
-            began = time.monotonic()
+            began_s = time.monotonic()
         lines = done * _PROGRESS_LINES // places
-        if lines == printed:
+        if lines == lines_printed:
             return
-        printed = lines
-        seconds = max(time.monotonic() - began, 1e-9)
+        lines_printed = lines
+        seconds = max(time.monotonic() - began_s, 1e-9)
         print(
             f"{title}: {100 * done // places} %, {done * cycles / seconds:.1e} "
             f"cycles/s, {seconds * (places - done) / done:.0f} s left",

@@ -1,4 +1,4 @@
-"""Command `plan`."""
+"""Command `plan`: which poses to measure, before any is measured."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pa10cal.pose_plan.options import PlanOptions
 if TYPE_CHECKING:
     from pa10cal.pose_plan.plan import PosePlan
 
-#: An effect shows where its expected uncertainty is below this part of its plausible size.
-_SHOWS = 1.0 / 3.0
+#: An effect is visible if its expected uncertainty is below this part of its plausible size.
+_VISIBLE = 1.0 / 3.0
 
 
 def plan(
@@ -90,38 +90,38 @@ def plan(
     stated = (options or PlanOptions()).model_dump()
     stated |= {name: value for name, value in given.items() if value is not None}
     arm = arm_asked(robot)
-    found = plan_poses(arm, instrument, poses, parse_section(PlanOptions, stated, where="plan"))
-    found.save(out)
-    print("\n".join([*arm.remarks, *_lines(found, out)]))
+    chosen = plan_poses(arm, instrument, poses, parse_section(PlanOptions, stated, where="plan"))
+    chosen.save(out)
+    print("\n".join([*arm.remarks, *_lines(chosen, out)]))
 
 
-def _lines(found: PosePlan, out: Path) -> Iterator[str]:
+def _lines(chosen: PosePlan, out: Path) -> Iterator[str]:
+    """Yield what to expect of a plan: uncertainty, parameters, effects, and what limits removed."""
     from pa10cal.pose_plan.setup import PlanSetup
 
-    expected = found.expected
-    yield f"{out}: {len(found)} poses of {found.arm.name}, in an order of short moves"
+    expected = chosen.expected
+    yield f"{out}: {len(chosen)} poses of {chosen.arm.name}, in an order of short moves"
     yield f"{out.with_suffix('.json')}: what to expect of them"
     yield (
         f"tool position: {expected.tool.plan_mm:.3f} mm expected standard uncertainty over the "
-        f"poses that the limits allow ({len(found)} of them at random: "
+        f"poses that the limits allow ({len(chosen)} of them at random: "
         f"{expected.tool.random_mm:.3f} mm)"
     )
-    open_ = ", ".join(expected.not_identified)
     springs = ", ".join(map(str, expected.springs)) or "none"
-    yield (
-        f"parameters: {len(expected.parameters)}, springs at joints: {springs}; "
-        + (f"hardly determined: {open_}" if open_ else "all identified")
-    )
+    identified = "all identified"
+    if expected.not_identified:
+        identified = f"hardly determined: {', '.join(expected.not_identified)}"
+    yield f"parameters: {len(expected.parameters)}, springs at joints: {springs}; {identified}"
     if expected.effects:
-        shown = sum(each.u_alone < _SHOWS for each in expected.effects)
-        apart = sum(each.u_among_all < _SHOWS for each in expected.effects)
+        alone = sum(effect.u_alone < _VISIBLE for effect in expected.effects)
+        among_all = sum(effect.u_among_all < _VISIBLE for effect in expected.effects)
         yield (
-            f"missing effects: {shown} of {len(expected.effects)} would show in their plausible "
-            f"size, {apart} whatever others are missing too"
+            f"missing effects: {alone} of {len(expected.effects)} would show in their plausible "
+            f"size, {among_all} whatever others are missing too"
         )
-    if not found.kind.directional and found.options.instrument_at_mm is None:
-        place_m = PlanSetup(found.arm, found.kind, found.options).instrument_place_m
-        place = ", ".join(f"{1e3 * each:.0f}" for each in place_m)
+    if not chosen.kind.directional and chosen.options.instrument_at_mm is None:
+        place_m = PlanSetup(chosen.arm, chosen.kind, chosen.options).instrument_place_m
+        place = ", ".join(f"{1e3 * coordinate_m:.0f}" for coordinate_m in place_m)
         yield f"instrument taken to be at {place} mm of the base; state --instrument-at-mm"
     removed = ", ".join(f"{name} {count}" for name, count in expected.removed.items() if count)
     kept, drawn = expected.candidates, expected.drawn

@@ -1,13 +1,30 @@
-"""Commands for whole runs: `run`, `reproduce`, `report`, `fleet`, `fleet_summary`."""
+"""Commands for whole runs: `run`, `reproduce`, `report`."""
 
 from __future__ import annotations
 
+import json
 import os
+import sys
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-#: Raw files of so few bytes are read before the workflow starts, so that they are refused at once.
-_SMALL = 5_000_000
+from pa10cal.errors import OutputError, Pa10calError, SettingsError
+from pa10cal.files import ARMS
+from pa10cal.files.output import writing_into
+from pa10cal.running import workflow as running
+from pa10cal.running.display import RunDisplay
+from pa10cal.running.failure import StageError
+from pa10cal.running.run_lock import run_lock
+
+if TYPE_CHECKING:
+    from pa10cal.options import IngestOptions
+
+#: Campaigns with fewer bytes of raw files are read before the workflow starts: one that is not
+#: usable is refused at once.
+_SMALL_BYTES = 5_000_000
 
 
 def run(
@@ -44,23 +61,60 @@ def run(
         pa10cal run mine --settings robust.yaml
         pa10cal run after-the-crash --prior results/march/mine
     """
-    import json
-    import sys
-    from dataclasses import replace
-    from typing import Any
+    # Everything that a folder can be refused for is checked before anything heavy is imported.
+    _refuse_without_group(folders, group)
+    folders = tuple(Path(os.path.normpath(folder.absolute())) for folder in folders)
+    out, beside_raw_files = _results_folder(folders, out)
+    names = _campaign_names(folders, group, arms)
+    name = group or names[0]
+    _refuse_results_among_raw_files(folders, out, name)
+    over: dict[str, object] = {"campaigns": names}
+    if group is not None:
+        over["groups"] = {group: names}
+    where = str(settings or f"{folders[0] / 'campaign.yaml'}: name")
+    used = running.settings_of([settings] if settings else [], over, where)
+    _read_small_campaigns(folders, used.ingest, arms)
+    if given := prior or (Path(used.calibration.prior) if used.calibration.prior else None):
+        file = _checked_prior(given, [out / each for each in (name, *names)])
+        over["calibration"] = {"prior": str(file.absolute())}
+    config = {key: json.dumps(value) for key, value in over.items()}
+    if beside_raw_files:
+        print(f"pa10cal run: results go to {out}, beside the raw files", file=sys.stderr)
 
-    # What a folder can be refused for is checked before anything heavy is imported or started.
-    from pa10cal.campaign.description import (
-        check_joints,
-        check_names,
-        nominal_arm,
-        read_description,
-    )
-    from pa10cal.errors import OutputError, Pa10calError, SettingsError
-    from pa10cal.files import ARMS
-    from pa10cal.files.output import writing_into
-    from pa10cal.running.run_lock import run_lock
+    from pa10cal.results.fleet import ChainRecord
 
+    with run_lock(out, [name]) as work, closing(RunDisplay(lines=False)) as display:
+        raw_dir = work / "raw_dirs" / name
+        workflow = running.Workflow(
+            file="workflow/run.smk",
+            config=config | {"raw_dir": str(raw_dir), "results_dir": str(out)},
+            folder=out,
+            results=out,
+            name=name,
+            cores=cores,
+            targets=("campaigns",) if group is None else (str(out / group / "report.html"),),
+            settings=settings,
+        )
+        fleet_record = out / name / ChainRecord.FILE
+        if fleet_record.exists():  # Snakemake does not know with which settings a fleet made them
+            workflow = replace(workflow, more=(*workflow.more, "--forceall"))
+        with writing_into(out, "the results", "give another one with --out"):
+            links = _link_raw_files(raw_dir, dict(zip(names, folders, strict=True)), arms)
+        try:
+            running.run_workflow(workflow, display)
+        except StageError as error:
+            described_in = folders[0] if group is None else out / name / "ingest"
+            report = _report_so_far(out / name, described_in, used.evaluation.calibration)
+            raise StageError(_with_real_paths(str(error), links) + report) from None
+        fleet_record.unlink(missing_ok=True)
+
+    from pa10cal.reports.summary import paths, summarise, table
+
+    print(table([summarise(out / name, used.evaluation.calibration)]))
+    print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
+
+
+def _refuse_without_group(folders: Sequence[Path], group: str | None) -> None:
     if group is None and len(folders) > 1:
         raise SettingsError(
             "several campaigns without the name of their group",
@@ -69,19 +123,41 @@ def run(
             allowed="one folder, or several of one robot with --group NAME",
             remedy="give --group NAME to calibrate them as one robot, or run them one by one",
         )
-    names, places = [], [Path(os.path.normpath(folder.absolute())) for folder in folders]
-    here = Path.cwd()
-    beside = [each.parent for each in places if out is None and _is_in(here, each.resolve())]
-    out = Path(os.path.normpath((beside[0] if beside else here) / (out or "results")))
-    for folder in places:
-        described = read_description(folder)
-        arm = nominal_arm(described, folder, arms)
-        check_joints(described, len(arm.axes_slide), str(folder / "campaign.yaml"))
-        names.append(described.name)
+
+
+def _results_folder(folders: Sequence[Path], out: Path | None) -> tuple[Path, bool]:
+    """Return the folder of results, and whether it was put beside the raw files.
+
+    By default it is `results` in the working folder; beside the raw files if that lies among them.
+    """
+    surrounding = [folder for folder in folders if _is_in(Path.cwd(), folder.resolve())]
+    beside = out is None and bool(surrounding)
+    start = surrounding[0].parent if beside else Path.cwd()
+    return Path(os.path.normpath(start / (out or "results"))), beside
+
+
+def _is_in(place: Path, folder: Path) -> bool:
+    return folder in (place, *place.parents)
+
+
+def _campaign_names(folders: Sequence[Path], group: str | None, arms: Path | None) -> list[str]:
+    """Return the names of the campaigns; their descriptions, arms and group are checked."""
+    from pa10cal.campaign import description
+
+    names = []
+    for folder in folders:
+        campaign = description.read_description(folder)
+        arm = description.nominal_arm(campaign, folder, arms)
+        file = str(folder / description.DESCRIPTION_FILE)
+        description.check_joints(campaign, len(arm.axes_slide), file)
+        names.append(campaign.name)
     if group is not None:
-        check_names(group, names, f"--group {group}")
-    name = group or names[0]
-    for folder in places:
+        description.check_names(group, names, f"--group {group}")
+    return names
+
+
+def _refuse_results_among_raw_files(folders: Sequence[Path], out: Path, name: str) -> None:
+    for folder in folders:
         if folder == out / name or _is_in(out, folder):
             raise OutputError(
                 "the results would be written among the raw files",
@@ -91,75 +167,66 @@ def run(
                 remedy="give another one",
             )
 
-    from pa10cal.planning.campaign import check_prior, raw_files
-    from pa10cal.results.fleet import ChainRecord
-    from pa10cal.running.workflow import RunDisplay, StageError, Workflow, run_workflow, settings_of
 
-    own = [] if settings is None else [settings]
-    over: dict[str, Any] = {"campaigns": names}
-    if group is not None:
-        over["groups"] = {group: names}
-    used = settings_of(own, over, str(settings or f"{places[0] / 'campaign.yaml'}: name"))
-    for folder in places:
-        if sum(path.stat().st_size for path in raw_files(folder) if path.is_file()) < _SMALL:
+def _read_small_campaigns(
+    folders: Sequence[Path], options: IngestOptions, arms: Path | None
+) -> None:
+    """Read campaigns that are quick to read; one that cannot be used is refused here."""
+    from pa10cal.planning.campaign import raw_files
+
+    for folder in folders:
+        size = sum(path.stat().st_size for path in raw_files(folder) if path.is_file())
+        if size < _SMALL_BYTES:
             from pa10cal.campaign.read import read_campaign
 
-            read_campaign(folder, used.ingest, arms=arms)
-    config = {key: json.dumps(value) for key, value in over.items()}
-    if given := prior or (Path(used.calibration.prior) if used.calibration.prior else None):
-        from pa10cal.calibration.general.other_campaign import refuse_unsound
-        from pa10cal.fit.fitted_model import file_of, load_model
-
-        check_prior(given, [out / each for each in (name, *names)])
-        refuse_unsound(load_model(given))
-        config["calibration"] = json.dumps({"prior": str(file_of(given).absolute())})
-    targets = ("campaigns",) if group is None else (str(out / group / "report.html"),)
-    links = dict(zip(names, places, strict=True))
-    if beside:
-        print(f"pa10cal run: results go to {out}, beside the raw files", file=sys.stderr)
-    with run_lock(out, [name]) as work, closing(RunDisplay(lines=False)) as display:
-        raw = work / "raw_dirs" / name
-        config |= {"raw_dir": str(raw), "results_dir": str(out)}
-        workflow = Workflow("workflow/run.smk", config, out, out, name, cores, targets, settings)
-        # Of results of a fleet, Snakemake does not know with which settings they were made.
-        of_fleet = out / name / ChainRecord.FILE
-        if of_fleet.exists():
-            workflow = replace(workflow, more=(*workflow.more, "--forceall"))
-        with writing_into(out, "the results", "give another one with --out"):
-            raw.mkdir(parents=True, exist_ok=True)
-            for former in raw.iterdir():  # of another run, perhaps to other folders
-                former.unlink()
-            for link, folder in links.items():
-                (raw / link).symlink_to(folder, target_is_directory=True)
-            if arms is not None:
-                (raw / ARMS).symlink_to(arms.absolute(), target_is_directory=True)
-        try:
-            run_workflow(workflow, display)
-        except StageError as error:
-            from pa10cal.reports.page import write_page
-            from pa10cal.reports.results_bundle import MODEL
-
-            told = str(error)
-            for link, folder in links.items():
-                told = told.replace(str(raw / link), str(folder))
-            # Results with a model are those of an earlier run, perhaps of other raw files.
-            if not (out / name / MODEL).exists():
-                page = out / name / "report.html"
-                described_in = out / name / "ingest" if group is not None else places[0]
-                with suppress(Pa10calError):  # then there is nothing to tell but what ended the run
-                    write_page(out / name, page, described_in, used.evaluation.calibration)
-                    told += f"; report so far: {page}"
-            raise StageError(told) from None
-        of_fleet.unlink(missing_ok=True)
-
-    from pa10cal.reports.summary import paths, summarise, table
-
-    print(table([summarise(out / name, used.evaluation.calibration)]))
-    print(f"\n{paths(out / name)}\nin {display.seconds:.0f} s")
+            read_campaign(folder, options, arms=arms)
 
 
-def _is_in(place: Path, folder: Path) -> bool:
-    return folder in (place, *place.parents)
+def _checked_prior(given: Path, results: Sequence[Path]) -> Path:
+    """Return the file of a prior; refuse one that is unsound or among the results to be made."""
+    from pa10cal.calibration.general.other_campaign import refuse_unsound
+    from pa10cal.fit.fitted_model import file_of, load_model
+    from pa10cal.planning.campaign import check_prior
+
+    check_prior(given, results)
+    refuse_unsound(load_model(given))
+    return file_of(given)
+
+
+def _link_raw_files(
+    raw_dir: Path, folder_of: Mapping[str, Path], arms: Path | None
+) -> dict[Path, Path]:
+    """Link campaigns' folders by name, and the folder of arms; return each folder by its link."""
+    raw_dir.mkdir(parents=True, exist_ok=True)
+    for former in raw_dir.iterdir():  # of an earlier run, perhaps to other folders
+        former.unlink()
+    links = {raw_dir / name: folder for name, folder in folder_of.items()}
+    for link, folder in links.items():
+        link.symlink_to(folder, target_is_directory=True)
+    if arms is not None:
+        (raw_dir / ARMS).symlink_to(arms.absolute(), target_is_directory=True)
+    return links
+
+
+def _with_real_paths(message: str, links: Mapping[Path, Path]) -> str:
+    """Return a message that names folders of raw files in place of the links to them."""
+    for link, folder in links.items():
+        message = message.replace(str(link), str(folder))
+    return message
+
+
+def _report_so_far(results: Path, described_in: Path, load_case: str) -> str:
+    """Write the report of a run that a stage ended, and return the words that name it, if any."""
+    from pa10cal.reports.page import write_page
+    from pa10cal.reports.results_bundle import MODEL
+
+    page = results / "report.html"
+    # Results with a model are those of an earlier run, perhaps of other raw files.
+    if not (results / MODEL).exists():
+        with suppress(Pa10calError):  # no result to report
+            write_page(results, page, described_in, load_case)
+            return f"; report so far: {page}"
+    return ""
 
 
 def reproduce(
@@ -187,33 +254,30 @@ def reproduce(
         pa10cal reproduce --cores 1 --settings my_campaigns.yaml
         pa10cal reproduce --profile slurm
     """
-    import sys
-
     from pa10cal.reports.page import write_page
     from pa10cal.reports.summary import reports, summarise, table
-    from pa10cal.running.workflow import (
-        RunDisplay,
-        Workflow,
-        run_workflow,
-        settings_of,
-        workflow_folder,
-    )
 
-    files = [workflow_folder() / "config.yaml", *([] if settings is None else [settings])]
-    used = settings_of(files, {}, str(files[-1]))
+    files = [running.workflow_folder() / "config.yaml", *([settings] if settings else [])]
+    used = running.settings_of(files, {}, str(files[-1]))
     results, here = Path(used.results_dir), Path.cwd()
     print(
         f"{', '.join(used.campaigns)}: raw files in {used.raw_dir}, results in {results}. It takes "
         "some minutes; what is up to date is not made again.",
         file=sys.stderr,
     )
-    targets = ("figures",) if figures else ()
+    workflow = running.Workflow(
+        file="Snakefile",
+        config={},
+        folder=here,
+        results=here / results,
+        name="report.html",  # all else is made, and locked, by the rules
+        cores=cores,
+        targets=("figures",) if figures else (),
+        settings=settings,
+        profile=profile,
+    )
     with closing(RunDisplay(lines=True)) as display:
-        page = "report.html"  # the rest is held by the rules
-        whole = Workflow(
-            "Snakefile", {}, here, here / results, page, cores, targets, settings, profile=profile
-        )
-        run_workflow(whole, display)
+        running.run_workflow(workflow, display)
     if figures:
         for name in used.campaigns:
             print(f"{results / name / 'figures'}, {results / name / 'tables'}")
@@ -247,115 +311,3 @@ def report(
 
     name, size = write_page(results, out, campaign_dir, calibration)
     print(f"{name}: report {out}, {size / 1e6:.1f} MB")
-
-
-def fleet(
-    campaigns: str,
-    *,
-    raw_dir: Path = Path("data/raw"),
-    out: Path = Path("results"),
-    cores: int = 0,
-    settings: Path | None = None,
-    profile: str | None = None,
-) -> None:
-    """Run many campaigns of many arms to models, and summarise them: which arms need attention.
-
-    Results that are up to date are not computed again. A campaign that is refused, or that a fault
-    or the machine ends, stops no other: it is in the summary with its reason, and the exit code is
-    2. One that the machine ended is begun anew by the next run. `run` makes figures and reports of
-    single campaigns, `snakemake` those that are requested.
-
-    Args:
-        campaigns: table of campaigns (.csv) with the column campaign and, where known, arm and
-            measured; or a pattern of folders of --raw-dir, such as '*'.
-        raw_dir: folder of the campaigns.
-        out: gets a folder of every campaign's name, and the folder fleet.
-        cores: how many to use; 0 for all.
-        settings: settings over the default ones, as config.yaml has them (.yaml).
-        profile: slurm, or a folder with a profile of Snakemake, to run on a cluster.
-
-    Examples:
-        pa10cal fleet arms.csv --raw-dir measured --out results
-        pa10cal fleet '2026-*' --raw-dir measured --out results --cores 8
-        pa10cal fleet arms.csv --raw-dir measured --out results --profile slurm
-    """
-    import json
-
-    from pa10cal.fleet.arm_status import forget_ended
-    from pa10cal.fleet.campaigns import campaigns_of
-    from pa10cal.results.codec import read
-    from pa10cal.results.fleet import FleetRecord
-    from pa10cal.running.run_lock import run_lock
-    from pa10cal.running.workflow import (
-        RunDisplay,
-        StageError,
-        Workflow,
-        run_workflow,
-        settings_of,
-    )
-
-    raw_dir, out = raw_dir.absolute(), out.absolute()
-    asked = str(Path(campaigns).absolute()) if campaigns.endswith(".csv") else campaigns
-    listed = campaigns_of(asked, raw_dir)
-    names = [each.campaign for each in listed]
-    own = [] if settings is None else [settings]
-    used = settings_of(own, {"campaigns": names}, f"{settings or 'campaigns'}")
-    texts = {"campaigns": asked, "raw_dir": str(raw_dir), "results_dir": str(out)}
-    config = {name: json.dumps(text) for name, text in texts.items()}
-    if used.calibration.prior:
-        config["calibration"] = json.dumps({"prior": str(Path(used.calibration.prior).absolute())})
-    targets = ("fleet",)
-    workflow = Workflow(
-        "workflow/run.smk", config, out, out, "fleet", cores, targets, settings, profile=profile
-    )
-    with run_lock(out, ["fleet"]), closing(RunDisplay(lines=False)) as display:
-        forget_ended(listed, out)
-        run_workflow(workflow, display)
-    found = read(FleetRecord, out / FleetRecord.FILE)
-    last = set()
-    for each in found.arms:
-        if each.attention != "none":
-            print(f"{each.arm}: {each.attention}: {each.last}: {each.why}")
-            last.add(each.last)
-    lost = [each for each in found.campaigns if each.became.status != "done"]
-    for of in lost:  # of earlier campaigns of arms too
-        if of.campaign not in last:
-            why = ": ".join(filter(None, (of.became.stage, of.became.message)))
-            print(f"{of.arm}: {of.became.status}: {of.campaign}: {why}")
-    words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
-    print(f"\n{len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")
-    print(f"{out / 'fleet/fleet.html'}\nin {display.seconds:.0f} s")
-    if lost:
-        named = ", ".join(each.campaign for each in lost[:10]) + ", …" * (len(lost) > 10)
-        raise StageError(f"{len(lost)} of {len(found.campaigns)} campaigns gave no model: {named}")
-
-
-def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) -> None:
-    """Summarise a fleet whose campaigns are done: table, record and page.
-
-    Args:
-        campaigns: table of campaigns (.csv), or a pattern of folders of --raw-dir.
-        raw_dir: folder of the campaigns.
-        results: holds a folder of results for each.
-        out: folder for fleet.csv, fleet.json and fleet.html.
-
-    Examples:
-        pa10cal fleet_summary --campaigns arms.csv --raw-dir data/raw --results results \\
-          --out results/fleet
-    """
-    from pa10cal.files.output import whole_files, write_text
-    from pa10cal.fleet.arm_status import fleet_csv, fleet_record
-    from pa10cal.fleet.campaigns import campaigns_of
-    from pa10cal.reports.page import fleet_page_text
-    from pa10cal.results.codec import write
-
-    found = fleet_record(campaigns_of(campaigns, raw_dir), results)
-    outputs = tuple(out / f"fleet.{ending}" for ending in ("csv", "html", "json"))
-    with whole_files(*outputs) as (table, page, record):
-        write_text(table, fleet_csv(found))
-        write_text(page, fleet_page_text(found))
-        write(found, record)
-    words = ", ".join(f"{count} {word}" for word, count in found.counts.items())
-    first = [each for each in found.arms if each.attention != "none"]
-    print(f"fleet: {len(found.campaigns)} campaigns of {len(found.arms)} arms: {words}")
-    print(f"fleet: {len(first)} arms need attention: {', '.join(e.arm for e in first[:10])}")

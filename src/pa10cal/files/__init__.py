@@ -1,4 +1,4 @@
-"""Reading and writing of files: whole or not at all."""
+"""Files that are written whole or not at all, and descriptions of arms."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ def own_description(name: str, folder: Path, arms: Path | None = None) -> Path |
     """Return the description of an arm that is not a shipped one; None where there is none.
 
     It is looked for in the campaign's folder, then in the folder of arms: the one given, else
-    `arms` beside the campaign's folder, or beside the folder that this is a link to. What stands
-    there may still be no file that can be read.
+    `arms` beside the campaign's folder, or beside the folder that this is a link to. The path may
+    still be none of a file that can be read.
     """
-    file = f"{name}.yaml"
-    places = (each / file for each in arm_places(folder, arms))
-    return next((each for each in places if os.path.lexists(each)), None)
+    paths = [place / f"{name}.yaml" for place in arm_places(folder, arms)]
+    return next((path for path in paths if os.path.lexists(path)), None)
 
 
 def arm_places(folder: Path, arms: Path | None = None) -> tuple[Path, ...]:

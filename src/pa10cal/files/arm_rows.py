@@ -1,10 +1,9 @@
-"""Rows of an arm's file: their keys, and what their figures give away of wrong units."""
+"""Rows of an arm's file: their keys, and checks by which wrong units are found."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from statistics import median
 from typing import Annotated, Literal
 
@@ -20,16 +19,16 @@ from pa10cal.options import Positive, Section
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 _FULL_TURN_DEG = 360.0
-#: A length so much longer than the others of its arm, and than this, was meant in another unit.
-_OUT_OF_PROPORTION = 20.0
-_LONG_M = 2.0
-#: Lengths that cancel are not longer: axes so nearly parallel are written as parallel ones.
+#: A length is in another unit if it exceeds this, and so many times the median of the others.
+_LONG_M, _OUT_OF_PROPORTION = 2.0, 20.0
+#: Longest length that may be cancelled by others: of axes nearer to parallel than that makes them,
+#: the rows are written as those of parallel ones.
 _FARTHEST_CANCELLED_M = 1e5
-#: No link is longer, and no centre of mass, slide or constant frame is further.
+#: Longest link, and farthest centre of mass, slide or constant frame.
 _FAR_M = 10.0
-#: No link is heavier: whole arms that carry a ton weigh less than five.
+#: Heaviest link: whole arms that carry a ton weigh less than five.
 _HEAVY_KG = 2000.0
-#: How near a number of degrees lies to a quarter turn in radians that was written with few digits.
+#: Largest relative difference of a number from quarter turns in radians, written with few digits.
 _QUARTER_TURN_DIGITS = 6e-4
 
 
@@ -67,7 +66,11 @@ class ArmRow(Section):
 
 
 def check_rows(rows: Sequence[ArmRow], where: str) -> None:
-    """Refuse rows of one arm, of the file `where`, whose keys or figures cannot be meant.
+    """Refuse rows of an arm whose keys contradict each other, or whose figures have a wrong unit.
+
+    Args:
+        rows: of one arm.
+        where: its file, for messages.
 
     Raises:
         ArmError: naming row and key.
@@ -99,15 +102,16 @@ def check_rows(rows: Sequence[ArmRow], where: str) -> None:
 
 
 def _check_lengths(rows: Sequence[ArmRow], where: str) -> None:
-    lengths_m = [
-        (getattr(row, key), number, key)
+    """Refuse a length that is out of proportion to the others, or longer than any link."""
+    lengths_m = {
+        (number, key): getattr(row, key)
         for number, row in enumerate(rows, start=1)
         for key in ("d_m", "a_m")
         if getattr(row, key)
-    ]
-    for k, (length_m, number, key) in enumerate(lengths_m):
-        others = [abs(other) for other, _, _ in lengths_m[:k] + lengths_m[k + 1 :]]
-        usual_m = median(others) if others else math.inf
+    }
+    for (number, key), length_m in lengths_m.items():
+        others_m = [abs(other) for place, other in lengths_m.items() if place != (number, key)]
+        usual_m = median(others_m) if others_m else math.inf
         if abs(length_m) > max(_LONG_M, _OUT_OF_PROPORTION * usual_m):
             raise ArmError(
                 f"{key} is out of proportion to the other lengths",
@@ -139,17 +143,20 @@ def refuse_far(values_m: Sequence[float], key: str, where: str) -> None:
 
 
 def _check_row(row: ArmRow, where: str) -> None:
-    keys = {"turns": ["limits_deg", "torque_limit_Nm"], "slides": ["limits_m", "force_limit_N"]}
-    kind, other = ("slides", "turns") if row.prismatic else ("turns", "slides")
-    own = keys[kind]
-    for key in (*keys[other], *(["gear_ratio"] if row.prismatic else [])):
+    """Refuse keys of the other kind of joint, limits without room, and figures in a wrong unit."""
+    own_keys, other_keys = ["limits_deg", "torque_limit_Nm"], ["limits_m", "force_limit_N"]
+    kind, other = "turns", "slides"
+    if row.prismatic:
+        own_keys, other_keys = other_keys, [*own_keys, "gear_ratio"]
+        kind, other = other, kind
+    for key in other_keys:
         if (value := getattr(row, key)) is not None:
             prismatic = str(not row.prismatic).lower()
             raise ArmError(
                 f"{key} is for a joint that {other}, and this one {kind}",
                 where=where,
                 value=value,
-                allowed=" and ".join(own),
+                allowed=" and ".join(own_keys),
                 remedy=f"correct the key, or set prismatic: {prismatic}",
             )
     if row.prismatic and row.limits_m is None:
@@ -159,14 +166,14 @@ def _check_row(row: ArmRow, where: str) -> None:
             allowed="limits_m: [lowest, highest], in metres",
             remedy="set limits_m",
         )
-    low, high = getattr(row, own[0]) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
+    low, high = getattr(row, own_keys[0]) or (-_FULL_TURN_DEG, _FULL_TURN_DEG)
     if low >= high:
         raise ArmError(
-            f"{own[0]} allows the joint no motion",
+            f"{own_keys[0]} allows the joint no motion",
             where=where,
             value=[low, high],
             allowed="the lower limit first, then a higher one",
-            remedy=f"correct {own[0]}",
+            remedy=f"correct {own_keys[0]}",
         )
     refuse_far(row.limits_m or (), "limits_m", where)
     refuse_far(row.com_m or (), "com_m", where)
@@ -185,7 +192,7 @@ def _check_row(row: ArmRow, where: str) -> None:
 
 
 class Frame(Section):
-    """A constant frame: where it stands, and its turns about fixed axes x, y, z in that order."""
+    """A constant frame: its position, and its rotations about fixed axes x, y, z in that order."""
 
     xyz_m: Triple = (0.0, 0.0, 0.0)
     rpy_deg: Triple = (0.0, 0.0, 0.0)
@@ -202,35 +209,40 @@ def rows_through_far_ones(
     ends: tuple[Frame, Frame],
     where: str,
 ) -> tuple[list[ArmRow], tuple[Frame, Frame]] | None:
-    """Return standard rows through the axes of rows whose lengths are out of all proportion.
+    """Return rows with usual lengths for the same arm, where long lengths cancel each other.
 
-    Between nearly parallel axes such lengths cancel each other. None where lengths are usual ones,
-    and where they do not cancel.
+    Between nearly parallel axes lengths may be hundreds of metres and cancel. The rows returned are
+    standard ones through the same axes. None where lengths are usual, or do not cancel.
 
     Args:
-        rows, convention: of one arm, of the file `where`.
-        ends: the frames that the first row starts from and that the last one ends with; they are
-            returned for the rows laid anew.
+        rows, convention: of one arm.
+        ends: the frames before the first row and after the last one; those returned are of the
+            rows returned.
+        where: file of the arm, for messages.
 
     Raises:
-        ArmError: when they cancel, and centres of mass stand in frames that are far away, or other
-            figures cannot be meant.
+        ArmError: when lengths cancel, but centres of mass are stated in these far frames, or other
+            figures have a wrong unit.
     """
-    with suppress(ArmError):
+    try:
         _check_lengths(rows, where)
+    except ArmError:
+        pass
+    else:
         return None
     table = np.array([[r.theta_deg, r.d_m, r.a_m, r.alpha_deg, r.beta_deg] for r in rows])
     table[:, [0, 3, 4]] = np.radians(table[:, [0, 3, 4]])
     if np.abs(table[:, 1:3]).max() > _FARTHEST_CANCELLED_M:
         return None
     laid = rows_of_table(table, convention, *(end.pose for end in ends))
-    far_m = [*laid.parameters[:, 1:3].ravel(), *laid.T_base_row1[:3, 3], *laid.T_row_n_ee[:3, 3]]
-    if np.abs(far_m).max() > _LONG_M or not np.isfinite(far_m).all():
+    lengths_m = [*laid.parameters[:, 1:3].flat, *laid.T_base_row1[:3, 3], *laid.T_row_n_ee[:3, 3]]
+    if np.abs(lengths_m).max() > _LONG_M or not np.isfinite(lengths_m).all():
         return None
-    if massive := [number for number, row in enumerate(rows, start=1) if row.com_m is not None]:
+    with_mass = [number for number, row in enumerate(rows, start=1) if row.com_m is not None]
+    if with_mass:
         raise ArmError(
             "a centre of mass stands in a frame that is far from its link",
-            where=f"{where}: row {massive[0]}",
+            where=f"{where}: row {with_mass[0]}",
             value=f"d_m up to {np.abs(table[:, 1]).max():.4g}, of nearly parallel axes",
             allowed="no com_m in rows whose lengths cancel each other",
             remedy="remove mass_kg and com_m, and state masses.total_kg in campaign.yaml; or "
@@ -238,17 +250,21 @@ def rows_through_far_ones(
         )
     for number, row in enumerate(rows, start=1):
         _check_row(row, f"{where}: row {number}")
-    new = []
-    for row, of_row in zip(rows, laid.parameters.tolist(), strict=True):
-        theta, d_m, a_m, alpha, beta = of_row
-        geometry = {"theta_deg": math.degrees(theta), "alpha_deg": math.degrees(alpha)}
-        geometry |= {"beta_deg": math.degrees(beta), "d_m": d_m, "a_m": a_m}
-        new.append(row.model_copy(update={**geometry, "hayati": None}))
-    base, tool = (
-        Frame(
-            xyz_m=tuple(T[:3, 3].tolist()),
-            rpy_deg=tuple(np.degrees(roll_pitch_yaw(T[:3, :3])).tolist()),
-        )
-        for T in (laid.T_base_row1, laid.T_row_n_ee)
-    )
-    return new, (base, tool)
+    new_rows = []
+    for row, parameters in zip(rows, laid.parameters.tolist(), strict=True):
+        theta_rad, d_m, a_m, alpha_rad, beta_rad = parameters
+        geometry = {
+            "theta_deg": math.degrees(theta_rad),
+            "d_m": d_m,
+            "a_m": a_m,
+            "alpha_deg": math.degrees(alpha_rad),
+            "beta_deg": math.degrees(beta_rad),
+            "hayati": None,
+        }
+        new_rows.append(row.model_copy(update=geometry))
+    return new_rows, (_frame(laid.T_base_row1), _frame(laid.T_row_n_ee))
+
+
+def _frame(T: Array) -> Frame:
+    rpy_deg = np.degrees(roll_pitch_yaw(T[:3, :3]))
+    return Frame(xyz_m=tuple(T[:3, 3].tolist()), rpy_deg=tuple(rpy_deg.tolist()))

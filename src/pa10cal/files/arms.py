@@ -14,40 +14,21 @@ import numpy as np
 import yaml
 from pydantic import Field
 
+from pa10cal.arm import description
 from pa10cal.arm.chain import roll_pitch_yaw
-from pa10cal.arm.description import (
-    MOST_ROWS,
-    NEARLY_PARALLEL_RAD,
-    Arm,
-    neighbouring_axes,
-    with_hayati_rows,
-)
+from pa10cal.arm.description import Arm
 from pa10cal.arm.exports import UrdfSource
 from pa10cal.arrays import Array
 from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, how_to_install, one_line, remedy_for
 from pa10cal.files import arm_places, own_description
-from pa10cal.files.arm_rows import (
-    ArmRow,
-    Frame,
-    check_rows,
-    refuse_far,
-    rows_through_far_ones,
-)
+from pa10cal.files.arm_rows import ArmRow, Frame, check_rows, refuse_far, rows_through_far_ones
 from pa10cal.files.coupling import StatedCoupling, coupled_joints, stated_coupling
-from pa10cal.files.known_arms import (
-    MOST_URDF_BYTES,
-    PACKAGE,
-    known_arm,
-    known_arm_names,
-    why_no_text,
-)
+from pa10cal.files.known_arms import PACKAGE, known_arm, known_arm_names, read_urdf_text
 from pa10cal.files.output import write_text
-from pa10cal.input_files import read_file
+from pa10cal.input_files import read_file, reason
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import MAX_BYTES, parse_yaml, read_yaml
-
-_UNREADABLE = "the arm description cannot be read"
 
 
 class _Urdf(Section):
@@ -66,10 +47,12 @@ class _MakerCalibration(Section):
 
 
 class _ArmFile(Section):
+    """The keys of a description; rows are checked one by one."""
+
     name: str
     title: str | None = None
     convention: Literal["standard", "modified"] = "standard"
-    rows: tuple[Any, ...] = Field(min_length=1, max_length=MOST_ROWS)
+    rows: tuple[Any, ...] = Field(min_length=1, max_length=description.MOST_ROWS)
     base: Frame = Frame()
     tool: Frame = Frame()
     urdf: _Urdf | None = None
@@ -123,8 +106,9 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
 
 
 def _unknown_robot(name: str, folder: Path | None, arms: Path | None) -> ArmError:
-    known = known_arm_names()
-    allowed = ", ".join(arm_names())
+    """Return the refusal of a name, with where it was looked for and which name may be meant."""
+    shipped, known = arm_names(), known_arm_names()
+    allowed = ", ".join(shipped)
     describe = f"give the file of a description, such as {name}.yaml"
     if known:
         allowed += f", one of the {len(known)} robots of {PACKAGE}"
@@ -133,10 +117,11 @@ def _unknown_robot(name: str, folder: Path | None, arms: Path | None) -> ArmErro
     if folder is not None:
         allowed += f", or {name}.yaml in {' or '.join(map(str, arm_places(folder, arms)))}"
         describe = describe.replace("give the file of a description", "describe the arm in a file")
-    near = [*arm_names(), *known]
-    if any(letter.isdigit() for letter in name):  # one letter or digit makes another robot
-        near = [each for each in near if _letters(each) == _letters(name)]
-    meant = remedy_for(name, near, "correct the name, or")
+    candidates = [*shipped, *known]
+    if any(letter.isdigit() for letter in name):
+        # One digit more or less is another robot: only signs and capitals may differ.
+        candidates = [each for each in candidates if _alphanumeric(each) == _alphanumeric(name)]
+    meant = remedy_for(name, candidates, "correct the name, or")
     return ArmError(
         "unknown robot",
         where="robot",
@@ -146,8 +131,8 @@ def _unknown_robot(name: str, folder: Path | None, arms: Path | None) -> ArmErro
     )
 
 
-def _letters(name: str) -> str:
-    """Return the letters and digits of a name, all of one case."""
+def _alphanumeric(name: str) -> str:
+    """Return the letters and digits of a name, in lower case."""
     return "".join(filter(str.isalnum, name.casefold()))
 
 
@@ -168,8 +153,7 @@ def read_arm(path: Path, within: Path | None = None) -> Arm:
         ArmError: when it cannot be read, is not named after the arm, or cannot be meant.
         SettingsError: when a key is unknown, missing or of the wrong kind.
     """
-    raw = read_yaml(path, ArmError, what=_UNREADABLE, within=within)
-    arm = parse_arm(raw, where=str(path))
+    arm = parse_arm(_read(path, within), where=str(path))
     if arm.name != path.stem:
         raise ArmError(
             "the arm is not named after its file",
@@ -179,6 +163,15 @@ def read_arm(path: Path, within: Path | None = None) -> Arm:
             remedy=f"set name: {path.stem}, or rename the file",
         )
     return arm
+
+
+def _read(path: Path, within: Path | None) -> Any:
+    return read_yaml(path, ArmError, what="the arm description cannot be read", within=within)
+
+
+def _own_file(path: Path) -> _ArmFile:
+    """Read the keys of a campaign's own description."""
+    return parse_section(_ArmFile, _read(path, path.parent), where=str(path))
 
 
 def copy_description(name: str, folder: Path, to: Path) -> None:
@@ -194,12 +187,12 @@ def copy_description(name: str, folder: Path, to: Path) -> None:
     if own is None:
         return
     text = read_file(own, MAX_BYTES, own.parent).decode("utf-8-sig")
-    calibrated = maker_calibration(name, folder)
-    if calibrated is not None and calibrated.designed is not None:
-        copy_description(calibrated.designed.name, folder, to)
+    by_maker = maker_calibration(name, folder)
+    if by_maker is not None and by_maker.designed is not None:
+        copy_description(by_maker.designed.name, folder, to)
     if source is not None:
         file = Path(source.where).name
-        if own.parent / file != Path(source.where):  # in another folder; now they lie together
+        if own.parent / file != Path(source.where):  # it lay in another folder than the description
             urdf = {"file": file, "base": source.base, "tip": source.tip}
             text = arm_text(read_arm(own, own.parent), urdf=urdf)
         write_text(to / file, source.text)
@@ -207,10 +200,10 @@ def copy_description(name: str, folder: Path, to: Path) -> None:
 
 
 def joint_names(name: str, folder: Path, arms: Path | None = None) -> tuple[str, ...]:
-    """Return what the URDF that an arm came from calls its joints, in order.
+    """Return the names of the joints in the URDF that an arm came from, in order.
 
-    Nothing where it came from none, or from one that is not there any more or cannot be read:
-    names help to read a file, and the export of a model says what is wrong with the URDF.
+    Empty where there is no such URDF, or it cannot be read: names only help to read other files,
+    and the export of a model reports what is wrong with the URDF.
     """
     with suppress(ArmError):
         if (source := urdf_of_arm(name, folder, arms)) is not None:
@@ -231,18 +224,16 @@ def urdf_of_arm(name: str, folder: Path, arms: Path | None = None) -> UrdfSource
     if own is None:
         known = None if name in arm_names() else known_arm(name)
         return None if known is None else known.source
-    raw = read_yaml(own, ArmError, what=_UNREADABLE, within=own.parent)
-    source = parse_section(_ArmFile, raw, where=str(own)).urdf
+    source = _own_file(own).urdf
     if source is None:
         return None
     path = own.parent / source.file
     try:
-        text = read_file(path, MOST_URDF_BYTES, own.parent, folder).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        where = f"{own}: urdf.file"
+        text = read_urdf_text(path, own.parent, folder)
+    except (OSError, ValueError) as error:
         raise ArmError(
-            f"the URDF that the arm came from cannot be read: {why_no_text(error)}",
-            where=where,
+            f"the URDF that the arm came from cannot be read: {reason(error)}",
+            where=f"{own}: urdf.file",
             value=source.file,
             allowed="a file beside the description, or in the campaign's folder",
             remedy="copy it there and name it so, or remove the key urdf: names of its own are "
@@ -253,13 +244,13 @@ def urdf_of_arm(name: str, folder: Path, arms: Path | None = None) -> UrdfSource
 
 @dataclass(frozen=True)
 class MakerCalibration:
-    """What a description says of a calibration by the arm's maker."""
+    """That the rows of an arm are those of its maker's calibration."""
 
     designed: Arm | None  # the arm as it was designed; None where it is not stated
 
 
 def maker_calibration(name: str, folder: Path, arms: Path | None = None) -> MakerCalibration | None:
-    """Return whether the rows of an arm are those of its maker's calibration; None where not.
+    """Return what is known of the maker's calibration of an arm; None if its rows are not of one.
 
     Descriptions are looked for as `load_arm` does.
 
@@ -270,8 +261,7 @@ def maker_calibration(name: str, folder: Path, arms: Path | None = None) -> Make
     own = own_description(name, folder, arms)
     if own is None:
         return None
-    raw = read_yaml(own, ArmError, what=_UNREADABLE, within=own.parent)
-    stated = parse_section(_ArmFile, raw, where=str(own)).maker_calibration
+    stated = _own_file(own).maker_calibration
     if stated is None:
         return None
     return MakerCalibration(None if stated.of is None else load_arm(stated.of, folder, arms))
@@ -285,31 +275,22 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         SettingsError: when a key is unknown, missing or of the wrong kind.
     """
     content = parse_section(_ArmFile, raw, where=where)
-    rows = []
-    for number, row in enumerate(content.rows, start=1):
-        place = f"{where}: row {number}"
-        if not isinstance(row, dict) or not all(isinstance(key, str) for key in row):
-            raise ArmError(
-                "a row is made of keys and values",
-                where=place,
-                value=row,
-                allowed="{a_m: 0.45, alpha_deg: -90, ...}",
-                remedy="correct it; numbers have decimal points, not commas",
-            )
-        rows.append(parse_section(ArmRow, row, where=place))
-    laid_anew = rows_through_far_ones(rows, content.convention, (content.base, content.tool), where)
+    rows = _parsed_rows(content.rows, where)
+    ends = content.base, content.tool
+    laid_anew = rows_through_far_ones(rows, content.convention, ends, where)
+    convention = content.convention
     if laid_anew is not None:
-        rows, (base, tool) = laid_anew
-        ends = {"base": base, "tool": tool, "convention": "standard"}
-        content = content.model_copy(update=ends)
+        rows, ends = laid_anew
+        convention = "standard"
+    base, tool = ends
     check_rows(rows, where)
-    for key, frame in (("base", content.base), ("tool", content.tool)):
+    for key, frame in (("base", base), ("tool", tool)):
         refuse_far(frame.xyz_m, "xyz_m", f"{where}: {key}")
     prismatic = np.array([row.prismatic for row in rows])
     arm = Arm(
         name=content.name,
         title=content.title or content.name,
-        convention=content.convention,
+        convention=convention,
         theta_rad=np.radians([row.theta_deg for row in rows]),
         d_m=np.array([row.d_m for row in rows]),
         a_m=np.array([row.a_m for row in rows]),
@@ -322,34 +303,57 @@ def parse_arm(raw: Any, *, where: str) -> Arm:
         mass_kg=_all_or_none([row.mass_kg for row in rows]),
         com_m=_all_or_none([row.com_m for row in rows]),
         beta_rad=np.radians([row.beta_deg for row in rows]),
-        T_base_row1=content.base.pose,
-        T_row_n_ee=content.tool.pose,
+        T_base_row1=base.pose,
+        T_row_n_ee=tool.pose,
         coupled=coupled_joints(content.coupling, prismatic, where),
         remarks=() if laid_anew is None else (_laid_anew(content.name),),
     )
-    arm = with_hayati_rows(arm)
-    axes_of = {axes.row: axes for axes in neighbouring_axes(arm)}
-    for number, (row, hayati) in enumerate(zip(rows, arm.hayati, strict=True), start=1):
-        if row.hayati is not None and row.hayati != hayati:
-            why = "no two joint axes meet in this row"
-            if (axes := axes_of.get(number)) is not None:
-                why = (
-                    f"the axes of joints {axes.joints[0]} and {axes.joints[1]} are "
-                    f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
-                )
-            stated, parallel_deg = str(row.hayati).lower(), np.degrees(NEARLY_PARALLEL_RAD)
-            raise ArmError(
-                f"hayati: {stated} contradicts the row: {why}",
-                where=f"{where}: row {number}",
-                allowed=f"beta in place of d where neighbouring axes are within {parallel_deg:g} "
-                "deg of parallel, and only there: elsewhere it says what theta says already, and "
-                "without it a small tilt of parallel axes makes links of hundreds of metres",
-                remedy="leave hayati out",
-            )
+    arm = description.with_hayati_rows(arm)
+    _check_hayati(rows, arm, where)
     return arm
 
 
+def _parsed_rows(raw_rows: Iterable[Any], where: str) -> list[ArmRow]:
+    rows = []
+    for number, row in enumerate(raw_rows, start=1):
+        place = f"{where}: row {number}"
+        if not isinstance(row, dict) or not all(isinstance(key, str) for key in row):
+            raise ArmError(
+                "a row is made of keys and values",
+                where=place,
+                value=row,
+                allowed="{a_m: 0.45, alpha_deg: -90, ...}",
+                remedy="correct it; numbers have decimal points, not commas",
+            )
+        rows.append(parse_section(ArmRow, row, where=place))
+    return rows
+
+
+def _check_hayati(rows: Iterable[ArmRow], arm: Arm, where: str) -> None:
+    """Refuse a row whose key `hayati` contradicts the angle between its axes."""
+    axes_of = {axes.row: axes for axes in description.neighbouring_axes(arm)}
+    for number, (row, hayati) in enumerate(zip(rows, arm.hayati, strict=True), start=1):
+        if row.hayati is None or row.hayati == hayati:
+            continue
+        why = "no two joint axes meet in this row"
+        if (axes := axes_of.get(number)) is not None:
+            why = (
+                f"the axes of joints {axes.joints[0]} and {axes.joints[1]} are "
+                f"{np.degrees(axes.angle_rad):.3g} deg from parallel"
+            )
+        parallel_deg = np.degrees(description.NEARLY_PARALLEL_RAD)
+        raise ArmError(
+            f"hayati: {str(row.hayati).lower()} contradicts the row: {why}",
+            where=f"{where}: row {number}",
+            allowed=f"beta in place of d where neighbouring axes are within {parallel_deg:g} "
+            "deg of parallel, and only there: elsewhere it says what theta says already, and "
+            "without it a small tilt of parallel axes makes links of hundreds of metres",
+            remedy="leave hayati out",
+        )
+
+
 def _laid_anew(name: str) -> str:
+    """Return the remark on an arm whose rows are not those of its description."""
     return (
         f"rows of {name} are laid anew through its axes, with the same forward kinematics: between "
         "nearly parallel axes they were far too long"
@@ -362,8 +366,9 @@ def _all_or_none(values: list[Any]) -> Array | None:
 
 # An arm as the text of its YAML file, with every figure to the last digit.
 
-#: Limits this near [rad, m] are one.
+#: Limits that differ by less count as the same [rad, m].
 _SAME_LIMIT = 1e-9
+#: Decimals with which a limit is written at most.
 _MOST_DECIMALS = 15
 
 
@@ -375,9 +380,13 @@ def arm_text(
 ) -> str:
     """Return the file of an arm, so that `parse_arm` gives the arm back.
 
-    What the file may leave out and what is not known is omitted. Comments stand first; `urdf` says
-    where the arm came from: `file`, `base` and `tip`; `maker_calibration` that its maker calibrated
-    it: the arm as designed, `of`, and `hash`.
+    Values that are zero or not known are omitted.
+
+    Args:
+        arm: the arm.
+        comments: lines at the beginning.
+        urdf: the URDF that the arm came from: `file`, `base` and `tip`; None for none.
+        maker_calibration: of a calibration by the maker: the arm as designed, `of`, and `hash`.
     """
     head: dict[str, Any] = {"name": arm.name, "title": arm.title, "convention": arm.convention}
     for key, stated in (("urdf", urdf), ("maker_calibration", maker_calibration)):
@@ -402,41 +411,48 @@ def arm_text(
         "beta_deg": np.degrees(arm.beta_rad),
     }
     for row in range(arm.n):
-        geometry = {key: _number(v[row]) for key, v in columns.items() if v[row] != 0.0}
+        geometry = {key: _number(values[row]) for key, values in columns.items() if values[row]}
+        # A mapping in braces over two lines: geometry, then joint and link.
         lines.append(f"  - {{{_flow(geometry)[1:-1]}," if geometry else "  - {")
         lines.append(f"     {_flow(_joint_and_link(arm, row))[1:-1]}}}")
     return "\n".join(lines) + "\n"
 
 
 def with_short_limits(arm: Arm) -> Arm:
-    """Return the arm with each limit the shortest number in the file that is within 1e-9 of it.
+    """Return the arm with each limit rounded to the fewest decimals in the file, within 1e-9.
 
-    What a URDF states in radians with a few digits has fourteen in degrees.
+    A limit that a URDF states in radians with a few digits has fourteen in degrees.
     """
     limits = [
-        [_shortest(limit, _SAME_LIMIT, degrees=not slides) for limit in ends]
+        [_rounded_limit(limit, _SAME_LIMIT, degrees=not slides) for limit in ends]
         for ends, slides in zip(arm.limits_rad, arm.prismatic, strict=True)
     ]
-    turned = np.where(arm.prismatic[:, None], limits, np.radians(limits))
-    return replace(arm, limits_rad=turned)
+    return replace(arm, limits_rad=np.where(arm.prismatic[:, None], limits, np.radians(limits)))
 
 
-def _shortest(limit: float, within: float, *, degrees: bool) -> float | int:
-    """Return a limit [deg or m] with the fewest decimals that is so near [rad or m]."""
-    shown = float(np.degrees(limit)) if degrees else float(limit)
+def _rounded_limit(limit: float, tolerance: float, *, degrees: bool) -> float | int:
+    """Return a limit in degrees or metres with the fewest decimals.
+
+    Args:
+        limit: in radians or metres.
+        tolerance: how far the rounded limit may be from it [rad or m].
+        degrees: whether the limit is an angle.
+    """
+    in_file = float(np.degrees(limit)) if degrees else float(limit)
     for decimals in range(_MOST_DECIMALS):
-        rounded = round(shown, decimals)
-        if abs((np.radians(rounded) if degrees else rounded) - limit) <= within:
+        rounded = round(in_file, decimals)
+        if abs((np.radians(rounded) if degrees else rounded) - limit) <= tolerance:
             return _number(rounded)
-    return _number(shown)
+    return _number(in_file)
 
 
 def _joint_and_link(arm: Arm, row: int) -> dict[str, Any]:
+    """Return the keys of a row that are of its joint and its link."""
     slides = bool(arm.prismatic[row])
     limits, rated = arm.limits_rad[row], arm.torque_limit_Nm[row]
     content: dict[str, Any] = {"prismatic": True} if slides else {}
     content["limits_m" if slides else "limits_deg"] = [
-        _shortest(limit, 0.0, degrees=not slides) for limit in limits
+        _rounded_limit(limit, 0.0, degrees=not slides) for limit in limits
     ]
     if not np.isnan(arm.gear_ratio[row]):
         content["gear_ratio"] = _number(arm.gear_ratio[row])
@@ -449,7 +465,7 @@ def _joint_and_link(arm: Arm, row: int) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | int:
-    """Return a plain number, whole ones without a decimal point."""
+    """Return a plain number, as an integer if it is whole."""
     return int(value) if float(value).is_integer() else float(value)
 
 

@@ -1,8 +1,8 @@
-"""What campaign.yaml states of a robot's controller, and what the controller then computes with.
+"""The model with which a robot's controller computes, by what campaign.yaml states of it.
 
 A controller with a maker's accuracy option, and every one of Universal Robots, computes with an arm
-that was measured. Joint positions that it logs are those of its encoders, and are calibrated as
-any; but a Cartesian target goes by way of the maker's model, and has to be relative to that one.
+that the maker measured. The joint positions that it logs are those of its encoders, and are used as
+any. A Cartesian target is converted by the maker's model, and must be relative to that model.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm, maker_calibration
 from pa10cal.options import Section
 
-#: How far a calibrated arm is from the arm as designed at most, in the mean of all postures.
+#: Largest distance of a calibrated arm from the arm as designed: mean over all postures, and angle.
 _NEAR_M, _NEAR_RAD = 0.02, 0.1
 
 
 def _switch(value: Any) -> Any:
-    """Return the word that YAML has made true or false of."""
+    """Return `on` or `off`, which YAML reads as true and false without quotes."""
     return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
 
 
@@ -46,13 +46,13 @@ def controller_of(
     *,
     where: str,
 ) -> Controller | None:
-    """Return what a controller computes with; None where nothing is stated.
+    """Return the controller with the model that it computes with; None where nothing is stated.
 
-    That is the model stated; else, while it compensates, the arm's own rows where they are its
-    maker's calibration, and while it does not, the arm as designed.
+    The model is the one stated. Without one it is, while the controller compensates, the arm's own
+    rows if they are its maker's calibration, and while it does not, the arm as designed.
 
     Args:
-        stated: of a campaign.
+        stated: what the campaign states.
         arm: the arm of the campaign, as described.
         folder, arms: where descriptions are looked for, see `load_arm`.
         where: the campaign's file, for messages.
@@ -77,25 +77,25 @@ def controller_of(
 
 
 def refuse_another_robot(arm: Arm, other: Arm, where: str) -> None:
-    """Refuse what is stated as the model of a controller and is of another robot than its arm.
+    """Refuse a model of a controller that is of another robot than its arm.
 
     Raises:
-        ArmError: when joints, base or flange are others.
+        ArmError: when joints, base or flange differ.
     """
     if (arm.n, arm.prismatic.tolist()) != (other.n, other.prismatic.tolist()):
-        apart = f"{other.n} joints, and {arm.n} of {arm.name}, or others of them slide"
+        difference = f"{other.n} joints, and {arm.n} of {arm.name}, or others of them slide"
     else:
         mean_m, _, most_rad = mean_distance(arm, other)
         if mean_m <= _NEAR_M and most_rad <= _NEAR_RAD:
             return
-        apart = (
+        difference = (
             f"{1e3 * mean_m:.0f} mm in the mean of all postures, {most_rad:.2f} rad at most from "
             f"{arm.name}"
         )
     raise ArmError(
         f"the model of the controller, {other.name}, is of another robot, base or flange",
         where=where,
-        value=apart,
+        value=difference,
         allowed=f"the same joints, base and flange, within {1e3 * _NEAR_M:g} mm and "
         f"{_NEAR_RAD:g} rad",
         remedy="name the description of this robot as its maker measured it",
@@ -103,7 +103,7 @@ def refuse_another_robot(arm: Arm, other: Arm, where: str) -> None:
 
 
 def controller_notes(controller: Controller | None, arm: Arm) -> tuple[str, ...]:
-    """Return what a reader should know where a controller compensates."""
+    """Return notes for a reader on a controller that compensates; none if it does not."""
     if controller is None or not controller.compensation:
         return ()
     computes = "the controller corrects an arm that its maker measured"
@@ -121,7 +121,7 @@ def controller_notes(controller: Controller | None, arm: Arm) -> tuple[str, ...]
 
 
 def controller_warnings(controller: Controller | None, *, commanded: bool) -> tuple[str, ...]:
-    """Return what is doubtful of joint positions where a controller compensates."""
+    """Return a warning where joint positions are commanded and the controller corrects them."""
     if controller is None or not controller.compensation or not commanded:
         return ()
     return (

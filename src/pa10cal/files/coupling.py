@@ -1,4 +1,4 @@
-"""Coupled joints as an arm's description and campaign.yaml state them, and back."""
+"""Reads coupled joints from an arm's description or campaign.yaml, and states them there."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from pa10cal.arrays import Mask
 from pa10cal.errors import ArmError
 from pa10cal.options import Section
 
-#: No joint moves further with the axis of another [deg or mm, a deg or mm]; no screw is steeper.
-_MOST, _STEEPEST_MM = 100.0, 1000.0
+#: Largest factor [deg or mm for each deg or mm of the other], and steepest screw [mm a turn].
+_MOST_FACTOR, _STEEPEST_MM = 100.0, 1000.0
 _TURN_DEG = 360.0
 
 
 class StatedCoupling(Section):
-    """A joint whose position in the model is more than the controller logs under its name."""
+    """A joint whose position is the one that the controller logs plus a multiple of another's.
+
+    With `follows` the joint has no axis of its own, and only the multiple counts.
+    """
 
     joint: Annotated[int, Field(ge=1)]
     by: Annotated[int, Field(ge=1)]
@@ -32,43 +35,53 @@ class StatedCoupling(Section):
 def coupled_joints(
     stated: Sequence[StatedCoupling], prismatic: Mask, where: str
 ) -> tuple[CoupledJoint, ...]:
-    """Return the coupled joints of an arm whose joints (n,) slide or turn.
+    """Return the coupled joints of an arm.
+
+    Args:
+        stated: entries of the key `coupling`.
+        prismatic: (n,) which joints slide.
+        where: the file, for messages.
 
     Raises:
         ArmError: naming the entry, when it names no joint, couples what it cannot, or states no
             size.
     """
-    found: list[CoupledJoint] = []
-    followers = {each.joint for each in stated if each.follows}
-    for number, each in enumerate(stated, start=1):
+    coupled: list[CoupledJoint] = []
+    followers = {entry.joint for entry in stated if entry.follows}
+    for number, entry in enumerate(stated, start=1):
         place = f"{where}: coupling, entry {number}"
-        _check(each, followers, len(prismatic), place)
-        if any((each.joint, each.by) == (other.joint, other.by) for other in found):
+        _check(entry, followers, len(prismatic), place)
+        if any((entry.joint, entry.by) == (other.joint, other.by) for other in coupled):
             raise ArmError(
-                f"joint {each.joint} is coupled to joint {each.by} twice",
+                f"joint {entry.joint} is coupled to joint {entry.by} twice",
                 where=place,
-                value=[each.joint, each.by],
+                value=[entry.joint, entry.by],
                 allowed="each pair of joints once",
                 remedy="add the two factors up",
             )
-        slides, by_slides = (bool(prismatic[k - 1]) for k in (each.joint, each.by))
-        factor = _factor(each, slides, by_slides, place)
-        found.append(CoupledJoint(each.joint, each.by, factor, each.joint in followers))
-    if Coupling(len(prismatic), tuple(found)).singular:
+        slides, by_slides = _slide(prismatic, entry.joint, entry.by)
+        factor = _factor(entry, slides, by_slides, place)
+        coupled.append(CoupledJoint(entry.joint, entry.by, factor, entry.joint in followers))
+    if Coupling(len(prismatic), tuple(coupled)).singular:
         raise ArmError(
             "the coupling makes two joints one: some axes of the controller move nothing",
             where=f"{where}: coupling",
-            value=", ".join(f"joint {c.joint} by {c.by}: {c.factor:g}" for c in found),
+            value=", ".join(f"joint {c.joint} by {c.by}: {c.factor:g}" for c in coupled),
             allowed="axes that move the joints in as many ways as there are axes",
             remedy="remove one of these couplings, or set follows: true of a joint that has no "
             "axis of its own",
         )
-    return tuple(found)
+    return tuple(coupled)
 
 
-def _check(each: StatedCoupling, followers: set[int], joints: int, place: str) -> None:
+def _slide(prismatic: Mask, joint: int, by: int) -> tuple[bool, bool]:
+    """Return whether each of two joints, counted from 1, slides."""
+    return bool(prismatic[joint - 1]), bool(prismatic[by - 1])
+
+
+def _check(entry: StatedCoupling, followers: set[int], joints: int, place: str) -> None:
     """Refuse an entry that does not name two joints, the second with an axis of its own."""
-    for key, joint in (("joint", each.joint), ("by", each.by)):
+    for key, joint in (("joint", entry.joint), ("by", entry.by)):
         if joint > joints:
             raise ArmError(
                 f"{key} names no joint",
@@ -77,59 +90,62 @@ def _check(each: StatedCoupling, followers: set[int], joints: int, place: str) -
                 allowed=f"1 to {joints}, one of the rows",
                 remedy="correct the number",
             )
-    if each.joint == each.by:
+    if entry.joint == entry.by:
         raise ArmError(
             "a joint is coupled to itself",
             where=place,
-            value=each.joint,
+            value=entry.joint,
             allowed="joint and by of two joints",
             remedy="name the other joint under by; the sign and zero of one are joint_signs and "
             "joint_offsets_deg of campaign.yaml",
         )
-    if each.by in followers:
+    if entry.by in followers:
         raise ArmError(
-            f"joint {each.by} has no axis of its own (follows: true)",
+            f"joint {entry.by} has no axis of its own (follows: true)",
             where=f"{place}: by",
-            value=each.by,
+            value=entry.by,
             allowed="a joint that has one",
-            remedy=f"name the joint that joint {each.by} follows",
+            remedy=f"name the joint that joint {entry.by} follows",
         )
 
 
-def _factor(each: StatedCoupling, slides: bool, by_slides: bool, place: str) -> float:
+def _factor(entry: StatedCoupling, slides: bool, by_slides: bool, place: str) -> float:
     """Return the factor in radians and metres."""
     screw = slides and not by_slides
-    keys = "factor or mm_per_turn, one of them" if screw else "factor"
-    stated = [key for key in ("factor", "mm_per_turn") if getattr(each, key) is not None]
-    if len(stated) != 1 or (stated == ["mm_per_turn"] and not screw):
-        turning = "mm_per_turn is for a joint that slides with one that turns"
-        no_screw = "mm_per_turn" in stated and not screw
+    stated = [key for key in ("factor", "mm_per_turn") if getattr(entry, key) is not None]
+    turning = stated == ["mm_per_turn"]
+    if len(stated) != 1 or (turning and not screw):
+        what = "the size of the coupling is not stated once"
+        if "mm_per_turn" in stated and not screw:
+            what = "mm_per_turn is for a joint that slides with one that turns"
         raise ArmError(
-            turning if no_screw else "the size of the coupling is not stated once",
+            what,
             where=place,
             value=", ".join(stated) or None,
-            allowed=keys,
+            allowed="factor or mm_per_turn, one of them" if screw else "factor",
             remedy="state how far the joint moves for each degree, or mm, of the other, as factor",
         )
-    value = each.factor if each.mm_per_turn is None else each.mm_per_turn / _TURN_DEG
-    assert value is not None
-    most = _MOST if each.mm_per_turn is None else _STEEPEST_MM / _TURN_DEG
-    if value == 0.0 or abs(value) > most:
-        limit = most if each.mm_per_turn is None else _STEEPEST_MM
+    size: float = getattr(entry, stated[0])
+    limit = _STEEPEST_MM if turning else _MOST_FACTOR
+    # In the file's units, degrees and millimetres.
+    factor, largest = (size / _TURN_DEG, limit / _TURN_DEG) if turning else (size, limit)
+    if factor == 0.0 or abs(factor) > largest:
         raise ArmError(
             f"{stated[0]} is none that couples joints",
             where=place,
-            value=getattr(each, stated[0]),
+            value=size,
             allowed=f"not 0, and at most {limit:g} in size",
             remedy="correct the number, or remove the entry",
         )
-    unit, by_unit = (1e-3 if one else math.radians(1.0) for one in (slides, by_slides))
-    return value if unit == by_unit else value * unit / by_unit
+    unit, by_unit = (
+        1e-3 if one_slides else math.radians(1.0) for one_slides in (slides, by_slides)
+    )
+    return factor if unit == by_unit else factor * unit / by_unit
 
 
 def stated_coupling(coupled: CoupledJoint, prismatic: Mask) -> dict[str, Any]:
     """Return the entry that states a coupled joint of an arm whose joints (n,) slide or turn."""
-    slides, by_slides = (bool(prismatic[k - 1]) for k in (coupled.joint, coupled.by))
+    slides, by_slides = _slide(prismatic, coupled.joint, coupled.by)
     entry: dict[str, Any] = {"joint": coupled.joint, "by": coupled.by}
     if slides and not by_slides:
         entry["mm_per_turn"] = _short(1e3 * 2.0 * math.pi * coupled.factor)
@@ -141,19 +157,19 @@ def stated_coupling(coupled: CoupledJoint, prismatic: Mask) -> dict[str, Any]:
 
 
 def _short(value: float) -> float | int:
-    """Return a number without the last digit, which is rounding, and whole ones as such."""
-    shown = float(f"{value:.15g}")
-    return int(shown) if shown.is_integer() else shown
+    """Return a number without its last digit, which is rounding; as an integer if it is whole."""
+    rounded = float(f"{value:.15g}")
+    return int(rounded) if rounded.is_integer() else rounded
 
 
 def set_coupling(coupled: Sequence[CoupledJoint], arm: Arm) -> str:
-    """Say what to set so that joints of an arm are coupled."""
-    entries = [stated_coupling(each, arm.prismatic) for each in coupled]
-    shown = ", ".join(
-        f"{{{', '.join(f'{key}: {_in_yaml(value)}' for key, value in entry.items())}}}"
-        for entry in entries
-    )
-    return f"set coupling: [{shown}] in campaign.yaml, or in the arm's description"
+    """Return the remedy that states coupled joints of an arm."""
+    entries = []
+    for joint in coupled:
+        stated = stated_coupling(joint, arm.prismatic)
+        pairs = (f"{key}: {_in_yaml(value)}" for key, value in stated.items())
+        entries.append(f"{{{', '.join(pairs)}}}")
+    return f"set coupling: [{', '.join(entries)}] in campaign.yaml, or in the arm's description"
 
 
 def _in_yaml(value: object) -> str:
@@ -161,16 +177,17 @@ def _in_yaml(value: object) -> str:
 
 
 def coupling_in_words(arm: Arm) -> str:
-    """Say what joints are of what the controller counts, such as `joint 3 = J3 + J2`."""
+    """Return coupled joints by what the controller counts (J), such as `joint 3 = J3 + J2`."""
     axis = {joint + 1: f"J{k}" for k, joint in enumerate(arm.coupling.own.tolist(), start=1)}
-    of_joint: dict[int, list[str]] = {}
-    for each in arm.coupled:
-        entry = stated_coupling(each, arm.prismatic)
-        factor, unit = entry.get("factor"), ""
-        if factor is None:
-            factor, unit = entry["mm_per_turn"], " mm a turn of"
+    sums: dict[int, list[str]] = {}
+    for coupled in arm.coupled:
+        stated = stated_coupling(coupled, arm.prismatic)
+        if "factor" in stated:
+            factor, unit = stated["factor"], ""
+        else:
+            factor, unit = stated["mm_per_turn"], " mm a turn of"
         size = "" if abs(factor) == 1 and not unit else f"{abs(factor):g}{unit} "
-        terms = of_joint.setdefault(each.joint, [] if each.follows else [axis[each.joint]])
+        terms = sums.setdefault(coupled.joint, [] if coupled.follows else [axis[coupled.joint]])
         sign = "-" if factor < 0 else "+" if terms else ""
-        terms.append(f"{sign} {size}{axis[each.by]}".strip())
-    return ", ".join(f"joint {joint} = {' '.join(terms)}" for joint, terms in of_joint.items())
+        terms.append(f"{sign} {size}{axis[coupled.by]}".strip())
+    return ", ".join(f"joint {joint} = {' '.join(terms)}" for joint, terms in sums.items())

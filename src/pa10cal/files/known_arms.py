@@ -1,7 +1,7 @@
-"""Arms that the package robot_descriptions knows by name, and xacro files, expanded.
+"""URDF and xacro files of arms, among them those that robot_descriptions knows by name.
 
-Nothing is fetched: that package clones a repository when a description of it is imported, and here
-its files have to be on the disk before.
+Nothing is fetched: that package clones a repository when a description of it is imported; here its
+files must be on the disk already.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 
 PACKAGE = "robot_descriptions"
 XACRO = ".xacro"
-#: That of a humanoid with all its inertias has a quarter of a megabyte.
-MOST_URDF_BYTES = 16 * 1024**2
+#: Largest URDF that is read; that of a humanoid with all its inertias has a quarter of a megabyte.
+_MOST_URDF_BYTES = 16 * 1024**2
+#: Endings of the names of modules that describe a robot, and of those in another format.
 _ENDING, _OTHER_FORMAT = "_description", "_mj"
 
 
@@ -42,11 +43,12 @@ class KnownArm:
 
 
 def known_arm_names() -> list[str]:
-    """Return the names of the robots that robot_descriptions has; none where it is missing."""
+    """Return the names of the robots that robot_descriptions has; none if it is not installed."""
     package = find_spec(PACKAGE)
-    folders = None if package is None else package.submodule_search_locations
-    modules = (module.name for module in iter_modules(folders)) if folders else ()
-    names = (name.removesuffix(_ENDING) for name in modules if name.endswith(_ENDING))
+    if package is None or not package.submodule_search_locations:
+        return []
+    modules = [module.name for module in iter_modules(package.submodule_search_locations)]
+    names = [name.removesuffix(_ENDING) for name in modules if name.endswith(_ENDING)]
     return sorted(name for name in names if name[:1] != "_" and not name.endswith(_OTHER_FORMAT))
 
 
@@ -66,17 +68,17 @@ def known_arm(name: str) -> KnownArm | None:
     base, tip = ends_of_arm(source.text, source.where)
     imported = arm_from_urdf_text(source.text, name, base=base, tip=tip, where=source.where)
     held = "".join(f"; {note}" for note in imported.notes if note.startswith("off the path"))
-    told = (
+    remark = (
         f"{source.where}: from link {base} to link {tip}, joints 1 to {imported.arm.n}: "
         f"{', '.join(imported.joints)}{held}; other ends: pa10cal import_arm {name} --base LINK "
         f"--tip LINK --out my_arm.yaml"
     )
-    arm = replace(imported.arm, title=f"{name} ({PACKAGE})", remarks=(one_line(told),))
+    arm = replace(imported.arm, title=f"{name} ({PACKAGE})", remarks=(one_line(remark),))
     return KnownArm(replace(imported, arm=arm), replace(source, base=base, tip=tip))
 
 
 def known_urdf(name: str) -> UrdfSource | None:
-    """Return the URDF of a robot of robot_descriptions, its ends not chosen; None for no robot.
+    """Return the URDF of a robot of robot_descriptions, with no ends; None if it has no such robot.
 
     Raises:
         ArmError: when its files are not on the disk, or cannot be read.
@@ -85,8 +87,9 @@ def known_urdf(name: str) -> UrdfSource | None:
     if name not in known_arm_names():
         return None
     module = _description(name)
-    plain = getattr(module, "URDF_PATH", None)
-    if (place := plain or getattr(module, "XACRO_PATH", None)) is None:
+    urdf = getattr(module, "URDF_PATH", None)
+    path = urdf or getattr(module, "XACRO_PATH", None)
+    if path is None:
         raise ArmError(
             "it is described in another form than URDF",
             where=PACKAGE,
@@ -94,10 +97,10 @@ def known_urdf(name: str) -> UrdfSource | None:
             allowed="a robot with a URDF",
             remedy="give the file of a description",
         )
-    file = Path(place)
+    file = Path(path)
     if not file.is_file():
         raise _not_on_disk(name, file)
-    if plain is not None:
+    if urdf is not None:
         text = read_urdf(file)
     else:
         arguments = getattr(module, "XACRO_ARGS", {})
@@ -117,10 +120,10 @@ def read_urdf(path: Path, arguments: Mapping[str, str] | None = None) -> str:
         MissingPackageError: when it has to be expanded, and xacrodoc is not installed.
     """
     try:
-        text = read_file(path, MOST_URDF_BYTES).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_urdf_text(path)
+    except (OSError, ValueError) as error:
         raise ArmError(
-            f"the URDF cannot be read: {why_no_text(error)}",
+            f"the URDF cannot be read: {reason(error)}",
             where=str(path),
             allowed="a URDF file, UTF-8",
             remedy="check the path",
@@ -128,9 +131,21 @@ def read_urdf(path: Path, arguments: Mapping[str, str] | None = None) -> str:
     return expanded(path, arguments or {}) if path.suffix == XACRO else text
 
 
-def why_no_text(error: OSError | UnicodeDecodeError) -> str:
-    """Return why a file could not be read as text."""
-    return reason(error) if isinstance(error, OSError) else "it is not UTF-8 text"
+def read_urdf_text(path: Path, *within: Path) -> str:
+    """Return the text of a URDF file, which must lie in one of some folders if any are given.
+
+    Raises:
+        OSError, ValueError: whose `reason` says why it cannot be read.
+    """
+    return utf8_text(read_file(path, _MOST_URDF_BYTES, *within))
+
+
+def utf8_text(content: bytes) -> str:
+    """Return UTF-8 text without its byte order mark; a ValueError says that it is none."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError("it is not UTF-8 text") from None
 
 
 def expanded(

@@ -1,7 +1,8 @@
-"""Outputs appear whole or not at all: written beside their place, brought to the disk, renamed.
+"""Writes outputs whole or not at all, and text of users as cells of tables.
 
-A file that is being written is locked by its process, so that what a killed one left can be told
-from what another one writes now, on this machine or on another one.
+An output is written beside its place, brought to the disk and renamed. The process that writes it
+locks it meanwhile: a file that a killed process left differs so from one that is being written, on
+this machine or on another one.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from pathlib import Path
 
 from pa10cal.errors import OutputError, one_line
 
+#: Part of the name of a file that is being written.
 _PARTIAL = ".partial."
-#: Ending of a folder that is being replaced.
+#: Ending of the name of a folder that is being replaced.
 FORMER = ".former"
-#: What a full disk, or a limit on sizes, answers.
+#: Errors of a full disk, or of a limit on sizes, and the remedy.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 MAKE_ROOM = "make room on the disk"
 
@@ -30,7 +32,7 @@ MAKE_ROOM = "make room on the disk"
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it into place when the block succeeds.
 
-    The temporary name keeps the ending, since writers choose a format by it; see `whole_files`.
+    The temporary name keeps the ending, by which writers choose a format; see `whole_files`.
     """
     with whole_files(path) as (beside,):
         yield beside
@@ -40,23 +42,23 @@ def whole_file(path: Path) -> Iterator[Path]:
 def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     """Yield temporary paths beside several outputs; move all into place, or none.
 
-    An output that is such a path itself is written where it is: it stays the file that is locked.
+    An output whose path is such a temporary one already is written to it: it stays locked.
 
     Raises:
         OutputError: when one of them cannot be written at its place, or there is no room for it.
     """
-    twice = [
-        path for k, path in enumerate(paths) if path.resolve() in {p.resolve() for p in paths[:k]}
-    ]
-    if twice:
-        raise OutputError(
-            "two outputs have the same path",
-            where=str(twice[0]),
-            allowed="a different path for each output",
-            remedy="give different paths",
-        )
-    mine = f".{os.getpid()}{_PARTIAL}"
-    besides = tuple(path.with_name(mine + path.name.removeprefix(mine)) for path in paths)
+    resolved: set[Path] = set()
+    for path in paths:
+        if path.resolve() in resolved:
+            raise OutputError(
+                "two outputs have the same path",
+                where=str(path),
+                allowed="a different path for each output",
+                remedy="give different paths",
+            )
+        resolved.add(path.resolve())
+    prefix = f".{os.getpid()}{_PARTIAL}"
+    besides = tuple(path.with_name(prefix + path.name.removeprefix(prefix)) for path in paths)
     with ExitStack() as stack:
         for beside in set(besides) - set(paths):
             stack.callback(_remove, beside)
@@ -71,7 +73,7 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
                 raise
             with _writing(paths[0]):
                 raise
-        # All are on the disk before the first has its name: no crash leaves a name of nothing.
+        # All are on the disk before the first is renamed: no crash leaves a name without content.
         for path, file in zip(paths, files, strict=True):
             with _writing(path):
                 os.fsync(file)
@@ -82,7 +84,7 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
 
 @contextmanager
 def _claimed(path: Path, beside: Path) -> Iterator[int]:
-    """Make the folder and the locked file, so that an unfit place is known before any work."""
+    """Make the folder and the locked file, so that an unfit place is refused before any work."""
     with _writing(path):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -106,15 +108,15 @@ def _remove(beside: Path) -> None:
 
 @contextmanager
 def folder_beside(place: Path) -> Iterator[Path]:
-    """Yield an empty folder beside a place; gone when the block ends, if it was not moved there.
+    """Yield an empty folder beside a place; it is removed when the block ends, unless it was moved.
 
-    It is locked while this process lives. What killed ones left beside the place is removed.
+    It is locked by this process. Folders that killed processes left beside the place are removed.
     """
     place.parent.mkdir(parents=True, exist_ok=True)
-    for left in place.parent.iterdir():
-        replaced = left.name.endswith(f"{_PARTIAL}{place.name}{FORMER}") and place.is_dir()
-        if replaced or left.name.endswith(_PARTIAL + place.name):
-            _remove_of_dead(left)
+    for folder in place.parent.iterdir():
+        replaced = folder.name.endswith(f"{_PARTIAL}{place.name}{FORMER}") and place.is_dir()
+        if replaced or folder.name.endswith(_PARTIAL + place.name):
+            _remove_of_dead(folder)
     beside = place.with_name(f".{os.getpid()}{_PARTIAL}{place.name}")
     beside.mkdir()
     lock = os.open(beside, os.O_RDONLY | os.O_CLOEXEC)
@@ -128,7 +130,7 @@ def folder_beside(place: Path) -> Iterator[Path]:
 
 
 def remove_partials(folder: Path) -> None:
-    """Remove what killed processes left of outputs below a folder, and nothing of living ones."""
+    """Remove the partial outputs of killed processes below a folder, not those of living ones."""
     for place, _, names in os.walk(folder):
         for name in names:
             if name.startswith(".") and _PARTIAL in name:
@@ -136,7 +138,7 @@ def remove_partials(folder: Path) -> None:
 
 
 def _remove_of_dead(partial: Path) -> None:
-    """Remove a file or folder beside its place unless the process that writes it lives."""
+    """Remove a partial file or folder unless the process that writes it lives."""
     with suppress(OSError):
         lock = os.open(partial, os.O_RDONLY if partial.is_dir() else os.O_RDWR)
         try:
@@ -153,7 +155,7 @@ def writing_into(
     remedy: str,
     allowed: str = "a folder that may be written to, with room in it",
 ) -> Iterator[None]:
-    """Refuse a folder into which the block cannot write `what`, with a remedy (OutputError)."""
+    """Raise an OutputError with a remedy if the block cannot write `what` into a folder."""
     try:
         yield
     except OSError as error:
@@ -167,14 +169,14 @@ def writing_into(
 
 
 def no_room(error: Exception) -> bool:
-    """Return whether an error, or the refusal that it was made, is that of a full disk."""
+    """Return whether an error, or the refusal made of it, is that of a full disk."""
     if isinstance(error, OutputError):
         return error.remedy == MAKE_ROOM
     return isinstance(error, OSError) and error.errno in _NO_ROOM
 
 
 def _writing(path: Path) -> AbstractContextManager[None]:
-    """Refuse a file that the block cannot write."""
+    """Raise an OutputError if the block cannot write a file, named by its final place."""
     place = path.with_name(path.name.rpartition(_PARTIAL)[2])
     remedy = "give another path, or remove what is in the way"
     allowed = "a file in a folder that may be written to, with room for it"
@@ -187,13 +189,13 @@ def write_text(path: Path, text: str) -> None:
         beside.write_text(text, encoding="utf-8", newline="\n")
 
 
-# Text of a user's files as a cell of a table: shown as it is, run by nothing, one cell.
+# Text of a user's files as one cell of a table, which is shown as it is and never run.
 #
-# A label may be anything. A spreadsheet takes a cell that begins with one of a few signs for a
-# formula, also behind blanks and quotes, and where lists are separated by semicolons also one that
-# follows a semicolon. A Markdown page takes some text for markup.
+# A label may be any text. A spreadsheet takes a cell that begins with one of a few signs for a
+# formula, also behind blanks and quotes; where lists are separated by semicolons, also what follows
+# a semicolon. A Markdown page takes some text for markup.
 
-#: Numbers, and words of letters: nothing to do for most cells.
+#: Numbers and words of letters, as most cells are: they stay as they are.
 _PLAIN = re.compile(r"-?\d[\d.]*(?:e[-+]?\d+)?|[^\W\d_][\w .:/-]*")
 _FORMULA = re.compile(
     r"[\s\x00-\x20\x7f\u200b\ufeff'\"]*([=+@\uff1d\uff0b\uff0d\uff20-].*)", re.DOTALL
@@ -203,19 +205,19 @@ _LISTS = re.compile(r"(;)")
 
 
 def _runs(piece: str) -> bool:
-    """Return whether a spreadsheet would run a text; numbers such as `-1.5` and `+1` are none."""
-    found = _FORMULA.fullmatch(piece)
-    if found is None:
+    """Return whether a spreadsheet would run a text; it does not run numbers such as `-1.5`."""
+    match = _FORMULA.fullmatch(piece)
+    if match is None:
         return False
     try:
-        float(found[1])
+        float(match[1])
     except ValueError:
         return True
     return False
 
 
 def csv_cell(value: object) -> object:
-    """Return a value of a CSV cell; before text that a spreadsheet would run is an apostrophe.
+    """Return a value of a CSV cell, with an apostrophe before text that a spreadsheet would run.
 
     Numbers, also those given as text (`-1.5`, `+1`), stay as they are. `from_csv_cell` undoes it.
     """
@@ -225,7 +227,7 @@ def csv_cell(value: object) -> object:
 
 
 def from_csv_cell(text: str) -> str:
-    """Return the text of which `csv_cell` made a cell."""
+    """Return the text of a cell that `csv_cell` made."""
     if "'" not in text:
         return text
     return "".join(
@@ -235,10 +237,9 @@ def from_csv_cell(text: str) -> str:
 
 
 def csv_line(cells: Iterable[object]) -> str:
-    """Return a row of a CSV file, with the end of its line; every value is one cell.
+    """Return a row of a CSV file with its newline; every value is one cell, None and nan are empty.
 
-    What is not known, None or nan, is empty. The same bytes under every Python: a carriage return
-    is quoted too.
+    A carriage return is quoted too, so the bytes are the same under every Python.
     """
     texts = []
     for cell in cells:
@@ -250,12 +251,12 @@ def csv_line(cells: Iterable[object]) -> str:
 
 
 def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    """Return a CSV file: the one way in which tables go out."""
+    """Return a CSV file; all tables are written by it."""
     return "".join(map(csv_line, chain([header], rows)))
 
 
-#: What begins markup inside a line: escapes, code, formulas, emphasis but for `_` inside a word,
-#: strikes, columns, tags, entities, links but not lists of numbers, addresses.
+#: Signs that begin markup inside a line: escapes, code, formulas, emphasis (not `_` inside a word),
+#: strikes, columns, tags, entities, links (not lists of numbers), addresses.
 _MARKUP = re.compile(
     r"[\\`$*~|]|(?<![^\W_])_|_(?![^\W_])|<(?=[A-Za-z/!?])|&(?=#|\w+;)|\[(?!-?[\d., -]+\](?![(\[:]))"
     r"|:(?=//)|(?<=www)\.",
@@ -264,15 +265,16 @@ _MARKUP = re.compile(
 
 
 def markdown_cell(text: str) -> str:
-    """Return text as the cell of a Markdown table: on one line, without columns or markup.
+    """Return text as the cell of a Markdown table: on one line, columns and markup escaped.
 
-    Every sign of it is shown; what is not visible, such as a mark of direction, by its number.
+    Characters that are not visible, such as a mark of direction, are shown by their numbers.
     """
     return _MARKUP.sub(r"\\\g<0>", one_line(text.replace("\t", " ")))
 
 
 def markdown_line(text: str) -> str:
-    """Return text as a line of a Markdown page: as `markdown_cell`, and it begins no block."""
-    shown = markdown_cell(text).strip()
-    head = re.match(r"\d{1,9}(?=[.)](\s|$))|(?=[#>+=-]([\s#>+=-]|$))", shown)
-    return shown if head is None else f"{head[0]}\\{shown[head.end() :]}"
+    """Return text as a line of a Markdown page: a `markdown_cell` that does not begin a block."""
+    line = markdown_cell(text).strip()
+    # The number of a list item, or nothing before the sign of a heading, quote or list.
+    head = re.match(r"\d{1,9}(?=[.)](\s|$))|(?=[#>+=-]([\s#>+=-]|$))", line)
+    return line if head is None else f"{head[0]}\\{line[head.end() :]}"

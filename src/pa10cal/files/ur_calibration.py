@@ -1,4 +1,4 @@
-"""The calibration of an arm of Universal Robots, as its controller or its driver wrote it."""
+"""Reads the calibration of an arm of Universal Robots, as its controller or driver wrote it."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from pa10cal.arm.ur_calibration import (
 )
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
-from pa10cal.files.known_arms import why_no_text
-from pa10cal.input_files import read_file
+from pa10cal.files.known_arms import utf8_text
+from pa10cal.input_files import read_file, reason
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import read_yaml
 
-#: What such files end in.
+#: Endings of such files.
 ENDINGS = (".conf", ".yaml", ".yml")
 _MOST_BYTES = 1024**2
-#: What the controller says of a calibration that is in use; 0 is none, 1 one that is not yet.
+#: Status of a calibration that the controller uses; 0 is that of none, 1 of one not used yet.
 _IN_USE = 2
 
 Six = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
@@ -68,13 +68,12 @@ class _Rows(Section):
 
 @dataclass(frozen=True)
 class UrCalibration:
-    """What one file states."""
+    """What one file states: origins of the joints, or rows as `UrLayout.table`, or their deltas."""
 
-    where: str
-    # one of these three; rows as `UrLayout.table`
+    where: str  # the file
     origins: Array | None = None  # (6, 4, 4) of the joints [m]
     rows: Array | None = None  # (6, 4)
-    deltas: Array | None = None  # (6, 4) departures of rows from those of the model
+    deltas: Array | None = None  # (6, 4) differences from the rows of the arm as designed
     hash: str = ""  # by which the driver knows it
 
     def arm(self, name: str, designed: Arm | None) -> Arm:
@@ -82,8 +81,8 @@ class UrCalibration:
 
         Args:
             name: its name.
-            designed: the model, from which limits, gears and masses are taken over; None where it
-                is not known, which departures need.
+            designed: the arm as designed, from which limits, gears and masses are taken; None
+                where it is not known. Deltas need it.
 
         Raises:
             ArmError: when the model is missing, or is another one.
@@ -117,9 +116,9 @@ def read_ur_calibration(path: Path) -> UrCalibration:
     where = str(path)
     if path.suffix == ".conf":
         try:
-            text = read_file(path, _MOST_BYTES).decode("utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            raise _no_calibration(where, f"it cannot be read: {why_no_text(error)}") from None
+            text = utf8_text(read_file(path, _MOST_BYTES))
+        except (OSError, ValueError) as error:
+            raise _no_calibration(where, f"it cannot be read: {reason(error)}") from None
         return _of_controller(text, where)
     content = read_yaml(path, ArmError, what="the calibration cannot be read")
     if isinstance(content, dict) and "dh_theta" in content:

@@ -125,35 +125,36 @@ class Folded(PageBlock):
     blocks: tuple[PageBlock, ...]
 
 
-#: How a number is written in a column with its unit in the head.
+#: Format of a number in a column, by the unit in the name of the column.
 _FORMATS = {"mm": ".3f", "deg": ".4f", "N": "g"}
 _UNIT = re.compile(r"\[(mm|deg|N)\b")
-#: A number as tables have it, with its interval or unit: `0.549 ± 0.049`, `97 %`.
+#: Text of a cell that is a number, with an interval or unit: `0.549 ± 0.049`, `97 %`.
 _NUMBER = re.compile(r"[-+(]?\d([^A-Za-z]|e[-+]?\d|to)*")
 
 
 def grid(
     caption: str, head: str | Sequence[str], rows: Iterable[Sequence[str | float | None]]
 ) -> Grid:
-    """Return a table; numbers are written as the unit of their column has it.
+    """Return a table; a number is formatted by the unit of its column.
 
     Args:
         caption: what the rows are.
         head: names of the columns, `pose | load [N] | error [mm]`; the first names the row.
-        rows: one entry a column, texts or numbers; None, and columns that a row lacks, are unknown.
+        rows: one cell a column; None, and cells that are missing at the end, are not known.
     """
     names = tuple(head.split(" | ") if isinstance(head, str) else head)
-    units = [found[1] if (found := _UNIT.search(name)) else "" for name in names]
+    units = [match[1] if (match := _UNIT.search(name)) else "" for name in names]
     texts = (map(_text, [*row, *[None] * (len(names) - len(row))], units) for row in rows)
     return Grid(caption, names, tuple(map(tuple, texts)))
 
 
 def _text(cell: str | float | None, unit: str) -> str:
+    """Return a cell as text: numbers by their unit, truth values in words."""
     if cell is None or isinstance(cell, bool):
         return {None: NOT_KNOWN, True: "yes", False: "no"}[cell]
     return cell if isinstance(cell, str) else f"{cell:{_FORMATS.get(unit, '')}}"
 
 
 def folded(table: Grid, title: str = "") -> Folded:
-    """Return a table that is unfolded by its caption, or by a title of its own."""
+    """Return a table that is folded under its caption, or under another title."""
     return Folded(title or table.caption, () if table.empty else (table,))

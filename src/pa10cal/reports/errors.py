@@ -12,8 +12,8 @@ from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.evaluation import BETWEEN, UNSEEN, Accuracy, PartAccuracy, flagged
 
 FITTED, HELD_OUT, ALL = "fitted", "held out", "all"
-#: Models in words; one alone of those with springs is called `calibrated`.
-_MODELS = {
+#: Models in words; where there is one model with springs, it is called `calibrated`.
+_TITLES = {
     "uncalibrated": "not calibrated",
     "geometry": "calibrated, geometry alone",
     "linear": "calibrated, linear springs",
@@ -21,6 +21,7 @@ _MODELS = {
     "extended": "with the effects found",
     "with_rivals": "with rivals without a name too, not written",
 }
+#: Parts of the configurations in words.
 _PARTS = {
     "inside": "angles seen in the fit",
     "extrapolated": "extrapolated",
@@ -29,78 +30,74 @@ _PARTS = {
     "between": BETWEEN,
     "without_motion": "the motion of the base taken out",
 }
-
+#: Parts that are places on a path.
 _PLACES = ("unseen", "between")
 #: Factor between held-out errors of the paper's and the general model that a reader is told.
 _FAR_BETTER = 2.0
+#: Poses and part whose errors count as those of the campaign, the first of which there are any.
+_BY_PRECEDENCE = ((HELD_OUT, "unseen"), (HELD_OUT, "between"), (HELD_OUT, ALL), (FITTED, ALL))
 
 
 @dataclass(frozen=True)
-class Errors:
+class ModelErrors:
     """Errors of one model over some configurations."""
 
     poses: str  # `fitted` or `held out`
     load: str  # `all`, or a load such as `22N`
     name: str  # of the model in the records
-    model: str  # as readers see it, with the part
-    of: Accuracy  # the errors
-    part: str = ALL  # or a part of the configurations, of `_PARTS`
-    # those without readings far from the model, of all or of a place; None where none is far
+    title: str  # the model, and the part, in words
+    accuracy: Accuracy  # the errors
+    part: str = ALL  # part of the configurations, a key of `_PARTS`; `all` for all of them
+    # errors without configurations that have a reading far from the model; None if none is far
     trusted: Accuracy | None = None
-    beside: Accuracy | None = None  # of `unseen`, those of `between`; None where none is
+    between: Accuracy | None = None  # of the part `unseen`: errors of the part `between`, if any
 
     @property
     def kind(self) -> str:
-        """Return which poses they are of, as it stands before a noun."""
+        """Return which poses they are of, as an adjective."""
         return self.poses.replace(" ", "-")
 
     @property
     def where(self) -> str:
-        """Return in words where the poses lie; empty where they are well apart."""
+        """Return in words where on a path the poses lie; empty where they are no path."""
         return _PARTS[self.part] if self.part in _PLACES else ""
 
     @property
     def over(self) -> str:
-        """Return in words over which poses they are, and what is stated beside them."""
-        beside = self.beside and f"; {self.beside.mean_mm:.3f} mm {BETWEEN}"
-        return f"{self.kind} poses{' ' * bool(self.where)}{self.where}{beside or ''}"
+        """Return in words which poses they are of, with the mean error between measured places."""
+        text = " ".join(filter(None, (f"{self.kind} poses", self.where)))
+        return text if self.between is None else f"{text}; {self.between.mean_mm:.3f} mm {BETWEEN}"
 
     @property
     def counted(self) -> Accuracy:
         """Return the errors that a headline gives: without readings far from the model."""
-        return self.trusted or self.of
+        return self.trusted or self.accuracy
 
     def with_flagged(self, key: str) -> str:
-        """Return what a headline adds: `rms_mm` or `mean_mm` with flagged readings, if any."""
+        """Return in words the `rms_mm` or `mean_mm` with readings far from the model, if any."""
         if self.trusted is None:
             return ""
-        count = self.of.configurations - self.trusted.configurations
-        return f"with {flagged(count)} {getattr(self.of, key):.3f} mm"
+        count = self.accuracy.configurations - self.trusted.configurations
+        return f"with {flagged(count)} {getattr(self.accuracy, key):.3f} mm"
 
 
-def errors_of(results: ResultsBundle) -> list[Errors]:
+def errors_of(results: ResultsBundle) -> list[ModelErrors]:
     """Return the errors of every model, over all loads first, then load by load."""
     every = [*_fitted(results), *_held_out(results)]
     return sorted(every, key=lambda errors: errors.load != ALL)
 
 
-def headline(results: ResultsBundle) -> tuple[Errors, Errors] | None:
-    """Return the errors before and after that count: held out where there are such poses.
+def headline(results: ResultsBundle) -> tuple[ModelErrors, ModelErrors] | None:
+    """Return the errors before and after, over the poses that count; None without any errors.
 
-    Of poses along a path those at unseen stretches.
+    Held-out poses count where there are any; on a path those at stretches that were not fitted.
     """
-    every = [
-        errors
-        for errors in errors_of(results)
-        if errors.load == ALL and errors.name != "with_rivals"
-    ]
-    for poses, part in (
-        (HELD_OUT, "unseen"),
-        (HELD_OUT, "between"),
-        (HELD_OUT, ALL),
-        (FITTED, ALL),
-    ):
-        if counted := [each for each in every if (each.poses, each.part) == (poses, part)]:
+    by_poses: dict[tuple[str, str], list[ModelErrors]] = {}
+    for errors in errors_of(results):
+        if errors.load == ALL and errors.name != "with_rivals":
+            by_poses.setdefault((errors.poses, errors.part), []).append(errors)
+    for poses_and_part in _BY_PRECEDENCE:
+        if counted := by_poses.get(poses_and_part):
             return counted[0], counted[-1]
     return None
 
@@ -126,8 +123,8 @@ def better_general(results: ResultsBundle) -> str | None:
 
 
 def model_titles(results: ResultsBundle, names: Iterable[str]) -> dict[str, str]:
-    """Return what readers call models that are compared, without the same one once more."""
-    titles = {name: _MODELS[name] for name in names}
+    """Return the title of each model to compare; none without effects counts as extended."""
+    titles = {name: _TITLES[name] for name in names}
     if results.verdict is not None and not results.verdict.effects:
         titles.pop("extended", None)
     if not {"geometry", "cubic"} & set(titles) and "linear" in titles:
@@ -135,7 +132,8 @@ def model_titles(results: ResultsBundle, names: Iterable[str]) -> dict[str, str]
     return titles
 
 
-def _fitted(results: ResultsBundle) -> Iterator[Errors]:
+def _fitted(results: ResultsBundle) -> Iterator[ModelErrors]:
+    """Yield the errors over fitted poses, of the calibration's models and the extended one."""
     if (record := results.calibration) is None:
         return
     keys = {"uncalibrated": "before", "geometry": "geometry"}
@@ -143,63 +141,83 @@ def _fitted(results: ResultsBundle) -> Iterator[Errors]:
     if record.model == "paper" or not record.has_springs:
         del keys["geometry"]
     for name, title in model_titles(results, keys).items():
-        by_load = {load: getattr(of, keys[name]) for load, of in record.errors.items()}
-        less = {load: getattr(of.trusted, keys[name], None) for load, of in record.errors.items()}
-        trusted = _together([less[load] or of for load, of in by_load.items()])
-        some = {"trusted": trusted if any(less.values()) else None}
-        yield from _model(FITTED, name, title, _together([*by_load.values()]), by_load, some)
+        by_load: dict[str, Accuracy] = {}
+        trusted_by_load: dict[str, Accuracy | None] = {}
+        for load, errors in record.errors.items():
+            by_load[load] = getattr(errors, keys[name])
+            trusted_by_load[load] = getattr(errors.trusted, keys[name], None)
+        trusted = None
+        if any(trusted_by_load.values()):
+            trusted = _pooled([trusted_by_load[load] or by_load[load] for load in by_load])
+        whole = _pooled(list(by_load.values()))
+        yield from _of_model(FITTED, name, title, whole, by_load, {"trusted": trusted})
     if results.verdict is not None and results.verdict.effects:
         gap = results.verdict.gap.train
-        pairs = {"inside": gap.inside, "extrapolated": gap.outside}
-        pairs |= {"without_motion": gap.without_motion}
-        per_load = {load: part.after for load, part in gap.per_load.items()}
+        pairs = {
+            "inside": gap.inside,
+            "extrapolated": gap.outside,
+            "without_motion": gap.without_motion,
+        }
         parts = {part: pair.after for part, pair in pairs.items() if pair is not None}
-        yield from _model(FITTED, "extended", _MODELS["extended"], gap.after, per_load, parts)
+        by_load = {load: pair.after for load, pair in gap.per_load.items()}
+        title = _TITLES["extended"]
+        yield from _of_model(FITTED, "extended", title, gap.after, by_load, parts)
         yield from _with_rivals(FITTED, gap.with_rivals)
 
 
-def _held_out(results: ResultsBundle) -> Iterator[Errors]:
+def _held_out(results: ResultsBundle) -> Iterator[ModelErrors]:
+    """Yield the errors over held-out poses, of every model that was evaluated."""
     models = {} if results.held_out is None else results.held_out.models
     gap = None if results.verdict is None else results.verdict.gap.holdout
     for name, title in model_titles(results, models).items():
         model = models[name]
-        parts = {"inside": model.inside, "extrapolated": model.outside, "trusted": model.trusted}
-        parts |= {"unseen": model.unseen, "between": model.between}
+        parts = {
+            "inside": model.inside,
+            "extrapolated": model.outside,
+            "trusted": model.trusted,
+            "unseen": model.unseen,
+            "between": model.between,
+        }
         if name == "extended" and gap is not None and gap.without_motion is not None:
             parts["without_motion"] = gap.without_motion.after
-        yield from _model(HELD_OUT, name, title, model, model.per_load, parts)
+        yield from _of_model(HELD_OUT, name, title, model, model.per_load, parts)
     if models and gap is not None:
         yield from _with_rivals(HELD_OUT, gap.with_rivals)
 
 
-def _with_rivals(poses: str, of: Accuracy | None) -> Iterator[Errors]:
-    if of is not None:
-        yield Errors(poses, ALL, "with_rivals", _MODELS["with_rivals"], of)
+def _with_rivals(poses: str, accuracy: Accuracy | None) -> Iterator[ModelErrors]:
+    if accuracy is not None:
+        yield ModelErrors(poses, ALL, "with_rivals", _TITLES["with_rivals"], accuracy)
 
 
-def _model(
+def _of_model(
     poses: str,
     name: str,
     title: str,
-    of: Accuracy,
-    per_load: Mapping[str, Accuracy],
+    whole: Accuracy,
+    by_load: Mapping[str, Accuracy],
     parts: Mapping[str, Accuracy | None],
-) -> Iterator[Errors]:
-    """Yield errors over all configurations, over parts of them and at each load."""
-    yield Errors(poses, ALL, name, title, of, trusted=parts.get("trusted"))
-    for part, within in parts.items():
-        if within is not None:
-            trusted = within.trusted if isinstance(within, PartAccuracy) else None
-            beside = parts.get("between") if part == "unseen" else None
-            yield Errors(
-                poses, ALL, name, f"{title}, {_PARTS[part]}", within, part, trusted, beside
+) -> Iterator[ModelErrors]:
+    """Yield the errors of a model over all configurations, over parts of them and at each load."""
+    yield ModelErrors(poses, ALL, name, title, whole, trusted=parts.get("trusted"))
+    for part, accuracy in parts.items():
+        if accuracy is not None:
+            yield ModelErrors(
+                poses,
+                ALL,
+                name,
+                f"{title}, {_PARTS[part]}",
+                accuracy,
+                part,
+                trusted=accuracy.trusted if isinstance(accuracy, PartAccuracy) else None,
+                between=parts.get("between") if part == "unseen" else None,
             )
-    for load, at_load in per_load.items():
-        yield Errors(poses, load, name, title, at_load)
+    for load, accuracy in by_load.items():
+        yield ModelErrors(poses, load, name, title, accuracy)
 
 
-def _together(parts: list[Accuracy]) -> Accuracy:
-    """Return errors over several sets of configurations as over all of them."""
+def _pooled(parts: list[Accuracy]) -> Accuracy:
+    """Return the errors over the union of several sets of configurations."""
     count = np.array([part.configurations for part in parts])
     share = count / count.sum()
     angles = [part.orientation_deg for part in parts if part.orientation_deg is not None]

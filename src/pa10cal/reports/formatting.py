@@ -14,10 +14,10 @@ from pa10cal.terms.joint_spring import reported_name
 
 # Numbers with units and intervals.
 
-#: Smaller values are written as multiples of a power of ten.
+#: Smallest power of ten of a value that is written without an exponent.
 _LEAST_POWER = -2
 NOT_KNOWN = "–"
-#: Units to show, and by how much a value is multiplied.
+#: The unit in which values of a unit are shown, and the factor to it.
 _SHOWN = {
     "m": ("mm", 1e3),
     "rad": ("mrad", 1e3),
@@ -25,12 +25,12 @@ _SHOWN = {
     "N m/rad": ("kN m/rad", 1e-3),
     "N m/rad^3": ("MN m/rad³", 1e-6),
 }
-#: A larger angle is shown in radians: it is a phase.
+#: Larger angles are phases, and are shown in radians.
 _PHASE_RAD = 0.1
 
 
 def shown_in(unit: str, value: float = 0.0) -> tuple[str, float]:
-    """Return the unit that a value is shown in, and by how much it is multiplied."""
+    """Return the unit in which a value is shown, and the factor to it."""
     if unit == "rad" and abs(value) > _PHASE_RAD:
         return unit, 1.0
     return _SHOWN.get(unit, (unit, 1.0))
@@ -42,23 +42,23 @@ def mm(value: float | None) -> str:
 
 
 def with_half_width(value: float, half: float) -> str:
-    """Return a value and half an interval with the same digits, two of the latter: `0.55 ± 0.12`.
+    """Return a value and the half-width of its interval, rounded to two digits: `0.55 ± 0.12`.
 
-    A value far from one is a multiple of a power of ten: `(3.94 ± 0.17)e-4`.
+    Both have the same decimals. A value far from one has an exponent: `(3.94 ± 0.17)e-4`.
     """
     if not (half > 0.0 and math.isfinite(half) and math.isfinite(value)):
         return f"{value:.5g} ± {half:.2g}"
-    last = math.floor(math.log10(half)) - 1
+    last_power = math.floor(math.log10(half)) - 1  # power of ten of the last digit shown
     power = math.floor(math.log10(max(abs(value), half)))
-    if power >= _LEAST_POWER and last <= 0:
-        return f"{value:.{-last}f} ± {half:.{-last}f}"
+    if power >= _LEAST_POWER and last_power <= 0:
+        return f"{value:.{-last_power}f} ± {half:.{-last_power}f}"
     scale = 10.0**power
-    digits = max(power - last, 0)
-    return f"({value / scale:.{digits}f} ± {half / scale:.{digits}f})e{power}"
+    decimals = max(power - last_power, 0)
+    return f"({value / scale:.{decimals}f} ± {half / scale:.{decimals}f})e{power}"
 
 
 def with_interval(value: float, std: float | None) -> str:
-    """Return a value and half of its 95 % interval, or the value alone where none is known."""
+    """Return a value and the half-width of its 95 % interval; the value alone without one."""
     if std is None or not std > 0.0:
         return f"{value:.4g}"
     return with_half_width(value, HALF_WIDTH_95 * std)
@@ -74,12 +74,12 @@ def sized(parameter: EffectParameter) -> str:
 
 
 def floor_is(gap: Gap) -> str:
-    """Return what the noise floor of a gap is."""
+    """Return in words what the noise floor of a gap was estimated from."""
     return "unidirectional repeatability" if gap.noise_floor_from is None else "noise"
 
 
 def unbroken(text: str) -> str:
-    """Return a text that stays on one line."""
+    """Return a text with spaces at which no line is broken."""
     return text.replace(" ", "\u00a0")
 
 
@@ -102,12 +102,12 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-#: Where a sentence ends: not after an initial, nor within `Fig. 4` or a name of a file.
+#: The end of a sentence; not that of an initial, of `Fig.` in `Fig. 4`, or of a name of a file.
 _SENTENCE_END = re.compile(r"(?<=[a-z\d)\]][a-z\d)\]][.;])\s+(?=[A-Z])")
 
 
 def first_sentences(text: str, most: int) -> str:
-    """Return the sentences at the beginning of a text that have so many letters; the first one."""
+    """Return the first sentence of a text, and those after it that fit into so many letters."""
     first, *others = _SENTENCE_END.split(text)
     for other in others:
         if len(first) + 1 + len(other) > most:
@@ -121,21 +121,21 @@ def count(number: int, one: str, many: str | None = None) -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-# How parameters are written in figures and tables: kind, joint, symbol and unit.
+# Parameters in figures and tables: kind, joint, symbol and unit.
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 class ParameterKind(NamedTuple):
-    """Parameters of one kind, one a joint."""
+    """Parameters of one kind, one for each joint."""
 
     symbol: str  # as the paper writes it; of a spring the name in results
-    unit: str  # to show them in
-    scale: float  # from the unit of results to the unit shown
-    digits: str  # format of a value in that unit
+    unit: str  # in which they are shown
+    scale: float  # factor from the unit of results to the unit shown
+    digits: str  # format of a value in the unit shown
 
 
-#: By what begins their names in results.
+#: Kinds of parameters, by the beginning of their names in results.
 KINDS = {
     "delta_a": ParameterKind("δa", "mm", 1e3, ".3f"),
     "delta_alpha": ParameterKind("δα", "mrad", 1e3, ".3f"),
@@ -145,7 +145,7 @@ KINDS = {
     "K_lin": ParameterKind("K_lin", "kN m/rad", 1e-3, ".2f"),
     "K_cub": ParameterKind("K_cub", "MN m/rad³", 1e-6, ".1f"),
 }
-#: The base frame: the instrument's origin in it, and the turns to the instrument's axes.
+#: Parameters of the base frame: the instrument's origin in it, and the rotation of its axes.
 _FRAME = {f"base_p_cmm_{axis}": f"p_{axis}" for axis in "xyz"}
 _FRAME |= {f"gamma_{axis}": f"γ_{axis}" for axis in "xyz"}
 

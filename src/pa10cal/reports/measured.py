@@ -21,12 +21,14 @@ if TYPE_CHECKING:
 
 #: Characters that a line of a fact holds.
 _ONE_LINE = 90
+#: Kinds of poses, and what each is used for.
 _KINDS = {
     "grid": "to fit",
     "holdout": "held out",
     "line_x": "straight move along x",
     "line_y": "straight move along y",
 }
+#: Methods by which the base frame was found, in words.
 _FRAMES = {
     "straight_lines": "two straight moves along the base's axes",
     "rigid_fit_nominal": "a rigid fit of the nominal arm",
@@ -35,19 +37,17 @@ _FRAMES = {
     "ranging": "all measured distances at once",
     "nominal_arm": "the nominal arm",
 }
-#: What follows where rows give an order and no time.
+#: Ends the sentence on the duration where rows have an order and no time.
 _NOT_SOUGHT = "; rows give an order alone, and no step, drift or wander is sought"
 
 
 def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
     """Yield what was measured, and where the data come from."""
-    facts, poses, frame = [("Campaign", results.campaign)], results.poses, results.base_frame
-    words = " ".join((results.provenance or "").split())
-    line = first_sentences(words, _ONE_LINE)
-    # One short sentence alone says too little: then the line is filled.
-    if words and not _ONE_LINE / 2 < len(line) <= _ONE_LINE:
-        line = shorten(words, _ONE_LINE, placeholder=" …")
-    if words:
+    poses, frame = results.poses, results.base_frame
+    facts = [("Campaign", results.campaign)]
+    provenance = " ".join((results.provenance or "").split())
+    line = _one_line(provenance)
+    if provenance:
         kind = "Synthetic data. " if results.synthetic else ""
         end = "" if line.endswith((".", "…")) else "."
         origin = f"{kind}In the campaign's own words: {line}{end}"
@@ -58,36 +58,26 @@ def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
         facts.append(("Duration", _duration(poses, results.description)))
         if moved:
             facts.append(("Targets on the base", _base_motion(poses)))
-        warm = poses["temperature_C"].dropna()
-        if len(warm):
-            facts.append(("Temperature", f"{warm.min():.1f} to {warm.max():.1f} °C"))
+        known_C = poses["temperature_C"].dropna()
+        if len(known_C):
+            facts.append(("Temperature", f"{known_C.min():.1f} to {known_C.max():.1f} °C"))
     if frame is not None:
         scatter = f"positions scatter by {frame.origin_scatter_mm:.3f} mm about it"
         method = _FRAMES.get(frame.method, frame.method)
         facts.append(("Base frame found from", f"{method}; {scatter}"))
     yield blocks.Facts(tuple(facts))
     title = "Where the data come from, in the campaign's own words"
-    yield blocks.Folded(title, (blocks.Paragraph(sentence(words)),) if line != words else ())
+    whole = (blocks.Paragraph(sentence(provenance)),) if line != provenance else ()
+    yield blocks.Folded(title, whole)
     if poses is None:
         yield blocks.Callout("missing", results.absent["poses"])
         return
-    rows: list[tuple[Any, ...]] = []
-    for kind, use_of in _KINDS.items():
-        for load_N, at in poses[poses["kind"] == kind].groupby("load_N"):
-            repeats = at.groupby("pose").size()
-            least, most = repeats.min(), repeats.max()
-            span = str(most) if least == most else f"{least} to {most}"
-            rows.append((use_of, load_N, len(repeats), len(at), span))
-    yield blocks.grid(
-        "Measured configurations. A configuration is a pose at a load.",
-        "used | load [N] | poses | readings | readings of a configuration",
-        rows,
-    )
+    yield _configurations(poses)
     motion = read_base_motion(results.folder / POSES, results.folder) if moved else None
     if motion is not None:
-        at_s = [knock.time_s for knock in motion.knocked]
+        knocks_s = [knock.time_s for knock in motion.knocked]
         kinds = ("shift", "turn") if motion.turns else ("shift",)
-        yield blocks.Beside(tuple(motion_drawing(poses, word, at_s) for word in kinds))
+        yield blocks.Beside(tuple(motion_drawing(poses, kind, knocks_s) for kind in kinds))
         yield blocks.Items(tuple(sentence(str(knock)) for knock in motion.knocked))
     if results.quarantined:
         reasons = listed(f"{number} × {reason}" for reason, number in results.quarantined.items())
@@ -95,7 +85,33 @@ def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
         yield blocks.Callout("note", f"{total} not used, see ingest/quarantine.csv: {reasons}.")
 
 
+def _one_line(text: str) -> str:
+    """Return a text that fits on a line: its first sentences, or its beginning."""
+    line = first_sentences(text, _ONE_LINE)
+    # One short sentence alone says too little: then the line is filled.
+    if text and not _ONE_LINE / 2 < len(line) <= _ONE_LINE:
+        return shorten(text, _ONE_LINE, placeholder=" …")
+    return line
+
+
+def _configurations(poses: pd.DataFrame) -> blocks.Grid:
+    """Return a table of poses and readings by what they are used for and by load."""
+    rows: list[tuple[Any, ...]] = []
+    for kind, used_for in _KINDS.items():
+        for load_N, readings in poses[poses["kind"] == kind].groupby("load_N"):
+            repeats = readings.groupby("pose").size()
+            least, most = repeats.min(), repeats.max()
+            span = str(most) if least == most else f"{least} to {most}"
+            rows.append((used_for, load_N, len(repeats), len(readings), span))
+    return blocks.grid(
+        "Measured configurations. A configuration is a pose at a load.",
+        "used | load [N] | poses | readings | readings of a configuration",
+        rows,
+    )
+
+
 def _base_motion(poses: pd.DataFrame) -> str:
+    """Return how far the targets on the base moved, in words."""
     shift, turn = (
         np.linalg.norm(poses[[f"motion_{name}" for name in names]], axis=1).max()
         for names in (("x_mm", "y_mm", "z_mm"), ("rx_rad", "ry_rad", "rz_rad"))
@@ -110,8 +126,9 @@ def _base_motion(poses: pd.DataFrame) -> str:
 
 
 def _duration(poses: pd.DataFrame, description: CampaignDescription | None) -> str:
-    own = None if description is None else description.columns
-    no_column = own is not None and own.poses is not None and own.poses.time is None
+    """Return how long the campaign took; empty where all readings have one time."""
+    columns = None if description is None else description.columns
+    no_column = columns is not None and columns.poses is not None and columns.poses.time is None
     if no_column or (description is not None and not description.time_recorded):
         return f"not known: time was not recorded{_NOT_SOUGHT}"
     if "tells_time" in poses and not poses["tells_time"].all():
@@ -138,15 +155,10 @@ def _instrument(results: ResultsBundle) -> str:
         stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
     elif results.calibration is not None:
         repeats = results.calibration.health.repeats
-        stated_m = [of.stated for of in repeats if not of.kind.startswith("attitude")]
+        stated_m = [each.stated for each in repeats if not each.kind.startswith("attitude")]
         if stated_m:
             stated = f"; stated standard uncertainty of a reading {mm(1e3 * stated_m[0])} mm"
     return f"{'not known' if results.words is None else results.words.instrument}{stated}"
-
-
-# How to use the model: where it is, and what to type.
-
-_COMMAND = "pa10cal {} --model " + MODEL + " \\\n  --{} {}.csv --out {}.csv --frame tool"
 
 
 def use(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
@@ -155,7 +167,8 @@ def use(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
         yield blocks.Callout("missing", results.absent["model"])
     else:
         yield from _commands(results.folder)
-    rows = [(file, what) for file, _, what in OUTPUTS if what and (results.folder / file).exists()]
+    there = [file for file in OUTPUTS if file.holds and (results.folder / file.path).exists()]
+    rows = [(file.path, file.holds) for file in there]
     yield blocks.grid("Files of this campaign", "file | holds", rows)
 
 
@@ -165,10 +178,15 @@ def _commands(folder: Path) -> Iterator[blocks.PageBlock]:
         "the paths below begin there. Poses are in the robot's base frame. Angles are in "
         "degrees."
     )
-    predict = _COMMAND.format("predict", "joints", "joints", "poses")
-    yield blocks.Code("Where is the tool at these joint positions?", predict)
-    compensate = _COMMAND.format("compensate", "targets", "targets", "commands")
-    yield blocks.Code("Which joint positions bring the tool to these poses?", compensate)
+    yield blocks.Code(
+        "Where is the tool at these joint positions?",
+        f"pa10cal predict --model {MODEL} \\\n  --joints joints.csv --out poses.csv --frame tool",
+    )
+    yield blocks.Code(
+        "Which joint positions bring the tool to these poses?",
+        f"pa10cal compensate --model {MODEL} \\\n"
+        "  --targets targets.csv --out commands.csv --frame tool",
+    )
     yield blocks.Code(
         "From Python",
         "import pa10cal\n\n"

@@ -1,4 +1,4 @@
-"""The grade of the calibration and the verdict on the model, each in a plain sentence."""
+"""Sections of the page: errors of joints over their angle, grade and verdict, in sentences."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula
 from pa10cal.terms.wording import done, headline, percent, sentences
 
+#: What each grade means.
 _GRADES = {
     "good": "The calibration is good.",
     "few_poses": "The calibration is as good as its poses allow; more poses would help.",
@@ -59,7 +60,7 @@ def errors_by_angle(results: ResultsBundle) -> Iterator[PageBlock]:
 
 
 def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:
-    """Yield the grade with its sentence, and what it stands on."""
+    """Yield the grade with its sentence, and what is probably wrong in the input."""
     health = case.health
     yield Paragraph(grade_sentence(results, case), lead=True)
     yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
@@ -74,18 +75,18 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     yield grid(
         "What is probably wrong in the input",
         "where | what | what to do | would leave [mm rms]",
-        ((of.where, of.what, of.remedy, of.would_leave_mm) for of in health.findings),
+        ((each.where, each.what, each.remedy, each.would_leave_mm) for each in health.findings),
     )
 
 
 def grade_sentence(results: ResultsBundle, case: CalibrationRecord) -> str:
     """Return what the grade of a calibration means."""
-    said = _GRADES[case.health.grade]
+    text = _GRADES[case.health.grade]
     if case.health.grade == "few_poses" and case.health.line.startswith("good: "):
-        said = "The calibration is good; more poses would make predictions less uncertain."
+        text = "The calibration is good; more poses would make predictions less uncertain."
     if results.verdict is not None and results.verdict.effects:
-        said += " This is before the effects found are added."
-    return said
+        text += " This is before the effects found are added."
+    return text
 
 
 def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock]:
@@ -98,7 +99,10 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
     yield grid(
         "Faults of the log",
         "fault | where | what | what to do",
-        ((of.kind.replace("_", " "), of.where, of.what, of.remedy) for of in record.faults),
+        (
+            (fault.kind.replace("_", " "), fault.where, fault.what, fault.remedy)
+            for fault in record.faults
+        ),
     )
     head = "effect | at | size | what it adds | probability | could also be"
     if lead is not None:
@@ -106,26 +110,32 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
     title = "Effects, those that remove most error first, with 95 % intervals"
     yield grid(title, head, _effect_rows(results, record))
     if record.unexplained is not None:
-        part, beside = "Part of the remaining error", ""
+        part, predicted = "Part of the remaining error", ""
         if lead is not None:
-            field = sum(each.share for each in lead.of if each.joints is not None)
-            part = f"{percent(lead.without_a_name + field)} of the error beyond noise"
-            beside = f", and {percent(field)} is predicted all the same" if field else ""
-        yield Callout("warning", f"{part} has no name{beside}.")
+            # `joints` is given only for what is predicted without a name.
+            by_field = sum(each.share for each in lead.of if each.joints is not None)
+            part = f"{percent(lead.without_a_name + by_field)} of the error beyond noise"
+            if by_field:
+                predicted = f", and {percent(by_field)} is predicted all the same"
+        yield Callout("warning", f"{part} has no name{predicted}.")
+        places = record.unexplained.all
         yield grid(
             "Unexplained: a gap without a name",
             "at | why",
-            ((at.of or "place not known", sentence(at.why)) for at in record.unexplained.all),
+            ((place.of or "place not known", sentence(place.why)) for place in places),
         )
     yield grid(
         "Formulas proposed for it: they fit as well, and name no effect",
         "at | formula | size | fits as well as | removes of the squared error",
         (
             (
-                *(unbroken(of.of.replace("_", " ")), of.formula, _size(of)),
-                *(listed(map(named, of.does_as_well_as), "noise alone"), percent(of.gain)),
+                unbroken(proposed.of.replace("_", " ")),
+                proposed.formula,
+                _size(proposed),
+                listed(map(named, proposed.does_as_well_as), "noise alone"),
+                percent(proposed.gain),
             )
-            for of in record.proposed or ()
+            for proposed in record.proposed or ()
         ),
     )
     if record.falls_back is not None:
@@ -133,14 +143,14 @@ def verdict(results: ResultsBundle, record: VerdictRecord) -> Iterator[PageBlock
 
 
 def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tuple[str, ...]]:
-    """Yield the effects found: formula from the fitted model, and what each takes away."""
+    """Yield a row for each effect found, with its formula and what it takes away, if known."""
     terms = results.extended.fitted_model.get("terms") if results.extended is not None else None
     formulas = {
         (term.get("id"), term.get("of")): str(term.get("formula", NOT_KNOWN))
         for term in (terms if isinstance(terms, list) else [])
         if isinstance(term, dict)
     }
-    taken = {
+    taken_away = {
         (part.ids[0], part.of): (f"{mm(part.before_mm)} → {mm(part.after_mm)}", percent(part.share))
         for part in (record.explained.of if record.explained else ())
     }
@@ -155,20 +165,22 @@ def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tupl
                 (f"{named(each)} ({each.probability:.2f})" for each in effect.alternatives),
                 "nothing else",
             ),
-            *map(unbroken, taken.get((effect.id, effect.of), ())),
+            *map(unbroken, taken_away.get((effect.id, effect.of), ())),
         )
 
 
 def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
     """Return the verdict for the top of the page: how much is explained, and by what."""
     word, lead = record.verdict.replace("_", " "), record.explained
-    told = () if lead is None else sentences(lead)
-    if lead is None or not told:
+    explanations = () if lead is None else sentences(lead)
+    if lead is None or not explanations:
         return word, verdict_sentence(record)
     if record.verdict == "check_the_log":
         return word, f"{verdict_sentence(record)} {sentence(headline(lead))}"
-    parts = "Of the error beyond noise." if len(told) == 1 else sentence(headline(lead))
-    return f"{percent(lead.share)} {done(lead)}", f"{parts} {told[0]} Verdict: {word}."
+    parts = "Of the error beyond noise."
+    if len(explanations) > 1:
+        parts = sentence(headline(lead))
+    return f"{percent(lead.share)} {done(lead)}", f"{parts} {explanations[0]} Verdict: {word}."
 
 
 def verdict_sentence(record: VerdictRecord) -> str:
@@ -193,7 +205,7 @@ def verdict_sentence(record: VerdictRecord) -> str:
 
 
 def _together(effects: tuple[FoundEffect, ...]) -> str:
-    """Return effects as a list within a sentence, those of one kind at several joints as one."""
+    """Return effects as a list within a sentence; one kind at several joints is one entry."""
     groups: dict[object, list[FoundEffect]] = {}
     for effect in effects:
         alone = effect.likely or not effect.of.startswith("joint ")
@@ -209,6 +221,7 @@ def _together(effects: tuple[FoundEffect, ...]) -> str:
 
 
 def _size(effect: NamedEffect | ProposedFormula) -> str:
+    """Return the parameters with their intervals; of many their rms alone."""
     if len(effect.parameters) > _MOST_PARAMETERS:
         values = [parameter.value for parameter in effect.parameters.values()]
         unit, scale = shown_in(next(iter(effect.parameters.values())).unit)

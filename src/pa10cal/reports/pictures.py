@@ -1,19 +1,19 @@
-"""Figures of the pages with two axes, each a function of the records that it shows."""
+"""Figures of the pages in two dimensions, each a function of the records that it shows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.reports import theme
 from pa10cal.reports.blocks import Drawing
 from pa10cal.reports.formatting import sentence
 from pa10cal.results.calibration import EffectByCampaign, PosesNeeded
 from pa10cal.results.discovery import VerdictRecord
-from pa10cal.results.evaluation import HoldoutRecord
+from pa10cal.results.evaluation import EffectParameter, HoldoutRecord
 from pa10cal.results.fleet import FleetCampaign
 from pa10cal.results.montecarlo import PlaneRecord
 from pa10cal.results.record import HALF_WIDTH_95
@@ -27,12 +27,12 @@ def _axis(title: str, **more: Any) -> dict[str, Any]:
 
 
 def _short(values: Iterable[float]) -> list[float | None]:
-    """Return values with four figures, which keep a page small; None for nan."""
+    """Return values rounded to four digits, which keeps a page small; None for nan."""
     return [None if np.isnan(value) else float(f"{value:.4g}") for value in values]
 
 
 def _add_line(figure: Any, x: Any, y: Iterable[float], name: str, hover: str, **look: Any) -> None:
-    """Add a line; `hover` is what a point says of itself, `look` plotly's `line`."""
+    """Add a line; `hover` is the text shown at a point, `look` plotly's `line`."""
     hover = f"{hover}<extra></extra>"
     figure.add_scatter(x=x, y=_short(y), name=name, mode="lines", line=look, hovertemplate=hover)
 
@@ -40,7 +40,7 @@ def _add_line(figure: Any, x: Any, y: Iterable[float], name: str, hover: str, **
 def _add_band(
     figure: Any, x: Array, middle: Array, half: Array, color: str, opacity: float
 ) -> None:
-    """Add a band about a line, of which no legend speaks."""
+    """Add a band about a line, which is not in the legend."""
     figure.add_scatter(
         x=[*x, *reversed(x)],
         y=_short((*(middle - half), *(middle + half)[::-1])),
@@ -54,19 +54,21 @@ def _add_band(
     )
 
 
-# Shares of the held-out poses by error.
+# Distribution of the errors of held-out poses.
 
-#: Of more poses only so many steps of a distribution are drawn.
+#: Most steps of a distribution that are drawn.
 _MOST_STEPS = 100
 _DASHES = {"uncalibrated": "solid", "geometry": "dash", "linear": "dashdot"}
 
 
 def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str) -> Drawing | None:
-    """Return which share of the held-out poses errs by less than so much, under each model.
+    """Return the share of held-out poses with a smaller error, by error, under each model.
+
+    None where the instrument measures no orientation and those are asked for.
 
     Args:
         held_out: errors of the models.
-        titles: models to draw, as readers see them.
+        titles: titles of the models to draw, by their names.
         unit: `mm` of positions, `deg` of orientations.
     """
     what = {"mm": "position", "deg": "orientation"}[unit]
@@ -82,11 +84,11 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
             if rows.rotation_deg is None:
                 return None
             errors = np.linalg.norm(rows.rotation_deg, axis=1)
-        beyond = rows.extrapolated
-        if beyond is None or not beyond.any() or beyond.all():
-            beyond = np.zeros(len(rows), dtype=bool)
-        for apart in (False, True) if beyond.any() else (False,):
-            ordered = np.sort(errors[beyond == apart])
+        extrapolated = rows.extrapolated
+        if extrapolated is None or not extrapolated.any() or extrapolated.all():
+            extrapolated = np.zeros(len(rows), dtype=bool)  # they are not drawn apart
+        for apart in (False, True) if extrapolated.any() else (False,):
+            ordered = np.sort(errors[extrapolated == apart])
             count = len(ordered)
             rank = np.unique(np.linspace(1, count, min(count, _MOST_STEPS)).round().astype(int))
             dash = "dot" if apart else _DASHES.get(name, "solid")
@@ -109,49 +111,51 @@ def shares_drawing(held_out: HoldoutRecord, titles: Mapping[str, str], unit: str
 
 # Motion of the base over time.
 
-#: Motion of the base: unit shown, columns of the table of poses, their scale and first covariance.
+#: Motion of the base: unit shown, columns of the table of poses, the factor to that unit, and the
+#: index of the first component in the covariance.
 _MOTIONS = {"shift": ("mm", "motion_{}_mm", 1.0, 0), "turn": ("mrad", "motion_r{}_rad", 1e3, 3)}
 
 
-def motion_drawing(poses: pd.DataFrame, word: str, knocks_s: Sequence[float]) -> Drawing:
+def motion_drawing(poses: pd.DataFrame, kind: str, knocks_s: Sequence[float]) -> Drawing:
     """Return the motion that targets on the base show, over time, with two standard uncertainties.
 
     Args:
         poses: the table of poses, with columns `motion_…`.
-        word: `shift` or `turn`.
+        kind: `shift` or `turn`.
         knocks_s: when a target moved against the others.
     """
-    unit, column, scale, at = _MOTIONS[word]
+    unit, column, scale, first_component = _MOTIONS[kind]
     first = poses["time_s"].min()
     hours = ((poses["time_s"] - first) / 3600.0).round(4).to_numpy()
-    figure = theme.new_figure(320, _axis("time [h]"), _axis(f"{word} [{unit}]"))
+    figure = theme.new_figure(320, _axis("time [h]"), _axis(f"{kind} [{unit}]"))
     looks = (("x", theme.BLUE, "solid"), ("y", theme.VERMILLION, "dash"), ("z", theme.GREEN, "dot"))
     for k, (name, color, dash) in enumerate(looks):
         value = scale * poses[column.format(name)].to_numpy()
-        u = scale * np.sqrt(poses[f"motion_cov_{at + k}{at + k}"].to_numpy())
+        component = first_component + k
+        u = scale * np.sqrt(poses[f"motion_cov_{component}{component}"].to_numpy())
         _add_band(figure, hours, value, 2 * u, color, 0.2)
-        hover = f"{word} {name} %{{y:.4g}} {unit}"
+        hover = f"{kind} {name} %{{y:.4g}} {unit}"
         _add_line(figure, hours, value, name, hover, color=color, dash=dash, width=1.5)
     for knock_s in knocks_s:
         line = {"color": theme.PURPLE, "dash": "longdash"}
         figure.add_vline((knock_s - first) / 3600.0, line=line)
     return Drawing(
         figure,
-        f"Motion of the instrument against targets on the base: {word}",
+        f"Motion of the instrument against targets on the base: {kind}",
         "About its mean, along the instrument's axes; bands of two standard uncertainties. All "
         "readings were turned back by it. Upright dashes: a target moved against the others.",
-        f"base-motion-{word}",
+        f"base-motion-{kind}",
     )
 
 
 # How many poses are enough.
 
-#: Marks of a logarithmic axis, each written out: digits without their decade are not read.
+#: Ticks of a logarithmic axis, written in full: plotly would leave the decade out.
 _TICKS = [digit * 10.0**decade for decade in range(-4, 5) for digit in (1, 2, 5)]
 
 
 def poses_drawing(poses: PosesNeeded) -> Drawing | None:
-    """Return the uncertainty to be expected by number of poses, and the one that is enough."""
+    """Return the expected uncertainty by number of poses, and the one that is enough."""
     if len(poses.expected) < 2:
         return None
     ticks: dict[str, Any] = {"type": "log", "tickmode": "array"}
@@ -186,11 +190,12 @@ def poses_drawing(poses: PosesNeeded) -> Drawing | None:
 
 # Errors that depend on a joint's angle: maps over a turn, and as each campaign of a group has them.
 
-_ARC_SECONDS_A_MRAD = 206.265
-#: Points of a line over a turn, about, a whole number for every knot.
+_ARC_SECONDS_PER_MRAD = 206.265
+#: Approximate number of points of a line over a turn; there is a whole number between two knots.
 _POINTS = 360
-#: Common angles from which campaigns are drawn about one mean [deg].
+#: With fewer angles that all campaigns visited each is drawn about its own mean [deg].
 _LEAST_COMMON_DEG = 10
+#: Colour and dash of each campaign; of more campaigns the others are grey.
 _LOOKS_OF_CAMPAIGNS = (
     (theme.BLUE, "solid"),
     (theme.ORANGE, "solid"),
@@ -199,76 +204,97 @@ _LOOKS_OF_CAMPAIGNS = (
 )
 
 
+class _JointMap(NamedTuple):
+    """The error of a joint at P angles over a turn."""
+
+    knot_count: int
+    angle_deg: Array  # (P,)
+    error_mrad: Array  # (P,)
+    half_width_mrad: Array  # (P,) of the 95 % interval
+
+    @classmethod
+    def of(cls, knots: Sequence[EffectParameter]) -> _JointMap:
+        """Return the map of the knots of a periodic spline [rad]."""
+        from scipy.interpolate import CubicSpline  # late: a third of a second, for few campaigns
+
+        around = (*knots, knots[0])
+        knots_deg = np.linspace(0.0, 360.0, len(around))
+        angle_deg = np.linspace(0.0, 360.0, max(_POINTS // len(knots), 2) * len(knots) + 1)
+        spline = CubicSpline(knots_deg, [knot.value for knot in around], bc_type="periodic")
+        std = np.interp(angle_deg, knots_deg, [knot.std for knot in around])
+        error_mrad = 1e3 * np.asarray(spline(angle_deg))
+        return cls(len(knots), angle_deg, error_mrad, 1e3 * (HALF_WIDTH_95 * std))
+
+
 def joint_map_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
     """Yield the error of every joint that has a map over its turn, with its 95 % band."""
-    from scipy.interpolate import CubicSpline  # late: a third of a second, for few campaigns
-
-    maps: dict[int, tuple[int, Array, Array, Array]] = {}
-    for effect in verdict.effects:
-        if knots := effect.knots:
-            around = (*knots, knots[0])
-            knots_deg = np.linspace(0.0, 360.0, len(around))
-            angle = np.linspace(0.0, 360.0, max(_POINTS // len(knots), 2) * len(knots) + 1)
-            spline = CubicSpline(knots_deg, [knot.value for knot in around], bc_type="periodic")
-            half = HALF_WIDTH_95 * np.interp(angle, knots_deg, [knot.std for knot in around])
-            joint = int(effect.of.removeprefix("joint "))
-            maps[joint] = len(knots), angle, 1e3 * np.asarray(spline(angle)), 1e3 * half
-    limit = 1.1 * max((float(np.abs(line).max()) for _, _, line, _ in maps.values()), default=1.0)
-    for joint, (count, angle, line, half) in sorted(maps.items()):
-        unseen = np.zeros(len(angle), dtype=bool)
+    maps = {
+        int(effect.of.removeprefix("joint ")): _JointMap.of(knots)
+        for effect in verdict.effects
+        if (knots := effect.knots)
+    }
+    largest = max((float(np.abs(of.error_mrad).max()) for of in maps.values()), default=1.0)
+    for joint, joint_map in sorted(maps.items()):
+        unseen = np.zeros(len(joint_map.angle_deg), dtype=bool)
         if verdict.angles_seen is not None:
             low, high = np.degrees(verdict.angles_seen[joint - 1].stretches).T[:, None]
-            unseen = ~((angle[:, None] >= low) & (angle[:, None] <= high)).any(axis=1)
-        figure = _turn_figure(limit)
-        for begin, end in np.flatnonzero(np.diff(unseen, prepend=False, append=False)).reshape(
-            -1, 2
-        ):
-            x0, x1 = float(angle[begin]), float(angle[end - 1])
-            figure.add_vrect(x0=x0, x1=x1, fillcolor=theme.GREY, opacity=0.25, line_width=0)
-        _add_band(figure, angle, line, half, theme.SKY, 0.45)
-        for name, hidden, dash in (("map", unseen, "solid"), ("extrapolated", ~unseen, "dot")):
-            shown, hover = np.where(hidden, np.nan, line), "%{x:.0f}°: %{y:.3f} mrad"
-            _add_line(figure, angle, shown, name, hover, color=theme.AFTER, dash=dash, width=2)
-        known, over = (line, "turn") if unseen.all() else (line[~unseen], "measured angles")
-        rms = float(np.sqrt(np.mean(known**2)))
-        yield Drawing(
-            figure,
-            f"Joint {joint}: error over its angle",
-            f"Rms {rms:.3f} mrad ({_ARC_SECONDS_A_MRAD * rms:.1f} arc seconds) over the {over}; "
-            f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots {360.0 / count:.3g}° "
-            "apart.",
-            f"joint-error-{joint}",
-        )
+            angle = joint_map.angle_deg[:, None]
+            unseen = ~((angle >= low) & (angle <= high)).any(axis=1)
+        yield _joint_map_drawing(joint, joint_map, unseen, 1.1 * largest)
+
+
+def _joint_map_drawing(joint: int, of: _JointMap, unseen: Mask, limit_mrad: float) -> Drawing:
+    """Return the map of a joint, dotted and shaded at the angles (P,) that the fit has not seen."""
+    angle, error = of.angle_deg, of.error_mrad
+    figure = _turn_figure(limit_mrad)
+    changes = np.flatnonzero(np.diff(unseen, prepend=False, append=False))
+    for begin, end in changes.reshape(-1, 2):
+        x0, x1 = float(angle[begin]), float(angle[end - 1])
+        figure.add_vrect(x0=x0, x1=x1, fillcolor=theme.GREY, opacity=0.25, line_width=0)
+    _add_band(figure, angle, error, of.half_width_mrad, theme.SKY, 0.45)
+    for name, hidden, dash in (("map", unseen, "solid"), ("extrapolated", ~unseen, "dot")):
+        shown, hover = np.where(hidden, np.nan, error), "%{x:.0f}°: %{y:.3f} mrad"
+        _add_line(figure, angle, shown, name, hover, color=theme.AFTER, dash=dash, width=2)
+    known, over = (error, "turn") if unseen.all() else (error[~unseen], "measured angles")
+    rms = float(np.sqrt(np.mean(known**2)))
+    return Drawing(
+        figure,
+        f"Joint {joint}: error over its angle",
+        f"Rms {rms:.3f} mrad ({_ARC_SECONDS_PER_MRAD * rms:.1f} arc seconds) over the {over}; "
+        f"{100.0 * np.mean(~unseen):.0f} % of the turn measured; knots "
+        f"{360.0 / of.knot_count:.3g}° apart.",
+        f"joint-error-{joint}",
+    )
 
 
 def campaigns_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
     """Yield every joint's error by its angle, the campaigns of a group on top of each other."""
-    of_joints = sorted((e for e in verdict.by_campaign or () if e.errors), key=lambda e: e.of)
-    names = dict.fromkeys(name for effect in of_joints for name in effect.errors or ())
+    by_joint = sorted((e for e in verdict.by_campaign or () if e.errors), key=lambda e: e.of)
+    names = dict.fromkeys(name for effect in by_joint for name in effect.errors or ())
     looks = dict(zip(names, _LOOKS_OF_CAMPAIGNS, strict=False))
-    effects = {(effect.id, effect.of): effect for effect in verdict.effects}
-    shown = [_errors_about_mean(effect) for effect in of_joints]
-    every = [error for errors in shown for error in errors.values()]
-    limit = 1.05 * float(np.nanmax(np.abs(every))) if every else 1.0
-    for effect, errors in zip(of_joints, shown, strict=True):
-        figure = _turn_figure(limit)
+    found = {(effect.id, effect.of): effect for effect in verdict.effects}
+    errors_by_joint = [_errors_about_mean(effect) for effect in by_joint]
+    every = [error for errors in errors_by_joint for error in errors.values()]
+    limit_mrad = 1.05 * float(np.nanmax(np.abs(every))) if every else 1.0
+    for effect, errors in zip(by_joint, errors_by_joint, strict=True):
+        figure = _turn_figure(limit_mrad)
         for name, error in errors.items():
             color, dash = looks.get(name, (theme.GREY, "dot"))
             hover = f"{name} at %{{x:.0f}}°: %{{y:.3f}} mrad"
             _add_line(figure, None, error, name, hover, color=color, dash=dash, width=1.5)
-        said = [
+        agreement = [
             f"r {pair.correlation:.2f} ({pair.correlation95[0]:.2f} to {pair.correlation95[1]:.2f})"
             for pair in effect.agreement
             if pair.correlation is not None and pair.correlation95 is not None
         ]
-        witness = getattr(effects.get((effect.id, effect.of)), "witness", None)
+        witness = getattr(found.get((effect.id, effect.of)), "witness", None)
         if witness is not None and witness.ripple is not None:
             low, high = witness.ripple.interval95
-            said.append(f"α {witness.ripple.alpha:.2f} ({low:.2f} to {high:.2f})")
+            agreement.append(f"α {witness.ripple.alpha:.2f} ({low:.2f} to {high:.2f})")
         yield Drawing(
             figure,
             f"{effect.of.capitalize()}: error over its angle, campaign by campaign",
-            f"Agreement: {', '.join(said) or 'seen by the campaigns at other angles'}.",
+            f"Agreement: {', '.join(agreement) or 'seen by the campaigns at other angles'}.",
             f"campaigns-{effect.id}-{effect.of}".replace(" ", "-").replace("_", "-"),
         )
 
@@ -276,16 +302,16 @@ def campaigns_drawings(verdict: VerdictRecord) -> Iterator[Drawing]:
 def _errors_about_mean(effect: EffectByCampaign) -> dict[str, Array]:
     """Return the error of every campaign at whole degrees [mrad], nan where it has no poses.
 
-    Less its mean over the angles that all campaigns visited, or else over its own.
+    The mean over the angles that all campaigns visited, or else over its own, is subtracted.
     """
     errors = effect.errors or {}
-    common = np.all([alone.visited for alone in errors.values()], axis=0)
-    shown = {}
-    for name, alone in errors.items():
-        error = np.where(alone.visited, alone.error_mrad, np.nan)
-        about = common if common.sum() >= _LEAST_COMMON_DEG else alone.visited
-        shown[name] = np.asarray(error - error[about].mean() if about.any() else error)
-    return shown
+    common = np.all([of_campaign.visited for of_campaign in errors.values()], axis=0)
+    about_mean = {}
+    for name, of_campaign in errors.items():
+        error = np.where(of_campaign.visited, of_campaign.error_mrad, np.nan)
+        angles = common if common.sum() >= _LEAST_COMMON_DEG else of_campaign.visited
+        about_mean[name] = np.asarray(error - error[angles].mean() if angles.any() else error)
+    return about_mean
 
 
 def _turn_figure(limit_mrad: float) -> Any:

@@ -1,4 +1,4 @@
-"""The one reader of a results folder: what it holds, what is missing, what is not to be drawn."""
+"""Reads the results folder of a campaign: each result once, and why others are missing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
@@ -38,29 +38,31 @@ if TYPE_CHECKING:
 
 _R = TypeVar("_R", bound=Record)
 
-#: A listing of rows, or a log, larger than this is none [bytes].
-_MOST_ROWS_BYTES = 64_000_000
+#: Larger files are neither listings of rows nor logs of a stage [bytes].
+_MOST_TEXT_BYTES = 64_000_000
 POSES = "ingest/poses.parquet"
 MODEL = "model/model.yaml"
-#: The calibration of all loads, and that of the general model beside the paper's.
+#: Load cases: all loads, and all loads with the general model, beside the paper's model.
 COMBINED, GENERAL = "combined", "general"
-#: Between a stage and its message, where that is why a result is missing.
+#: Stands between a stage and its message, where that is why a result is missing.
 REFUSED = " refused: "
-#: What a whole run leaves, by its name here: file, command that writes it, log of its stage.
+#: Results of a whole run: file, in which `{}` is the load case, and the command that writes it.
 _OF_A_RUN = {
-    "poses": (POSES, "ingest", "ingest"),
-    "base_frame": (BaseFrameRecord.FILE, "seed", "base_frame"),
-    "calibration": ("calibration/{}.json", "calibrate", "calibrate"),
-    "verdict": (VerdictRecord.FILE, "discover", "discover"),
-    "analysis": (AnalysisRecord.FILE, "discover", "discover"),
-    "extended": (ExtendedRecord.FILE, "discover", "discover"),
-    "held_out": (HoldoutRecord.FILE, "evaluate", "evaluate"),
-    "iso9283": (Iso9283Record.FILE, "evaluate", "evaluate"),
-    "model": (MODEL, "export", "export"),
+    "poses": (POSES, "ingest"),
+    "base_frame": (BaseFrameRecord.FILE, "seed"),
+    "calibration": ("calibration/{}.json", "calibrate"),
+    "verdict": (VerdictRecord.FILE, "discover"),
+    "analysis": (AnalysisRecord.FILE, "discover"),
+    "extended": (ExtendedRecord.FILE, "discover"),
+    "held_out": (HoldoutRecord.FILE, "evaluate"),
+    "iso9283": (Iso9283Record.FILE, "evaluate"),
+    "model": (MODEL, "export"),
 }
+#: Names of the logs of commands whose rule has another name.
+_LOGS = {"seed": "base_frame"}
 #: Beginning of the provenance of simulated data.
 _SYNTHETIC = re.compile(r"\W*(synthetic|simulated|virtual cell)\b", re.IGNORECASE)
-#: What messages call the models, and what to do about a calibration with the other one.
+#: Models in messages, and the remedy where a calibration is with the other model.
 MODEL_NAMES = {"paper": "paper's model", "general": "general model"}
 _OTHER_MODEL = {
     "paper": "draw the pictures of the general model, or calibrate with calibration.model: paper",
@@ -68,58 +70,58 @@ _OTHER_MODEL = {
 }
 
 
-#: Files for the reader: where, what a run calls them at its end, and what the page says of them.
+class Output(NamedTuple):
+    """A file or folder of results that is meant for the reader."""
+
+    path: str  # in the folder of results
+    title: str  # as a run prints it at its end; empty where it does not
+    holds: str  # what the page says that it holds; empty where it says nothing
+
+
+_UR_DRIVER, _UR_CONTROLLER = "model/ur_kinematics.yaml", "model/ur_calibration.conf"
 OUTPUTS = (
-    ("report.html", "report", ""),
-    (MODEL, "model", "the whole model, with effects and formulas; read by the commands"),
-    ("model/model.covariance.npz", "", "how uncertain its parameters are"),
-    ("model/robot.urdf", "URDF", "the rigid part, for simulators and planners"),
-    ("model/robot_rigid_fit.urdf", "", "the best rigid model: geometry alone, fitted for it"),
-    ("model/dh.csv", "table of link parameters", "link parameters, nominal and calibrated"),
-    (
-        "model/ur_kinematics.yaml",
-        "kinematics of the UR driver",
-        "the rigid part for the UR driver for ROS 2",
-    ),
-    (
-        "model/ur_calibration.conf",
-        "",
-        "the rigid part for the controller of a UR",
-    ),
-    ("figures", "figures", "figures as SVG, PDF and PNG"),
-    ("tables", "tables", "tables as CSV and Markdown"),
-    ("ingest/quarantine.csv", "rows not used", "raw rows that are not used, with the reason"),
-    ("discovery/suggested_poses.csv", "poses to measure next", "poses to measure next"),
+    Output("report.html", "report", ""),
+    Output(MODEL, "model", "the whole model, with effects and formulas; read by the commands"),
+    Output("model/model.covariance.npz", "", "how uncertain its parameters are"),
+    Output("model/robot.urdf", "URDF", "the rigid part, for simulators and planners"),
+    Output("model/robot_rigid_fit.urdf", "", "the best rigid model: geometry alone, fitted for it"),
+    Output("model/dh.csv", "table of link parameters", "link parameters, nominal and calibrated"),
+    Output(_UR_DRIVER, "kinematics of the UR driver", "the rigid part for the UR driver for ROS 2"),
+    Output(_UR_CONTROLLER, "", "the rigid part for the controller of a UR"),
+    Output("figures", "figures", "figures as SVG, PDF and PNG"),
+    Output("tables", "tables", "tables as CSV and Markdown"),
+    Output("ingest/quarantine.csv", "rows not used", "raw rows that are not used, with the reason"),
+    Output("discovery/suggested_poses.csv", "poses to measure next", "poses to measure next"),
 )
 
 
 def is_synthetic(provenance: str) -> bool:
-    """Return whether the words on where data come from begin by saying that they are simulated."""
+    """Return whether the words on the origin of data begin by saying that they are simulated."""
     return _SYNTHETIC.match(provenance) is not None
 
 
 def _record(kind: type[_R], file: str | None = None) -> Callable[[ResultsBundle], _R | None]:
-    """Return what reads a record of a results folder: None where there is none."""
+    """Return a function that reads a record of a results folder; None if it is not there."""
 
-    def read_it(results: ResultsBundle) -> _R | None:
+    def read_if_there(results: ResultsBundle) -> _R | None:
         there = (results.folder / (file or kind.FILE)).exists()
         return results.read(kind, file) if there else None
 
-    return read_it
+    return read_if_there
 
 
 @dataclass(frozen=True)
 class ResultsBundle:
     """The results of one campaign, each read when it is first used.
 
-    Attributes are None where a result is not there, and hold whatever grade they have: the page
-    says which. Methods are for pictures, which carry no such warning: they refuse a result that is
-    missing or rests on a calibration that did not converge or is not to be used.
+    Attributes are None where a result is not there, and hold results of any grade: the page states
+    it. Methods are for pictures, which do not state it: they refuse a result that is missing, or
+    that rests on a calibration that did not converge or has a grade with which it is not used.
     """
 
     folder: Path  # `<results_dir>/<campaign>`
     load_case: str = COMBINED  # calibration that was evaluated: `combined`, or a load
-    # what the campaign says of itself, where its raw files were given
+    # description of the campaign; None where the folder of its raw files is not given
     description: CampaignDescription | None = None
     # what pictures read of the settings
     settings: PictureOptions = field(default_factory=PictureOptions)
@@ -127,11 +129,11 @@ class ResultsBundle:
     _records: dict[str, Record] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def read(self, kind: type[_R], file: str | None = None) -> _R:
-        """Return a record of the campaign described, of any where none is; see `codec.read`.
+        """Return a record, which must be of the campaign described, if one is; see `codec.read`.
 
         Args:
             kind: its type.
-            file: where it is in the folder; by default where the type says.
+            file: path in the folder; by default that of the type.
         """
         name = file or kind.FILE
         if name not in self._records:
@@ -190,10 +192,12 @@ class ResultsBundle:
             return {}
         counts: Counter[str] = Counter()
         try:
-            rows = read_csv(path, _MOST_ROWS_BYTES, self.folder)
-            _, header = next(rows, (1, ["reason"]))
-            at = header.index("reason") if "reason" in header else len(header)
-            counts.update(dict(enumerate(row)).get(at) or "no reason given" for _, row in rows)
+            rows = [row for _, row in read_csv(path, _MOST_TEXT_BYTES, self.folder)]
+            header = rows[0] if rows else []
+            column = header.index("reason") if "reason" in header else len(header)
+            for row in rows[1:]:
+                reason_given = row[column] if column < len(row) else ""
+                counts[reason_given or "no reason given"] += 1
         except (OSError, ValueError) as error:
             raise RecordError(
                 f"the listing of rows that are not used cannot be read: {reason(error)}",
@@ -226,10 +230,11 @@ class ResultsBundle:
 
     @cached_property
     def provenance(self) -> str | None:
-        """Where the data come from, in the campaign's words; None where no result says it."""
-        words = [of.provenance for of in self._own_records if isinstance(of, MeasuredRecord)]
-        words += [] if self.description is None else [self.description.provenance]
-        return words[0] if words else None
+        """Where the data come from, in the campaign's words; None where no result states it."""
+        for record in self._own_records:
+            if isinstance(record, MeasuredRecord):
+                return record.provenance
+        return None if self.description is None else self.description.provenance
 
     @property
     def synthetic(self) -> bool:
@@ -238,37 +243,39 @@ class ResultsBundle:
 
     @property
     def words(self) -> Words | None:
-        """Return how to speak of the instrument's errors, None where it is not known."""
+        """Return how to speak of the instrument's errors; None where it is not known."""
         kind: object = None if self.description is None else self.description.instrument_kinds
         if kind is None and self.calibration is not None:
             fitted_to = self.calibration.fitted_model.get("fitted_to")
             kind = fitted_to.get("instrument") if isinstance(fitted_to, dict) else None
-        known = instrument_of(str(kind))
-        return None if known is None else known.words
+        instrument = instrument_of(str(kind))
+        return None if instrument is None else instrument.words
 
     @cached_property
     def absent(self) -> Mapping[str, str]:
-        """Why each result of a whole run that is not there is missing, and what to do about it.
+        """Why each missing result of a whole run is missing, and what to do about it.
 
-        What its stage refused, where its log tells.
+        The reason is the message of its stage, if the log of the stage has one.
         """
-        found = {}
-        for name, (pattern, command, log) in _OF_A_RUN.items():
-            file, path = pattern.format(self.load_case), self.folder / f"logs/{log}.log"
-            if not (self.folder / file).exists():
-                message = last_message(self._log(path))
-                found[name] = (
+        reasons = {}
+        for name, (pattern, command) in _OF_A_RUN.items():
+            file = pattern.format(self.load_case)
+            if (self.folder / file).exists():
+                continue
+            log = self.folder / f"logs/{_LOGS.get(command, command)}.log"
+            if (message := last_message(self._text_of(log))) is not None:
+                reasons[name] = f"pa10cal {command}{REFUSED}{message[1]}. Then run it again."
+            else:
+                reasons[name] = (
                     f"There is no {file}: pa10cal {command} was not run, or did not come to its "
                     "end. pa10cal run makes it."
-                    if message is None
-                    else f"pa10cal {command}{REFUSED}{message[1]}. Then run it again."
                 )
-        return found
+        return reasons
 
-    def _log(self, path: Path) -> str:
-        """Return what a stage printed, empty where that cannot be read."""
+    def _text_of(self, log: Path) -> str:
+        """Return what a stage printed; empty where that cannot be read."""
         try:
-            return read_file(path, _MOST_ROWS_BYTES, self.folder).decode("utf-8", errors="replace")
+            return read_file(log, _MOST_TEXT_BYTES, self.folder).decode("utf-8", errors="replace")
         except OSError:
             return ""
 
@@ -278,14 +285,14 @@ class ResultsBundle:
         """Read `calibration/<load>.json`, whatever the model.
 
         Raises:
-            RecordError: when one of its fits did not converge, or its input is suspect.
+            RecordError: when one of its fits did not converge, or its grade is not to be used.
         """
         name = f"calibration/{load}.json"
         path = self.folder / name
-        found = self.read(CalibrationRecord, name)
+        record = self.read(CalibrationRecord, name)
         if self.force:
-            return found
-        for key, fit in found.fits.items():
+            return record
+        for key, fit in record.fits.items():
             if fit.status != "converged":
                 where = f"{path}: {key}" if key else str(path)
                 raise RecordError(
@@ -296,15 +303,15 @@ class ResultsBundle:
                     remedy="allow more steps (calibration.max_iterations), free fewer parameters "
                     "or measure more poses, and run pa10cal calibrate again",
                 )
-        if found.health.grade not in UNRESERVED:
+        if record.health.grade not in UNRESERVED:
             raise RecordError(
-                f"nothing is drawn of a calibration of grade {found.health.grade}",
+                f"nothing is drawn of a calibration of grade {record.health.grade}",
                 where=f"{path}: health",
-                value=found.health.line,
+                value=record.health.line,
                 allowed="good, few_poses or incomplete",
                 remedy="follow the remedy in the line, or draw it with --force",
             )
-        return found
+        return record
 
     def paper_calibration(self, load: str = COMBINED) -> PaperCalibrationRecord:
         """Read `calibration/<load>.json` of the paper's model.
@@ -322,17 +329,18 @@ class ResultsBundle:
         Raises:
             RecordError: when it did not converge, or is not of the general model.
         """
-        alone = self.sound_calibration().model == "general"
-        return self._of_model(GeneralCalibrationRecord, "general", COMBINED if alone else GENERAL)
+        combined_is_general = self.sound_calibration().model == "general"
+        load = COMBINED if combined_is_general else GENERAL
+        return self._of_model(GeneralCalibrationRecord, "general", load)
 
     def _of_model(self, kind: type[_R], model: str, load: str) -> _R:
-        found = self.sound_calibration(load)
-        if isinstance(found, kind):
-            return found
+        record = self.sound_calibration(load)
+        if isinstance(record, kind):
+            return record
         raise RecordError(
             f"the picture is of the {MODEL_NAMES[model]}",
             where=str(self.folder / f"calibration/{load}.json"),
-            value=f"a calibration with the {MODEL_NAMES[found.model]}",
+            value=f"a calibration with the {MODEL_NAMES[record.model]}",
             allowed=f"a calibration with the {MODEL_NAMES[model]}",
             remedy=_OTHER_MODEL[model],
         )
@@ -348,13 +356,13 @@ class ResultsBundle:
         return self.read(kind)
 
     def sound_held_out(self) -> HoldoutRecord:
-        """Read errors of held-out poses, without an extended model that is the calibrated one."""
-        found = self.read(HoldoutRecord)
-        self.sound_calibration(found.calibration)
+        """Read errors of held-out poses; without those of an extended model if none was sought."""
+        record = self.read(HoldoutRecord)
+        self.sound_calibration(record.calibration)
         if self.verdict is None or self.verdict.verdict != "not_sought":
-            return found
-        models = {name: model for name, model in found.models.items() if name != "extended"}
-        return found.model_copy(update={"models": models})
+            return record
+        models = {name: model for name, model in record.models.items() if name != "extended"}
+        return record.model_copy(update={"models": models})
 
     def planes_of_settings(self) -> list[PlaneRecord]:
         """Read `montecarlo/z<mm>.json` for every plane of the settings, from low to high."""
@@ -377,8 +385,8 @@ def results_bundle(
             that cannot be read.
         RawDataError: when the folder of raw files, or the table of poses, cannot be used.
     """
-    found = ResultsBundle(folder, load_case)
-    if len(found.absent) == len(_OF_A_RUN):
+    bundle = ResultsBundle(folder, load_case)
+    if len(bundle.absent) == len(_OF_A_RUN):
         raise RecordError(
             "no results of a campaign",
             where=str(folder),
@@ -386,8 +394,6 @@ def results_bundle(
             allowed="RESULTS_DIR/CAMPAIGN as pa10cal run leaves it",
             remedy="give such a folder, or run pa10cal run first",
         )
-    return (
-        found
-        if campaign_dir is None
-        else replace(found, description=read_description(campaign_dir))
-    )
+    if campaign_dir is None:
+        return bundle
+    return replace(bundle, description=read_description(campaign_dir))

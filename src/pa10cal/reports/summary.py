@@ -1,4 +1,4 @@
-"""What a run ends with: one table of campaigns, what to know of each, and the paths."""
+"""What a run prints at its end: one table of campaigns, notes on each, and where results are."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """What a reader is told of a campaign."""
+    """The results of a campaign in short."""
 
-    outcome: ChainRecord  # what it came to
-    # mean errors before and after without configurations that have a reading far from the model
-    # [mm], and in words the error after with them; None where there is none
+    outcome: ChainRecord  # its grade, verdict and errors
+    # Where configurations have a reading far from the model: mean errors before and after without
+    # them [mm], and in words the error after with them.
     trusted: tuple[float, float] | None = None
     with_flagged: str = ""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return the sentence of the grade, effects and faults, a line each."""
+        """Return the sentence of the grade, and those on effects and faults."""
         return (f"{self.outcome.grade}: {self.outcome.line}", *(self.outcome.notes or ()))
 
 
@@ -47,10 +47,11 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
     """
     bundle = ResultsBundle(results, calibration)
     fitted = bundle.read(CalibrationRecord, f"calibration/{calibration}.json")
-    verdict, _ = bundle.read(VerdictRecord), bundle.read(HoldoutRecord)
-    ends = headline(bundle)
-    assert ends is not None  # those of the calibration at least
-    before, after = ends
+    verdict = bundle.read(VerdictRecord)
+    bundle.read(HoldoutRecord)  # refused where it is missing: errors count over held-out poses
+    before_and_after = headline(bundle)
+    assert before_and_after is not None  # there are those of the calibration at least
+    before, after = before_and_after
     prior = fitted.prior if isinstance(fitted, GeneralCalibrationRecord) else None
     about_fit = (None if prior is None else prior.line, better_general(bundle))
     outcome = ChainRecord(
@@ -62,8 +63,8 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
         line=fitted.health.line,
         verdict=verdict.verdict,
         notes=(*filter(None, about_fit), *notes(verdict)),
-        before_mm=before.of.mean_mm,
-        after_mm=after.of.mean_mm,
+        before_mm=before.accuracy.mean_mm,
+        after_mm=after.accuracy.mean_mm,
         over=after.over,
     )
     if before.trusted is None:
@@ -74,73 +75,75 @@ def summarise(results: Path, calibration: str = "combined") -> CampaignSummary:
 
 def notes(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a verdict says beside its word, in one line each."""
-    by_share = verdict.effects_by_share
-    # Where all are named, each is all but certain.
-    sure = verdict.verdict == "named"
-    effects = [each.either if sure else _with_probabilities(each) for each in by_share]
+    lines = []
     lead = verdict.explained
-    explained = [wording.headline(lead), *wording.sentences(lead)[:1]] if lead and lead.of else []
-    named = [f"{verdict.verdict}: {', '.join(effects)}"] if effects else []
-    unsought = [f"not_sought: {verdict.why}; {verdict.remedy}"] if verdict.why else []
-    nameless = [
-        f"unexplained: {place.of or 'place not known'}: {place.why}"
-        for place in (verdict.unexplained.all if verdict.unexplained else ())
+    if lead is not None and lead.of:
+        lines += [wording.headline(lead), *wording.sentences(lead)[:1]]
+    # Where the verdict is `named`, each effect is all but certain.
+    certain = verdict.verdict == "named"
+    effects = [
+        effect.either if certain else _with_probabilities(effect)
+        for effect in verdict.effects_by_share
     ]
-    alike: dict[tuple[str, str], list[str]] = {}
+    if effects:
+        lines.append(f"{verdict.verdict}: {', '.join(effects)}")
+    if verdict.why:
+        lines.append(f"not_sought: {verdict.why}; {verdict.remedy}")
+    for place in verdict.unexplained.all if verdict.unexplained else ():
+        lines.append(f"unexplained: {place.of or 'place not known'}: {place.why}")
+    places: dict[tuple[str, str], list[str]] = {}  # of faults of one kind
     for fault in verdict.faults or ():
-        alike.setdefault((fault.what, fault.remedy), []).append(fault.where)
-    faults = [
-        f"the log: {where[0]}{f' and {len(where) - 1} more' * (len(where) > 1)}: {what}; {remedy}"
-        for (what, remedy), where in alike.items()
-    ]
-    return (*explained, *named, *unsought, *nameless, *faults)
+        places.setdefault((fault.what, fault.remedy), []).append(fault.where)
+    for (what, remedy), (first, *others) in places.items():
+        more = f" and {len(others)} more" if others else ""
+        lines.append(f"the log: {first}{more}: {what}; {remedy}")
+    return tuple(lines)
 
 
 def _with_probabilities(effect: NamedEffect) -> str:
-    """Return an effect and what else is likely, each with its probability."""
+    """Return an effect and its likely alternatives, each with its probability."""
     first = f"{effect.id} of {effect.of} ({effect.probability:.2f})"
-    others = (f"{each.id} of {each.of} ({each.probability:.2f})" for each in effect.likely)
+    others = [f"{each.id} of {each.of} ({each.probability:.2f})" for each in effect.likely]
     return " or ".join((first, *others))
 
 
 def table(campaigns: Sequence[CampaignSummary]) -> str:
-    """Return the table, and under it what to know of each campaign."""
+    """Return a table with a row for each campaign, and below it the notes on each."""
     rows: list[Sequence[str]] = [_HEAD]
-    for of in campaigns:
-        outcome = of.outcome
-        errors = of.trusted or (outcome.before_mm, outcome.after_mm)
-        before, after = ("—" if mm is None else f"{mm:.3f} mm" for mm in errors)
-        over = "; ".join(filter(None, (outcome.over, of.with_flagged)))
+    known = []
+    for campaign in campaigns:
+        outcome = campaign.outcome
+        errors_mm = campaign.trusted or (outcome.before_mm, outcome.after_mm)
+        errors = ("—" if error_mm is None else f"{error_mm:.3f} mm" for error_mm in errors_mm)
+        over = "; ".join(filter(None, (outcome.over, campaign.with_flagged)))
         words = outcome.campaign, str(outcome.grade), str(outcome.verdict)
-        rows.append((*words, before, after, over))
+        rows.append((*words, *errors, over))
+        prefix = f"{outcome.campaign}: " if len(campaigns) > 1 else ""
+        known += [f"{prefix}{note}" for note in campaign.notes]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     rows.insert(1, ["-" * width for width in widths])
     lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-    known = [
-        f"{of.outcome.campaign}: {note}" if len(campaigns) > 1 else note
-        for of in campaigns
-        for note in of.notes
-    ]
     return "\n".join((*lines, "", *known))
 
 
 def paths(results: Path) -> str:
-    """Return what a campaign's folder holds, one line each; no table without a row."""
-    found = []
-    for name, title, _ in OUTPUTS:
-        path = results / name
-        there = bool(title) and path.exists()
-        if there and path.suffix == ".csv":
-            there = is_file(path, results)
-            rows = read_csv(path, path.stat().st_size, results) if there else ()
-            there = len(list(islice(rows, 2))) > 1
-        if there:
-            found.append((title, path))
+    """Return where the results of a campaign are, one line each; no table that has no row."""
+    found = [(output.title, results / output.path) for output in OUTPUTS if output.title]
+    found = [(title, path) for title, path in found if _holds_something(path, results)]
     width = max((len(title) for title, _ in found), default=0)
     return "\n".join(f"{title:<{width}}  {_short(path)}" for title, path in found)
+
+
+def _holds_something(path: Path, results: Path) -> bool:
+    """Return whether a result is there, and if it is a table, has a row below its header."""
+    if not path.exists() or path.suffix != ".csv":
+        return path.exists()
+    if not is_file(path, results):
+        return False
+    return len(list(islice(read_csv(path, path.stat().st_size, results), 2))) > 1
 
 
 def reports(results: Iterable[Path]) -> str:
@@ -149,6 +152,6 @@ def reports(results: Iterable[Path]) -> str:
 
 
 def _short(path: Path) -> Path:
-    """Return a path from the working folder, where it lies below that."""
+    """Return a path relative to the working folder, if it lies below it."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path

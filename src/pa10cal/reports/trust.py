@@ -16,7 +16,11 @@ from pa10cal.reports.formatting import NOT_KNOWN, count, display_name, listed, m
 from pa10cal.reports.pictures import plane_drawings, poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery
-from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord
+from pa10cal.results.calibration import (
+    CalibrationRecord,
+    GeneralCalibrationRecord,
+    PosesNeeded,
+)
 from pa10cal.terms.wording import sag
 
 
@@ -33,11 +37,9 @@ def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
         warnings |= dict.fromkeys(f"with the effects: {text}" for text in results.extended.warnings)
     warnings.pop(case.health.line, None)
     yield from (Callout("warning", sentence(text)) for text in warnings)
-    yield grid(
-        "What decided about the effects",
-        "effect | evidence",
-        ((named(of), _evidence(of)) for of in (results.verdict.effects if results.verdict else ())),
-    )
+    effects = results.verdict.effects if results.verdict else ()
+    rows = [(named(effect), _evidence(effect)) for effect in effects]
+    yield grid("What decided about the effects", "effect | evidence", rows)
     heaviest_N = max(case.loads_fitted, default=0.0)
     yield Items(
         (
@@ -66,19 +68,17 @@ def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
 
 def outliers_grid(case: GeneralCalibrationRecord) -> Grid:
     """Return poses far outside the scatter of the others; distances in units of the scatter."""
-    return grid(
-        "Suspected outliers, in the fit with less weight",
-        "pose | load [N] | distance | weight | why",
-        (
-            (of.pose, of.load_N, f"{of.distance:.2f}", f"{of.weight:.3f}", of.why)
-            for of in case.suspected_outliers
-        ),
-    )
+    rows = [
+        (each.pose, each.load_N, f"{each.distance:.2f}", f"{each.weight:.3f}", each.why)
+        for each in case.suspected_outliers
+    ]
+    title = "Suspected outliers, in the fit with less weight"
+    return grid(title, "pose | load [N] | distance | weight | why", rows)
 
 
 def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
-    """Yield what the grade stands on: check, what was found, whether it passes."""
-    health, poses, ratio = case.health, case.health.poses, case.health.error_over_noise
+    """Yield the checks that the grade is based on: check, what was found, whether it passes."""
+    health, poses = case.health, case.health.poses
     yield "the fit converged", health.ending, health.converged
     at_bounds = listed(map(display_name, health.at_bounds))
     yield "no parameter at the end of its range", at_bounds, not len(health.at_bounds)
@@ -88,18 +88,18 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
         "yes" if health.rank == health.unknowns else "no: see what is missing",
     )
     fitted = f"{mm(health.train_rms_mm)} mm"
-    what = "remaining error agrees with the noise"
-    if ratio is None:
-        yield what, NOT_KNOWN, NOT_KNOWN
+    check = "remaining error agrees with the noise"
+    if health.error_over_noise is None:
+        yield check, NOT_KNOWN, NOT_KNOWN
     else:
-        error = f"{fitted} rms, {ratio:.1f} times the {case.noise_is}"
-        yield what, error, health.grade in ("good", "few_poses")
-    what = "held-out poses agree with what the fit promises"
+        error = f"{fitted} rms, {health.error_over_noise:.1f} times the {case.noise_is}"
+        yield check, error, health.grade in ("good", "few_poses")
+    check = "held-out poses agree with what the fit promises"
     if health.held_out_rms_mm is None:
-        yield what, "nothing was held out", "not tested"
+        yield check, "nothing was held out", "not tested"
     else:
         error = f"{mm(health.held_out_rms_mm)} mm rms; fitted {fitted}"
-        yield what, error, health.held_out_over_expected is None
+        yield check, error, health.held_out_over_expected is None
     for scatter in health.repeats:
         unit = "mrad" if scatter.kind.startswith("attitude") else "mm"
         yield (
@@ -126,57 +126,59 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
 
 def _evidence(effect: discovery.FoundEffect) -> str:
     """Describe what decided about an effect, in words."""
-    found = effect.evidence
-    if isinstance(found, discovery.EvidenceOfSag):
-        rigid_mm, now_mm, which = found.rigid_mm, found.gives_way_mm, "poses fitted"
-        if found.held_out_rigid_mm is not None and found.held_out_gives_way_mm is not None:
-            rigid_mm, now_mm = found.held_out_rigid_mm, found.held_out_gives_way_mm
+    evidence = effect.evidence
+    if isinstance(evidence, discovery.EvidenceOfSag):
+        rigid_mm, elastic_mm, which = evidence.rigid_mm, evidence.gives_way_mm, "poses fitted"
+        if evidence.held_out_rigid_mm is not None and evidence.held_out_gives_way_mm is not None:
+            rigid_mm, elastic_mm = evidence.held_out_rigid_mm, evidence.held_out_gives_way_mm
             which = "held-out poses"
         return (
-            f"{sag(found)} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
-            f"rms of {which}, as it is {now_mm:.3f} mm; log evidence "
-            f"{found.lost_without_it_nats:.3g} nats, {found.needed_nats:.3g} needed"
+            f"{sag(evidence)} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
+            f"rms of {which}, as it is {elastic_mm:.3f} mm; log evidence "
+            f"{evidence.lost_without_it_nats:.3g} nats, {evidence.needed_nats:.3g} needed"
         )
-    if isinstance(found, discovery.EvidenceByBlocks):
-        blocks = found.cross_validation_over_blocks
+    if isinstance(evidence, discovery.EvidenceByBlocks):
+        blocks = evidence.cross_validation_over_blocks
         return (
             f"cross-validation over blocks: rms {blocks.rms_without_mm:.3f} mm without, "
             f"{blocks.rms_with_mm:.3f} mm with it; better in {blocks.improved} of "
             f"{blocks.blocks} blocks, z {blocks.z:.1f}"
         )
-    shares = [("poses", found.cross_validation_over_poses)]
-    if found.cross_validation_over_loads is not None:
-        shares.append(("loads", found.cross_validation_over_loads))
-    held_out = ", ".join(f"{100.0 * of.explained:.0f} % over {name}" for name, of in shares)
+    held_out = f"{100.0 * evidence.cross_validation_over_poses.explained:.0f} % over poses"
+    if (over_loads := evidence.cross_validation_over_loads) is not None:
+        held_out += f", {100.0 * over_loads.explained:.0f} % over loads"
     return (
-        f"{found.lost_without_it_nats:.3g} nats lost without it, {found.needed_nats:.3g} needed; "
-        f"sign flips p {found.p_sign_flips_max_t:.2g}, at most {found.p_needed:.2g}; "
+        f"{evidence.lost_without_it_nats:.3g} nats lost without it, "
+        f"{evidence.needed_nats:.3g} needed; "
+        f"sign flips p {evidence.p_sign_flips_max_t:.2g}, at most {evidence.p_needed:.2g}; "
         f"cross-validation explains {held_out}"
     )
 
 
 def _angles_seen(
     model: CalibrationRecord | discovery.ExtendedRecord,
-) -> Iterator[tuple[Any, ...]]:
+) -> Iterator[tuple[str, str | None, str | None]]:
     """Yield joint, positions that the fit has seen, and those allowed."""
     fitted: Any = model.fitted_model
     rows = fitted["arm"]["rows"]
-    coupled = tuple(CoupledJoint(**each) for each in fitted["arm"].get("coupling", ()))
+    coupled = tuple(CoupledJoint(**joint) for joint in fitted["arm"].get("coupling", ()))
     joints = zip(fitted.get("seen") or (), rows, strict=False)
-    for number, (joint, row) in enumerate(joints, start=1):
+    for number, (seen, row) in enumerate(joints, start=1):
         slides = bool(row.get("prismatic"))
-        unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
         limits = row.get("limits_m" if slides else "limits_rad")
-        if coupled:  # limits are of what the controller counts
+        if coupled:  # the limits are those of the axes that the controller counts
             coupling = Coupling(len(rows), coupled)
             of_axes = np.array([row["limits_rad"] for row in rows], float)[coupling.own]
             limits = coupling.joint_ranges(of_axes)[number - 1].tolist()
-        seen_at, allowed = (
-            each
-            and ", ".join(f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in each)
-            for each in (joint.get("intervals"), limits and [limits])
-        )
-        yield str(number), seen_at, allowed
+        allowed = [limits] if limits else []
+        yield str(number), _ranges(seen.get("intervals"), slides), _ranges(allowed, slides)
+
+
+def _ranges(intervals: Sequence[tuple[float, float]] | None, slides: bool) -> str | None:
+    """Return intervals [m or rad] in words; None where there are none."""
+    unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
+    texts = [f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in intervals or ()]
+    return ", ".join(texts) or None
 
 
 # What is missing from results and model, and what to measure next.
@@ -221,7 +223,7 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
             ),
         ):
             tables.append((grid(title, "effect | of | why", _by_effect(entries)), "effect"))
-        groups = [(listed(each.words for each in group),) for group in record.indistinguishable]
+        groups = [(listed(effect.words for effect in group),) for group in record.indistinguishable]
         title = "Effects that these poses cannot separate"
         tables.append((grid(title, "group", groups), "effect"))
     yield Items(tuple(texts))
@@ -233,51 +235,36 @@ def missing(results: ResultsBundle) -> Iterator[PageBlock]:
 
 def _by_effect(entries: Iterable[discovery.NotTestable]) -> Iterator[tuple[str, str, str]]:
     """Yield a row an effect: where it sits, and the reasons, each with its places."""
-    by_effect: dict[str, dict[str, list[str]]] = {}
+    by_effect: dict[str, dict[str, list[str]]] = {}  # places of an effect by reason
     for entry in entries:
         by_effect.setdefault(entry.id, {}).setdefault(entry.why, []).append(entry.of)
-    for effect, places in by_effect.items():
-        everywhere = _places([of for each in places.values() for of in each])
-        reasons = [f"{_places(each)}: {why}" for why, each in places.items()]
-        why = next(iter(places)) if len(places) == 1 else "; ".join(reasons)
-        yield effect.replace("_", " "), everywhere, why
+    for effect, by_reason in by_effect.items():
+        every_place = [place for places in by_reason.values() for place in places]
+        reasons = [f"{_places(places)}: {reason}" for reason, places in by_reason.items()]
+        why = next(iter(by_reason)) if len(by_reason) == 1 else "; ".join(reasons)
+        yield effect.replace("_", " "), _places(every_place), why
 
 
 def _places(places: Sequence[str]) -> str:
     """Return places in few words: `joints 1 to 3, 5` for the joints among them."""
-    joints = sorted({int(of.removeprefix(_JOINT)) for of in places if of.startswith(_JOINT)})
-    others = [of.replace("_", " ") for of in places if not of.startswith(_JOINT)]
-    # Joints in a row are as far from their number in the list.
+    joints = sorted({int(p.removeprefix(_JOINT)) for p in places if p.startswith(_JOINT)})
+    others = [place.replace("_", " ") for place in places if not place.startswith(_JOINT)]
+    if not joints:
+        return ", ".join(others)
+    # The difference of a joint's number and its index is the same for consecutive joints.
     runs = [list(run) for _, run in groupby(joints, lambda joint: joint - joints.index(joint))]
-    in_words = ", ".join(
+    numbers = ", ".join(
         f"{run[0]} to {run[-1]}" if len(run) > _MOST_LISTED else ", ".join(map(str, run))
         for run in runs
     )
-    return ", ".join([f"joint{'s' * (len(joints) > 1)} {in_words}"] * bool(joints) + others)
+    return ", ".join([f"joint{'s' if len(joints) > 1 else ''} {numbers}", *others])
 
 
 def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what to measure next, and what for."""
     if results.calibration is not None:
         poses = results.calibration.health.poses
-        now = f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm"
-        enough = "is wanted"
-        if poses.wanted_mm is None:
-            enough = "would add hardly anything to the remaining error"
-        if poses.u_model_mm is None:
-            yield Paragraph("The uncertainty of predictions is not known.")
-        elif poses.needed is None:
-            yield Paragraph(
-                f"{now}; {mm(poses.u_needed_mm)} mm {enough}, and no number of such poses "
-                "reaches it."
-            )
-        else:
-            yield Paragraph(
-                f"{now} of a predicted position. {mm(poses.u_needed_mm)} mm {enough}; "
-                f"{poses.needed} well-chosen poses reach it. For a "
-                "repetition of the campaign, the most informative of those measured are, in order: "
-                f"{', '.join(list(dict.fromkeys(poses.d_optimal_order))[:_MOST_POSES])}."
-            )
+        yield Paragraph(_poses_needed(poses))
         if (drawing := poses_drawing(poses)) is not None:
             yield drawing
     if (record := results.verdict) is None:
@@ -302,27 +289,56 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
         f"order | {joints} | load [N] | what for",
         rows,
     )
+    hopeless = []
     for pair in record.separations or ():
-        if pair.can_be_split and pair.probability is not None:
+        if not pair.can_be_split:
+            hopeless.append(pair.pair.replace("_", " "))
+        elif pair.probability is not None:
             effect, _, rival = pair.pair.replace("_", " ").partition(" or ")
             yield Paragraph(
                 f"{count(len(record.suggested_poses), 'pose')} would tell {effect} "
                 f"({pair.probability:.2f} between the two now) from {rival}: the "
                 f"likelier of both would come to an expected {pair.expected_probability:.2f}."
             )
-    hopeless = [pair.pair for pair in record.separations or () if not pair.can_be_split]
     if hopeless:
-        names = "; ".join(pair.replace("_", " ") for pair in hopeless)
+        names = "; ".join(hopeless)
         yield Callout("note", f"No pose of this arm and instrument shows: {names}.")
 
 
+def _poses_needed(poses: PosesNeeded) -> str:
+    """Return how uncertain predictions are, and how many poses would be enough."""
+    if poses.u_model_mm is None:
+        return "The uncertainty of predictions is not known."
+    now = f"{poses.measured} poses give a standard uncertainty of {mm(poses.u_model_mm)} mm"
+    purpose = "is wanted"
+    if poses.wanted_mm is None:
+        purpose = "would add hardly anything to the remaining error"
+    enough = f"{mm(poses.u_needed_mm)} mm {purpose}"
+    if poses.needed is None:
+        return f"{now}; {enough}, and no number of such poses reaches it."
+    best = ", ".join(list(dict.fromkeys(poses.d_optimal_order))[:_MOST_POSES])
+    return (
+        f"{now} of a predicted position. {enough}; "
+        f"{poses.needed} well-chosen poses reach it. For a "
+        f"repetition of the campaign, the most informative of those measured are, in order: {best}."
+    )
+
+
 def _aim(pose: discovery.SuggestedPose) -> str:
-    """Say in a sentence what a pose is for; several joints of which no angle was seen as one."""
-    unseen = sorted(int(found[1]) for name in pose.for_ if (found := _UNSEEN.fullmatch(name)))
-    rivals = [name.replace("_", " ") for name in pose.for_ if not _UNSEEN.fullmatch(name)]
-    nats = pose.separation_nats
-    by_then = "" if nats is None else f" ({nats:.1f} nats expected up to this pose)"
-    parts = [f"separates {'; '.join(rivals)}{by_then}"] * bool(rivals)
-    joints = f"joint{'s' * (len(unseen) > 1)} {listed(map(str, unseen))}"
-    parts += [f"shows an angle of {joints} where the fit has seen no pose"] * bool(unseen)
+    """Return in a sentence what a pose is for; joints with an unseen angle are listed together."""
+    unseen_joints, rivals = [], []
+    for aim in pose.for_:
+        if match := _UNSEEN.fullmatch(aim):
+            unseen_joints.append(int(match[1]))
+        else:
+            rivals.append(aim.replace("_", " "))
+    parts = []
+    if rivals:
+        nats = pose.separation_nats
+        by_then = "" if nats is None else f" ({nats:.1f} nats expected up to this pose)"
+        parts.append(f"separates {'; '.join(rivals)}{by_then}")
+    if unseen_joints:
+        joints = f"joint{'s' if len(unseen_joints) > 1 else ''}"
+        numbers = listed(map(str, sorted(unseen_joints)))
+        parts.append(f"shows an angle of {joints} {numbers} where the fit has seen no pose")
     return sentence("; ".join(parts))

@@ -1,15 +1,18 @@
-"""Runs part of a command in a child process, so that whatever ends the child spares the command.
+"""Runs part of a command in a child process, and ends processes together with their parents.
 
-The child is a fork, so modules that are imported already are not imported again. It ends with its
-parent.
+Whatever ends the child spares the command. The child is a fork, so modules that are imported
+already are not imported again.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import sys
+import threading
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
@@ -17,12 +20,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from pa10cal.running.run_lock import PARENTS, end_with_parents
-
+#: Environment variable: numbers of the processes with which this one ends.
+PARENTS = "PA10CAL_PARENTS"
+#: Period at which they are looked for on a machine without pidfd [s].
+_PERIOD_S = 0.2
 #: Exit code of a child that was interrupted.
 _INTERRUPTED = 130
 
-#: What most often sends a signal.
+#: What most often sends each signal.
 _USUAL_CAUSES = {
     "SIGKILL": ", as where there is not enough memory: use fewer cores, or a machine with more",
     "SIGABRT": ", as by a library that needs more memory than there is, or that fails",
@@ -53,7 +58,7 @@ class Child:
 
 
 def in_child(work: Callable[[Say], None]) -> Child:
-    """Do some work in a child process, and return how the child ended.
+    """Do some work in a child process, which ends with this one, and return how the child ended.
 
     Fork copies locks that other threads hold: call this before libraries such as numpy, which start
     threads, are imported.
@@ -67,14 +72,14 @@ def in_child(work: Callable[[Say], None]) -> Child:
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     reading, writing = os.pipe()
-    me = os.getpid()
+    parent = os.getpid()
     with warnings.catch_warnings():
         # Python warns of other threads; the one of `end_with_parents` holds no locks.
         warnings.simplefilter("ignore", DeprecationWarning)
         child = os.fork()
     if not child:
         os.close(reading)
-        os.environ[PARENTS] = str(me)
+        os.environ[PARENTS] = str(parent)
         _run_and_exit(work, writing)
     os.close(writing)
     try:
@@ -127,3 +132,32 @@ def _stop(child: int) -> None:
         with suppress(ProcessLookupError):  # it has just ended
             os.kill(child, signal.SIGKILL)
         raise
+
+
+def end_with_parents() -> None:
+    """Kill this process as soon as one of those that `PARENTS` names has ended.
+
+    A job hangs below a shell, which lives on when Snakemake is killed: a signal at a parent's death
+    would not reach the job. What the job leaves half-written is removed by the next run.
+    """
+    parents = [int(word) for word in os.environ.pop(PARENTS, "").split()]
+    if parents:
+        threading.Thread(target=_die_with, args=(parents,), daemon=True).start()
+
+
+def _die_with(parents: list[int]) -> None:
+    """Wait until the first of some processes has ended, then kill this one."""
+    with suppress(ProcessLookupError):  # one has ended already
+        try:
+            poll = select.poll()
+            for parent in parents:
+                poll.register(os.pidfd_open(parent), select.POLLIN)
+            poll.poll()
+        except ProcessLookupError:
+            raise
+        except (AttributeError, OSError):  # a system without pidfd
+            while True:
+                for parent in parents:
+                    os.kill(parent, 0)
+                time.sleep(_PERIOD_S)
+    os.kill(os.getpid(), signal.SIGKILL)

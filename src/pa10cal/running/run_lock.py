@@ -1,8 +1,8 @@
-"""One run at a time makes a folder of results, and none begins while jobs of a dead one live.
+"""Locks by which one run at a time makes a folder of results, and waits for jobs of a dead run.
 
-All are locks of the system, which go with a process however it ends: one for each folder of
-results, that of a campaign, a group or a study, one of the run, and one that its jobs share. A job
-that a cluster begins after its run has ended does nothing.
+They are locks of the operating system, which end with the process that holds them: one for each
+folder of results (of a campaign, a group or a study), one for the run, and one that the jobs of the
+run share. A job that a cluster begins after its run has ended is refused.
 """
 
 from __future__ import annotations
@@ -16,10 +16,7 @@ import platform
 import re
 import resource
 import secrets
-import select
-import signal
 import sys
-import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -29,46 +26,52 @@ from typing import IO
 from pa10cal.errors import OutputError
 from pa10cal.files.output import remove_partials, writing_into
 
-#: Among the results: locks, what runs print, and links to what `pa10cal run` reads.
+#: Folder among the results: locks, what runs print, and links to what `pa10cal run` reads.
 WORK_FOLDER = ".pa10cal"
-#: In it: a file for each folder of results, which says who makes it; and two for each run that
-#: lives, the one of its jobs with this ending.
+#: Folders in it. `locks` has a file for each folder of results: who makes it, and the name of that
+#: run. `runs` has two files for each run at work: its own, and with the ending `.jobs` its jobs'.
 _LOCKS, _RUNS, _JOBS = "locks", "runs", ".jobs"
-#: Environment: the file of the run that this process is a part of.
+#: Environment variable: the file of the run that this process is a part of.
 RUN = "PA10CAL_RUN"
-#: Jobs end with their run within this time, so that nothing is told of them [s].
-_SOON_S = 3.0
-_MOMENT_S = 0.3
-#: What file systems without locks answer.
+#: Jobs of a dead run that take longer than this to end are waited for with a message [s].
+_JOBS_END_S = 3.0
+#: A lock is tried for this time: another run that is refused a lock gives up all others [s].
+_RETRY_S = 0.3
+#: Period at which a lock that another process holds is tried [s].
+_POLL_S = 0.02
+#: Errors of file systems that have no locks.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
-#: Files that a process opens besides its locks.
+#: Number of files that a process opens besides its locks, at most.
 _OTHER_FILES = 200
 
-_TO_THE_END = ExitStack()
-atexit.register(_TO_THE_END.close)
+#: Locks that this process holds until it ends.
+_HELD_TO_THE_END = ExitStack()
+atexit.register(_HELD_TO_THE_END.close)
 
 
 @contextmanager
 def run_lock(results: Path, names: Iterable[str]) -> Iterator[Path]:
-    """Hold folders of results, and yield the work folder; those that this run holds stay held.
+    """Lock folders of results for this run, and yield the work folder.
 
-    Waits for jobs of a killed run that made one of them, and removes what they left half-written.
+    Folders that this run has locked already stay locked when the block ends. Waits for the jobs of
+    a killed run that made one of the folders, and removes what they left half-written.
 
     Args:
-        results: folder that they are in.
-        names: of the folders, or of files that lie beside them.
+        results: folder of all results.
+        names: names in it, of folders or of files.
 
     Raises:
-        OutputError: when they cannot be written to, or another run holds one of them.
+        OutputError: when they cannot be written to, or another run has locked one of them.
     """
-    work, sorted_names = results.resolve() / WORK_FOLDER, sorted(set(names))
+    work = results.resolve() / WORK_FOLDER
+    sorted_names = sorted(set(names))
     with ExitStack() as stack:
         with writing_into(results, "the results", "give another folder"):
             for part in (_LOCKS, _RUNS):
                 (work / part).mkdir(parents=True, exist_ok=True)
             _allow_files(len(sorted_names) + _OTHER_FILES)
             run = stack.enter_context(_this_run(work / _RUNS))
-            for name in sorted_names:  # so that of two runs one gets all that both want
+            for name in sorted_names:  # in one order, so that one of two runs gets all locks
                 lock = stack.enter_context((work / _LOCKS / name).open("ab+", buffering=0))
                 _take(lock, run, results / name)
         yield work
@@ -76,15 +79,15 @@ def run_lock(results: Path, names: Iterable[str]) -> Iterator[Path]:
 
 @contextmanager
 def _this_run(runs: Path) -> Iterator[Path]:
-    """Yield the file of the run that this process is a part of, or that it begins."""
+    """Yield the file of the run that this process is a part of, else of a new run."""
     former = os.environ.get(RUN, "")
     if former and Path(former).parent == runs:
         yield Path(former)
         return
     run = runs / secrets.token_hex(8)
-    with run.open("xb") as alive:
+    with run.open("xb") as run_file:
         run.with_suffix(_JOBS).touch()
-        _locked(alive, 0.0)
+        _try_lock(run_file, 0.0)
         os.environ[RUN] = str(run)
         try:
             yield run
@@ -97,58 +100,60 @@ def _this_run(runs: Path) -> Iterator[Path]:
 
 
 def _take(lock: IO[bytes], run: Path, folder: Path) -> None:
-    """Lock a folder of results, unless this run has done so."""
-    if not _locked(lock, 0.0):
-        who, holder = _text_of(lock)
-        if holder == run.name:
+    """Lock a folder of results by its lock file, unless this run has done so."""
+    if not _try_lock(lock, 0.0):
+        holder, holding_run = _content(lock)
+        if holding_run == run.name:
             return
-        # One that takes several, and is refused another, holds the first for a moment.
-        if not _locked(lock, _MOMENT_S):
-            raise _at_work(folder, who)
-    _, former = _text_of(lock)
-    if former != run.name and re.fullmatch("[0-9a-f]+", former):
-        _await_jobs(run.with_name(former + _JOBS), folder)
-        _remove_if_free(run.with_name(former))
+        if not _try_lock(lock, _RETRY_S):
+            raise _at_work(folder, holder)
+    _, former_run = _content(lock)
+    if former_run != run.name and re.fullmatch("[0-9a-f]+", former_run):
+        _await_jobs(run.with_name(former_run + _JOBS), folder)
+        _remove_if_free(run.with_name(former_run))
     lock.truncate(0)
-    me = f"process {os.getpid()} on {platform.node()}, started in {Path.cwd()}"
-    lock.write(f"{me}\n{run.name}".encode())
+    holder = f"process {os.getpid()} on {platform.node()}, started in {Path.cwd()}"
+    lock.write(f"{holder}\n{run.name}".encode())
     remove_partials(folder)
 
 
-def _text_of(lock: IO[bytes]) -> tuple[str, str]:
-    """Return what the lock of a folder says: who makes it, and the name of that run's file."""
+def _content(lock: IO[bytes]) -> tuple[str, str]:
+    """Return what a lock file holds: the process in words, and the name of its run's file."""
     lock.seek(0)
-    who, _, run = lock.read().decode("utf-8", "replace").partition("\n")
-    return who, run
+    holder, _, run_name = lock.read().decode("utf-8", "replace").partition("\n")
+    return holder, run_name
 
 
 def _await_jobs(jobs: Path, folder: Path) -> None:
     """Wait until the jobs of a run that was killed have ended."""
     with suppress(FileNotFoundError), jobs.open("rb+") as file:
-        if not _locked(file, _SOON_S):
-            waited = f"jobs of an earlier run on {folder} to end"
-            print(f"pa10cal: warning: waiting for {waited}", file=sys.stderr)
-            _locked(file, math.inf)
+        if not _try_lock(file, _JOBS_END_S):
+            awaited = f"jobs of an earlier run on {folder} to end"
+            print(f"pa10cal: warning: waiting for {awaited}", file=sys.stderr)
+            _try_lock(file, math.inf)
         jobs.unlink(missing_ok=True)
 
 
 def _remove_if_free(path: Path) -> None:
-    """Remove a file of a run that nobody holds any more."""
+    """Remove a file of a run unless a process has locked it."""
     with suppress(OSError), path.open("rb+") as file:
-        if _locked(file, 0.0):
+        if _try_lock(file, 0.0):
             path.unlink()
 
 
-def _locked(file: IO[bytes], within_s: float) -> bool:
-    """Lock a file for this process alone, within a time; as good as done without any locks."""
-    end = time.monotonic() + within_s
+def _try_lock(file: IO[bytes], within_s: float) -> bool:
+    """Lock a file for this process alone, and return whether that succeeded within a time.
+
+    On a file system without locks it counts as locked.
+    """
+    end_s = time.monotonic() + within_s
     while True:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            if time.monotonic() >= end:
+            if time.monotonic() >= end_s:
                 return False
-            time.sleep(0.02)
+            time.sleep(_POLL_S)
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise
@@ -158,54 +163,54 @@ def _locked(file: IO[bytes], within_s: float) -> bool:
 
 
 def _allow_files(count: int) -> None:
-    """Let this process have so many files open, as far as the system lets it."""
+    """Raise the number of files that this process may open, as far as the system lets it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY and soft < count:
-        most = count if hard == resource.RLIM_INFINITY else min(count, hard)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+        allowed = count if hard == resource.RLIM_INFINITY else min(count, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
 
 
 def hold(results: Path, outputs: Iterable[str | Path]) -> None:
-    """Hold the folders of results that files lie in until this process ends; see `run_lock`.
+    """Lock the folders of results in which outputs lie until this process ends; see `run_lock`.
 
-    Files elsewhere are held by nobody.
+    Outputs that do not lie in `results` are not locked.
     """
-    below = [Path(os.path.relpath(path, results)).parts for path in outputs]
-    names = [first for first, *_ in filter(None, below) if first != os.pardir]
-    _TO_THE_END.enter_context(run_lock(results, names))
+    parts_of = [Path(os.path.relpath(path, results)).parts for path in outputs]
+    names = [parts[0] for parts in parts_of if parts and parts[0] != os.pardir]
+    _HELD_TO_THE_END.enter_context(run_lock(results, names))
 
 
 def refuse_at_work(folder: Path) -> None:
-    """Refuse a folder of results that a run makes at this moment.
+    """Refuse a folder of results that a run is making at this moment.
 
     Raises:
-        OutputError: when one does, naming it.
+        OutputError: naming the run.
     """
     lock = folder.resolve().parent / WORK_FOLDER / _LOCKS / folder.name
     with suppress(FileNotFoundError, PermissionError), lock.open("rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise _at_work(folder, _text_of(file)[0]) from None
+            raise _at_work(folder, _content(file)[0]) from None
         except OSError:
-            return  # no locks, and so nobody can tell
+            return  # without locks it is not known
 
 
-def _at_work(folder: Path, who: str) -> OutputError:
+def _at_work(folder: Path, holder: str) -> OutputError:
     return OutputError(
         "another run is at work on these results",
         where=str(folder),
-        value=who or None,
+        value=holder or None,
         allowed="one run of a campaign at a time",
         remedy="wait for it to end, or give another folder",
     )
 
 
 def share() -> None:
-    """Let no new run make the same results before this process, a job of a run, has ended.
+    """Share the lock of this run's jobs, so that no new run makes these results before they end.
 
     Raises:
-        OutputError: when that run has ended already.
+        OutputError: when this process is a job of a run that has ended already.
     """
     run = os.environ.get(RUN)
     if not run:
@@ -216,7 +221,7 @@ def share() -> None:
         lives = _lives(Path(run))
     except FileNotFoundError:
         lives = False
-    except OSError:  # a folder that cannot be written to is told of by the outputs
+    except OSError:  # a folder that cannot be written to: writing the outputs reports it
         return
     if not lives:
         raise OutputError(
@@ -228,46 +233,10 @@ def share() -> None:
 
 
 def _lives(run: Path) -> bool:
-    """Return whether a run holds its file; so, where there are no locks, which nobody can tell."""
+    """Return whether a run has its file locked; true where there are no locks."""
     with run.open("rb+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except OSError:
             return True
     return False
-
-
-# Jobs end with the run that started them, however that ended.
-
-#: Environment: processes with which this one ends, by their numbers.
-PARENTS = "PA10CAL_PARENTS"
-#: How often a machine without pidfd is looked at for them [s].
-_PERIOD_S = 0.2
-
-
-def end_with_parents() -> None:
-    """Kill this process as soon as one of those that `PARENTS` names has ended.
-
-    A job hangs below a shell, which lives on when Snakemake is killed: a signal at a parent's death
-    would not reach the job. What it leaves half-written is removed by the next run.
-    """
-    parents = [int(word) for word in os.environ.pop(PARENTS, "").split()]
-    if parents:
-        threading.Thread(target=_watch, args=(parents,), daemon=True).start()
-
-
-def _watch(parents: list[int]) -> None:
-    ended = select.poll()
-    with suppress(ProcessLookupError):  # one had ended already
-        try:
-            for parent in parents:
-                ended.register(os.pidfd_open(parent), select.POLLIN)
-            ended.poll()
-        except ProcessLookupError:
-            pass
-        except (AttributeError, OSError):  # a system without it
-            while True:
-                for parent in parents:
-                    os.kill(parent, 0)
-                time.sleep(_PERIOD_S)
-    os.kill(os.getpid(), signal.SIGKILL)

@@ -1,19 +1,22 @@
-"""Stage `calibrate`."""
+"""Stage `calibrate`: the load cases of a campaign, each with its record."""
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.options import DiscoveryOptions
 
 if TYPE_CHECKING:
+    from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.results.calibration import CalibrationRecord
+    from pa10cal.terms.effects.effect import Effect
 
-#: Load case of the general model beside the paper's: all loads together.
+#: Load case of the general model beside those of the paper's model: all loads together.
 GENERAL = "general"
 
 
@@ -50,76 +53,103 @@ def calibrate(
         pa10cal calibrate --campaign-dir data/raw/mine --poses poses.parquet --base-frame \\
           base_frame.json --load 44N --out 44N.json
     """
-    from pa10cal.calibration.campaign import calibration_record, refuse_prior
+    from pa10cal.calibration.campaign import calibration_record
     from pa10cal.calibration.general.case import as_load
-    from pa10cal.calibration.general.other_campaign import refuse_unsound
     from pa10cal.calibration.input_checks import check_input, explained
-    from pa10cal.calibration.load_case import COMBINED, LoadCase, load_cases
+    from pa10cal.calibration.load_case import LoadCase, load_cases
     from pa10cal.calibration.options import takes_general_model
     from pa10cal.discovery.given import calibrated_with, listed
     from pa10cal.errors import CalibrationError, DiscoveryError
-    from pa10cal.fit.fitted_model import load_model
-    from pa10cal.results.calibration import (
-        BaseFrameRecord,
-        CalibrationRecord,
-        GeneralCalibrationRecord,
-    )
-    from pa10cal.results.codec import read, schema_of, write
-    from pa10cal.results.discovery import ExtendedRecord
-    from pa10cal.stages.inputs import read_extended, read_measured
-    from pa10cal.terms.effects.effect import Effect
+    from pa10cal.results.calibration import BaseFrameRecord, GeneralCalibrationRecord
+    from pa10cal.results.codec import read, write
+    from pa10cal.stages.inputs import read_measured
 
-    campaign, arm, every = read_measured(campaign_dir, poses)
+    campaign, arm, observations = read_measured(campaign_dir, poses)
     seed = read(BaseFrameRecord, base_frame, campaign.name)
     general = takes_general_model(settings.model, from_touches=campaign.from_touches)
-    beside = () if general else (GENERAL,)
-    cases = (load,) if load else load_cases(every.of_kind("grid").states.load_N) + beside
-    findings = check_input(campaign, arm, every, settings)
-    known = None
-    if given := prior or (Path(settings.prior) if settings.prior else None):
-        known = load_model(given)
-        refuse_unsound(known, force=force)
-        refuse_prior(None if general else known)
-    effects: Any = ()
+    names: tuple[str, ...] = (
+        (load,) if load else load_cases(observations.of_kind("grid").states.load_N)
+    )
+    if not load and not general:
+        names += (GENERAL,)
+    findings = check_input(campaign, arm, observations, settings)
+    prior_file = prior or (Path(settings.prior) if settings.prior else None)
+    prior_model = None if prior_file is None else _read_prior(prior_file, general, force=force)
+    of_verdict = None
     if settings.effects == "named" and named is not None:
-        terms = read_extended(named, campaign.name).model.model.terms
-        effects = [term for term in terms if isinstance(term, Effect)]
+        of_verdict, verdict = _effects_of_verdict(named, campaign.name)
     records: dict[str, CalibrationRecord] = {}
-    for case in cases:
-        began, before = time.perf_counter(), next(iter(records.values()), None)
-        if isinstance(before, GeneralCalibrationRecord) and len(cases) == 2:
-            records[case] = as_load(before, case)  # of one load: the same poses
-            _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
-            continue
-        try:
-            whole = LoadCase(campaign, arm, every, case, settings, findings, known)
-            record = calibration_record(whole, seed, general=general or case == GENERAL)
-            if settings.effects != "named" or named is None:
-                effects = listed(settings)
-            elif not effects:
-                word = read(ExtendedRecord, named, campaign.name).verdict
-                print(
-                    f"{campaign.name} {case}: the verdict {word} names no effects to calibrate with"
-                )
-            records[case] = calibrated_with(effects, record, whole, discovery)
-        except (CalibrationError, DiscoveryError) as error:
-            place = error.within(str(given)) if error.where == "prior" else error
-            place = place if load else place.within(f"load case {case}")
-            raise explained(place, findings) from None
-        _say(f"{campaign.name} {case}", records[case], time.perf_counter() - began)
+    for name in names:
+        began_s = time.perf_counter()
+        first = next(iter(records.values()), None)
+        if isinstance(first, GeneralCalibrationRecord) and len(names) == 2:
+            records[name] = as_load(first, name)  # there is one load: the poses are the same
+        else:
+            try:
+                case = LoadCase(campaign, arm, observations, name, settings, findings, prior_model)
+                record = calibration_record(case, seed, general=general or name == GENERAL)
+                effects: Sequence[EffectOfPlace | Effect]
+                effects = listed(settings) if of_verdict is None else of_verdict
+                if of_verdict is not None and not of_verdict:
+                    print(
+                        f"{campaign.name} {name}: the verdict {verdict} names no effects to "
+                        "calibrate with"
+                    )
+                records[name] = calibrated_with(effects, record, case, discovery)
+            except (CalibrationError, DiscoveryError) as error:
+                placed = error.within(str(prior_file)) if error.where == "prior" else error
+                placed = placed if load else placed.within(f"load case {name}")
+                raise explained(placed, findings) from None
+        seconds = time.perf_counter() - began_s
+        _print_outcome(f"{campaign.name} {name}", records[name], seconds)
     if load:
         write(records[load], out)
-        return
-    # Those of loads that the campaign no longer has are removed; that of all loads is written last:
-    # where it is, all are.
+    else:
+        _write_all(records, out)
+
+
+def _read_prior(path: Path, general: bool, *, force: bool) -> FittedModel:
+    """Read the model to start from; refuse an unsound one, and any for the paper's model."""
+    from pa10cal.calibration.campaign import refuse_prior
+    from pa10cal.calibration.general.other_campaign import refuse_unsound
+    from pa10cal.fit.fitted_model import load_model
+
+    model = load_model(path)
+    refuse_unsound(model, force=force)
+    refuse_prior(None if general else model)
+    return model
+
+
+def _effects_of_verdict(path: Path, campaign: str) -> tuple[list[Effect], str]:
+    """Return the effects of the extended model, and the verdict that it was written with."""
+    from pa10cal.results.codec import read
+    from pa10cal.results.discovery import ExtendedRecord
+    from pa10cal.stages.inputs import read_extended
+    from pa10cal.terms.effects.effect import Effect
+
+    terms = read_extended(path, campaign).model.model.terms
+    effects = [term for term in terms if isinstance(term, Effect)]
+    return effects, read(ExtendedRecord, path, campaign).verdict
+
+
+def _write_all(records: Mapping[str, CalibrationRecord], out: Path) -> None:
+    """Write the record of every load case, and remove those of loads that are no more.
+
+    The record of all loads is written last: where it is, all are.
+    """
+    from pa10cal.calibration.load_case import COMBINED
+    from pa10cal.results.calibration import CalibrationRecord
+    from pa10cal.results.codec import schema_of, write
+
     for path in out.glob("*.json"):
         if path.stem not in records and schema_of(path) == CalibrationRecord.SCHEMA:
             path.unlink()
-    for case in sorted(records, key=lambda case: case == COMBINED):
-        write(records[case], out / f"{case}.json")
+    for name in sorted(records, key=lambda name: name == COMBINED):
+        write(records[name], out / f"{name}.json")
 
 
-def _say(title: str, record: CalibrationRecord, seconds: float) -> None:
+def _print_outcome(title: str, record: CalibrationRecord, seconds: float) -> None:
+    """Print how the fit of a load case ended, its errors and its grade; warnings as notes."""
     from pa10cal.results.calibration import GeneralCalibrationRecord
 
     after = ", ".join(f"{load} {errors.text}" for load, errors in record.errors.items())
@@ -130,5 +160,6 @@ def _say(title: str, record: CalibrationRecord, seconds: float) -> None:
     if isinstance(record, GeneralCalibrationRecord) and record.prior is not None:
         print(f"{title}: {record.prior.line}")
     print(f"{title}: {record.health.grade}: {record.health.line}")
-    for warning in (text for text in record.warnings if text != record.health.line):
-        print(f"{title}: note: {warning}", file=sys.stderr)
+    for warning in record.warnings:
+        if warning != record.health.line:
+            print(f"{title}: note: {warning}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Stage `discover`."""
+"""Stage `discover`: effects that are missing from the calibrated model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from pa10cal.options import DiscoveryOptions
 
 if TYPE_CHECKING:
-    from pa10cal.results.discovery import VerdictKeys
+    from pa10cal.results.discovery import FoundEffect, SetGap, VerdictKeys
 
 
 def discover(
@@ -43,98 +43,105 @@ def discover(
           --extended extended.json --suggested suggested_poses.csv
     """
     from pa10cal.campaign.table import read_findings
-    from pa10cal.discovery import discover as search
+    from pa10cal.discovery import verdict_records
+    from pa10cal.discovery.discover import discover as search
     from pa10cal.discovery.preparation import setup_of
-    from pa10cal.discovery.verdict_records import (
-        analysis_record,
-        extended_record,
-        verdict_record,
-        warnings_of,
-    )
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fit.covariance_file import covariance_path, write_covariance
     from pa10cal.results.codec import write
     from pa10cal.results.plan import suggestion_table
     from pa10cal.stages.inputs import read_calibrated, read_measured
 
-    began = time.perf_counter()
-    campaign, arm, every = read_measured(campaign_dir, poses)
+    began_s = time.perf_counter()
+    campaign, arm, observations = read_measured(campaign_dir, poses)
     record, models, options = read_calibrated(calibration, campaign.name)
     *_, fitted = models.values()
     setup = setup_of(campaign, arm, options, settings)
-    found = search.discover(every, fitted, setup, read_findings(poses))
-    ahead = found.next_poses(settings.suggestions, settings.random_seed)
-    judged = verdict_record(found, campaign, ahead)
-    model = extended_record(found, judged, campaign.robot, record.load)
-    shown = analysis_record(found, campaign)
-    table_text = suggestion_table(
-        ahead.poses, len(arm.axes_slide), with_sides=ahead.separations is not None
-    )
+    found = search(observations, fitted, setup, read_findings(poses))
+    suggestions = found.next_poses(settings.suggestions, settings.random_seed)
+    judged = verdict_records.verdict_record(found, campaign, suggestions)
+    model = verdict_records.extended_record(found, judged, campaign.robot, record.load)
+    analysed = verdict_records.analysis_record(found, campaign)
+    with_sides = suggestions.separations is not None
+    table = suggestion_table(suggestions.poses, len(arm.axes_slide), with_sides=with_sides)
     outputs = (suggested, covariance_path(extended), extended, analysis, verdict)
-    with whole_files(*outputs) as besides:
-        table_beside, covariance, extended_beside, analysis_beside, verdict_beside = besides
-        write_text(table_beside, table_text)
-        write_covariance(found.model, covariance)
-        write(model, extended_beside)
-        write(shown, analysis_beside)
-        write(judged, verdict_beside)
+    with whole_files(*outputs) as files:
+        suggested_file, covariance_file, extended_file, analysis_file, verdict_file = files
+        write_text(suggested_file, table)
+        write_covariance(found.model, covariance_file)
+        write(model, extended_file)
+        write(analysed, analysis_file)
+        write(judged, verdict_file)
     for line in verdict_lines(judged):
         print(f"{campaign.name}: {line}")
-    for warning in warnings_of(judged):
+    for warning in verdict_records.warnings_of(judged):
         print(f"{campaign.name}: note: {warning}", file=sys.stderr)
-    print(f"{campaign.name}: {time.perf_counter() - began:.1f} s")
+    print(f"{campaign.name}: {time.perf_counter() - began_s:.1f} s")
 
 
 def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
-    """Yield a verdict in a few lines; in one where effects were not sought."""
-    from pa10cal.results.discovery import EvidenceOfSag
-    from pa10cal.terms.wording import headline, sag, sentences, sized, wrong
+    """Yield a verdict in a few lines; in one, and its faults, where effects were not sought."""
+    from pa10cal.terms.wording import headline, sentences, sized, wrong
 
     word, lead = verdict.verdict, verdict.explained
     if word == "not_sought":
         yield f"effects were not sought: {verdict.why}; {verdict.remedy}"
     else:
         yield word if lead is None else f"{headline(lead)} (verdict: {word})"
-    yield from (f"  {wrong(fault)}" for fault in verdict.faults)
+    for fault in verdict.faults:
+        yield f"  {wrong(fault)}"
     if word == "not_sought":
         return
-    yield from (f"  {sentence}" for sentence in (() if lead is None else sentences(lead)))
+    for sentence in () if lead is None else sentences(lead):
+        yield f"  {sentence}"
     for effect in verdict.effects_by_share:
-        values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
-        line = f"  {effect.id} of {effect.of}: {values}"
-        if isinstance(effect.evidence, EvidenceOfSag):
-            line += f"; {sag(effect.evidence)}"
-        line += f"; probability {effect.probability:.2f}"
-        if effect.likely:
-            others = (f"{each.id} of {each.of} ({each.probability:.2f})" for each in effect.likely)
-            line += f", else {' or '.join(others)}"
-        if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
-            low, high = ripple.interval95
-            line += (
-                f"; its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by "
-                f"lines at {', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
-            )
-        yield line
+        yield f"  {_effect_line(effect)}"
     for place in verdict.unexplained.all if verdict.unexplained else ():
         yield f"  without a name, of {place.of or 'unknown place'}: {place.why}"
-    for each in verdict.proposed or ():
-        yield f"  proposed for {each.of}, no name: {each.formula}, {sized(each.parameters)}"
-    for kind, gap in (("train", verdict.gap.train), ("holdout", verdict.gap.holdout)):
-        if gap is None:
-            continue
-        low, high = gap.reduction.interval95_mm
-        yield (
-            f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
-            f"{low:.4f} to {high:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
+    for proposed in verdict.proposed or ():
+        size = sized(proposed.parameters)
+        yield f"  proposed for {proposed.of}, no name: {proposed.formula}, {size}"
+    yield from _gap_lines("train", verdict.gap.train)
+    if verdict.gap.holdout is not None:
+        yield from _gap_lines("holdout", verdict.gap.holdout)
+
+
+def _effect_line(effect: FoundEffect) -> str:
+    """Return an effect with its size, its evidence, its probability and its rivals."""
+    from pa10cal.results.discovery import EvidenceOfSag
+    from pa10cal.terms.wording import sag, sized
+
+    values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
+    parts = [f"{effect.id} of {effect.of}: {values}"]
+    if isinstance(effect.evidence, EvidenceOfSag):
+        parts.append(sag(effect.evidence))
+    rivals = [f"{rival.id} of {rival.of} ({rival.probability:.2f})" for rival in effect.likely]
+    probability = f"probability {effect.probability:.2f}"
+    parts.append(f"{probability}, else {' or '.join(rivals)}" if rivals else probability)
+    if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
+        low, high = ripple.interval95
+        parts.append(
+            f"its motor followed {ripple.alpha:.2f} of it ({low:.2f} to {high:.2f}), by "
+            f"lines at {', '.join(map(str, ripple.orders))} times {ripple.ratio:g}"
         )
-        parts = {
-            "inside": gap.inside,
-            "outside": gap.outside,
-            "without readings far from the model": gap.trusted,
-        }
-        for name, part in parts.items():
-            if part is not None:
-                yield (
-                    f"  {name}: {part.after.configurations} poses, rms "
-                    f"{part.before.rms_mm:.4f} -> {part.after.rms_mm:.4f} mm"
-                )
+    return "; ".join(parts)
+
+
+def _gap_lines(kind: str, gap: SetGap) -> Iterator[str]:
+    """Yield the errors before and after, over poses of one kind and over parts of them."""
+    low_mm, high_mm = gap.reduction.interval95_mm
+    yield (
+        f"{kind} mean {gap.before.mean_mm:.4f} -> {gap.after.mean_mm:.4f} mm, less by "
+        f"{low_mm:.4f} to {high_mm:.4f} mm (95 %); noise floor {gap.noise_floor_mm:.4f} mm"
+    )
+    parts = {
+        "inside": gap.inside,
+        "outside": gap.outside,
+        "without readings far from the model": gap.trusted,
+    }
+    for name, part in parts.items():
+        if part is not None:
+            yield (
+                f"  {name}: {part.after.configurations} poses, rms "
+                f"{part.before.rms_mm:.4f} -> {part.after.rms_mm:.4f} mm"
+            )

@@ -1,4 +1,4 @@
-"""Stage `evaluate`, and `transfer`: models judged on poses that they were not fitted to."""
+"""Stage `evaluate`, and command `transfer`: models judged on poses that did not fit them."""
 
 from __future__ import annotations
 
@@ -29,42 +29,31 @@ def evaluate(
           calibration/combined.json --extended extended.json --out holdout.json
     """
     from pa10cal.discovery.preparation import setup_of
-    from pa10cal.evaluation.holdout import (
-        Evaluation,
-        held_out_record,
-        judged_where_repeated,
-        said_of_parts,
-        summary,
-    )
+    from pa10cal.evaluation import holdout
     from pa10cal.evaluation.iso9283 import iso9283_record
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.codec import write
     from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
 
-    campaign, arm, every = read_measured(campaign_dir, poses)
-    record, fitted, options = read_calibrated(calibration, campaign.name)
+    campaign, arm, observations = read_measured(campaign_dir, poses)
+    record, models, options = read_calibrated(calibration, campaign.name)
     with_effects = None if extended is None else read_extended(extended, campaign.name)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
-    evaluation = Evaluation(every, fitted, with_effects, setup)
-    found = held_out_record(campaign, record.load, evaluation)
-    write(found, out)
+    evaluation = holdout.Evaluation(observations, models, with_effects, setup)
+    held_out = holdout.held_out_record(campaign, record.load, evaluation)
+    write(held_out, out)
     if iso9283 is not None:
-        *_, last = fitted.values()
-        repeated = iso9283_record(
-            campaign,
-            record.load,
-            every,
-            judged_where_repeated(evaluation, held_out=found.models),
-            last.T_instr_base[:3, :3],
-        )
-        write(repeated, iso9283)
-    print(f"{campaign.name}: {summary(found, springs=record.has_springs)}")
-    if found.parts and found.by_parts:
+        *_, calibrated = models.values()
+        repeated = holdout.judged_where_repeated(evaluation, held_out=held_out.models)
+        R_instr_base = calibrated.T_instr_base[:3, :3]
+        write(iso9283_record(campaign, record.load, observations, repeated, R_instr_base), iso9283)
+    print(f"{campaign.name}: {holdout.summary(held_out, springs=record.has_springs)}")
+    if held_out.parts and held_out.by_parts:
         errors = ", ".join(
             f"{name} {model.mean_mm:.3f}/{model.peak_mm:.3f} mm"
-            for name, model in found.by_parts.items()
+            for name, model in held_out.by_parts.items()
         )
-        print(f"{said_of_parts(found.parts)}: mean/peak {errors}")
+        print(f"{holdout.said_of_parts(held_out.parts)}: mean/peak {errors}")
 
 
 def transfer(
@@ -100,8 +89,8 @@ def transfer(
     from pa10cal.results.codec import write
     from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
 
-    campaign, arm, every = read_measured(campaign_dir, poses)
-    record, fitted, options = read_calibrated(calibration)
+    campaign, arm, observations = read_measured(campaign_dir, poses)
+    record, models, options = read_calibrated(calibration)
     if not isinstance(record, GeneralCalibrationRecord) or record.robot != campaign.robot:
         raise RecordError(
             "the calibration cannot be carried over",
@@ -120,7 +109,7 @@ def transfer(
         )
     with_effects = None if extended is None else read_extended(extended, record.campaign)
     setup = setup_of(campaign, arm, options, DiscoveryOptions())
-    evaluation = Evaluation(every, fitted, with_effects, setup)
+    evaluation = Evaluation(observations, models, with_effects, setup)
     carried = transfer_record(campaign, record.campaign, evaluation)
     write(carried, out)
     summary = ", ".join(f"{name} {model.rms_mm:.3f} mm" for name, model in carried.models.items())

@@ -1,13 +1,19 @@
-"""Stage `export`."""
+"""Stage `export`: a calibrated model as files for other programs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from pa10cal.fit.rigid import RigidPart
+    from pa10cal.arm.description import Arm
+    from pa10cal.arm.exports import UrdfSource
+    from pa10cal.fit.fitted_model import FittedModel
+    from pa10cal.fit.rigid import RigidError, RigidPart
+    from pa10cal.observe.observations import Observations
+    from pa10cal.results.calibration import CalibrationRecord
 
 
 def export(
@@ -45,126 +51,169 @@ def export(
         pa10cal export --calibration calibration/combined.json --extended extended.json \\
           --model model.yaml --urdf robot.urdf
     """
-    from pa10cal.arm.exports import patched_urdf, urdf_text
-    from pa10cal.arm.ur_calibration import (
-        flange_off_m,
-        ur_deltas,
-        ur_deltas_text,
-        ur_kinematics,
-        ur_layout,
-    )
-    from pa10cal.errors import CalibrationError, ModelError
+    from pa10cal.errors import ModelError
     from pa10cal.files.arms import maker_calibration, urdf_of_arm
     from pa10cal.files.coupling import coupling_in_words
     from pa10cal.files.output import write_text
     from pa10cal.fit.fitted_model import save_model
-    from pa10cal.fit.rigid import (
-        best_rigid_model,
-        beyond_rigid,
-        dh_text,
-        rigid_part,
-        terms_beyond_rigid,
-    )
-    from pa10cal.results.calibration import UNRESERVED
-    from pa10cal.results.codec import read
-    from pa10cal.results.discovery import ExtendedRecord
-    from pa10cal.stages.inputs import read_calibrated, read_extended, read_measured
+    from pa10cal.fit.rigid import beyond_rigid, dh_text, rigid_part
+    from pa10cal.stages.inputs import read_calibrated, read_measured
 
     record, models, _ = read_calibrated(calibration)
-    health = record.health
-    converged = record.status == "converged"
+    *_, calibrated = models.values()
+    withheld = _is_withheld(record, calibration, force=force)
+    fitted, warnings = _exported_model(calibrated, record, extended)
+    grade = f"{record.health.grade}: {record.health.line}"
+    forced = f"exported with --force; {grade}" if withheld else None
+    mark = f"forced {record.health.grade}" if withheld else record.health.grade  # in tables
+    comments = [f"{record.campaign}, {record.provenance}", forced or grade]
+    if coupling := coupling_in_words(fitted.arm):
+        comments.append(f"positions of its joints by what the controller counts (J): {coupling}")
+
+    source: UrdfSource | None = None
+    designed: Arm | None = fitted.arm
+    if campaign_dir is not None:
+        source = urdf_of_arm(record.robot, campaign_dir)
+        by_maker = maker_calibration(record.robot, campaign_dir)
+        designed = fitted.arm if by_maker is None else by_maker.designed
+    part = rigid_part(fitted)
+    best, best_urdf_text, best_dh_text, lines = None, None, None, []
+    best_urdf = urdf.with_name(f"{urdf.stem}_rigid_fit.urdf")
+    if poses is not None and campaign_dir is not None:
+        _, _, observations = read_measured(campaign_dir, poses)
+        beyond = beyond_rigid(fitted, observations)
+        try:
+            best = _best_rigid(fitted, part, observations)
+        except ModelError as refusal:
+            lines = [f"{best_urdf.name} is not written: {refusal.what}"]
+            comments.append(beyond)
+        else:
+            best_comments = [*comments, _about_best_rigid(fitted, best)]
+            best_urdf_text = _urdf(best.model, source, fitted.arm.name, best_comments)
+            best_dh_text = dh_text(fitted, mark, best.model, best.error)
+            lines = [
+                f"{urdf.name}, the rigid part: {best.error_of_part}",
+                f"{best_urdf.name}, geometry fitted for it: {best.error}",
+            ]
+            comments += [beyond, str(best.error_of_part)]
+
+    # All texts are made before the first is written; a file without a text is not there afterwards.
+    texts: dict[Path, str | None] = {urdf: _urdf(part, source, fitted.arm.name, comments)}
+    if dh is not None:
+        texts[dh] = dh_text(fitted, mark, error=None if best is None else best.error_of_part)
+        texts[dh.with_name(f"{dh.stem}_rigid_fit.csv")] = best_dh_text
+    texts[best_urdf] = best_urdf_text
+    texts[model.with_name("ur_kinematics.yaml")] = _ur_driver_text(part, comments)
+    texts[model.with_name("ur_calibration.conf")] = _ur_controller_text(part, designed, comments)
+    for path, text in texts.items():
+        if text is None:
+            path.unlink(missing_ok=True)
+        else:
+            write_text(path, text)
+    save_model(fitted, model, forced=forced, warnings=list(warnings))
+    print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
+    for line in lines:
+        print(line)
+
+
+def _is_withheld(record: CalibrationRecord, path: Path, *, force: bool) -> bool:
+    """Return whether a calibration is exported by force alone; without force refuse it."""
+    from pa10cal.errors import CalibrationError
+    from pa10cal.results.calibration import UNRESERVED
+
+    health, converged = record.health, record.status == "converged"
     withheld = not converged or health.grade not in UNRESERVED
     if withheld and not force:
         raise CalibrationError(
             f"a calibration of grade {health.grade} is not exported",
-            where=f"{calibration}: health",
+            where=f"{path}: health",
             value=health.line if converged else f"{record.status}: {record.reason}",
             allowed="good, few_poses or incomplete",
             remedy="follow the remedy in the line, or export it with --force",
         )
-    *_, fitted = models.values()
-    warnings = record.warnings
+    return withheld
+
+
+def _exported_model(
+    calibrated: FittedModel, record: CalibrationRecord, extended: Path | None
+) -> tuple[FittedModel, Sequence[str]]:
+    """Return the model to export, and its warnings: the extended one where it adds anything."""
+    from pa10cal.results.codec import read
+    from pa10cal.results.discovery import ExtendedRecord
+    from pa10cal.stages.inputs import read_extended
+
     if extended is not None:
         with_effects = read(ExtendedRecord, extended, record.campaign)
-        model_with_them = read_extended(extended, record.campaign).model
-        # With nothing missing the calibrated model stays as it is.
-        if with_effects.named or model_with_them.model.terms_of("field"):
+        model = read_extended(extended, record.campaign).model
+        if with_effects.named or model.model.terms_of("field"):
             # The grade is that of the calibration to export, which may have these effects itself.
-            fitted = replace(model_with_them, fitted_to=fitted.fitted_to)
-            warnings = with_effects.warnings
-    grade = f"{health.grade}: {health.line}"
-    forced = f"exported with --force; {grade}" if withheld else None
-    source = None if campaign_dir is None else urdf_of_arm(record.robot, campaign_dir)
-    comments = [f"{record.campaign}, {record.provenance}", forced or grade]
-    if counted := coupling_in_words(fitted.arm):
-        comments.append(f"positions of its joints by what the controller counts (J): {counted}")
-    part = rigid_part(fitted)
-    at = part.chain, part.coordinates
+            return replace(model, fitted_to=calibrated.fitted_to), with_effects.warnings
+    return calibrated, record.warnings
 
-    def urdf_of(links: RigidPart, *about: str) -> str:
-        if source is None:
-            placed = links.chain, links.coordinates, fitted.arm.name
-            return urdf_text(*placed, *about, frames=links.frames)
-        return patched_urdf(source, links.chain, links.coordinates, links.frames, *about)
 
-    error, best_text, best_dh, lines = None, None, None, []
-    mark = "forced " * withheld + health.grade
-    best_urdf = urdf.with_name(f"{urdf.stem}_rigid_fit.urdf")
-    if poses is not None and campaign_dir is not None:
-        _, _, every = read_measured(campaign_dir, poses)
-        beyond = beyond_rigid(fitted, every)
-        try:
-            error, best = part.error(fitted, every), best_rigid_model(fitted, every)
-            of_best = best.error(fitted, every)
-        except ModelError as refusal:
-            lines.append(f"{best_urdf.name} is not written: {refusal.what}")
-            comments.append(beyond)
-        else:
-            kept = terms_beyond_rigid(fitted) or "all of the model: it is rigid"
-            about = (
-                "the best rigid model: geometry alone, fitted by least squares to the whole model "
-                f"with {kept}; {of_best}; the rigid part alone (robot.urdf): {error.rms_mm:.3f} mm "
-                "rms"
-            )
-            best_text = urdf_of(best, *comments, about)
-            best_dh = dh_text(fitted, mark, best, of_best)
-            lines += [f"{urdf.name}, the rigid part: {error}"]
-            lines += [f"{best_urdf.name}, geometry fitted for it: {of_best}"]
-            comments += [beyond, str(error)]
-    text = urdf_of(part, *comments)
-    off_mm = 1e3 * flange_off_m(*at)
+class _BestRigid(NamedTuple):
+    """The rigid geometry that is nearest to a fitted model over the measured poses."""
+
+    model: RigidPart
+    error: RigidError  # of `model`
+    error_of_part: RigidError  # of the model's own rigid part
+
+
+def _best_rigid(fitted: FittedModel, part: RigidPart, observations: Observations) -> _BestRigid:
+    from pa10cal.fit.rigid import best_rigid_model
+
+    best = best_rigid_model(fitted, observations)
+    return _BestRigid(best, best.error(fitted, observations), part.error(fitted, observations))
+
+
+def _about_best_rigid(fitted: FittedModel, best: _BestRigid) -> str:
+    """Return the comment that the URDF of the best rigid model begins with."""
+    from pa10cal.fit.rigid import terms_beyond_rigid
+
+    beyond = terms_beyond_rigid(fitted) or "all of the model: it is rigid"
+    return (
+        "the best rigid model: geometry alone, fitted by least squares to the whole model "
+        f"with {beyond}; {best.error}; the rigid part alone (robot.urdf): "
+        f"{best.error_of_part.rms_mm:.3f} mm rms"
+    )
+
+
+def _urdf(
+    part: RigidPart, source: UrdfSource | None, arm_name: str, comments: Sequence[str]
+) -> str:
+    """Return rigid links as a URDF: the arm's own with calibrated origins, where it has one."""
+    from pa10cal.arm.exports import patched_urdf, urdf_text
+
+    if source is None:
+        return urdf_text(part.chain, part.coordinates, arm_name, *comments, frames=part.frames)
+    return patched_urdf(source, part.chain, part.coordinates, part.frames, *comments)
+
+
+def _ur_driver_text(part: RigidPart, comments: Sequence[str]) -> str | None:
+    """Return the kinematics file of Universal Robots' driver; None for an arm of another layout."""
+    from pa10cal.arm.ur_calibration import flange_off_m, ur_kinematics
+
+    off_mm = 1e3 * flange_off_m(part.chain, part.coordinates)
     lacks = f"what the last row departs by across its axis is not in it: {off_mm:.3f} mm"
-    of_driver = ur_kinematics(*at, *comments, lacks)
-    beside = model.with_name("ur_kinematics.yaml")
-    calibrated = None if campaign_dir is None else maker_calibration(record.robot, campaign_dir)
-    designed = fitted.arm if calibrated is None else calibrated.designed
+    return ur_kinematics(part.chain, part.coordinates, *comments, lacks)
+
+
+def _ur_controller_text(
+    part: RigidPart, designed: Arm | None, comments: Sequence[str]
+) -> str | None:
+    """Return the calibration file of Universal Robots' controller; None where it has no such rows.
+
+    They are differences from the rows of the arm as designed, which has to be known.
+    """
+    from pa10cal.arm.ur_calibration import ur_deltas, ur_deltas_text, ur_layout
+
     layout = None if designed is None else ur_layout(designed)
-    deltas = None if layout is None else ur_deltas(*at, layout)
-    of_controller = None
-    if designed is not None and deltas is not None:
-        of_controller = ur_deltas_text(
-            deltas,
-            *comments,
-            f"departures of Denavit-Hartenberg rows from those of {designed.title}; no checksums, "
-            "no calibration_status: those lines are of the controller's own file",
-        )
-    write_text(urdf, text)
-    if dh is not None:
-        write_text(dh, dh_text(fitted, mark, error=error))
-        _written_or_gone(dh.with_name(f"{dh.stem}_rigid_fit.csv"), best_dh)
-    _written_or_gone(best_urdf, best_text)
-    _written_or_gone(beside, of_driver)
-    _written_or_gone(model.with_name("ur_calibration.conf"), of_controller)
-    save_model(fitted, model, forced=forced, warnings=list(warnings))
-    print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
-    print(*lines, sep="\n", end="\n" * bool(lines))
-
-
-def _written_or_gone(path: Path, text: str | None) -> None:
-    """Write a file that not every model has; one of an earlier model goes."""
-    from pa10cal.files.output import write_text
-
-    if text is None:
-        path.unlink(missing_ok=True)
-    else:
-        write_text(path, text)
+    deltas = None if layout is None else ur_deltas(part.chain, part.coordinates, layout)
+    if designed is None or deltas is None:
+        return None
+    return ur_deltas_text(
+        deltas,
+        *comments,
+        f"departures of Denavit-Hartenberg rows from those of {designed.title}; no checksums, "
+        "no calibration_status: those lines are of the controller's own file",
+    )

@@ -1,6 +1,6 @@
-"""What stages read of earlier ones: a measured campaign, its calibration, its extended model.
+"""Reads what stages need of earlier ones: a measured campaign, its calibration, its extended model.
 
-Apart from the commands: none of them imports at once what takes time.
+Not among the commands, whose modules import nothing that takes time until a command is called.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def read_measured(folder: Path, poses: Path) -> tuple[CampaignDescription, Arm, 
         Pa10calError: when one of them cannot be used.
     """
     campaign = read_description(folder)
-    every = read_observations(poses, campaign)
-    return campaign, arm_of(campaign, folder, every), every
+    observations = read_observations(poses, campaign)
+    return campaign, arm_of(campaign, folder, observations), observations
 
 
 def read_calibrated(

@@ -1,7 +1,7 @@
-"""The stages from raw files to a model: one list, which whoever judges a campaign walks.
+"""The list of stages from raw files to a model, and the files that each reads and writes.
 
-A stage is a command with its options. Snakemake's rules run it as a process of its own, with the
-words of its command line; `chain`, fleets and trials call its function with the same options.
+A stage is a command with its options. Snakemake's rules run it as a process of its own, by its
+command line; `chain`, fleets and trials call its function with the same options.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,9 @@ from pa10cal.options import Section
 
 #: Load case of all loads together.
 _COMBINED = "combined"
-#: Among the results of a group: what it reads of its members.
+#: Folder among the results of a group: readings and base frames of its members.
 MEMBERS = "members"
-#: Commands that stand in one module, `stages.readings`; the others have modules of their name.
+#: Commands in the module `stages.readings`; each of the others has a module of its name.
 _READINGS = ("ingest", "join", "seed")
 
 
@@ -29,19 +28,19 @@ _READINGS = ("ingest", "join", "seed")
 class Stage:
     """One stage of a campaign: a command, its options, and what lies on disk before and after."""
 
-    name: str  # of the rule; no two stages share one, but those of a group's members
-    options: Mapping[str, Any]  # those of the command
-    writes: Mapping[str, Path]  # its own results
+    name: str  # of the rule; unique but for the stages of a group's members
+    options: Mapping[str, Any]  # keyword arguments of the command
+    writes: Mapping[str, Path]  # its results, by what they are
     reads: Mapping[str, Path] = field(default_factory=dict)  # results of earlier stages
 
     @property
     def command(self) -> str:
-        """Return the command that it is."""
+        """Return the name of its command."""
         return "calibrate" if self.name == "baseline" else self.name
 
     @property
     def module(self) -> str:
-        """Return the module of the package `stages` in which its command stands."""
+        """Return the name of the module in the package `stages` that holds its command."""
         return "readings" if self.command in _READINGS else self.command
 
     def run(self) -> None:
@@ -54,7 +53,7 @@ class Stage:
 
     @property
     def words(self) -> str:
-        """Return the words of the command line that runs it, after the name of the program."""
+        """Return the command line that runs it, without the name of the program."""
         words = [self.command]
         for name, value in self.options.items():
             option = "--" + name.replace("_", "-")
@@ -70,19 +69,24 @@ class Stage:
 
 
 class CampaignFiles:
-    """Where the results of a campaign lie."""
+    """Paths of the results of a campaign."""
 
     def __init__(self, results: Path) -> None:
-        """Take the folder of all of them."""
+        """Take the folder of the results."""
         self.results = results
         self.poses = results / "ingest/poses.parquet"  # the table of poses
         self.quarantine = results / "ingest/quarantine.csv"  # rows that are not used
         self.base_frame = results / "seed/base_frame.json"
         self.verdict = results / "discovery/verdict.json"
         self.extended = results / "discovery/extended.json"  # the model with the effects found
+        self.table = {"poses": self.poses, "quarantine": self.quarantine}
+
+    def campaign(self, raw: Path) -> dict[str, Any]:
+        """Return the options by which commands read the campaign, of a folder of raw files."""
+        return {"campaign_dir": raw, "poses": self.poses}
 
     def calibration(self, load: str = _COMBINED, *, bare: bool = False) -> Path:
-        """Return a load case; `bare`: without effects that are those of the verdict."""
+        """Return the calibration of a load case; `bare`: the one without the verdict's effects."""
         return self.results / ("baseline" if bare else "calibration") / f"{load}.json"
 
 
@@ -94,110 +98,105 @@ def stages(
 ) -> Iterator[Stage]:
     """Yield every stage of a campaign, or of a group, in order.
 
-    A group reads the raw files of its members itself: results that they have are not changed. With
-    the effects of the verdict a campaign is calibrated twice: what is searched is the first,
-    `baseline`, without them.
+    A group reads the raw files of its members anew: results that the members have of their own are
+    not changed. Where the calibration is to hold the effects of the verdict, the campaign is
+    calibrated twice: first without them (`baseline`), which is what effects are searched with.
 
     Args:
-        folders: raw files of the campaign; of a group those of its members.
+        folders: folder of raw files of the campaign; of a group those of its members.
         results: folder of the results.
         settings: sections of the stages.
-        load: one load case alone; None for all.
+        load: the only load case to calibrate; None for all.
     """
-    at, raw = CampaignFiles(results), folders[0]
-    table = {"poses": at.poses, "quarantine": at.quarantine}
+    files = CampaignFiles(results)
     if len(folders) > 1:
-        own = [CampaignFiles(results / MEMBERS / folder.name) for folder in folders]
-        for folder, each in zip(folders, own, strict=True):
-            yield from islice(stages((folder,), each.results, settings), 2)
-        raw = at.poses.parent
-        joined: dict[str, Any] = {
-            "name": results.name,
-            "campaign_dir": folders,
-            "poses": tuple(each.poses for each in own),
-            "base_frame": tuple(each.base_frame for each in own),
-            "out_dir": raw,
-        }
-        yield Stage("join", joined, writes=table | {"campaign": raw / "campaign.yaml"})
+        raw = files.poses.parent
+        yield from _joined(folders, files, settings)
     else:
-        read: dict[str, Any] = {"campaign_dir": raw, "out": at.poses, "quarantine": at.quarantine}
-        yield Stage("ingest", read | {"settings": settings.ingest}, writes=table)
-    campaign: dict[str, Any] = {"campaign_dir": raw, "poses": at.poses}
-    yield Stage(
-        "seed",
-        campaign | {"out": at.base_frame, "settings": settings.base_frame},
-        reads={"poses": at.poses},
-        writes={"base_frame": at.base_frame},
-    )
-    named = settings.calibration.effects == "named"
-    if named:
-        yield _calibrated(campaign, at, settings, load, bare=True)
-    else:
-        yield _calibrated(campaign, at, settings, load)
-    case = settings.evaluation.calibration
-    found = {
-        "verdict": at.verdict,
-        "analysis": at.verdict.with_name("analysis.json"),
-        "extended": at.extended,
-        "suggested": at.verdict.with_name("suggested_poses.csv"),
-    }
-    searched = {"calibration": at.calibration(case, bare=named), "settings": settings.discovery}
-    yield Stage(
-        "discover",
-        campaign | searched | found,
-        reads={"poses": at.poses, "calibration": at.calibration(bare=named)},
-        writes=found | {"covariance": at.extended.with_name("extended.covariance.npz")},
-    )
-    if named:
-        yield _calibrated(campaign, at, settings, load)
-    reads = {"poses": at.poses, "calibration": at.calibration(), "extended": at.extended}
-    models = campaign | {"calibration": at.calibration(case), "extended": at.extended}
+        raw = folders[0]
+        yield _ingested(raw, files, settings)
+    yield _located(raw, files, settings)
+    calibrated_twice = settings.calibration.effects == "named"
+    yield _calibrated(raw, files, settings, load, bare=calibrated_twice)
+    yield _searched(raw, files, settings, baseline=calibrated_twice)
+    if calibrated_twice:
+        yield _calibrated(raw, files, settings, load)
+    case = files.calibration(settings.evaluation.calibration)
+    models = files.campaign(raw) | {"calibration": case, "extended": files.extended}
+    reads = {"poses": files.poses, "calibration": files.calibration(), "extended": files.extended}
     held_out = results / "evaluation/holdout.json"
     iso9283 = held_out.with_name("iso9283.json")
-    yield Stage(
-        "evaluate",
-        models | {"out": held_out, "iso9283": iso9283},
-        reads=reads,
-        writes={"held_out": held_out, "iso9283": iso9283},
-    )
-    files = {"model": "model.yaml", "urdf": "robot.urdf", "dh": "dh.csv"}
-    exported = {name: results / "model" / file for name, file in files.items()}
-    yield Stage(
-        "export",
-        models | exported | {"force": True},
-        reads=reads,
-        writes=exported | {"covariance": results / "model/model.covariance.npz"},
-    )
+    writes = {"held_out": held_out, "iso9283": iso9283}
+    yield Stage("evaluate", models | {"out": held_out, "iso9283": iso9283}, writes, reads)
+    folder = results / "model"
+    names = {"model": "model.yaml", "urdf": "robot.urdf", "dh": "dh.csv"}
+    exported = {option: folder / name for option, name in names.items()}
+    writes = exported | {"covariance": folder / "model.covariance.npz"}
+    yield Stage("export", models | exported | {"force": True}, writes, reads)
+
+
+def _joined(
+    folders: tuple[Path, ...], files: CampaignFiles, settings: ChainOptions
+) -> Iterator[Stage]:
+    """Yield the stages that read and locate the members of a group, and the one that joins them."""
+    members = [CampaignFiles(files.results / MEMBERS / folder.name) for folder in folders]
+    for folder, member in zip(folders, members, strict=True):
+        yield _ingested(folder, member, settings)
+        yield _located(folder, member, settings)
+    out_dir = files.poses.parent
+    options: dict[str, Any] = {
+        "name": files.results.name,
+        "campaign_dir": folders,
+        "poses": tuple(member.poses for member in members),
+        "base_frame": tuple(member.base_frame for member in members),
+        "out_dir": out_dir,
+    }
+    yield Stage("join", options, files.table | {"campaign": out_dir / "campaign.yaml"})
+
+
+def _ingested(raw: Path, files: CampaignFiles, settings: ChainOptions) -> Stage:
+    options = {"campaign_dir": raw, "out": files.poses, "quarantine": files.quarantine}
+    return Stage("ingest", options | {"settings": settings.ingest}, files.table)
+
+
+def _located(raw: Path, files: CampaignFiles, settings: ChainOptions) -> Stage:
+    options = files.campaign(raw) | {"out": files.base_frame, "settings": settings.base_frame}
+    return Stage("seed", options, {"base_frame": files.base_frame}, {"poses": files.poses})
 
 
 def _calibrated(
-    campaign: Mapping[str, Path],
-    at: CampaignFiles,
-    settings: ChainOptions,
-    load: str | None,
-    *,
-    bare: bool = False,
+    raw: Path, files: CampaignFiles, settings: ChainOptions, load: str | None, *, bare: bool = False
 ) -> Stage:
-    """Return the stage that calibrates; `bare`: without effects that are those of the verdict."""
-    options, reads = settings.calibration, {"poses": at.poses, "base_frame": at.base_frame}
+    """Return the stage that calibrates; `bare`: without the effects of the verdict."""
+    section, reads = settings.calibration, {"poses": files.poses, "base_frame": files.base_frame}
     effects: dict[str, Any] = {}
     if bare:
-        options = options.model_copy(update={"effects": ()})
-    elif options.effects:
+        section = section.model_copy(update={"effects": ()})
+    elif section.effects:
         effects["discovery"] = settings.discovery
-        if options.effects == "named":
-            effects["named"] = reads["named"] = at.extended
-    out = at.calibration(load or _COMBINED, bare=bare)
-    return Stage(
-        "baseline" if bare else "calibrate",
-        {
-            **campaign,
-            "base_frame": at.base_frame,
-            "out": out if load else out.parent,
-            "load": load,
-            "settings": options,
-            **effects,
-        },
-        reads=reads,
-        writes={"calibration": out},
-    )
+        if section.effects == "named":
+            effects["named"] = reads["named"] = files.extended
+    out = files.calibration(load or _COMBINED, bare=bare)
+    options = files.campaign(raw) | {
+        "base_frame": files.base_frame,
+        "out": out if load else out.parent,
+        "load": load,
+        "settings": section,
+    }
+    name = "baseline" if bare else "calibrate"
+    return Stage(name, options | effects, {"calibration": out}, reads)
+
+
+def _searched(raw: Path, files: CampaignFiles, settings: ChainOptions, *, baseline: bool) -> Stage:
+    """Return the stage that searches for missing effects; `baseline`: with that calibration."""
+    case = files.calibration(settings.evaluation.calibration, bare=baseline)
+    writes = {
+        "verdict": files.verdict,
+        "analysis": files.verdict.with_name("analysis.json"),
+        "extended": files.extended,
+        "suggested": files.verdict.with_name("suggested_poses.csv"),
+    }
+    options = files.campaign(raw) | {"calibration": case, "settings": settings.discovery} | writes
+    reads = {"poses": files.poses, "calibration": files.calibration(bare=baseline)}
+    covariance = files.extended.with_name("extended.covariance.npz")
+    return Stage("discover", options, writes | {"covariance": covariance}, reads)

@@ -29,18 +29,13 @@ def ingest(
     from pa10cal.campaign.raw_rows import quarantine_csv
     from pa10cal.campaign.read import read_campaign
     from pa10cal.campaign.table import write_pose_table
-    from pa10cal.files.output import whole_files
+    from pa10cal.files.output import whole_files, write_text
 
     campaign = read_campaign(campaign_dir, settings)
     with whole_files(out, quarantine) as (table, listing):
-        write_pose_table(
-            table,
-            campaign.observations,
-            campaign.arm.prismatic,
-            campaign.name,
-            campaign.wrong_rows,
-        )
-        listing.write_text(quarantine_csv(campaign.quarantined), encoding="utf-8", newline="\n")
+        prismatic, rejected = campaign.arm.prismatic, campaign.wrong_rows
+        write_pose_table(table, campaign.observations, prismatic, campaign.name, rejected)
+        write_text(listing, quarantine_csv(campaign.quarantined))
     print(campaign.summary)
     for warning in campaign.warnings:
         print(f"pa10cal ingest: warning: {campaign.name}: {warning}", file=sys.stderr)
@@ -71,20 +66,13 @@ def join(
           results/ur10-a/ingest/poses.parquet results/ur10-c/ingest/poses.parquet --base-frame \\
           results/ur10-a/seed/base_frame.json results/ur10-c/seed/base_frame.json --out-dir ur10
     """
-
     from pa10cal.calibration.general.calibrate import start_of
-    from pa10cal.campaign.description import (
-        DESCRIPTION_FILE,
-        describe_group,
-        group_text,
-        nominal_arm,
-        read_description,
-    )
+    from pa10cal.campaign import description
     from pa10cal.campaign.raw_rows import joined_listings
     from pa10cal.campaign.table import read_findings, read_observations, write_pose_table
     from pa10cal.errors import RawDataError
     from pa10cal.files.arms import copy_description
-    from pa10cal.files.output import whole_files
+    from pa10cal.files.output import whole_files, write_text
     from pa10cal.observe.joined import Member
     from pa10cal.observe.joined import join as join_campaigns
     from pa10cal.results.calibration import BaseFrameRecord
@@ -98,36 +86,33 @@ def join(
             allowed="one of each for every campaign, in the same order",
             remedy="give them all",
         )
-    members, placed = [], []
+    described, members, findings, listings = [], [], [], {}
     for folder, table, frame in zip(campaign_dir, poses, base_frame, strict=True):
-        description = read_description(folder)
-        every = read_observations(table, description)
-        seed = read(BaseFrameRecord, frame, description.name)
-        members.append((description, nominal_arm(description, folder)))
-        start = start_of(seed, every.measured)
-        placed.append(Member(description.name, every, start))
-    group = describe_group(name, members)
-    together = join_campaigns(placed)
-    findings = [
-        finding.model_copy(update={"where": f"{each.name}: {finding.where}"})
-        for each, table in zip(placed, poses, strict=True)
-        for finding in read_findings(table)
-    ]
-    listings = {
-        each.name: table.with_name("quarantine.csv")
-        for each, table in zip(placed, poses, strict=True)
-    }
+        campaign = description.read_description(folder)
+        observations = read_observations(table, campaign)
+        seed_record = read(BaseFrameRecord, frame, campaign.name)
+        described.append((campaign, description.nominal_arm(campaign, folder)))
+        start = start_of(seed_record, observations.measured)
+        members.append(Member(campaign.name, observations, start))
+        for finding in read_findings(table):
+            where = f"{campaign.name}: {finding.where}"
+            findings.append(finding.model_copy(update={"where": where}))
+        listings[campaign.name] = table.with_name("quarantine.csv")
+    group = description.describe_group(name, described)
+    joined = join_campaigns(members)
     out_dir.mkdir(parents=True, exist_ok=True)
     copy_description(group.robot, campaign_dir[0], out_dir)
     if group.controller is not None and group.controller.model is not None:
         copy_description(group.controller.model, campaign_dir[0], out_dir)
-    outputs = [out_dir / file for file in ("poses.parquet", "quarantine.csv", DESCRIPTION_FILE)]
-    with whole_files(*outputs) as (table, listing, text):
-        write_pose_table(table, together, members[0][1].prismatic, name, findings)
-        listing.write_text(joined_listings(listings), encoding="utf-8", newline="\n")
-        text.write_text(group_text(group), encoding="utf-8", newline="\n")
-    counts = ", ".join(f"{each.name} {len(each.observations)}" for each in placed)
-    print(f"{name}: {len(together)} configurations of one {group.robot}: {counts}")
+    names = ("poses.parquet", "quarantine.csv", description.DESCRIPTION_FILE)
+    outputs = [out_dir / file_name for file_name in names]
+    _, first_arm = described[0]
+    with whole_files(*outputs) as (table, listing, description_file):
+        write_pose_table(table, joined, first_arm.prismatic, name, findings)
+        write_text(listing, joined_listings(listings))
+        write_text(description_file, description.group_text(group))
+    counts = ", ".join(f"{member.name} {len(member.observations)}" for member in members)
+    print(f"{name}: {len(joined)} configurations of one {group.robot}: {counts}")
 
 
 def seed(
@@ -154,8 +139,8 @@ def seed(
     from pa10cal.results.codec import write
 
     campaign = read_description(campaign_dir)
-    every = read_observations(poses, campaign)
+    observations = read_observations(poses, campaign)
     arm = nominal_arm(campaign, campaign_dir)
-    record = locate_base(every, arm, settings, poses, campaign.name, campaign.provenance)
+    record = locate_base(observations, arm, settings, poses, campaign.name, campaign.provenance)
     write(record, out)
     print(f"{campaign.name}: {summary(record)}")
