@@ -10,7 +10,7 @@ significant then is not caused by weights, and joins the candidates of the searc
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,17 +27,13 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.terms.effects.effect import CandidateContext, Effect, every_effect, static_loads_in
 from pa10cal.terms.effects.structure import AxisWobble, LateralCompliance
-from pa10cal.terms.term import TermParameter
 
 
 @dataclass(frozen=True)
 class _SoftAnyWay(LateralCompliance):
     """A bearing that tilts about each of its two axes under the moments about both."""
 
-    @property
-    def reported(self) -> tuple[TermParameter, ...]:
-        usual, names = super().reported[0], ("C_xx", "C_xy", "C_yx", "C_yy")
-        return tuple(replace(usual, name=name) for name in names)
+    names = ("C_xx", "C_xy", "C_yx", "C_yy")
 
     def per_unit(self, states: PoseStates) -> Array:
         moment_Nm = static_loads_in(states, self).link_Nm[:, self.joint - 2, :2]

@@ -152,7 +152,7 @@ class LateralCompliance(Compliance, AtJoint):
         "the frame of joint {0.joint} turns about x by C_x M_x and about y by C_y M_y, M the "
         "moment there across the joint's axis"
     )
-    names = ("C_x", "C_y")
+    names: ClassVar[tuple[str, ...]] = ("C_x", "C_y")
     on_link = True
     takes_a_place = True
     # Crossed roller bearings of joints are as stiff as 1e5 N m/rad and more: 1000 N m make 10 mrad.
