@@ -111,7 +111,7 @@ def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[
         # Names of joints that left the visited positions there; all names where there are none.
         assert found.trusted_holdout is not None
         q_rad = found.trusted_holdout.poses.states.q_rad[rows]
-        left = np.any(~visited.each(q_rad), axis=0)
+        left = np.any(~visited.covers(q_rad), axis=0)
         of_joints = [
             name
             for name in names
