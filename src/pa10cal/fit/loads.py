@@ -139,7 +139,7 @@ def _merged(parts: Iterable[tuple[Index, Loads]]) -> Loads:
     count = sum(map(len, rows))
     merged: dict[str, Any] = {}
     for field in fields(first):
-        values = [getattr(record, field.name) for record in records]
+        values: list[Any] = [getattr(record, field.name) for record in records]
         if isinstance(values[0], np.ndarray):
             merged[field.name] = np.empty((count, *values[0].shape[1:]))
             for at, value in zip(rows, values, strict=True):

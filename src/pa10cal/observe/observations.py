@@ -14,7 +14,8 @@ from typing_extensions import TypeVar
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Rows, take_rows
 from pa10cal.errors import RawDataError
-from pa10cal.observe.instrument import BaseTargets, Instrument, group_means
+from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.pose import Pose
 from pa10cal.rules import READINGS
 

@@ -16,7 +16,8 @@ from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
 from pa10cal.frame.rigid_fit import Located, scale_of_distances, scale_of_points
 from pa10cal.frame.target_problem import distance_misfit_bound_m, target_misfit_bound_m
-from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.instrument import Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,
     MM,

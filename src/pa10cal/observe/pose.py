@@ -19,7 +19,8 @@ from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.rigid_fit import Located, scale_of_points, seed_from_nominal
 from pa10cal.frame.target_problem import target_misfit_bound_m
 from pa10cal.observe import quantities
-from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.instrument import Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points
 from pa10cal.rules import READINGS
 
