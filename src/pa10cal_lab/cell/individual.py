@@ -13,6 +13,7 @@ from pa10cal.arm.description import Arm, with_hayati_rows
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import SimulationError
 from pa10cal.options import Tolerances
+from pa10cal_lab.cell.mechanism import Departures, Mechanism
 from pa10cal_lab.cell.options import (
     SimulateOptions,
     SlideOptions,
@@ -22,8 +23,6 @@ from pa10cal_lab.cell.options import (
 from pa10cal_lab.cell.poses import centre_rad
 from pa10cal_lab.cell.robot import (
     BALLS_DESIGN_M,
-    Departures,
-    Mechanism,
     Robot,
     Springs,
     apparatus_payload,

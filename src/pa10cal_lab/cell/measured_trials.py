@@ -19,9 +19,10 @@ from pa10cal.files.arms import arm_names
 from pa10cal_lab.cell.effects.effect import LONG_LINKS, Site
 from pa10cal_lab.cell.effects.vocabulary import all_effects, places_of
 from pa10cal_lab.cell.individual import described, draw_unstated, nominal, put_on_slide
+from pa10cal_lab.cell.mechanism import Departures, Mechanism, SimulatedStatics
 from pa10cal_lab.cell.options import SlideOptions, UnstatedOptions
 from pa10cal_lab.cell.poses import joint_bounds
-from pa10cal_lab.cell.robot import Departures, Mechanism, SimulatedStatics, tool_payload
+from pa10cal_lab.cell.robot import tool_payload
 from pa10cal_lab.cell.scenario import (
     ATTITUDE_RAD,
     POSITION_MM,

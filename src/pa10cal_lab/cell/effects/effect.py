@@ -17,7 +17,7 @@ from pydantic import Field, PrivateAttr
 
 from pa10cal.arrays import Array
 from pa10cal.options import Section
-from pa10cal_lab.cell.robot import Mechanism, SimulatedStatics, Strain
+from pa10cal_lab.cell.mechanism import Mechanism, SimulatedStatics, Strain
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 FinitePositive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -14,9 +14,11 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SimulationError
 from pa10cal_lab.cell.effects.effect import JointState, Loading, SimulatedEffect, with_added
+from pa10cal_lab.cell.mechanism import Strain
 from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.poses import Poses, Schedule
-from pa10cal_lab.cell.robot import Robot, Strain
+from pa10cal_lab.cell.poses import Poses
+from pa10cal_lab.cell.robot import Robot
+from pa10cal_lab.cell.schedule import Schedule
 
 # Where the links of a loaded arm come to rest: springs and structure against gravity.
 
