@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, NoReturn, Self
+from typing import Any, ClassVar, NoReturn, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from pa10cal.rules import READINGS
 from pa10cal.terms.of_campaign import of_campaign
 from pa10cal.terms.term import TermParameter
 
+Part = TypeVar("Part")
 #: Separates the name of a campaign from the label of a pose.
 _OF_CAMPAIGN = "/"
 #: Gap between the times of two campaigns [s], whose clocks are independent (computing).
@@ -41,6 +42,10 @@ class _Share:
     rows: Index  # (p,) its poses
     # its columns among all components `b`, coordinates of targets `t` and those of apparatus `a`
     columns: Mapping[str, slice]
+
+    def own(self, T: Array, targets_m: Array) -> tuple[Array, Array]:
+        """Return those of all poses (P, 4, 4) and targets (t,) that belong to the campaign."""
+        return T[self.rows], targets_m[self.columns["t"]]
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,10 @@ class Joined(Instrument):
     def _shown(self) -> tuple[_Share, ...]:
         """Return the shares of the campaigns that have poses here."""
         return tuple(share for share in self._shares if len(share.rows))
+
+    def _by_name(self, of: Callable[[_Share], Part]) -> dict[str, Part]:
+        """Return what a function returns for each campaign that has poses here, by its name."""
+        return {share.name: of(share) for share in self._shown}
 
     def _gathered(
         self, of: Callable[[_Share], Array | None], *axes: str | int, fill: float = 0.0
@@ -168,8 +177,7 @@ class Joined(Instrument):
 
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Self:
         return self._with(
-            share.part.ideal(T_instr_ee[share.rows], targets_m[share.columns["t"]])
-            for share in self._shares
+            share.part.ideal(*share.own(T_instr_ee, targets_m)) for share in self._shares
         )
 
     @property
@@ -200,28 +208,22 @@ class Joined(Instrument):
         )
 
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        compared = {
-            share.name: share.part.compare(T_instr_ee[share.rows], targets_m[share.columns["t"]])
-            for share in self._shown
-        }
+        parts = self._by_name(lambda share: share.part.compare(*share.own(T_instr_ee, targets_m)))
         return Comparison(
-            self._gathered(lambda share: compared[share.name].residual, "b"),
-            self._gathered(lambda share: compared[share.name].by_end, "b", 6),
-            self._gathered(lambda share: compared[share.name].by_targets, "b", "t"),
+            self._gathered(lambda share: parts[share.name].residual, "b"),
+            self._gathered(lambda share: parts[share.name].by_end, "b", 6),
+            self._gathered(lambda share: parts[share.name].by_targets, "b", "t"),
         )
 
     def end_poses(self, T_instr_ee: Array) -> Array:
         return self._gathered(lambda share: share.part.end_poses(T_instr_ee[share.rows]), 4, 4)
 
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
-        read = {
-            share.name: share.part.readout(T_instr_ee[share.rows], targets_m[share.columns["t"]])
-            for share in self._shown
-        }
+        parts = self._by_name(lambda share: share.part.readout(*share.own(T_instr_ee, targets_m)))
         p_instr_m = self._gathered(
-            lambda share: read[share.name].p_instr_targets_m, 0, 3, fill=np.nan
+            lambda share: parts[share.name].p_instr_targets_m, 0, 3, fill=np.nan
         )
-        by_targets = self._gathered(lambda share: read[share.name].pose_by_targets, 6, 0)
+        by_targets = self._gathered(lambda share: parts[share.name].pose_by_targets, 6, 0)
         # Poses of campaigns with fewer targets repeat their first, whose derivative is zero.
         p_instr_m = np.where(np.isnan(p_instr_m), p_instr_m[:, :1], p_instr_m)
         return ObservedTargets(p_instr_m, np.nan_to_num(by_targets))
@@ -259,10 +261,9 @@ class Joined(Instrument):
         return np.concatenate(columns).astype(np.intp)
 
     def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
-        located = {
-            share.name: share.part.locate(T_base_ee[share.rows], roughly=roughly)
-            for share in self._shown
-        }
+        located = self._by_name(
+            lambda share: share.part.locate(T_base_ee[share.rows], roughly=roughly)
+        )
         parts = located.values()
         poses = [part.poses for part in parts]
         squares = [part.scatter_m**2 for part in parts]
@@ -285,7 +286,7 @@ class Joined(Instrument):
         return next((share for share in self._shown if share.part.directional), self._shown[0])
 
     def find_start(self, T_base_ee: Array) -> Start:
-        starts = {share.name: share.part.find_start(T_base_ee[share.rows]) for share in self._shown}
+        starts = self._by_name(lambda share: share.part.find_start(T_base_ee[share.rows]))
         return replace(
             starts[self._leading.name],
             targets_m=np.concatenate([start.targets_m for start in starts.values()]),
@@ -301,14 +302,15 @@ class Joined(Instrument):
         return self._with(part.scaled(factor) for part in self.parts)
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        misfits = {}
-        for share in self._shown:
+        def misfit(share: _Share) -> Misfit:
             here = self.campaign[used] == self.names.index(share.name)
             of_part = self._row_in_part[used][here]
-            misfits[share.name] = share.part.misfit(T_base_ee[share.rows], of_part, weights[here])
+            return share.part.misfit(T_base_ee[share.rows], of_part, weights[here])
+
+        parts = self._by_name(misfit)
         return Misfit(
-            self._gathered(lambda share: misfits[share.name].length_m, 0, fill=np.nan),
-            self._gathered(lambda share: misfits[share.name].turn_rad, fill=np.nan),
+            self._gathered(lambda share: parts[share.name].length_m, 0, fill=np.nan),
+            self._gathered(lambda share: parts[share.name].turn_rad, fill=np.nan),
         )
 
     @property
@@ -325,17 +327,17 @@ class Joined(Instrument):
         return self._gathered(of, 4, 4)
 
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
-        of_part = {}
-        for share in self._shown:
-            targets = targets_m[share.columns["t"]]
-            T = T_base_ee[share.rows]
-            of_part[share.name] = share.part.deviations(T, T_instr_base, targets)
+        def deviations(share: _Share) -> Deviations:
+            T_base_own, own_targets_m = share.own(T_base_ee, targets_m)
+            return share.part.deviations(T_base_own, T_instr_base, own_targets_m)
+
+        parts = self._by_name(deviations)
         rotation = None
         if self.attitudes is not None:
-            rotation = self._gathered(lambda share: of_part[share.name].rotation_deg, 3)
+            rotation = self._gathered(lambda share: parts[share.name].rotation_deg, 3)
         return Deviations(
-            self._gathered(lambda share: of_part[share.name].distance_mm),
-            self._gathered(lambda share: of_part[share.name].position_mm, 3),
+            self._gathered(lambda share: parts[share.name].distance_mm),
+            self._gathered(lambda share: parts[share.name].position_mm, 3),
             rotation,
         )
 
