@@ -29,9 +29,10 @@ from pa10cal.terms.model import Model
 from pa10cal_lab.cell.campaign import SimulatedCampaign, simulate_campaign
 from pa10cal_lab.cell.effects.effect import JointState, with_added
 from pa10cal_lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.mechanism import Departures, Mechanism
 from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
 from pa10cal_lab.cell.poses import place_poses
-from pa10cal_lab.cell.robot import Departures, Mechanism, ring_of_targets, tool_payload
+from pa10cal_lab.cell.robot import ring_of_targets, tool_payload
 from pa10cal_lab.simulated import as_read
 
 #: Test poses in the box: grids of these parts of the paper's spacing, other orientations each.

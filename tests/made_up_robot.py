@@ -7,15 +7,9 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.mechanism import Departures, Mechanism
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.robot import (
-    Departures,
-    Mechanism,
-    Robot,
-    Springs,
-    ring_of_targets,
-    tool_payload,
-)
+from pa10cal_lab.cell.robot import Robot, Springs, ring_of_targets, tool_payload
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 

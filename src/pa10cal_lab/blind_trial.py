@@ -1,13 +1,13 @@
-"""One blind trial: what was hidden, and the verdict without knowledge of it, held against it.
+"""One blind trial: the verdict on a simulated campaign compared with what the campaign hides.
 
-A campaign may be refused before it is calibrated; what stops discovery or evaluation afterwards is
-counted as a crash, since a campaign that can be calibrated is not withheld.
+A campaign may be refused before it is calibrated. An error of discovery or evaluation afterwards
+counts as a crash, since these must accept whatever can be calibrated.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,39 +22,40 @@ from pa10cal_lab.cell.effects.vocabulary import all_effects, nameless
 from pa10cal_lab.cell.measured_trials import SUBJECTS
 
 MAP = "joint_error_map"
-#: A map that is one line, of `k` cycles a turn.
+#: A map that is a single wave of `k` cycles a turn.
 LINE = "periodic_error"
 GEAR_LINE = "gear_line"
-#: How trials are measured: in which no pose is repeated; with stressors and faults in the raw
-#: files; of sensors and gears that err.
+#: Studies of trials: under trackers, without repeats; with stressors and faults in the raw files;
+#: of erroneous sensors and gears.
 TRACKED, WILD, DRIVES = "tracked", "wild", "drives"
-#: The kind of trials that hide what no name covers.
+#: The kind of trials that hide an effect outside the vocabulary.
 OUTSIDE = "outside"
 SENSOR = "sensor_error"
 GEAR = "gear_error"
 #: Root mean square over mean of the length of a vector with independent, equal normal components.
 _RMS_OVER_MEAN = float(np.sqrt(3.0 * np.pi / 8.0))
-#: Orders less than this apart may be one.
+#: Difference of orders, in cycles a turn, below which they count as equal.
 _SAME_ORDER = 0.5
-#: What the springs of the judged model are.
+#: A spring of a joint as an effect.
 SPRING = "joint_compliance"
 
-#: A residual so many times that of noise alone is large; from `LIMIT` on an effect counts as above
-#: its detection limit; from `ABOVE` on, in units of the noise floor, something wrong must show.
+#: Residual over that of noise alone: from `LARGE` on it is large, from `LIMIT` on its effect counts
+#: as detectable. From `ABOVE` noise floors on a fault has to be reported.
 LARGE, LIMIT, ABOVE = 3.0, 1.5, 3.0
-#: Held-out error with effects over that without, at most.
+#: Held-out error with effects over that without, from which predictions count as worse.
 WORSE = 1.05
 SUSPECT, CHECK = "suspect_input", "check_the_log"
-#: Faults whose place is a time, or a key that no verdict names.
+#: Faults without a place that a verdict could name.
 _PLACED_BY_KIND = ("step_in_time", "payload")
-#: Words of a motion that offer another reading of it: rows that go with a joint, a rail or a load.
+#: Words that offer another cause of a motion: rows that follow a joint, a rail or a load.
 _RIVAL = re.compile(r"\bjoint \d|\brail\b|\bload\b|\border of (the )?rows\b", re.I)
-#: Fault and effect that are motions in the course of time, and the words of one without a name.
+#: The fault and the effect that are motions over time, and words for one without a name.
 _IN_TIME, _DRIFT = "step_in_time", "base_drift"
 _OF_MOTION = re.compile(r"\b(moved|wander|drift|crept|creep)", re.I)
+#: Largest number of characters that the scores quote of a verdict.
 _SAYS_MOST = 200
 
-#: What became of a hidden effect, where it is not called by an id.
+#: Outcomes of a hidden effect other than the id that it was called.
 LISTED = "in the alternatives"
 ELSEWHERE = "right id elsewhere"
 RIGHT_PLACE = "no name, right place"
@@ -74,64 +75,64 @@ class Claim(NamedTuple):
 
 @dataclass(frozen=True)
 class BlindTrial:
-    """A trial: what is true, and what was said of it."""
+    """The truth of a trial and the verdict on it."""
 
     truth: results.TrialTruthRecord
-    said: results.TrialVerdictRecord
+    said: results.TrialVerdictRecord  # the verdict, or why there is none
 
     @property
     def verdict(self) -> results.JudgedTrialRecord | None:
-        """The verdict; None where the trial failed."""
+        """Return the verdict; None where the trial failed."""
         return self.said if isinstance(self.said, results.JudgedTrialRecord) else None
 
     @property
     def refused(self) -> bool:
-        """Whether a command refused the campaign, as not fit to be calibrated."""
+        """Return whether a command refused the campaign as unfit to be calibrated."""
         return isinstance(self.said, results.FailedTrialRecord) and self.said.refused
 
     @property
     def kind(self) -> str:
-        """What kind of trial it is."""
+        """Return the kind of the trial."""
         return self.truth.kind
 
     @property
     def hidden(self) -> tuple[results.HiddenEffect, ...]:
-        """The effects that it hides."""
+        """Return the hidden effects."""
         return self.truth.hidden_effects
 
     @property
     def to_be_named(self) -> tuple[results.HiddenEffect, ...]:
-        """Return those of them that are not of a background outside the vocabulary."""
-        return tuple(each for each in self.hidden if not each.outside)
+        """Return the hidden effects without those of a background outside the vocabulary."""
+        return tuple(hidden for hidden in self.hidden if not hidden.outside)
 
     @property
     def put_in(self) -> tuple[results.PutIn, ...]:
-        """Stressors and faults in its raw files."""
+        """Return stressors and faults in the raw files."""
         return self.truth.put_in
 
     @property
     def effects(self) -> tuple[FoundEffect, ...]:
-        """The effects that the verdict names; none where the trial failed."""
+        """Return the effects that the verdict names; empty where the trial failed."""
         return () if self.verdict is None else self.verdict.effects
 
-    # How large something is, and whether the data can show it.
+    # Size of effects and faults, and whether the data can show them.
 
     def moved_over_floor(self, hidden: results.HiddenEffect | results.PutIn) -> float | None:
-        """Return how far an effect moves the residual, relative to that of noise alone.
+        """Return the change of the residual by an effect, relative to the noise floor.
 
-        Both are position errors, root mean square over averaged poses; the floor's from its mean as
-        for a vector with equal components. A turn about the last axis moves no position.
+        Both are position errors, root mean square over averaged poses. That of the floor is
+        computed from its mean for equal normal components.
         """
         if self.verdict is None or hidden.moved_mm is None:
             return None
         return hidden.moved_mm / (_RMS_OVER_MEAN * self.verdict.gap.noise_floor_mm)
 
     def ratio(self, hidden: results.HiddenEffect, *, partial: bool = False) -> float | None:
-        """Return the residual that an effect makes of the floor, in floors: sqrt(1 + moved²).
+        """Return the residual with an effect, over the noise floor: sqrt(1 + moved²).
 
         Args:
-            partial: whether the sizes of all else that is hidden are fitted as well; where the
-                truth says the noise.
+            partial: whether the sizes of all other hidden effects are fitted as well; only where
+                the truth has the noise.
         """
         moved = self.moved_over_floor(hidden)
         if self.truth.noise_mm is not None:
@@ -140,7 +141,7 @@ class BlindTrial:
         return None if moved is None else float(np.hypot(1.0, moved))
 
     def moves_poses(self, hidden: results.HiddenEffect) -> bool:
-        """Return whether an effect can move the residual of the poses at all."""
+        """Return whether an effect can change the residual of the poses."""
         kind = _kind_of(hidden)
         if issubclass(kind, TorqueLogEffect) and not kind.in_log_alone:
             return int(hidden.of.removeprefix("joint ")) in self.truth.flexible_joints
@@ -164,14 +165,13 @@ class BlindTrial:
         """
         if self.verdict is None or not self.is_testable(hidden):
             return False
-        mine = hidden.name
         groups = [
-            {each.name for each in group if each.id != MAP}
+            {effect.name for effect in group if effect.id != MAP}
             for group in self.verdict.indistinguishable
         ]
-        if mine.id != MAP:
-            return not any(mine in group and len(group) > 1 for group in groups)
-        return not any(sum(name.of == mine.of for name in group) > 1 for group in groups)
+        if hidden.id != MAP:
+            return not any(hidden.name in group and len(group) > 1 for group in groups)
+        return not any(sum(name.of == hidden.of for name in group) > 1 for group in groups)
 
     def is_above(self, hidden: results.HiddenEffect) -> bool:
         """Return whether an effect is above its detection limit; all are where a trial failed."""
@@ -181,7 +181,7 @@ class BlindTrial:
             return self.is_testable(hidden)
         return (self.ratio(hidden) or 0.0) >= LIMIT
 
-    # Which names are given, and whether they are right.
+    # Names in the verdict, and whether they are right.
 
     def names(self, hidden: results.HiddenEffect) -> bool:
         """Return whether the verdict names an effect at its place."""
@@ -192,38 +192,38 @@ class BlindTrial:
         return any(hidden.name in named.all_names for named in self.effects)
 
     def alternatives(self, hidden: results.HiddenEffect) -> int | None:
-        """Return how many other names stand beside an effect; None where it is not listed."""
-        beside = [len(n.alternatives) for n in self.effects if hidden.name in n.all_names]
-        return min(beside, default=None)
+        """Return the number of other names listed with an effect; None where it is not listed."""
+        counts = [len(n.alternatives) for n in self.effects if hidden.name in n.all_names]
+        return min(counts, default=None)
 
     def matched(self, among: Sequence[results.HiddenEffect]) -> int:
-        """Return how many hidden effects and findings can be paired off."""
+        """Return the largest number of hidden effects that can be paired with findings."""
         fits = np.zeros((len(among), len(self.effects)))
         for row, hidden in enumerate(among):
             fits[row] = [hidden.name in named.all_names for named in self.effects]
         return int(fits[linear_sum_assignment(fits, maximize=True)].sum())
 
     def extra(self) -> int:
-        """Return how many findings match no hidden effect."""
+        """Return the number of findings that match no hidden effect."""
         return len(self.effects) - self.matched(self.hidden)
 
     def has_right_place(self) -> bool:
-        """Return whether a place without a name was found where an unnamed effect is hidden."""
+        """Return whether an unnamed effect was found at the place of the one hidden effect."""
         if self.verdict is None:
             return False
         (hidden,) = self.hidden
         return hidden.of in self.verdict.places or any(map(self._leaves_open, self.effects))
 
     def tells_place(self, hidden: results.HiddenEffect) -> bool:
-        """Return whether anything was said where an effect is hidden, whatever its name."""
+        """Return whether anything was found at the place of a hidden effect, whatever its name."""
         said = self.without_springs()
         places = [name.of for effect in said.effects for name in effect.all_names]
         return hidden.of in (*places, *(() if self.verdict is None else self.verdict.places))
 
     def is_confidently_wrong(self, *words: str) -> bool:
-        """Return whether the verdict is `named` and a name stands alone that is not what is hidden.
+        """Return whether the verdict is `named` with a sure name that is not hidden.
 
-        A map at the joint of an error that depends on the joint's angle leaves the cause open.
+        A map at a joint whose error depends on its angle does not count: it leaves the cause open.
 
         Args:
             words: further verdicts whose names are trusted.
@@ -237,48 +237,52 @@ class BlindTrial:
         )
 
     def has_wrong_name(self) -> bool:
-        """Return whether an effect is named that is not hidden, none hidden among its alternatives.
+        """Return whether a finding has no hidden effect among its name and alternatives.
 
-        Whatever the word of the verdict: a list of effects is read as what the robot has.
+        The word of the verdict does not matter: users read a list of effects as what the robot has.
         """
         hidden = {each.name for each in self.hidden}
-        return any(not hidden & set(named.all_names) for named in self.effects)
+        return any(hidden.isdisjoint(named.all_names) for named in self.effects)
 
     def has_wrong_name_alone(self) -> bool:
-        """Return whether a name that is all but certain is not hidden, whatever the word."""
+        """Return whether a sure name is not hidden, whatever the word of the verdict."""
         hidden = {each.name for each in self.hidden}
         return any(each.probability >= SURE and each.name not in hidden for each in self.effects)
 
-    # How probable names are, and whether what is claimed comes true.
+    # Claimed probabilities, and whether the claims are true.
+
+    @property
+    def _true_springs(self) -> set[Name]:
+        """Return the names of the springs that the arm has."""
+        return {Name(SPRING, f"joint {joint}") for joint in self.truth.flexible_joints}
 
     def claims(self) -> Iterator[Claim]:
-        """Yield what each finding claims of its name, its alternatives, and of none of these."""
-        true = {hidden.name for hidden in self.hidden}
-        true |= {Name(SPRING, f"joint {joint}") for joint in self.truth.flexible_joints}
-        true |= {
-            Name(also, hidden.of)
-            for hidden in self.hidden
-            for also in (_kind_of(hidden).also_called if hidden.outside else ())
-        }
+        """Yield the probabilities of each finding's name, of its alternatives, and of none."""
+        true = {hidden.name for hidden in self.hidden} | self._true_springs
+        for hidden in self.hidden:
+            if hidden.outside:
+                true |= {Name(id, hidden.of) for id in _kind_of(hidden).also_called}
         for named in self.effects:
-            every = {named.name: named.probability}
-            every |= {each.name: each.probability for each in named.alternatives}
-            # A set may have members that are too improbable to be listed.
-            names = {*every, *(each.name for each in named.set95)}
+            probabilities = {named.name: named.probability}
+            probabilities |= {other.name: other.probability for other in named.alternatives}
+            # The 95 % set may have members that are too improbable to be listed.
+            names = {*probabilities, *(member.name for member in named.set95)}
             right = {name: name in true or self._is_nameless(name, named) for name in names}
-            for name, probability in every.items():
+            for name, probability in probabilities.items():
                 of = "name" if name == named.name else "alternative"
                 yield Claim(of, probability, right[name])
-            none = not any(right.values())
-            yield Claim("none of these", named.none_of_these, none)
-            # None of these is a member of the set, too, where it is likely enough.
-            held = any(right[each.name] for each in named.set95)
-            yield Claim("set", SURE, held or (none and named.none_of_these > 1.0 - SURE))
+            none_is_right = not any(right.values())
+            yield Claim("none of these", named.none_of_these, none_is_right)
+            # `none of these` belongs to the set too, if it is probable enough.
+            holds_none = none_is_right and named.none_of_these > 1.0 - SURE
+            in_set = any(right[member.name] for member in named.set95)
+            yield Claim("set", SURE, in_set or holds_none)
 
     def _is_nameless(self, name: Name, named: FoundEffect) -> bool:
-        """Return whether a map or a line stands for an error by a joint's angle without a name.
+        """Return whether a map or a line rightly describes a hidden error by a joint's angle.
 
-        Waves behind everything (`outside`) are what a map was found for, and no alternative.
+        Errors of the background (`outside`) make a map right as the name only, not as an
+        alternative.
         """
         here = [each for each in self.hidden if each.of == name.of and _kind_of(each).by_angle]
         if name.id == GEAR_LINE:
@@ -288,42 +292,44 @@ class BlindTrial:
         )
 
     def without_springs(self) -> BlindTrial:
-        """Return it without findings of springs that the arm has and the calibration did not."""
-        if self.verdict is None:
-            return self
-        true = {Name(SPRING, f"joint {joint}") for joint in self.truth.flexible_joints}
-        effects = tuple(named for named in self.effects if not true & set(named.all_names))
-        return replace(self, said=self.verdict.model_copy(update={"effects": effects}))
+        """Return the trial without findings of springs that the arm has."""
+        springs = self._true_springs
+        return self._with_effects(e for e in self.effects if springs.isdisjoint(e.all_names))
 
     def without_background(self) -> BlindTrial:
-        """Return it without findings that describe what is hidden outside the vocabulary."""
+        """Return the trial without findings that describe the hidden background."""
+        return self._with_effects(e for e in self.effects if not self._describes_background(e))
+
+    def _with_effects(self, effects: Iterable[FoundEffect]) -> BlindTrial:
+        """Return the trial with only these findings; itself where it failed."""
         if self.verdict is None:
             return self
-        effects = tuple(named for named in self.effects if not self._describes_outside(named))
-        return replace(self, said=self.verdict.model_copy(update={"effects": effects}))
+        return replace(self, said=self.verdict.model_copy(update={"effects": tuple(effects)}))
 
-    def _describes_outside(self, named: FoundEffect) -> bool:
-        """Return whether a name is right of something outside, or leaves its cause open."""
-        for each in (each for each in self.hidden if each.outside and each.of == named.of):
-            kind = _kind_of(each)
+    def _describes_background(self, named: FoundEffect) -> bool:
+        """Return whether a finding names an effect of the background, or is a map of its error."""
+        for hidden in self.hidden:
+            if not hidden.outside or hidden.of != named.of:
+                continue
+            kind = _kind_of(hidden)
             if named.id in (LINE, GEAR_LINE) and kind.by_angle:
-                if _has_line(each, named):
+                if _has_line(hidden, named):
                     return True
-            elif named.id in (each.id, *kind.also_called) or (named.id == MAP and kind.by_angle):
+            elif named.id in (hidden.id, *kind.also_called) or (named.id == MAP and kind.by_angle):
                 return True
         return False
 
     def _leaves_open(self, named: FoundEffect) -> bool:
-        """Return whether a name is the map of an unnamed error of a joint's angle, or its line."""
+        """Return whether a finding is a map of a hidden error by the joint's angle, or its line."""
         here = [each for each in self.hidden if each.of == named.of and _kind_of(each).by_angle]
         if named.id == LINE:
             return any(is_right(each, line_of(named)) for each in here)
         return named.id == MAP and bool(here)
 
     def outcome(self, hidden: results.HiddenEffect) -> str:
-        """Return what became of one hidden effect: an id of the vocabulary or one of the words.
+        """Return the outcome of a hidden effect: an id of the vocabulary, or a word such as LISTED.
 
-        Where findings match no hidden effect, the first of them counts.
+        Where findings match no hidden effect, the id of the first is returned.
         """
         if self.truth.measured == DRIVES:
             return self.drive_outcome(hidden.of)
@@ -342,10 +348,10 @@ class BlindTrial:
             return RIGHT_PLACE if hidden.of in self.verdict.places else WRONG_PLACE
         return NOTHING if self.is_testable(hidden) else NOT_TESTABLE
 
-    # Sensors and gears that err.
+    # Erroneous sensors and gears.
 
     def drive_outcome(self, of: str) -> str:
-        """Return what the error of a joint's drive was called; see `JudgedEffect.outcome`."""
+        """Return the outcome for the drive of a joint; see `JudgedEffect.outcome`."""
         if self.verdict is None:
             return FAILED
         hidden = {each.id for each in self.hidden if each.of == of}
@@ -359,25 +365,26 @@ class BlindTrial:
             return "right"
         return "ambiguous" if hidden & causes else "wrong"
 
-    # Faults in the log, and what is said of them.
+    # Faults in the log, and whether they are reported.
 
     def has_fault(self) -> bool:
-        """Return whether something in the log is wrong that somebody should be told of."""
+        """Return whether the log has a fault that should be reported."""
         return any(not each.stressor or each.kinds for each in self.put_in)
 
     def matters(self, put_in: results.PutIn) -> bool:
-        """Return whether what was put in is more than three times the noise.
+        """Return whether a stressor or fault is at least `ABOVE` noise floors.
 
-        Where it cannot be measured, since the campaign was refused, it is.
+        One that cannot be measured matters if it should be reported, as do all of a trial without
+        a verdict.
         """
         if not put_in.measured:
             return bool(put_in.kinds) or not put_in.stressor
         return self.verdict is None or (self.moved_over_floor(put_in) or 0.0) >= ABOVE
 
     def is_told(self, put_in: results.PutIn) -> bool:
-        """Return whether a fault is told, by kind and place, or by a refusal or a suspicion.
+        """Return whether a fault is reported: by kind and place, by a refusal or by a suspicion.
 
-        What is described wrongly, and found by the calibration, is told as a departure.
+        A wrong description that calibration corrects is reported as a departure.
         """
         if self.verdict is None:
             return self.refused
@@ -396,11 +403,11 @@ class BlindTrial:
         )
 
     def hides_much(self) -> bool:
-        """Return whether a hidden effect is more than three times the noise."""
+        """Return whether a hidden effect is at least `ABOVE` noise floors."""
         return any((self.moved_over_floor(each) or 0.0) >= ABOVE for each in self.hidden)
 
     def has_false_comfort(self) -> bool:
-        """Return whether `none` is said where something large is wrong, untold."""
+        """Return whether the verdict is `none` though something large is wrong and not reported."""
         if self.verdict is None or self.verdict.word != "none":
             return False
         if self.kind in SUBJECTS:
@@ -409,20 +416,20 @@ class BlindTrial:
         return untold or self.hides_much()
 
     def is_worse(self) -> bool:
-        """Return whether held-out poses are predicted worse with what was found."""
+        """Return whether the findings make predictions of held-out poses worse."""
         if self.verdict is None or self.verdict.gap.holdout is None:
             return False
         holdout = self.verdict.gap.holdout
         return holdout.after.mean_mm > WORSE * holdout.before.mean_mm
 
     def is_accused(self) -> bool:
-        """Return whether the campaign is refused, or its data are said to be wrong."""
+        """Return whether the campaign is refused, or its data are reported as suspect."""
         if self.verdict is None:
             return self.refused
         return self.verdict.word == CHECK or self.verdict.grade == SUSPECT
 
     def motions_as_facts(self) -> tuple[str, ...]:
-        """Return what is said of motions in the course of time, and of nothing else as cause."""
+        """Return statements about motions over time that mention no other possible cause."""
         if self.verdict is None:
             return ()
         unexplained = () if self.verdict.unexplained is None else self.verdict.unexplained.all
@@ -433,14 +440,14 @@ class BlindTrial:
         )
         return tuple(said for said in motions if not _RIVAL.search(said))
 
-    # Formulas proposed: the form that was hidden, of the same order and place?
+    # Proposed formulas: whether they have the hidden form, order and place.
 
     def is_outside(self) -> bool:
-        """Return whether all that it hides is outside the vocabulary."""
+        """Return whether all hidden effects are outside the vocabulary."""
         return bool(self.hidden) and all(hidden.id in nameless() for hidden in self.hidden)
 
     def proposed(self) -> tuple[Formula, ...]:
-        """Return the formulas proposed, and the lines named in the place of maps."""
+        """Return the proposed formulas, and lines that were named instead of maps."""
         if self.verdict is None:
             return ()
         lines = (each for each in self.effects if each.id == LINE)
@@ -450,14 +457,14 @@ class BlindTrial:
         )
 
     def proposes(self, *, right: bool) -> bool:
-        """Return whether a formula was proposed that is what is hidden, or one that is not."""
+        """Return whether a right formula was proposed; with `right=False`, a wrong one."""
         return any(
             any(is_right(hidden, formula) for hidden in self.hidden) == right
             for formula in self.proposed()
         )
 
     def judged_effect(self, hidden: results.HiddenEffect) -> results.JudgedEffect:
-        """Return what became of a hidden effect."""
+        """Return the record of how a hidden effect was judged."""
         return results.JudgedEffect(
             id=hidden.id,
             of=hidden.of,
@@ -471,10 +478,10 @@ class BlindTrial:
         )
 
     def score_row(self, failings: tuple[str, ...]) -> results.JudgedTrial:
-        """Return its row of the scores.
+        """Return the row of the trial in the scores.
 
         Args:
-            failings: figures to reach that it counts against.
+            failings: what counts against targets.
         """
         verdict = self.verdict
         said = f"{'refused' if self.refused else 'crashed'}: {getattr(self.said, 'failed', '')}"
@@ -510,26 +517,26 @@ def cycles_of(found: FoundEffect) -> float | None:
 
 
 def _has_line(hidden: results.HiddenEffect, found: FoundEffect) -> bool:
-    """Return whether waves that are hidden have the cycles a turn that a finding reports."""
+    """Return whether one of the hidden waves has the cycles a turn that a finding reports."""
     orders = np.atleast_1d(np.array(hidden.parameters.get("orders", ()), float))
     return bool(np.any(np.abs(orders - (cycles_of(found) or 0.0)) < _SAME_ORDER))
 
 
 class Formula(NamedTuple):
-    """What counts of a formula that was proposed."""
+    """A proposed formula without its amplitudes."""
 
-    form: str  # which form
-    of: str  # where it sits
-    numbers: tuple[float, ...] = ()  # what fixes it: orders first
+    form: str
+    of: str  # its place
+    numbers: tuple[float, ...] = ()  # constants of the form, orders first
 
 
 def line_of(found: FoundEffect) -> Formula:
-    """Return the formula of a line that was named in the place of a map."""
+    """Return the formula of a line that was named instead of a map."""
     return Formula("harmonic", found.of, (cycles_of(found) or 0.0,))
 
 
 def is_right(hidden: results.HiddenEffect, formula: Formula) -> bool:
-    """Return whether a formula is what is hidden: form, order and place."""
+    """Return whether a formula has the form, orders and place of a hidden effect."""
     kind = _kind_of(hidden)
     if formula.form not in kind.forms or formula.of != hidden.of:
         return False
@@ -538,5 +545,5 @@ def is_right(hidden: results.HiddenEffect, formula: Formula) -> bool:
 
 
 def _kind_of(hidden: results.HiddenEffect) -> type[SimulatedEffect]:
-    """Return the class of what is hidden."""
+    """Return the class of a hidden effect."""
     return all_effects().get(hidden.id, SimulatedEffect)

@@ -1,7 +1,7 @@
-"""Blind trials: hidden in raw campaigns, judged from these alone, as a user judges a campaign.
+"""Blind trials: simulated raw campaigns, judged by the stages of an ordinary run.
 
-What judges walks the stages of any run, and is given raw folders and settings, nothing else. What
-is hidden goes from the trial straight into a record of its own, which the scoring alone reads.
+The stages get raw folders and settings, nothing else. The truth of a trial, and how far each hidden
+effect changes the residual, go into a record of their own that only the scoring reads.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from pa10cal_lab.cell.write import write_campaign
 def try_trial(
     trial: Trial, options: ChainOptions
 ) -> tuple[records.TrialVerdictRecord, records.TrialTruthRecord]:
-    """Return verdict and truth of a trial; a verdict may be what went wrong: none is dropped.
+    """Return verdict and truth of a trial; where judging fails, the verdict is the failure.
 
     Args:
         options: how the campaign is judged, by a calibration of all its loads together.
@@ -76,8 +76,7 @@ def try_trial(
                 found, calibration, left_out, seconds=seconds, seconds_simulating=simulating
             )
         except Pa10calError as error:
-            # What can be calibrated is not withheld, so discovery that refuses is a crash.
-            refused = calibration is None
+            refused = calibration is None  # a refusal after calibration counts as a crash
             verdict = records.FailedTrialRecord(
                 campaign=trial.name, failed=str(error), refused=refused
             )
@@ -87,9 +86,9 @@ def try_trial(
 
 
 def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
-    """Return the options without what no verdict rests on, but for wild trials.
+    """Return the options, without what verdicts do not depend on.
 
-    Those try every command as a user runs it, and count which of them fail.
+    Wild trials keep it: they try every command as a user runs it, and count failures.
     """
     changes: dict[str, Any] = {"evaluation": EvaluationOptions(calibration=COMBINED)}
     if trial.kind not in WILD_KINDS:
@@ -98,10 +97,10 @@ def _options(trial: Trial, options: ChainOptions) -> ChainOptions:
 
 
 def _write(trial: Trial, raw: Path) -> tuple[tuple[Path, ...], WrittenPlaces]:
-    """Write the raw campaign of a trial, without what it hides; of drives maybe two of one robot.
+    """Write the raw campaigns of a trial: one, or for drives maybe two of one robot.
 
     Returns:
-        The folders, and where the disturbances of the first came to be.
+        The folders, and the places of the disturbances in the first.
     """
     settings = trial.settings
     robot = robot_of(load_arm(settings.robot), settings)
@@ -117,7 +116,7 @@ def _write(trial: Trial, raw: Path) -> tuple[tuple[Path, ...], WrittenPlaces]:
 
 
 def _crash(error: Exception) -> str:
-    """Return an internal fault with the place where it happened."""
+    """Return the text of an internal fault, with the place in the code."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     text = " ".join(f"{type(error).__name__}: {error}".split())
     return f"{text} (in {Path(last.filename).name}, line {last.lineno})"
@@ -129,47 +128,52 @@ def _truth(
     calibration: CalibrationRecord | None,
     options: ChainOptions,
 ) -> records.TrialTruthRecord:
-    """Return what a trial hides, how it was measured, and how far that moves the residual [mm].
+    """Return the truth of a trial: effects, disturbances, and how far each changes the residual.
 
-    Root mean square over the poses fitted of the difference of what the calibrated model leaves to
-    the same campaign, noise and all, without it. For the scoring alone: no verdict sees it. None
-    where that does not measure it. Of trials as measured robots come (`SUBJECTS`) the calibrated
-    model may hold springs, which follow whatever a twin without one does: there it is what the
-    effects leave once the geometry is fitted again. Of drives it is not looked for.
+    The change is the root mean square, over the fitted poses, of the difference between residuals
+    of the calibrated model and those of a twin: the same campaign, noise included, without the
+    effect. In trials like measured robots (`SUBJECTS`) springs of the calibrated model may absorb
+    an effect: there the change is what the effect leaves after the geometry is fitted again. For
+    drives it is not computed.
     """
     began, settings = time.process_time(), trial.settings
     arm, plan = load_arm(settings.robot), settings.without_touches
     twins = _without_each(settings, "hidden_effects")
     residual_mm: Sequence[float | None] = [None] * len(twins)
     partial_mm, noise_mm = residual_mm, None
-    measured = "touched" if plan is None else TRACKED
 
     def moved_by(twin: SimulateOptions) -> float | None:
+        """Return the change of the residual by what a twin lacks; None where it has no residual."""
         try:
             assert calibration is not None
             off_mm = calibration.residuals.position_mm - _residual_mm(trial.name, twin, options)
-        except Exception:  # none to compare with, or other poses were quarantined
+        except Exception:  # no calibration to compare with, or other poses were quarantined
             return None
         return float(np.sqrt(np.mean(np.sum(off_mm**2, axis=1))))
 
-    if trial.kind in DRIVE_KINDS:
-        measured = DRIVES
-    elif trial.kind in SUBJECTS:
-        whole, *others = (simulate_campaign(trial.name, arm, each) for each in (settings, *twins))
+    if trial.kind in SUBJECTS:
+        whole, *others = (simulate_campaign(trial.name, arm, twin) for twin in (settings, *twins))
         residual_mm, partial_mm, noise_mm = after_geometry(whole, others)
-    else:
+    elif trial.kind not in DRIVE_KINDS:
         residual_mm = [moved_by(twin) for twin in twins]
     put_in = []
     twins = _without_each(settings, "disturbances")
     for entry, where, twin in zip(settings.disturbances, places, twins, strict=True):
-        each = DISTURBANCES[entry.id]
-        moved = moved_by(twin) if each.measured else None
-        about = {name: getattr(each, name) for name in ("id", "stressor", "kinds", "measured")}
-        put_in.append(records.PutIn(**about, where=where, moved_mm=moved))
+        disturbance = DISTURBANCES[entry.id]
+        put_in.append(
+            records.PutIn(
+                id=disturbance.id,
+                stressor=disturbance.stressor,
+                kinds=disturbance.kinds,
+                measured=disturbance.measured,
+                where=where,
+                moved_mm=moved_by(twin) if disturbance.measured else None,
+            )
+        )
     return records.TrialTruthRecord(
         campaign=trial.name,
         kind=trial.kind,
-        measured=WILD if trial.kind in WILD_KINDS else measured,
+        measured=_study_of(trial),
         layout=trial.bench,
         path=settings.path if plan is None else "",
         temperature_drift_C=settings.temperature_drift_C,
@@ -178,11 +182,11 @@ def _truth(
             records.HiddenEffect(
                 **effect.model_dump(mode="json"),
                 size=size,
-                moved_mm=of,
-                apart_mm=part,
+                moved_mm=moved_mm,
+                apart_mm=apart_mm,
                 outside=None if trial.kind != MIXED else effect.id in BACKGROUND,
             )
-            for effect, size, of, part in zip(
+            for effect, size, moved_mm, apart_mm in zip(
                 settings.hidden_effects, trial.sizes, residual_mm, partial_mm, strict=True
             )
         ),
@@ -194,8 +198,17 @@ def _truth(
     )
 
 
+def _study_of(trial: Trial) -> str:
+    """Return the study of a trial, as `TrialTruthRecord.measured` has it."""
+    if trial.kind in WILD_KINDS:
+        return WILD
+    if trial.kind in DRIVE_KINDS:
+        return DRIVES
+    return "touched" if trial.settings.without_touches is None else TRACKED
+
+
 def _without_each(settings: SimulateOptions, key: str) -> list[SimulateOptions]:
-    """Return the settings without each of the entries of a key, one after the other."""
+    """Return, for each entry of a key, the settings without it."""
     entries = getattr(settings, key)
     return [
         settings.model_copy(update={key: (*entries[:k], *entries[k + 1 :])})
@@ -204,13 +217,13 @@ def _without_each(settings: SimulateOptions, key: str) -> list[SimulateOptions]:
 
 
 def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) -> Array:
-    """Return what the calibrated model leaves of positions in a campaign, (C, 3)."""
+    """Return the residuals of positions of a calibrated campaign, (C, 3)."""
     with tempfile.TemporaryDirectory() as place:
         raw = Path(place, "raw", name)
         write_campaign(simulate_campaign(name, load_arm(settings.robot), settings), raw)
         if options.calibration.effects in ((), "named"):
-            # The model of the stages, without the checks of the input that go before it, and from
-            # one start where that will do: the others end at the same residuals.
+            # Calibration as by the stages, but without checks of the input, and from one start if
+            # that converges: others end at the same residuals.
             read, calibration = read_campaign(raw, options.ingest), options.calibration
             about = read.description, read.arm, read.observations, COMBINED
             once = calibration.model_copy(update={"starts": 1})
@@ -221,7 +234,7 @@ def _residual_mm(name: str, settings: SimulateOptions, options: ChainOptions) ->
         return calibrated_by_stages((raw,), raw.parents[1] / name, options).residuals.position_mm
 
 
-# A campaign judged as a user judges it: stage after stage, in files, in one process.
+# A campaign judged by the stages of an ordinary run, in files, in one process.
 
 
 def calibrated_by_stages(
@@ -230,17 +243,18 @@ def calibrated_by_stages(
     """Read a campaign, locate its base and calibrate it on all its loads.
 
     Args:
-        folders: the raw folder; of a group those of its campaigns, read one by one before.
-        results: gets the results; those of the campaigns of a group lie beside.
+        folders: the raw folder; for a group those of its campaigns, which are read first.
+        results: folder of the results; those of the campaigns of a group are beside it.
         options: how to ingest, to locate the base and to calibrate.
 
     Raises:
         Pa10calError: where a stage refuses.
     """
-    for folder in folders if len(folders) > 1 else ():
-        _run("seed", (folder,), results.with_name(folder.name), options)
-    searched = _run("calibrate", folders, results, options)
-    return read(CalibrationRecord, searched.writes["calibration"])
+    if len(folders) > 1:
+        for folder in folders:
+            _run("seed", (folder,), results.with_name(folder.name), options)
+    stage = _run("calibrate", folders, results, options)
+    return read(CalibrationRecord, stage.writes["calibration"])
 
 
 def judged_by_stages(
@@ -258,7 +272,7 @@ def judged_by_stages(
         last: the stage with which to end.
 
     Returns:
-        The verdict, and the poses with quarantined rows or that are suspected outliers.
+        The verdict, and the poses that have quarantined rows or are suspected outliers.
     """
     _run(last, folders, results, options, after="calibrate")
     left_out = {outlier.pose for outlier in getattr(calibration, "suspected_outliers", ())}
@@ -294,26 +308,27 @@ def _judged(
 def _run(
     last: str, folders: tuple[Path, ...], results: Path, options: ChainOptions, after: str = ""
 ) -> Stage:
-    """Run the stages of all loads together to the first that is a command, in silence.
+    """Run the stages of all loads together, without output, to the first stage of a command.
 
     Args:
-        after: the command whose first stage, and all before it, have run.
+        last: the command.
+        after: the command whose first stage, and all before it, have run already.
 
     Returns:
         The last stage.
     """
-    every = list(stages(folders, results, options, load=COMBINED))
-    commands = [stage.command for stage in every]
+    all_stages = list(stages(folders, results, options, load=COMBINED))
+    commands = [stage.command for stage in all_stages]
     first = 1 + commands.index(after) if after else 0
     end = commands.index(last)
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        for stage in every[first : end + 1]:
+        for stage in all_stages[first : end + 1]:
             stage.run()
-    return every[end]
+    return all_stages[end]
 
 
 def _quarantined(raw: Path, listing: Path) -> Iterator[str]:
-    """Return the poses that quarantined rows belong to."""
+    """Yield the labels of the poses of quarantined rows."""
     rows = pd.read_csv(listing)
     for name in set(rows["file"]):
         path = raw / str(name)
@@ -325,32 +340,30 @@ def _quarantined(raw: Path, listing: Path) -> Iterator[str]:
         yield from labels.iloc[lines[lines < len(labels)]]
 
 
-# What an effect leaves in the readings once the whole geometry is fitted to them again.
+# The part of an effect that no geometry can reproduce.
 #
-# Worked out from the truth, for the scoring alone: the readings without noise, with the effect and
-# without it, less all small motions of the base, of every joint's frame and of the tool.
+# It is computed from the truth: the difference of readings without noise, with the effect and
+# without it, is projected off all small motions of the base, of every joint's frame and of the
+# tool.
 
-#: Motions that are less than this part of the largest one, once the others are taken out, are those
-#: that the others make already.
+#: Singular value, relative to the largest, below which a motion is a combination of others.
 _REDUNDANT = 1e-9
 
 
 class AfterGeometry(NamedTuple):
-    """What each effect of a campaign leaves, beside the noise."""
+    """Residuals of positions by each effect of a campaign, and by noise, root mean square."""
 
-    # root mean square by which each moves positions once the geometry is fitted again
-    residual_mm: tuple[float, ...]
-    # the same once the sizes of the other effects are fitted, too
-    partial_residual_mm: tuple[float, ...]
-    noise_mm: float  # what noise moves positions by, likewise, averaged over repeats
+    residual_mm: tuple[float, ...]  # by each effect, after the geometry is fitted again
+    partial_residual_mm: tuple[float, ...]  # after the sizes of all other effects are fitted too
+    noise_mm: float  # by noise, averaged over repeats
 
 
 def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]) -> AfterGeometry:
-    """Return what the effects of a campaign leave.
+    """Return the residuals by the effects of a campaign after its geometry is fitted again.
 
     Args:
         made: the campaign of a tracker.
-        without: it without one of its effects each, in their order.
+        without: for each of its effects, the campaign without that effect.
     """
     plan, truth = made.settings.without_touches, made.truth
     if plan is None:
@@ -371,14 +384,17 @@ def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]
     p_m, R = as_read(truth)
 
     def stacked(moved_m: Array, turned: Array) -> Array:
-        """Return positions (P, B, 3, k) and turns (P, 3, k) as columns in units of their noise."""
+        """Return positions (P, B, 3, k) and rotations (P, 3, k) as k columns, over their noise."""
         columns = [1e3 / plan.position_mm * moved_m.reshape(-1, moved_m.shape[-1])]
         if turns:
             columns.append(turned.reshape(-1, moved_m.shape[-1]) / plan.attitude_rad)
         return np.concatenate(columns)
 
     def moved_with(T: Array) -> tuple[Array, Array]:
-        """Return what turns and shifts of frames do to places (P, B, 3, 6), to axes (P, 3, 6)."""
+        """Return the derivatives of positions (P, B, 3, 6) and orientations (P, 3, 6) by frames.
+
+        They are by rotations about the axes of frames T (P, 4, 4), then by shifts along these.
+        """
         axes = T[:, :3, :3]
         lever_m = p_m - T[:, None, :3, 3]
         turned = np.cross(axes[:, None], lever_m[..., None], axisa=2, axisb=2, axisc=2)
@@ -386,24 +402,26 @@ def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]
         return np.concatenate([turned, shifted], -1), np.concatenate([axes, 0.0 * axes], -1)
 
     def difference(twin: SimulatedCampaign) -> Array:
+        """Return the difference of readings from those of a twin, as a column."""
         other_m, R_other = as_read(twin.truth)
         turned = Rotation.from_matrix(R @ R_other.transpose(0, 2, 1), assume_valid=True).as_rotvec()
         return stacked((p_m - other_m)[..., None], turned[..., None])[:, 0]
 
     def position_mm(difference: Array) -> float:
+        """Return the root mean square of the positions in a column."""
         p_mm = difference[: p_m.size] * plan.position_mm
         return float(np.sqrt(3.0 * np.mean(p_mm**2)))
 
     frames = mechanism.T_base_joints(truth.rest.q[rows])
     base = np.broadcast_to(np.eye(4), (len(rows), 4, 4))
     basis = _basis(np.hstack([stacked(*moved_with(T)) for T in (base, *frames)]))
-    residual = [_less(difference(each), basis) for each in without]
-    partial = [
-        _less(each, _basis(np.column_stack([basis, *residual[:k], *residual[k + 1 :]])))
-        for k, each in enumerate(residual)
-    ]
+    residual = [_projected_off(difference(twin), basis) for twin in without]
+    partial = []
+    for k, of_effect in enumerate(residual):
+        others = _basis(np.column_stack([basis, *residual[:k], *residual[k + 1 :]]))
+        partial.append(_projected_off(of_effect, others))
     noise_mm2 = 3.0 * plan.position_mm**2
-    off_mm = 1e3 * np.hypot(plan.unseen_rad, plan.resolver_rad)  # links about their motors
+    off_mm = 1e3 * np.hypot(plan.unseen_rad, plan.resolver_rad)  # of links about their motors
     for slides, T in zip(mechanism.slides, frames, strict=True):
         along_z = moved_with(T)[0][..., 5 if slides else 2]
         noise_mm2 += float(np.mean(np.sum((off_mm * along_z) ** 2, axis=-1)))
@@ -415,11 +433,11 @@ def after_geometry(made: SimulatedCampaign, without: Sequence[SimulatedCampaign]
 
 
 def _basis(columns: Array) -> Array:
-    """Return an orthonormal basis of the span of some columns of any scale."""
+    """Return an orthonormal basis of the span of columns, whatever their scales."""
     length = np.linalg.norm(columns, axis=0)
     return np.asarray(orth(columns[:, length > 0.0] / length[length > 0.0], rcond=_REDUNDANT))
 
 
-def _less(difference: Array, basis: Array) -> Array:
-    """Return a difference without its part in the span of a basis."""
+def _projected_off(difference: Array, basis: Array) -> Array:
+    """Return the part of a column that is orthogonal to an orthonormal basis."""
     return np.asarray(difference - basis @ (basis.T @ difference))

@@ -81,7 +81,7 @@ def coverage(
 
     from pa10cal.files.output import write_text
     from pa10cal.results.codec import write
-    from pa10cal_lab.simulated import coverage_study, coverage_table
+    from pa10cal_lab.coverage import coverage_study, coverage_table
 
     record = coverage_study(settings, calibration, partial(print, flush=True))
     write_text(table, coverage_table(record))

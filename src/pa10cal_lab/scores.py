@@ -1,19 +1,19 @@
-"""What many blind trials come to: rates of right and wrong names, and the figures to reach.
+"""Scores of many blind trials: rates of right and wrong names, against the targets to reach.
 
-Trials become tables: a row a trial, a hidden effect, a fault put in, a parameter reported. What is
-counted stands in `scores.csv`: which table, which of its rows count, what counts of them, and the
-figure to reach. Of trials as measured robots come (`cell.measured_trials`) the truth itself
-says how far a hidden effect moves the readings once the geometry is fitted again, and what noise
-does: a calibrated model may hold springs, and follow.
+Trials become tables with a row for each trial, hidden effect, fault, reported parameter, or claimed
+probability. `scores.csv` defines the figures: the table, which rows count, what is evaluated in
+them, and the target. In trials like measured robots (`cell.measured_trials`) the residual by a
+hidden effect is that of the truth, after the geometry is fitted again, since springs of a
+calibrated model may absorb the effect.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -29,9 +29,10 @@ from pa10cal_lab import blind_trial
 from pa10cal_lab import trial_records as results
 from pa10cal_lab.cell.measured_trials import MIXED, SORTED, SUBJECTS, UNSTATED
 
+#: Level of confidence intervals, and of the power at which an effect counts as found surely.
 LEVEL = 0.95
 _AS_MEASURED = "arms, their lengths, weights and springs, poses, noise and hidden effects"
-#: What is drawn of the trials of each study.
+#: What is drawn at random in the trials of each study.
 _DRAWN = {
     **dict.fromkeys(("touched", blind_trial.TRACKED), "robots, poses, noise and hidden effects"),
     blind_trial.WILD: "robots, poses, noise, stressors, faults and hidden effects",
@@ -40,13 +41,18 @@ _DRAWN = {
     blind_trial.DRIVES: "robots, poses, noise, errors of drives and ripple",
 }
 
-# The tables: a row a trial, a hidden effect, a fault, a parameter.
-
 TableName = Literal["trials", "effects", "faults", "parameters", "claims"]
+#: Edges of the bins in which claimed probabilities are compared with observed shares.
+CLAIM_EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
+#: Least probability whose logarithm is scored.
+_LEAST_PROBABILITY = 1e-4
 
 
 def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.DataFrame]:
-    """Return trials as tables; `held_over_null` is relative to campaigns that hide nothing."""
+    """Return trials as tables.
+
+    `held_over_null` is the held-out error over the mean of trials of the layout that hide nothing.
+    """
     by_trial = pd.DataFrame([_trial_row(t) for t in trials])
     if len(by_trial):
         null = by_trial[by_trial["kind"] == "null"].groupby("layout")["held_out_mm"].mean()
@@ -58,16 +64,18 @@ def tables_of(trials: Sequence[blind_trial.BlindTrial]) -> dict[TableName, pd.Da
         "claims": pd.DataFrame([row for t in trials for row in _claim_rows(t)]),
         "faults": pd.DataFrame([row for t in trials for row in _fault_rows(t)]),
         "parameters": pd.DataFrame(
-            dict(each, name=f"{each.id} {each.parameter}", inside=abs(each.score) <= inside)
-            for each in parameter_scores(trials)
+            dict(score, name=f"{score.id} {score.parameter}", inside=abs(score.score) <= inside)
+            for score in parameter_scores(trials)
         ),
     }
 
 
 def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
-    verdict, own, named = t.verdict, t.without_springs(), t.without_background()
-    above = [hidden for hidden in t.to_be_named if t.is_above(hidden)]
-    hidden = {each.name for each in t.hidden}
+    """Return the row of a trial in the table of trials."""
+    verdict = t.verdict
+    without_springs, without_background = t.without_springs(), t.without_background()
+    above_limit = [hidden for hidden in t.to_be_named if t.is_above(hidden)]
+    hidden_names = {hidden.name for hidden in t.hidden}
     row: dict[str, Any] = {
         "campaign": t.truth.campaign,
         "kind": t.kind,
@@ -85,22 +93,23 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         "right_place": t.kind == blind_trial.OUTSIDE and t.has_right_place(),
         "all_listed": t.matched(t.to_be_named) == len(t.to_be_named),
         "all_testable": all(map(t.is_testable, t.to_be_named)),
-        "has_above": bool(above),
-        "above_listed": t.matched(above) == len(above),
+        "has_above": bool(above_limit),
+        "above_listed": t.matched(above_limit) == len(above_limit),
         "outside": t.is_outside(),
         "right_formula": t.proposes(right=True),
         "wrong_formula": t.proposes(right=False),
         "has_fault": t.has_fault(),
         "undisturbed": not any(each.kinds or each.measured for each in t.put_in),
         "disturbed": t.hides_much() or any(map(t.matters, t.put_in)),
-        "false_name": own.extra() > 0,
-        "confident_false_name": own.is_confidently_wrong(blind_trial.CHECK),
+        "false_name": without_springs.extra() > 0,
+        "confident_false_name": without_springs.is_confidently_wrong(blind_trial.CHECK),
         "wrong_name": t.has_wrong_name(),
         "among": "a background" if any(each.outside for each in t.hidden) else "nothing else",
-        "named_beside": named.extra(),
-        "wrong_name_alone": named.has_wrong_name_alone(),
+        "named_beside": without_background.extra(),
+        "wrong_name_alone": without_background.has_wrong_name_alone(),
         "false_drive_name": any(
-            each.id != blind_trial.MAP and not hidden & set(each.all_names) for each in t.effects
+            effect.id != blind_trial.MAP and hidden_names.isdisjoint(effect.all_names)
+            for effect in t.effects
         ),
         "false_comfort": t.has_false_comfort(),
         "worse": t.is_worse(),
@@ -122,8 +131,9 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
 
 
 def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a trial in the table of hidden effects."""
     for k, hidden in enumerate(t.hidden):
-        named, beside, nan = t.names(hidden), t.alternatives(hidden), float("nan")
+        named, alternatives = t.names(hidden), t.alternatives(hidden)
         yield dict(t.judged_effect(hidden)) | {
             "campaign": t.truth.campaign,
             "kind": t.kind,
@@ -131,44 +141,40 @@ def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
             "judged": t.verdict is not None,
             "says_something": t.verdict is not None and t.verdict.says_something,
             "first_at_place": all(other.of != hidden.of for other in t.hidden[:k]),
-            "ratio": t.ratio(hidden) or nan,
-            "apart": t.ratio(hidden, partial=True) or nan,
+            "ratio": t.ratio(hidden) or np.nan,
+            "apart": t.ratio(hidden, partial=True) or np.nan,
             "moved": t.moved_over_floor(hidden) or 0.0,
             "named": named,
             "place_told": t.tells_place(hidden),
-            "alternatives": nan if beside is None else beside,
-            "alone": named and beside == 0 and not t.extra(),
+            "alternatives": np.nan if alternatives is None else alternatives,
+            "alone": named and alternatives == 0 and not t.extra(),
         }
 
 
 def _fault_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
-    for each in t.put_in:
+    """Yield the rows of a trial in the table of stressors and faults."""
+    for put_in in t.put_in:
         about = {"campaign": t.truth.campaign, "has_fault": t.has_fault()}
-        yield about | {"matters": t.matters(each), "told": t.is_told(each)}
-
-
-#: Edges of the bins in which probabilities are held against what comes true.
-CLAIM_EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
+        yield about | {"matters": t.matters(put_in), "told": t.is_told(put_in)}
 
 
 def _claim_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
-    """Yield what a trial claims with a probability, and whether it is true."""
-    for each in t.claims():
-        k = min(max(int(np.searchsorted(CLAIM_EDGES, each.probability, "right")), 1), 6)
-        off = 1.0 - each.probability if each.right else each.probability
+    """Yield the rows of a trial in the table of claimed probabilities."""
+    for claim in t.claims():
+        above = int(np.searchsorted(CLAIM_EDGES, claim.probability, "right"))
+        above = min(max(above, 1), len(CLAIM_EDGES) - 1)
+        off = 1.0 - claim.probability if claim.right else claim.probability
         yield {
             "campaign": t.truth.campaign,
             "kind": t.kind,
-            "of": each.of,
-            "probability": each.probability,
-            "right": each.right,
-            "bin": f"{CLAIM_EDGES[k - 1]:.2f} to {CLAIM_EDGES[k]:.2f}",
+            "of": claim.of,
+            "probability": claim.probability,
+            "right": claim.right,
+            "bin": f"{CLAIM_EDGES[above - 1]:.2f} to {CLAIM_EDGES[above]:.2f}",
             "brier": off**2,
-            "log_score": float(np.log(max(1.0 - off, 1e-4))),
+            "log_score": float(np.log(max(1.0 - off, _LEAST_PROBABILITY))),
         }
 
-
-# What is counted, and the figures to reach: `scores.csv` beside this module, a row a figure.
 
 _STATISTICS: dict[str, Callable[[Array], Any]] = {
     "mean": np.mean,
@@ -181,41 +187,42 @@ _STATISTICS: dict[str, Callable[[Array], Any]] = {
 
 
 class Quantity(NamedTuple):
-    """A share of some rows of a table, or another figure of them; a row of `scores.csv`."""
+    """A figure of a table, a share or another statistic; a row of `scores.csv`."""
 
-    studies: str  # of which trials it is a figure
+    studies: str  # names of the studies that have it
     what: str
     table: TableName
-    where: str  # which rows count, as in `DataFrame.query`; all where empty
-    value: str  # what counts of them, or their number
-    statistic: str  # `share`, or of `_STATISTICS`
-    at_least: str  # figure to reach; empty of none
-    at_most: str  # or not to exceed
-    failing: str  # what is said of a trial that counts against it
-    by: str  # column of the groups of which each is a figure of its own
+    where: str  # which rows count, an expression of columns; empty for all
+    value: str  # the value of a row, an expression of columns
+    statistic: str  # `share`, or one of `_STATISTICS`
+    at_least: str  # target; empty without
+    at_most: str  # target in the other direction; empty without
+    failing: str  # failing of a trial whose value counts against the target; empty for none
+    by: str  # column of groups, each of which has a figure of its own; empty for none
 
     def rows(self, tables: Mapping[TableName, pd.DataFrame]) -> pd.DataFrame:
         """Return the rows that count."""
         rows = tables[self.table]
-        return rows if rows.empty or not self.where else rows[_of(rows, self.where)]
+        return rows if rows.empty or not self.where else rows[_evaluated(rows, self.where)]
 
     def valued(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Return those of the rows that count of which something counts, that as `value`."""
+        """Return the rows with a column `value`, those without a value left out."""
         if rows.empty:
             return pd.DataFrame(columns=["campaign", "value", self.by])
-        return rows.assign(value=_of(rows, self.value)).dropna(subset=["value"])
+        return rows.assign(value=_evaluated(rows, self.value)).dropna(subset=["value"])
 
     def score(self, values: Array, by: str = "") -> results.ScoreRow:
-        """Return the figure of some values, against the one to reach."""
-        found: dict[str, Any] = dict.fromkeys(("count", "reached", "low", "high"))
+        """Return the figure of values, compared with the target."""
+        figure: dict[str, Any] = dict.fromkeys(("count", "reached", "low", "high"))
         if self.statistic == "share":
-            found = share_of(values)
+            figure = share_of(values)
         elif len(values):
-            found["reached"] = float(_STATISTICS[self.statistic](values.astype(float)))
-        at_least = bool(self.at_least) if self.at_least or self.at_most else None
-        limit, met = None if at_least is None else float(self.at_least or self.at_most), None
-        if limit is not None and found["reached"] is not None:
-            met = found["reached"] >= limit if at_least else found["reached"] <= limit
+            figure["reached"] = float(_STATISTICS[self.statistic](values.astype(float)))
+        at_least, limit, met = None, None, None
+        if self.at_least or self.at_most:
+            at_least, limit = bool(self.at_least), float(self.at_least or self.at_most)
+            if figure["reached"] is not None:
+                met = figure["reached"] >= limit if at_least else figure["reached"] <= limit
         return results.ScoreRow(
             what=self.what,
             by=by,
@@ -224,19 +231,19 @@ class Quantity(NamedTuple):
             trials=len(values),
             share=self.statistic == "share",
             met=met,
-            **found,
+            **figure,
         )
 
     def scores(self, rows: pd.DataFrame) -> list[results.ScoreRow]:
-        """Return the figure of the rows that count, or that of each group."""
+        """Return the figure of rows with values, or one for each group."""
         if not self.by:
             return [self.score(rows["value"].to_numpy())]
         groups = rows.groupby(self.by)["value"]
         return [self.score(values.to_numpy(), str(by)) for by, values in groups]
 
 
-def _of(rows: pd.DataFrame, expression: str) -> Any:
-    """Evaluate an expression of columns; the others are left away, each costs time."""
+def _evaluated(rows: pd.DataFrame, expression: str) -> Any:
+    """Return an expression of columns; without the other columns it is evaluated faster."""
     if expression in rows:  # most are one column: to read an expression takes milliseconds
         return rows[expression]
     words = set(re.findall(r"\w+", expression))
@@ -245,42 +252,45 @@ def _of(rows: pd.DataFrame, expression: str) -> Any:
 
 @cache
 def quantities() -> tuple[Quantity, ...]:
-    """Return every figure that is counted, in the order of the scores."""
+    """Return all figures, in the order of `scores.csv`."""
     table = pd.read_csv(Path(__file__).with_name("scores.csv"), dtype=str, keep_default_na=False)
     return tuple(Quantity(*row) for row in table.itertuples(index=False))
 
 
 def share_of(outcomes: Collection[Any]) -> dict[str, Any]:
-    """Return how many of some outcomes are true, their share and its exact 95 % interval."""
+    """Return the number and the share of true outcomes, and its exact confidence interval."""
     if not len(outcomes):
         return {"count": 0, "reached": None, "low": 0.0, "high": 1.0}
-    count, of = sum(map(bool, outcomes)), len(outcomes)
-    low, high = binomtest(count, of).proportion_ci(LEVEL, method="exact")
-    return {"count": count, "reached": count / of, "low": float(low), "high": float(high)}
+    count, total = sum(map(bool, outcomes)), len(outcomes)
+    low, high = binomtest(count, total).proportion_ci(LEVEL, method="exact")
+    return {"count": count, "reached": count / total, "low": float(low), "high": float(high)}
 
 
 def _study(trial: blind_trial.BlindTrial) -> str:
-    """Return which figures a trial counts in."""
+    """Return the study of a trial, as `scores.csv` calls it."""
     studies = {UNSTATED: "unstated", SORTED: "sorted", MIXED: MIXED}
     return studies.get(trial.kind, trial.truth.measured)
 
 
 def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScoresRecord:
-    """Return what trials of one study come to."""
+    """Return the scores of trials of one study."""
     tables = tables_of(trials)
     studies = {_study(trial) for trial in trials} or {"touched"}
-    chosen = [each for each in quantities() if studies & set(each.studies.split())]
-    alike = {(each.table, each.where): each for each in chosen}
-    rows_of = {of: each.rows(tables) for of, each in alike.items()}
-    counted = {each: each.valued(rows_of[each.table, each.where]) for each in chosen}
-    scores = [score for each, rows in counted.items() for score in each.scores(rows)]
+    rows_of: dict[tuple[str, str], pd.DataFrame] = {}  # shared by figures of the same rows
+    scores: list[results.ScoreRow] = []
     failings: dict[str, dict[str, None]] = {}
-    for quantity, rows in counted.items():
-        if not quantity.failing:
+    for quantity in quantities():
+        if studies.isdisjoint(quantity.studies.split()):
             continue
-        against = rows["value"].astype(bool) == bool(quantity.at_most)
-        for campaign in rows.loc[against, "campaign"]:
-            failings.setdefault(campaign, {})[quantity.failing] = None
+        selection = quantity.table, quantity.where
+        if selection not in rows_of:
+            rows_of[selection] = quantity.rows(tables)
+        rows = quantity.valued(rows_of[selection])
+        scores += quantity.scores(rows)
+        if quantity.failing:
+            against = rows["value"].astype(bool) == bool(quantity.at_most)
+            for campaign in rows.loc[against, "campaign"]:
+                failings.setdefault(campaign, {})[quantity.failing] = None
     return results.TrialScoresRecord(
         provenance=f"synthetic: virtual cell; {_DRAWN[max(studies)]} drawn at random",
         measured=trials[0].truth.measured if trials else "",
@@ -294,24 +304,26 @@ def scores_record(trials: Sequence[blind_trial.BlindTrial]) -> results.TrialScor
     )
 
 
-# Counts by what was put in or hidden.
+# Counts of outcomes by what trials hide or put in.
 
-#: What is counted of every wild trial, of its row.
+#: Columns of the table of trials that are counted for wild trials.
 _COUNTED = ("crashed", "refused", "false_comfort", "worse", "unexplained")
 
 
 def _subjects(
     trials: Sequence[blind_trial.BlindTrial], by_trial: pd.DataFrame
 ) -> tuple[results.OutcomeCounts, ...]:
-    """Return what became of all that trials hide or put in, by kind of trial and id."""
-    number: Counter[tuple[str, str]] = Counter()
+    """Return counts of outcomes of what trials hide or put in, by kind of trial and id."""
+    trial_count: Counter[tuple[str, str]] = Counter()
     counts: dict[tuple[str, str], Counter[str]] = {}
     for trial, row in zip(trials, by_trial.to_dict("records"), strict=True):
         for id, outcome in _outcomes(trial, row):
-            number[trial.kind, id] += 1
+            trial_count[trial.kind, id] += 1
             counts.setdefault((trial.kind, id), Counter()).update(outcome)
     return tuple(
-        results.OutcomeCounts(kind=kind, id=id, trials=number[kind, id], counts=counts[kind, id])
+        results.OutcomeCounts(
+            kind=kind, id=id, trials=trial_count[kind, id], counts=counts[kind, id]
+        )
         for kind, id in sorted(counts)
     )
 
@@ -319,22 +331,25 @@ def _subjects(
 def _outcomes(
     t: blind_trial.BlindTrial, row: Mapping[Any, Any]
 ) -> Iterator[tuple[str, Mapping[str, int]]]:
-    """Yield what a trial counts under, and as what; see `OutcomeCounts`."""
+    """Yield the ids under which a trial counts, each with its outcomes; see `OutcomeCounts`."""
     if t.truth.measured == blind_trial.DRIVES:
-        erring = () if t.kind == "neither" else t.hidden
-        for of in dict.fromkeys(hidden.of for hidden in erring):
-            yield "joint", {t.drive_outcome(of): 1}
+        erroneous = () if t.kind == "neither" else t.hidden
+        for joint in dict.fromkeys(hidden.of for hidden in erroneous):
+            yield "joint", {t.drive_outcome(joint): 1}
         return
     if t.truth.measured != blind_trial.WILD:
         if t.kind in ("single", blind_trial.OUTSIDE):
             yield t.hidden[0].id, {t.outcome(t.hidden[0]): 1}
         return
     as_measured = t.kind in SUBJECTS
-    false_name = "confident_false_name"
-    if as_measured or t.kind in ("effect", "right", "stressed"):
-        false_name = "wrong_name" if as_measured else "false_name"
     if t.kind == MIXED:
         false_name = "wrong_name_alone"
+    elif as_measured:
+        false_name = "wrong_name"
+    elif t.kind in ("effect", "right", "stressed"):
+        false_name = "false_name"
+    else:
+        false_name = "confident_false_name"
     counted = {name: row[name] for name in _COUNTED}
     counted |= {"false_name": row[false_name], "suspected": row["accused"]}
     by_effect = as_measured or t.kind in ("effect", "beyond")
@@ -348,36 +363,32 @@ def _outcomes(
         yield id, counted | {"above_noise": len(told), "told": sum(told), "found": found}
 
 
-# Whether reported parameters of effects hold what was hidden inside their intervals.
+# Reported parameters of effects compared with those hidden.
 
 _AXES = "xyz"
 
 
 def parameter_scores(trials: Iterable[blind_trial.BlindTrial]) -> Iterator[results.ParameterScore]:
-    """Score the parameters of every finding that is what was hidden, at its place.
+    """Yield the errors, over their standard uncertainties, of parameters of rightly named effects.
 
-    Of phases the difference modulo a turn counts, with the sign of an amplitude taken into the
-    phase. Maps are omitted: cell and estimator have other knots, and calibration takes their
-    mean.
+    Phases differ modulo a turn, for amplitudes of the same sign. Maps are omitted: cell and
+    estimator have different knots, and calibration absorbs their mean.
     """
-    for hidden, named in (
-        (each, named) for t in trials for each in t.hidden for named in t.effects
-    ):
-        truth = (
-            true_parameters(hidden)
-            if named.name == hidden.name and hidden.id != blind_trial.MAP
-            else {}
-        )
-        for name, found in named.parameters.items():
-            if name in truth and found.std > 0.0:
-                off = found.value - truth[name]
-                off = float(np.angle(np.exp(1j * off))) if name == "phi" else off
-                score = off / found.std
-                yield results.ParameterScore(id=named.id, parameter=name, score=score)
+    for trial in trials:
+        for hidden, named in itertools.product(trial.hidden, trial.effects):
+            if named.name != hidden.name or hidden.id == blind_trial.MAP:
+                continue
+            truth = true_parameters(hidden)
+            for name, reported in named.parameters.items():
+                if name in truth and reported.std > 0.0:
+                    error = reported.value - truth[name]
+                    error = float(np.angle(np.exp(1j * error))) if name == "phi" else error
+                    score = error / reported.std
+                    yield results.ParameterScore(id=named.id, parameter=name, score=score)
 
 
 def true_parameters(hidden: results.HiddenEffect) -> dict[str, float]:
-    """Return what was hidden under the names of a verdict, amplitudes positive."""
+    """Return parameters of a hidden effect by their names in a verdict, amplitudes positive."""
     flat: dict[str, float] = {}
     known: Mapping[str, object] = hidden.parameters
     for name, value in known.items():
@@ -390,29 +401,27 @@ def true_parameters(hidden: results.HiddenEffect) -> dict[str, float]:
     return flat
 
 
-# How sure an effect of some size is found.
+# Statistical power: probability that an effect is found, by its size.
 
-#: Standard deviation expected of the slope of a power curve: none is steeper than a few of these
-#: where all trials below some size fail and all above succeed.
+#: Prior standard deviation of the slope of a power curve, which keeps it finite where all trials
+#: below some size fail and all above succeed.
 _STEEP = 5.0
-#: Edges of the bins in which shares are counted: of how far the residual moves, over the floor. Two
-#: of them are where the residual is `LIMIT` and `LARGE` times the floor.
+#: Edges of bins of an effect's part of the residual over the noise floor. At two of them the whole
+#: residual is `LIMIT` and `LARGE` times the floor.
 MOVED_EDGES = (
     *(0.0, 0.1, 0.2, 0.4),
     *(float(np.sqrt(ratio**2 - 1.0)) for ratio in (blind_trial.LIMIT, blind_trial.LARGE)),
     *(8.0, np.inf),
 )
-#: Less than this counts as this; keeps logarithms finite.
+#: Least part of the residual over the noise floor, whose logarithm is finite.
 _LEAST_MOVED = 0.03
-
-
 _FOUND = Quantity(
     "", "named or among the alternatives", "effects", "", "listed", "share", *[""] * 4
 )
 
 
 def study_power(effects: pd.DataFrame) -> results.PowerStudy:
-    """Fit power curves to trials that hide one effect and did not fail."""
+    """Return power curves of trials that hide one effect and were judged."""
     columns = ["id", "size", "moved", "moves_poses", "listed"]
     known = effects.query("kind == 'single' and judged") if len(effects) else effects
     known = known.reindex(columns=columns)
@@ -430,37 +439,40 @@ def study_power(effects: pd.DataFrame) -> results.PowerStudy:
                 high=high if np.isfinite(high) else None,
                 listed=_FOUND.score(listed[(moved >= low) & (moved < high)]),
             )
-            for low, high in pairwise(MOVED_EDGES)
+            for low, high in itertools.pairwise(MOVED_EDGES)
         ),
     )
 
 
 def power(size: Array, found: NDArray[np.bool_]) -> results.PowerCurve | None:
-    """Fit a power curve; None where all trials, or none, were found.
+    """Fit a power curve: logistic in the logarithm of the size, with a prior of its slope.
 
     Args:
-        size: (T,) positive.
-        found: (T,).
+        size: (T,) positive sizes.
+        found: (T,) whether the effect was found.
+
+    Returns:
+        The curve; None where all effects were found, or none.
     """
     if not len(size) or found.all() or not found.any():
         return None
-    logarithm = np.log(size)
-    middle = logarithm.mean()
+    log_size = np.log(size)
+    mean = log_size.mean()
 
-    def misfit(x: Array) -> float:
-        odds = x[0] + x[1] * (logarithm - middle)
-        likely = np.sum(np.logaddexp(0.0, np.where(found, -odds, odds)))
-        return float(likely) + 0.5 * float((x[1] / _STEEP) ** 2)
+    def minus_log_posterior(x: Array) -> float:
+        log_odds = x[0] + x[1] * (log_size - mean)
+        minus_log_likelihood = np.sum(np.logaddexp(0.0, np.where(found, -log_odds, log_odds)))
+        return float(minus_log_likelihood) + 0.5 * float((x[1] / _STEEP) ** 2)
 
-    best = minimize(misfit, np.array([0.0, 1.0]), bounds=[(None, None), (0.0, None)])
-    centre, slope = float(best.x[0]), float(best.x[1])
-    intercept = centre - slope * float(middle)
+    best = minimize(minus_log_posterior, np.array([0.0, 1.0]), bounds=[(None, None), (0.0, None)])
+    at_mean, slope = float(best.x[0]), float(best.x[1])
+    intercept = at_mean - slope * float(mean)
 
-    def size_at(chance: float) -> float | None:
+    def size_at(probability: float) -> float | None:
         if slope <= 0.0:
             return None
-        at = (np.log(chance / (1.0 - chance)) - intercept) / slope
-        return float(np.exp(at)) if logarithm.min() <= at <= logarithm.max() else None
+        at = (np.log(probability / (1.0 - probability)) - intercept) / slope
+        return float(np.exp(at)) if log_size.min() <= at <= log_size.max() else None
 
     return results.PowerCurve(
         intercept=intercept, slope=slope, half=size_at(0.5), most=size_at(LEVEL)

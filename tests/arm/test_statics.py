@@ -17,9 +17,9 @@ from pa10cal.errors import ArmError
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.joint_spring import deflection_rad, unit_deflection
 from pa10cal_lab.cell.individual import build_robot
+from pa10cal_lab.cell.mechanism import GRAVITY_M_S2
 from pa10cal_lab.cell.options import SimulateOptions
 from pa10cal_lab.cell.poses import place_poses
-from pa10cal_lab.cell.robot import GRAVITY_M_S2
 
 conventions = st.sampled_from(["standard", "modified"])
 seeds = st.integers(0, 10_000)

@@ -318,7 +318,7 @@ def test_suggested_poses_take_joints_to_angles_not_seen(nothing_hidden):
     found = poses_at_unseen_angles(survey, seen, 5)
     assert len(found) == 5
     for pose in found:
-        new = ~seen.each(pose.q_rad[None])[0]
+        new = ~seen.covers(pose.q_rad[None])[0]
         joints = np.flatnonzero(new) + 1
         assert pose.for_ == tuple(f"angle of joint {j} not seen" for j in joints)
     joints = [len(pose.for_) for pose in found]

@@ -49,7 +49,7 @@ def test_all_joints_must_keep_to_what_was_seen():
     seen = angles_seen(q_rad, np.full(2, ANGLES.fine_order))
     asked = np.array([[0.5, 0.0], [0.5, 0.5], [1.5, 0.0], [0.5 + TURN, -TURN]])
     assert seen.inside(asked).tolist() == [True, False, False, True]
-    assert seen.each(asked)[1].tolist() == [True, False]
+    assert seen.covers(asked)[1].tolist() == [True, False]
 
 
 def test_a_sliding_joint_has_seen_its_span():
@@ -72,7 +72,7 @@ def test_coarser_maps_have_learnt_from_poses_farther_apart_and_no_map_from_the_s
     q_rad = np.tile(np.radians(np.arange(0.0, 60.0, 2.0))[:, None], (1, 3))
     seen = angles_seen(q_rad, np.array([ANGLES.fine_order, 5.0, 0.0]))
     between = np.radians([[30.5, 30.5, 30.5], [30.5, 62.0, 30.5], [30.5, 30.5, 62.0]])
-    assert seen.each(between).tolist() == [
+    assert seen.covers(between).tolist() == [
         [False, True, True],
         [False, False, True],
         [False, True, False],

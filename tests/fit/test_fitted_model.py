@@ -19,8 +19,12 @@ from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.covariance_file import covariance_beside, write_covariance
 from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model
-from pa10cal.fit.forward import MapMotion, position_covariance
-from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
+from pa10cal.numerics.periodic_spline import (
+    MapMotion,
+    b_splines,
+    b_splines_by_knots,
+    position_covariance,
+)
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.effects.structure import ToolSag

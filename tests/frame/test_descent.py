@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pa10cal.numerics.least_squares import Linearised, axis_text, descend, split_identified
+from pa10cal.numerics.descent import Linearised, axis_text, descend, split_identified
 
 
 def test_a_valley_that_full_steps_leave_is_followed_to_its_end():

@@ -15,10 +15,9 @@ from pa10cal.files.arms import load_arm
 from pa10cal_lab.cell.individual import draw_individual
 from pa10cal_lab.cell.options import TrackerOptions
 from pa10cal_lab.cell.write import write_campaign
+from pa10cal_lab.coverage import coverage, coverage_by_parameter
 from pa10cal_lab.simulated import (
     class_of,
-    coverage,
-    coverage_by_parameter,
     draw_by_unknowns,
     exact_observations,
     measure,

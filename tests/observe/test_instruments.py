@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from made_up_poses import frames
 from pa10cal.files.arms import load_arm
-from pa10cal.observe.instrument import BaseTargets, Instrument
+from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.joined import Joined
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.points import Distance, Points

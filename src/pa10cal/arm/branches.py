@@ -1,9 +1,13 @@
-"""All joint positions at which a six-joint arm as designed reaches a pose, in closed form.
+"""Inverse kinematics of nominal six-joint arms in closed form, all branches of a pose.
 
-Two layouts cover nearly all arms of industry: the last three axes meet in a point, and the second
-and third are parallel; or the second to fourth are parallel, and the last two meet. Each pose then
-falls apart into turns of one joint (Paden and Kahan; Elias and Wen 2024), with eight branches. The
-axes may be off by rounding: what is found is where a search on the calibrated arm starts.
+Two layouts cover nearly all industrial arms: the last three axes meet in a point, and the second
+and third are parallel (a spherical wrist); or the second to fourth are parallel, and the last two
+meet. Each pose then decomposes into rotations about one axis at a time (Paden and Kahan; Elias and
+Wen 2024), with up to eight branches. Axes may deviate by rounding: the solutions are starts for a
+search on the calibrated arm.
+
+The arrays of a solution have an axis B of branches: the two values of each further joint double it,
+B to 2 B, and `_pairs` repeats what belongs to the joints before.
 """
 
 from __future__ import annotations
@@ -17,29 +21,29 @@ from pa10cal.arm.chain import Chain, end_pose, frames
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 
-#: How far axes that are said to be parallel or to meet may be from it [rad], [m].
+#: Largest deviation of axes that count as parallel [rad], and as meeting [m].
 _PARALLEL_RAD = 2e-3
 _MEETING_M = 2e-3
-#: Cosine of half the angle by which two branches stay apart at least: a search that starts in the
-#: singularity between them goes to neither.
-_APART = float(np.cos(0.01))
+#: Cosine of half the least angle between two branches: a search that started in the singularity
+#: between them would go to neither.
+_BRANCH_COSINE = float(np.cos(0.01))
 
 
 @dataclass(frozen=True)
 class _Axes:
-    """Joint axes at position zero, in the base."""
+    """Joint axes at zero joint positions, in the base."""
 
-    h: Array  # (6, 3) directions in which the joints turn
-    p: Array  # (6, 3) a point of each; where axes meet, that point
-    T_ee_base: Array  # (4, 4) the base in the end-effector at position zero
+    h: Array  # (6, 3) directions of the axes, unit vectors
+    p: Array  # (6, 3) a point of each axis; where axes meet, that point
+    T_ee_base: Array  # (4, 4) the base in the end-effector
 
 
 def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
-    """Return what gives all branches of an arm as designed; None where no closed form is known.
+    """Return a function for all branches of a nominal arm; None where no closed form is known.
 
     The function takes end-effector poses T_base_ee (P, 4, 4) and returns joint positions
-    (P, 8, 6), between -pi and pi [rad]. Of a pose out of reach, or within a hundredth of a radian
-    of a singularity, these come near it.
+    (P, 8, 6), between -pi and pi [rad]. For a pose out of reach, or within a hundredth of a radian
+    of a singularity, they reach a pose near it.
     """
     if arm.n != 6 or arm.prismatic.any():
         return None
@@ -64,9 +68,9 @@ def branches_of(arm: Arm) -> Callable[[Array], Array] | None:
 def _with_spherical_wrist(axes: _Axes, T_base_ee: Array) -> Array:
     """Solve arms whose axes 4, 5, 6 meet, and whose axes 2 and 3 are parallel."""
     h, p = axes.h, axes.p
-    moved = (T_base_ee @ axes.T_ee_base)[:, None]  # what moves the end from where it is at zero
+    moved = (T_base_ee @ axes.T_ee_base)[:, None]  # motion of the end from zero joint positions
     R = moved[..., :3, :3]
-    centre = _turned(R, p[3]) + moved[..., :3, 3]
+    centre = _turned(R, p[3]) + moved[..., :3, 3]  # of the wrist; it depends on joints 1 to 3 only
     q1 = -_onto_plane(h[0], centre - p[0], h[1], h[1] @ (p[3] - p[0]))
     v = _about(h[0], -q1, centre - p[0]) + p[0]
     q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
@@ -101,7 +105,7 @@ def _with_three_parallel(axes: _Axes, T_base_ee: Array) -> Array:
     R_234 = R_rest @ np.swapaxes(R_56, -1, -2)
     across = _across(h[1])
     sum_234 = _between(h[1], across, _turned(R_234, across))
-    # Where joints 5 and 6, turned back, leave the fourth axis.
+    # A point of the fourth axis, where joints 1 to 3 have to bring it.
     fourth = centre + _turned(R @ np.swapaxes(R_56, -1, -2), p[3] - p[4])
     v = _about(h[0], -q1, fourth - p[0]) + p[0]
     q3 = _at_distance(h[2], p[3] - p[2], p[2] - p[1], np.linalg.norm(v - p[1], axis=-1))
@@ -113,64 +117,64 @@ def _with_three_parallel(axes: _Axes, T_base_ee: Array) -> Array:
 
 
 def _onto_plane(k: Array, p: Array, h: Array, d: Array | float) -> Array:
-    """Return both turns about k that bring p (..., 3) to h · p = d, or as near as they can.
+    """Return both angles about k that rotate p (P, B, 3) into the plane h · p = d.
+
+    Where none does, both rotate it as near to that plane as possible.
 
     Returns:
-        (..., 2) of the last two axes (P, B) where p or d has them; a single leading B is dropped.
+        (P, B, 2), or (P, 2) for B = 1.
     """
     cos, sin = p @ h - (p @ k) * (h @ k), np.cross(k, p) @ h
-    return _two(cos, sin, d - (p @ k) * (h @ k))
+    return _both_angles(cos, sin, d - (p @ k) * (h @ k))
 
 
 def _at_distance(k: Array, p: Array, a: Array, d: Array) -> Array:
-    """Return both turns about k at which a plus p turned is d (P, B) long, (P, B, 2)."""
+    """Return both angles about k at which |a + rotated p| = d (P, B), shaped as `_onto_plane`."""
     cos, sin = p @ a - (p @ k) * (a @ k), np.cross(k, p) @ a
-    return _two(cos, sin, (d**2 - a @ a - p @ p) / 2.0 - (p @ k) * (a @ k))
+    return _both_angles(cos, sin, (d**2 - a @ a - p @ p) / 2.0 - (p @ k) * (a @ k))
 
 
-def _two(cos: Array, sin: Array, value: Array | float) -> Array:
-    """Solve cos x cos + sin x sin = value for both x: (P, B, 2), and (P, 2) of a single B."""
+def _both_angles(cos: Array, sin: Array, value: Array | float) -> Array:
+    """Solve `cos` cos(x) + `sin` sin(x) = value (P, B) for both x, shaped as `_onto_plane`."""
     size = np.maximum(np.hypot(cos, sin), np.finfo(float).tiny)
-    half = np.arccos(np.clip(value / size, -_APART, _APART))
+    half = np.arccos(np.clip(value / size, -_BRANCH_COSINE, _BRANCH_COSINE))
     middle = np.broadcast_to(np.arctan2(sin, cos), half.shape)
     both = np.stack([middle + half, middle - half], axis=-1)
     return both[:, 0] if both.shape[1] == 1 else both
 
 
 def _between(k: Array, p: Array, q: Array) -> Array:
-    """Return the turn about k from p to q."""
-    turn: Array = np.arctan2(
-        np.cross(p, q) @ k, np.sum(p * q, axis=-1) - (np.asarray(p) @ k) * (q @ k)
-    )
-    return turn
+    """Return the angle about k that rotates p to q."""
+    sin = np.cross(p, q) @ k
+    cos = np.sum(p * q, axis=-1) - (np.asarray(p) @ k) * (q @ k)
+    return np.asarray(np.arctan2(sin, cos))
 
 
-def _pairs(values: Array, of: Array) -> Array:
-    """Return values (P, B, ...) twice, B after B, as the pairs (P, B, 2) of the next joint are."""
-    return np.repeat(values, 2, axis=1) if of.ndim == 3 else values
+def _pairs(values: Array, angles: Array) -> Array:
+    """Return values (P, B, ...), each twice where the next joint has two angles (P, B, 2)."""
+    return np.repeat(values, 2, axis=1) if angles.ndim == 3 else values
 
 
 def _rotation(k: Array, angle: Array) -> Array:
-    """Return rotations about k by angles (P, B), (P, B, 3, 3)."""
+    """Return rotations about k by angles (P, B), (P, B, 3, 3), by Rodrigues' formula."""
     x, y, z = k
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sin, cos = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]
-    found: Array = np.eye(3) + sin * K + (1.0 - cos) * (K @ K)
-    return found
+    return np.asarray(np.eye(3) + sin * K + (1.0 - cos) * (K @ K))
 
 
 def _about(k: Array, angle: Array, p: Array) -> Array:
-    """Return p (..., 3) turned about k by angles (P, B)."""
+    """Return p (..., 3) rotated about k by angles (P, B)."""
     return _turned(_rotation(k, angle), p)
 
 
 def _turned(R: Array, p: Array) -> Array:
-    turned: Array = (R @ np.asarray(p)[..., None])[..., 0]
-    return turned
+    """Return vectors p (..., 3) rotated by R (..., 3, 3)."""
+    return np.asarray((R @ np.asarray(p)[..., None])[..., 0])
 
 
 def _across(k: Array) -> Array:
-    """Return a unit vector square to k."""
+    """Return a unit vector perpendicular to k."""
     square = np.cross(k, np.eye(3)[np.abs(k).argmin()])
     return np.asarray(square / np.linalg.norm(square))
 
@@ -180,7 +184,10 @@ def _parallel(one: Array, other: Array) -> bool:
 
 
 def _meeting(h: Array, p: Array) -> Array | None:
-    """Return the point in which neighbouring axes meet; None where they do not."""
+    """Return the point in which axes (k, 3) of directions h through p meet; None where they do not.
+
+    It is the point of the least sum of squared distances from the axes.
+    """
     if any(_parallel(one, other) for one, other in zip(h[1:], h[:-1], strict=True)):
         return None
     squares = np.eye(3) - h[:, :, None] * h[:, None, :]
@@ -190,4 +197,5 @@ def _meeting(h: Array, p: Array) -> Array | None:
 
 
 def _within_turn(q: Array) -> Array:
+    """Return angles between -pi and pi."""
     return np.asarray(np.remainder(q + np.pi, 2.0 * np.pi) - np.pi)

@@ -1,11 +1,11 @@
-"""The chain: forward kinematics and, for every chain coordinate, the screw it moves the end by.
+"""The kinematic chain of an arm: forward kinematics, its exact derivatives, frames along it.
 
-A chain is a row of elementary motions (rotations about and translations along the axes of the
+A chain is a sequence of elementary motions (rotations about and translations along the axes of the
 moving frame). Each is driven by one chain coordinate: the base frame, theta, d, a, alpha and beta
 of every Denavit-Hartenberg row, small bends at the ends of chosen links, the tool. The derivative
-of the end's pose by a coordinate is the screw of its axis, exact and at no extra cost (paper,
-Section II.C; Hayati's beta ends each row). The constant frames of the arm, before its first row and
-after its last, stand next to the rows, so that the small motions of base and tool lie outside.
+of the end's pose by a coordinate is the screw of its axis, which the same pass yields (paper,
+Section II.C; Hayati's beta ends each row). The arm's constant frames, before its first row and
+after its last, lie between the coordinates of the base or the tool and the rows.
 """
 
 from __future__ import annotations
@@ -23,14 +23,23 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 
-# Orientations as roll, pitch and yaw about fixed axes x, y and z, as URDF and arm files hold them.
+Axis = Literal[0, 1, 2]
+
+BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
+TOOL = ("tool.x", "tool.y", "tool.z", "tool.rx", "tool.ry", "tool.rz")
+
+#: Receives, before every motion, its number and the frame's axes (each (3, P)) and origin (3, P).
+_Visitor = Callable[[int, list[Array], Array], None]
+
+#: Number and random seed of the postures in which two arms are compared.
+_POSTURES, _SEED = 300, 20080427
 
 
 def roll_pitch_yaw(R: Array) -> Array:
-    """Return angles (3,) [rad] that give a rotation (3, 3) back to the last digit.
+    """Return the roll, pitch and yaw (3,) [rad] of a rotation (3, 3), about fixed axes x, y, z.
 
-    At a pitch of 90 degrees roll and yaw are not unique; any yaw will do there, because roll is
-    the rotation that remains after pitch and yaw.
+    URDF and arm files hold orientations so. The angles reproduce R to the last digit. At a pitch
+    of 90 degrees roll and yaw are not unique: roll then takes up whatever yaw was chosen.
     """
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     yaw = np.arctan2(R[1, 0], R[0, 0])
@@ -44,15 +53,6 @@ def placed(p: Array, rpy: Array) -> Array:
     return homogeneous(Rotation.from_euler("xyz", rpy).as_matrix(), p)
 
 
-Axis = Literal[0, 1, 2]
-
-BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
-TOOL = ("tool.x", "tool.y", "tool.z", "tool.rx", "tool.ry", "tool.rz")
-
-#: Called before every motion with its number, the frame's axes (each (3, P)) and origin (3, P).
-_Note = Callable[[int, list[Array], Array], None]
-
-
 @dataclass(frozen=True)
 class Motion:
     """One elementary motion: along or about an axis of the moving frame."""
@@ -62,7 +62,7 @@ class Motion:
     turns: bool  # whether it rotates (else it translates)
 
     def frame_at(self, value: float) -> Array:
-        """Return the frame (4, 4) so far along or about its axis [m, rad]."""
+        """Return the motion by a value [m, rad] as a transform (4, 4)."""
         if self.turns:
             R = Rotation.from_euler("xyz"[self.axis], value).as_matrix()
             return homogeneous(R, np.zeros(3))
@@ -106,13 +106,15 @@ class Chain:
 
     @classmethod
     def of(cls, arm: Arm, bends: tuple[int, ...] = ()) -> Chain:
-        """Lay out the chain of an arm: base, Denavit-Hartenberg rows, tool.
+        """Return the chain of an arm: base, Denavit-Hartenberg rows, tool.
 
-        The link of a row in `bends`, from 1, may bend: by six small motions `bend_coordinates(row)`
-        at its end, in the frame in which the next joint moves.
+        Args:
+            bends: rows, from 1, whose links may bend: by the six small motions
+                `bend_coordinates(row)` at the link's end, in the frame in which the next joint
+                moves.
 
         Raises:
-            ArmError: when a row is named whose link no joint follows.
+            ArmError: when no joint follows a link that may bend.
         """
         for row in bends:
             if not 1 <= row < arm.n:
@@ -137,8 +139,8 @@ class Chain:
             for row, value in enumerate(getattr(arm, name), start=1):
                 nominal[columns[f"{name.rpartition('_')[0]}_{row}"]] = value
         joints = np.array([columns[drive] for drive in drives])
-        placed = {len(BASE): arm.T_base_row1, len(motions) - len(TOOL): arm.T_row_n_ee}
-        constants = {column: T for column, T in placed.items() if (np.eye(4) != T).any()}
+        fixed_frames = {len(BASE): arm.T_base_row1, len(motions) - len(TOOL): arm.T_row_n_ee}
+        constants = {column: T for column, T in fixed_frames.items() if (np.eye(4) != T).any()}
         return cls(arm, motions, nominal, joints, constants, columns)
 
     @property
@@ -169,7 +171,7 @@ class Chain:
 
 
 def bend_coordinates(row: int) -> tuple[str, ...]:
-    """Return the six coordinates of the bend at the end of a row's link: x, y, z, then about."""
+    """Return the names of the six motions of a link's bend: along x, y, z, then about them."""
     return tuple(f"bend_{row}.{motion}" for motion in ("x", "y", "z", "rx", "ry", "rz"))
 
 
@@ -184,7 +186,8 @@ def end_pose_with_screws(
 ) -> EndPose:
     """Return the pose of the end and the screw of every coordinate at coordinates (P, m).
 
-    Columns are the coordinates whose screws are needed, all others are zero; None for all.
+    Args:
+        columns: the coordinates whose screws are computed; the others' are zero. None for all.
     """
     T, screws = end_pose_and_screws(chain, coordinates)
     return EndPose(T, screws(columns))
@@ -193,18 +196,20 @@ def end_pose_with_screws(
 def end_pose_and_screws(
     chain: Chain, coordinates: Array
 ) -> tuple[Array, Callable[[Sequence[int] | None], Array]]:
-    """Return the pose of the end (P, 4, 4), and what gives the screws (P, 6, m) if they are wanted.
+    """Return the pose of the end (P, 4, 4), and a function that returns the screws (P, 6, m).
 
-    Its argument is `columns` of `end_pose_with_screws`.
+    The function takes `columns` of `end_pose_with_screws`: who needs them can be known only once
+    the pose is.
     """
     m, count = len(chain.motions), len(coordinates)
-    axes: list[Array] = [coordinates] * m
-    origins: list[Array] = [coordinates] * m
+    axes: list[Array] = []  # (3, P) axis of every motion, in the starting frame
+    origins: list[Array] = []  # (3, P) a point of that axis
 
-    def note(k: int, frame: list[Array], origin: Array) -> None:
-        axes[k], origins[k] = frame[chain.motions[k].axis], origin
+    def visit(k: int, frame: list[Array], origin: Array) -> None:
+        axes.append(frame[chain.motions[k].axis])
+        origins.append(origin)
 
-    frame, end = _walk(chain, coordinates, note)
+    frame, end = _walk(chain, coordinates, visit)
 
     def screws_of(columns: Sequence[int] | None) -> Array:
         chosen = range(m) if columns is None else columns
@@ -213,10 +218,10 @@ def end_pose_and_screws(
         if turning:
             axis = np.concatenate([axes[k] for k in turning]).reshape(len(turning), 3, count)
             start = np.concatenate([origins[k] for k in turning]).reshape(len(turning), 3, count)
-            arm = end - start
+            lever = end - start
             screws[turning, 3:] = axis
-            for row, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-                screws[turning, row] = axis[:, j] * arm[:, k] - axis[:, k] * arm[:, j]
+            for row, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):  # axis x lever
+                screws[turning, row] = axis[:, j] * lever[:, k] - axis[:, k] * lever[:, j]
         for k in chosen:
             if not chain.motions[k].turns:
                 screws[k, :3] = axes[k]
@@ -229,49 +234,50 @@ def frames(chain: Chain, coordinates: Array) -> Frames:
     """Return the frames of rows and joints, and the end, at chain coordinates (P, m)."""
     arm = chain.arm
     T_base_rows, T_base_joints = np.empty((2, arm.n, len(coordinates), 4, 4))
-    lasts = (_row_motions(row, arm.convention)[-1].coordinate for row in range(1, arm.n + 1))
-    ends = {int(column) + 1: row for row, column in enumerate(chain.columns(tuple(lasts)))}
-    joints = {int(column): row for row, column in enumerate(chain.joint_columns)}
+    last_motions = tuple(
+        _row_motions(row, arm.convention)[-1].coordinate for row in range(1, arm.n + 1)
+    )
+    # A row's frame is the one before the motion that follows its last.
+    row_after = {int(column) + 1: row for row, column in enumerate(chain.columns(last_motions))}
+    joint_at = {int(column): joint for joint, column in enumerate(chain.joint_columns)}
 
-    def note(k: int, frame: list[Array], origin: Array) -> None:
-        if k in ends:
-            T_base_rows[ends[k]] = _homogeneous(frame, origin)
-        if k in joints:
-            T_base_joints[joints[k]] = _homogeneous(frame, origin)
+    def visit(k: int, frame: list[Array], origin: Array) -> None:
+        if k in row_after:
+            T_base_rows[row_after[k]] = _homogeneous(frame, origin)
+        if k in joint_at:
+            T_base_joints[joint_at[k]] = _homogeneous(frame, origin)
 
-    frame, end = _walk(chain, coordinates, note)
-    if len(chain.motions) - len(TOOL) in chain.constants:
+    frame, end = _walk(chain, coordinates, visit)
+    if len(chain.motions) - len(TOOL) in chain.constants:  # passed before the visit of the last row
         T_base_rows[-1] = T_base_rows[-1] @ np.linalg.inv(arm.T_row_n_ee)
     return Frames(T_base_rows, T_base_joints, _homogeneous(frame, end))
 
 
 def link_spans_m(arm: Arm) -> Array:
-    """Return how far every link reaches, (n, 3): from its joint to its end, along that end's axes.
+    """Return the vector of every link from its joint to its end, along the end's axes, (n, 3).
 
     A link ends in the frame in which the next joint moves; the last one at the end of the chain.
     """
     chain = Chain.of(arm)
-    found = frames(chain, chain.nominal[None])
-    starts = found.T_base_joints[:, 0]
-    ends = np.concatenate([starts[1:], found.T_base_ee])
-    reach = ends[:, :3, 3] - starts[:, :3, 3]
-    spans: Array = np.einsum("kji,kj->ki", ends[:, :3, :3], reach)
+    nominal = frames(chain, chain.nominal[None])
+    starts = nominal.T_base_joints[:, 0]
+    ends = np.concatenate([starts[1:], nominal.T_base_ee])
+    spans: Array = np.einsum("kji,kj->ki", ends[:, :3, :3], ends[:, :3, 3] - starts[:, :3, 3])
     return spans
 
 
 def long_links(arm: Arm) -> tuple[int, ...]:
     """Return the rows, from 1, of upper arm and forearm, in the order of the chain.
 
-    Of the links after the first and before the last they are the two longest; a short arm has
-    fewer.
+    They are the two longest links between the first and the last; a short arm has fewer.
     """
     lengths = np.linalg.norm(link_spans_m(arm), axis=1)
     inner = [row for row in range(2, arm.n) if lengths[row - 1] > 0.0]
     return tuple(sorted(sorted(inner, key=lambda row: -lengths[row - 1])[:2]))
 
 
-def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Array], Array]:
-    """Compute the end frame of the chain, calling `note` with the frame before every motion.
+def _walk(chain: Chain, coordinates: Array, visit: _Visitor | None) -> tuple[list[Array], Array]:
+    """Return axes and origin of the end of the chain; `visit` gets the frame before every motion.
 
     The frame is kept as its three axes, each (3, P): a rotation then touches two of them.
     """
@@ -280,7 +286,7 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
     origin = np.zeros((3, count))
     values = np.ascontiguousarray(coordinates.T)
     moves = values.any(axis=1)
-    # Most coordinates are the same in every pose: their sine is computed once.
+    # Most coordinates are the same in every pose: a single number then stands for all.
     same = moves & (values == values[:, :1]).all(axis=1)
     varies = np.flatnonzero(moves & ~same)
     first = values[:, 0] if count else np.zeros(len(values))
@@ -288,36 +294,39 @@ def _walk(chain: Chain, coordinates: Array, note: _Note | None) -> tuple[list[Ar
     cosines: list[float | Array] = list(np.cos(first).tolist())
     sines: list[float | Array] = list(np.sin(first).tolist())
     varying = values[varies]
-    for k, *of_k in zip(varies.tolist(), varying, np.cos(varying), np.sin(varying), strict=True):
-        amounts[k], cosines[k], sines[k] = of_k
+    cosines_of_varying, sines_of_varying = np.cos(varying), np.sin(varying)
+    for row, k in enumerate(varies.tolist()):
+        amounts[k] = varying[row]
+        cosines[k], sines[k] = cosines_of_varying[row], sines_of_varying[row]
     moving = np.asarray(moves).tolist()
     for k, motion in enumerate(chain.motions):
         if k in chain.constants:
-            frame, origin = _placed(frame, origin, chain.constants[k])
-        if note is not None:
-            note(k, frame, origin)
+            frame, origin = _composed(frame, origin, chain.constants[k])
+        if visit is not None:
+            visit(k, frame, origin)
         if not moving[k]:
             continue
         if motion.turns:
-            one, other = (motion.axis + 1) % 3, (motion.axis + 2) % 3
+            u, v = (motion.axis + 1) % 3, (motion.axis + 2) % 3
             cos, sin = cosines[k], sines[k]
-            frame[one], frame[other] = (
-                cos * frame[one] + sin * frame[other],
-                cos * frame[other] - sin * frame[one],
+            frame[u], frame[v] = (
+                cos * frame[u] + sin * frame[v],
+                cos * frame[v] - sin * frame[u],
             )
         else:
             origin = origin + amounts[k] * frame[motion.axis]
     return frame, origin
 
 
-def _placed(frame: list[Array], origin: Array, T: Array) -> tuple[list[Array], Array]:
-    """Compose a frame, given by its axes and origin, with a constant one."""
+def _composed(frame: list[Array], origin: Array, T: Array) -> tuple[list[Array], Array]:
+    """Return a frame, given by its axes and origin, times a constant transform (4, 4)."""
     axes = np.concatenate(frame).reshape(3, -1)
     moved = (T[:3].T @ axes).reshape(4, 3, -1)
     return [*moved[:3]], origin + moved[3]
 
 
 def _homogeneous(frame: list[Array], origin: Array) -> Array:
+    """Return axes and origin, each (3, P), as transforms (P, 4, 4)."""
     T = np.zeros((origin.shape[1], 4, 4))
     for column, axis in enumerate([*frame, origin]):
         T[:, :3, column] = axis.T
@@ -327,15 +336,15 @@ def _homogeneous(frame: list[Array], origin: Array) -> Array:
 
 @cache
 def _free_frame(names: tuple[str, ...]) -> tuple[Motion, ...]:
-    """Six motions x, y, z, then about x, y, z."""
-    axes: tuple[Axis, ...] = (0, 1, 2, 0, 1, 2)
-    return tuple(
-        Motion(name, axis, k >= 3) for k, (name, axis) in enumerate(zip(names, axes, strict=True))
-    )
+    """Return six motions of these names: along x, y, z, then about x, y, z."""
+    axes: tuple[Axis, ...] = (0, 1, 2)
+    moves = [(axis, turns) for turns in (False, True) for axis in axes]
+    return tuple(Motion(name, *move) for name, move in zip(names, moves, strict=True))
 
 
 @cache
 def _row_motions(row: int, convention: str) -> tuple[Motion, ...]:
+    """Return the motions of a Denavit-Hartenberg row, from 1, in the order of its convention."""
     theta, d = Motion(f"theta_{row}", 2, True), Motion(f"d_{row}", 2, False)
     a, alpha = Motion(f"a_{row}", 0, False), Motion(f"alpha_{row}", 0, True)
     beta = Motion(f"beta_{row}", 1, True)
@@ -344,11 +353,13 @@ def _row_motions(row: int, convention: str) -> tuple[Motion, ...]:
     return (theta, d, a, alpha, beta)
 
 
-# Frames that the joints of an arm carry along, and how they move when the arm is calibrated.
-
-
-#: Postures in which two arms are compared.
-_POSTURES, _SEED = 300, 20080427
+def pose_distances(T: Array, T_other: Array) -> tuple[Array, Array]:
+    """Return distances [m] and angles [rad] between poses (P, 4, 4), (P,) each."""
+    off_m = np.linalg.norm(T[:, :3, 3] - T_other[:, :3, 3], axis=1)
+    # The norm of the difference of two rotations is 2 sqrt(2) sin(angle / 2).
+    apart = np.linalg.norm(T[:, :3, :3] - T_other[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+    off_rad = 2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0))
+    return np.asarray(off_m), np.asarray(off_rad)
 
 
 def mean_distance(first: Arm, other: Arm) -> tuple[float, float, float]:
@@ -358,11 +369,7 @@ def mean_distance(first: Arm, other: Arm) -> tuple[float, float, float]:
     """
     low, high = first.limits_rad.T
     q = np.random.default_rng(_SEED).uniform(low, high, (_POSTURES, first.n))
-    one, two = (Chain.of(arm).forward(q) for arm in (first, other))
-    off_m = np.linalg.norm(one[:, :3, 3] - two[:, :3, 3], axis=1)
-    # Twice the sine of half the angle between two orientations, over the square root of two.
-    apart = np.linalg.norm(one[:, :3, :3] - two[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
-    off_rad = 2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0))
+    off_m, off_rad = pose_distances(*(Chain.of(arm).forward(q) for arm in (first, other)))
     return float(off_m.mean()), float(off_m.max()), float(off_rad.max())
 
 
@@ -370,23 +377,27 @@ def carried_frames(chain: Chain, coordinates: Array) -> tuple[Array, Array]:
     """Return the frames that the joints carry along, (n, 4, 4), and the flange (4, 4), in the base.
 
     Joint k moves along or about the z axis of its frame. Small motions of base and tool are
-    omitted: the base is where the chain starts, the flange where it ends. Its coordinates (m,) are
-    those at zero joint positions.
+    omitted: the base is where the chain starts, the flange where it ends.
+
+    Args:
+        coordinates: (m,) at zero joint positions.
     """
-    at = coordinates.copy()
-    at[chain.columns(BASE + TOOL)] = 0.0
-    found = frames(chain, at[None])
-    carried = found.T_base_joints[:, 0].copy()
+    rigid = coordinates.copy()
+    rigid[chain.columns(BASE + TOOL)] = 0.0
+    along = frames(chain, rigid[None])
+    carried = along.T_base_joints[:, 0].copy()
     for joint, column in enumerate(chain.joint_columns):
-        carried[joint] = carried[joint] @ chain.motions[column].frame_at(at[column])
-    return carried, found.T_base_ee[0]
+        carried[joint] = carried[joint] @ chain.motions[column].frame_at(rigid[column])
+    return carried, along.T_base_ee[0]
 
 
 def moved_frames(chain: Chain, coordinates: Array, T_base_frames: Array) -> tuple[Array, Array]:
-    """Return other frames fixed to the links, as calibration moves them, and the flange (4, 4).
+    """Return where calibration moves frames fixed to the links, (n, 4, 4), and the flange (4, 4).
 
-    Frame k of `T_base_frames` (n, 4, 4) is fixed, by its pose in the nominal arm, to the frame that
-    joint k carries along; see `carried_frames`.
+    Args:
+        coordinates: (m,) calibrated ones, at zero joint positions.
+        T_base_frames: (n, 4, 4) frame k in the nominal arm, fixed to what joint k carries along;
+            see `carried_frames`.
     """
     designed, _ = carried_frames(chain, chain.nominal)
     calibrated, T_base_flange = carried_frames(chain, coordinates)

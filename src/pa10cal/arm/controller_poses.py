@@ -1,4 +1,4 @@
-"""Poses in the forms that controllers of robots read and show: millimetres and their angles."""
+"""Poses as robot controllers read and show them: millimetres, and angles of their conventions."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import ArmError
 
-#: A, B, C of KUKA turn about z, the new y, the new x; roll, pitch, yaw about fixed x, y, z (W, P, R
-#: of Fanuc); a rotation vector is that of Universal Robots.
+#: `ABC` of KUKA: about z, the new y, the new x; `rpy`: about fixed x, y, z (W, P, R of Fanuc);
+#: `rotation_vector`: of Universal Robots.
 Angles = Literal["ABC", "quaternion", "rpy", "rotation_vector"]
 
 
@@ -29,26 +29,26 @@ _CONVENTIONS: dict[str, _Convention] = {
     "ABC": _Convention(
         ("A_deg", "B_deg", "C_deg"),
         lambda R: R.as_euler("ZYX", degrees=True),
-        lambda turn: Rotation.from_euler("ZYX", turn, degrees=True),
+        lambda abc: Rotation.from_euler("ZYX", abc, degrees=True),
     ),
     "quaternion": _Convention(
         ("qw", "qx", "qy", "qz"),
         lambda R: R.as_quat(canonical=True, scalar_first=True),
-        lambda turn: Rotation.from_quat(turn, scalar_first=True),
+        lambda quaternion: Rotation.from_quat(quaternion, scalar_first=True),
     ),
     "rpy": _Convention(
         ("roll_deg", "pitch_deg", "yaw_deg"),
         lambda R: R.as_euler("ZYX", degrees=True)[:, ::-1],
-        lambda turn: Rotation.from_euler("ZYX", turn[::-1], degrees=True),
+        lambda rpy: Rotation.from_euler("ZYX", rpy[::-1], degrees=True),
     ),
     "rotation_vector": _Convention(
         ("rx_rad", "ry_rad", "rz_rad"),
         lambda R: R.as_rotvec(),
-        lambda turn: Rotation.from_rotvec(turn),
+        lambda vector: Rotation.from_rotvec(vector),
     ),
 }
 _POSITION = ("x_mm", "y_mm", "z_mm")
-#: Largest error of a quaternion's length by rounding; beyond it these are other numbers.
+#: Largest error of a quaternion's length by rounding: beyond it the numbers are no quaternion.
 _UNIT_LENGTH = 1e-2
 
 
@@ -63,7 +63,7 @@ def controller_columns(T: Array, angles: Angles) -> dict[str, Array]:
         `x_mm`, `y_mm`, `z_mm` and the orientation's columns, (N,) each.
 
     Raises:
-        ArmError: when there are no such angles.
+        ArmError: when the angle convention is unknown.
     """
     convention = _convention(angles)
     with warnings.catch_warnings():
@@ -75,10 +75,10 @@ def controller_columns(T: Array, angles: Angles) -> dict[str, Array]:
 
 
 def controller_pose(values: Sequence[float], angles: Angles) -> Array:
-    """Return the pose (4, 4) [m] by the numbers of a controller, ordered as `controller_columns`.
+    """Return the pose (4, 4) [m] of a controller's numbers, ordered as `controller_columns`.
 
     Raises:
-        ArmError: when there are no such angles, or the numbers are none of such a pose.
+        ArmError: when the angle convention is unknown, or the numbers are no pose in it.
     """
     convention = _convention(angles)
     names = (*_POSITION, *convention.columns)

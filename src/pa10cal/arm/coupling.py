@@ -1,9 +1,9 @@
-"""Coupled joints: positions q = C c of joints by the axes c that a controller counts.
+"""Coupled joints: joint positions q = C c for positions c of the axes that a controller counts.
 
-Most controllers count every joint by itself. Some log joint 3 to the horizontal (FANUC,
-parallelograms), turn a wrist's last joint by its gears, or raise a quill as it turns; and one motor
-may drive several joints (a telescope). Positions are those of the arm's joints from where a log
-becomes observations to where commands leave; nothing in between knows of the controller's count.
+For most controllers joints and axes are the same. Some count joint 3 from the horizontal (FANUC,
+parallelograms); gears of a wrist turn its last joint with another axis; a quill rises as it turns;
+and one motor may drive several joints (a telescope). Positions are converted where a log becomes
+observations, and back where commands are written; everything in between has joint positions.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index
 
-#: Determinant below which C of the joints with an axis counts as singular.
-_ONE_JOINT = 1e-6
+#: Determinant of C, of the joints with an axis, below which it counts as singular.
+_SINGULAR = 1e-6
 
 
 @dataclass(frozen=True)
 class CoupledJoint:
-    """A joint that moves with an axis of another."""
+    """A joint that moves with the axis of another."""
 
-    # joint and by: numbers of the joint, and of the one with whose axis it moves, from 1
+    # numbers, from 1, of the joint, and of the joint whose axis moves it too
     joint: int
     by: int
-    factor: float  # how far, in radians or metres of the joint a radian or metre of that axis
+    factor: float  # its motion [rad or m] for a unit [rad or m] of that axis
     follows: bool = False  # whether the joint has no axis of its own
 
 
@@ -36,90 +36,90 @@ class Coupling:
     """How the n joints of an arm follow from the m axes that its controller counts."""
 
     n: int
-    joints: tuple[CoupledJoint, ...] = ()  # none: every joint has its own axis and no other
+    joints: tuple[CoupledJoint, ...] = ()  # empty: every joint moves with its own axis only
 
     @property
     def none(self) -> bool:
-        """Return whether every joint is an axis of its own."""
+        """Return whether joints and axes are the same."""
         return not self.joints
 
     @cached_property
     def own(self) -> Index:
         """Return the joints that have an axis of their own, from 0, (m,)."""
-        follow = {each.joint for each in self.joints if each.follows}
-        return np.array([k for k in range(self.n) if k + 1 not in follow], dtype=np.intp)
+        followers = {coupled.joint for coupled in self.joints if coupled.follows}
+        return np.array([k for k in range(self.n) if k + 1 not in followers], dtype=np.intp)
 
     @cached_property
     def matrix(self) -> Array:
         """Return C (n, m)."""
-        every = np.eye(self.n)
-        for each in self.joints:
-            every[each.joint - 1, each.by - 1] += each.factor
-        return every[:, self.own]
+        square = np.eye(self.n)
+        for coupled in self.joints:
+            square[coupled.joint - 1, coupled.by - 1] += coupled.factor
+        return square[:, self.own]
 
     @cached_property
     def inverse(self) -> Array:
-        """Return the matrix (m, n) of c by q, with zeros for joints without an axis."""
-        back = np.zeros((len(self.own), self.n))
-        back[:, self.own] = np.linalg.inv(self.matrix[self.own])
-        return back
+        """Return the matrix (m, n) that gives c by q; joints without an axis have zeros."""
+        inverse = np.zeros((len(self.own), self.n))
+        inverse[:, self.own] = np.linalg.inv(self.matrix[self.own])
+        return inverse
 
     @property
     def singular(self) -> bool:
-        """Return whether some motion of the axes moves no joint that has an axis."""
-        return bool(abs(np.linalg.det(self.matrix[self.own])) < _ONE_JOINT)
+        """Return whether some motion of the axes leaves all joints with an axis at rest."""
+        return bool(abs(np.linalg.det(self.matrix[self.own])) < _SINGULAR)
 
     def leads(self, joint: int) -> CoupledJoint | None:
         """Return the coupling of a joint, from 0, that only follows an uncoupled one; else None."""
-        entries = [each for each in self.joints if each.joint == joint + 1]
+        entries = [coupled for coupled in self.joints if coupled.joint == joint + 1]
         if len(entries) != 1 or not entries[0].follows:
             return None
-        coupled = {each.joint for each in self.joints}
-        return None if entries[0].by in coupled else entries[0]
+        leader_is_coupled = any(coupled.joint == entries[0].by for coupled in self.joints)
+        return None if leader_is_coupled else entries[0]
 
     def to_joints(self, axes: Array) -> Array:
-        """Return joint positions (..., n) at positions of the axes (..., m) [rad, m]."""
+        """Return joint positions (..., n) for positions of the axes (..., m) [rad, m]."""
         return axes if self.none else np.asarray(axes @ self.matrix.T)
 
     def to_axes(self, q: Array) -> Array:
-        """Return the positions of the axes (..., m) that bring the joints to q (..., n)."""
+        """Return positions of the axes (..., m) for joint positions (..., n)."""
         return q if self.none else np.asarray(q @ self.inverse.T)
 
     def by_axes(self, by_joints: Array) -> Array:
-        """Return derivatives (..., m) by the axes of those by the joints (..., n)."""
+        """Return derivatives by the axes (..., m) from those by the joints (..., n)."""
         return by_joints if self.none else np.asarray(by_joints @ self.matrix)
 
     def uncertainty(self, u_axes: Array) -> Array:
-        """Return standard uncertainties of joints (P, n) of those of the axes (P, m)."""
+        """Return standard uncertainties of joints (P, n) from those of the axes (P, m)."""
         return u_axes if self.none else np.sqrt(u_axes**2 @ self.matrix.T**2)
 
     def beside_joints(self, of_axes: Array) -> Array:
-        """Return values of axes (P, m) by joints (P, n), nan for joints without an axis."""
+        """Return values of axes (P, m) as values of joints (P, n), nan where one has no axis."""
         if len(self.own) == self.n:
             return of_axes
-        known = np.full((len(of_axes), self.n), np.nan)
-        known[:, self.own] = of_axes
-        return known
+        of_joints = np.full((len(of_axes), self.n), np.nan)
+        of_joints[:, self.own] = of_axes
+        return of_joints
 
     def arrivals(self, of_axes: Array) -> Array:
         """Return the direction of arrival of each joint, (P, n), from those of the axes (P, m)."""
         if len(self.own) == self.n:
             return of_axes
-        sides = np.sign(of_axes @ self.matrix.T)
-        sides[:, self.own] = of_axes
-        return sides
+        directions = np.sign(of_axes @ self.matrix.T)
+        directions[:, self.own] = of_axes
+        return directions
 
     def joint_ranges(self, axis_ranges: Array) -> Array:
-        """Return the least and largest position of every joint (n, 2) within ranges of axes."""
+        """Return the least and largest position of every joint (n, 2) for ranges of axes (m, 2)."""
         if self.none:
             return axis_ranges
         ends = self.matrix[..., None] * axis_ranges
         return np.column_stack([ends.min(axis=2).sum(axis=1), ends.max(axis=2).sum(axis=1)])
 
     def axis_ranges(self, limits: Array) -> Array:
-        """Return the widest range of every axis (m, 2) whose limits (m, 2) are those of its joint.
+        """Return the widest range of every axis (m, 2) by the limits (m, 2) of its joint.
 
-        Stated limits may be meant for the axis itself: the range includes these too.
+        Stated limits may be meant for the axis itself: the range includes them too.
         """
         if self.none:
             return limits
@@ -129,10 +129,10 @@ class Coupling:
         return np.column_stack([np.minimum(low, limits[:, 0]), np.maximum(high, limits[:, 1])])
 
     def turns(self, prismatic: NDArray[np.bool_]) -> Array:
-        """Return the changes of the axes (m, m) by a full turn of each joint with an axis.
+        """Return the changes of the axes (m, m) by which each joint with an axis turns once.
 
-        These leave the pose unchanged. They are zero for joints that slide, and for those whose
-        turn moves another joint by other than full turns.
+        They leave the pose unchanged, and are zero where none does: for a joint that slides, and
+        where another joint would slide or not turn a whole number of times.
         """
         shifts = 2.0 * np.pi * self.inverse.T[self.own]
         moved = self.to_joints(shifts) if not self.none else shifts

@@ -1,4 +1,14 @@
-"""The nominal description of an arm: Denavit-Hartenberg rows, limits, masses."""
+"""The nominal description of an arm: Denavit-Hartenberg rows, limits, masses and their uncertainty.
+
+An arm described without masses still sags under its weight. It gets masses and centres assumed
+from its lengths alone (`arm.assumed_weights`), with uncertainties as wide as they are unknown, so
+that torques and moments can be computed. Its poses then determine only stiffness over weight.
+
+Hayati's beta replaces d between neighbouring joint axes that are nearly parallel. There the common
+normal is not defined: with plain Denavit-Hartenberg rows a small tilt of one axis gives an offset d
+of any length. With Ry(beta) every deviation stays small (paper, Section II.C). No degree of freedom
+is lost: along parallel axes the offsets of both joints, revolute or prismatic, move the end alike.
+"""
 
 from __future__ import annotations
 
@@ -13,66 +23,19 @@ from pa10cal.arm.coupling import CoupledJoint, Coupling
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
-# How well the weights of an arm are known.
-#
-# An arm described without masses still sags under its weight. It gets masses and centres assumed
-# from its lengths alone (`arm.assumed_weights`), with uncertainties as wide as they are
-# unknown, so that all that needs torques and moments works for it. What its poses then show is
-# stiffness over weight.
-
 WeightsFrom = Literal["stated", "total", "assumed", "logged"]
 
 #: Standard uncertainty of a stated mass, relative, and of its centre, per axis [m].
 STATED_MASS = 0.06
 STATED_COM_M = 0.01
-
-
-@dataclass(frozen=True)
-class WeighedByLog:
-    """What logged torques say of weights that are stated: what these differ by.
-
-    By the columns of `StaticLoads.by_weights`: mass and first moments of every link, mass of the
-    tool, two tilts of gravity, (4 n + 3,).
-    """
-
-    x: Array  # (4 n + 3,) differences from what is stated
-    covariance: Array  # (4 n + 3, 4 n + 3) theirs
-    said: str = ""  # which mass the log contradicts, with both numbers; empty for none
-
-
-@dataclass(frozen=True)
-class WeightsKnown:
-    """How well the weights of the links are known."""
-
-    # `stated` in the description; `total`: the mass of the whole arm alone is; `assumed` from the
-    # lengths of the links; `logged`: stated ones that logged torques contradict
-    origin: WeightsFrom
-    mass: Array  # (n,) standard uncertainty of each mass, relative
-    com_m: Array  # (n,) standard uncertainty of each centre of mass, per axis
-    why: str = ""  # why they are not taken as stated, one clause; empty where they are
-    by_log: WeighedByLog | None = None  # of stated ones, where torques were logged
-
-    @property
-    def assumed(self) -> bool:
-        """Return whether stiffness is known relative to weights that nobody stated."""
-        return self.origin in ("assumed", "total")
-
-
-def weights_known(arm: Arm) -> WeightsKnown:
-    """Return how well weights of an arm are known: where it does not say, as makers state them."""
-    if arm.weights_known is not None:
-        return arm.weights_known
-    return WeightsKnown("stated", np.full(arm.n, STATED_MASS), np.full(arm.n, STATED_COM_M))
-
-
-#: An arm of more joints is none: the longest snakes have a third.
+#: Largest number of joints: the longest snake robots have a third.
 MOST_ROWS = 100
-#: Longer links than this are millimetres.
+#: Axes closer than this to parallel count as such.
+NEARLY_PARALLEL_RAD = float(np.radians(5.0))
+#: Longest link: longer ones are in millimetres.
 _LONGEST_M = 10.0
-#: What a joint that carried hardly anything counts as rated for, of the most that any carried.
+#: Least torque that counts as rated, relative to the largest that any joint carried.
 _LEAST_RATED = 0.05
-
-
 #: Fields of an arm with one entry a row.
 ROW_FIELDS = (
     "theta_rad",
@@ -91,12 +54,50 @@ ROW_FIELDS = (
 
 
 @dataclass(frozen=True)
-class Controller:
-    """What a robot's controller computes with, between joint positions and Cartesian poses."""
+class WeighedByLog:
+    """Differences of the weights from those stated, estimated from logged torques.
 
-    compensation: bool  # whether it corrects an arm that its maker measured
-    known: bool  # whether it is known what it computes with
-    arm: Arm | None = None  # that, where it is known and not the arm described itself
+    Their order is that of the columns of `StaticLoads.by_weights`: mass and first moments of every
+    link, mass of the tool, two tilts of gravity.
+    """
+
+    x: Array  # (4 n + 3,) the differences
+    covariance: Array  # (4 n + 3, 4 n + 3) of the differences
+    said: str = ""  # which mass the log contradicts, with both numbers; empty for none
+
+
+@dataclass(frozen=True)
+class WeightsKnown:
+    """How well the weights of the links are known."""
+
+    # `stated`: in the description; `total`: only the mass of the whole arm is stated; `assumed`:
+    # from the lengths of the links; `logged`: stated, but logged torques contradict them
+    origin: WeightsFrom
+    mass: Array  # (n,) standard uncertainty of each mass, relative
+    com_m: Array  # (n,) standard uncertainty of each centre of mass, per axis
+    why: str = ""  # why they are not taken as stated, one clause; empty where they are
+    by_log: WeighedByLog | None = None  # for stated weights where torques were logged
+
+    @property
+    def assumed(self) -> bool:
+        """Return whether link masses are assumed, so that stiffness is known relative to them."""
+        return self.origin in ("assumed", "total")
+
+
+def weights_known(arm: Arm) -> WeightsKnown:
+    """Return how well an arm's weights are known; where it does not say, as makers state them."""
+    if arm.weights_known is not None:
+        return arm.weights_known
+    return WeightsKnown("stated", np.full(arm.n, STATED_MASS), np.full(arm.n, STATED_COM_M))
+
+
+@dataclass(frozen=True)
+class Controller:
+    """The arm by which a robot's controller converts between joint positions and poses."""
+
+    compensation: bool  # whether it uses an individual calibration by the maker
+    known: bool  # whether that arm is known
+    arm: Arm | None = None  # that arm; None where it is not known, or is the one described
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,8 @@ class Arm:
     d_m: Array  # (n,) offsets along z
     a_m: Array  # (n,) lengths along x
     alpha_rad: Array  # (n,) twists
-    # (n,) whether the row has Ry(beta), at its end (`standard`) or start (`modified`), and no
-    # departure in d; see `with_hayati_rows`
+    # (n,) whether the row's deviation is in Ry(beta), at its end (`standard`) or start
+    # (`modified`), and not in d; see `with_hayati_rows`
     hayati: NDArray[np.bool_]
     prismatic: NDArray[np.bool_]  # (n,) whether the joint slides along its z axis
     # (n, 2) joint limits (metres for a prismatic joint), as the controller counts them
@@ -128,13 +129,13 @@ class Arm:
     T_base_row1: Array = field(default_factory=lambda: np.eye(4))
     # (4, 4) pose of the end-effector in the frame of the last row [m]
     T_row_n_ee: Array = field(default_factory=lambda: np.eye(4))
-    # how well masses and centres are known; None as makers state them
+    # how well masses and centres are known; None: as makers state them
     weights_known: WeightsKnown | None = None
-    # joints that move with an axis of another; none where every joint is an axis
+    # joints that move with the axis of another; empty where every joint is an axis
     coupled: tuple[CoupledJoint, ...] = ()
-    # what a run says of the description: rows laid anew, or where an arm known by name came from
+    # notes for the user: rows that were replaced, or the origin of an arm known by name
     remarks: tuple[str, ...] = ()
-    # what the controller computes with; None where nobody stated it: these rows, presumably
+    # what the controller computes with; None where it is not stated: presumably these rows
     controller: Controller | None = None
 
     @property
@@ -144,12 +145,12 @@ class Arm:
 
     @cached_property
     def coupling(self) -> Coupling:
-        """Return how the joints follow from the m axes that the controller counts."""
+        """Return how joint positions follow from those of the m axes that the controller counts."""
         return Coupling(self.n, self.coupled)
 
     @property
     def controller_arm(self) -> Arm | None:
-        """Return the arm between joints and poses of the controller; None where it is not known."""
+        """Return the arm that the controller computes with; None where it is not known."""
         if self.controller is None:
             return self
         if not self.controller.known:
@@ -173,13 +174,13 @@ class Arm:
 
     @property
     def reach_m(self) -> float:
-        """No point of the end-effector's frame is further than this from the base's origin [m]."""
+        """Return an upper bound of the end-effector's distance from the base's origin."""
         slide_m = np.abs(self.joint_ranges_rad).max(axis=1)[self.prismatic].sum()
         ends = self.T_base_row1[:3, 3], self.T_row_n_ee[:3, 3]
         return float(np.hypot(self.a_m, self.d_m).sum() + slide_m + sum(map(np.linalg.norm, ends)))
 
     def rated_Nm(self, carried_Nm: Array) -> Array:
-        """Return the rated torques (n,); where not known, what the joint was seen to carry.
+        """Return the rated torques (n,); where not known, the largest that the joint carried.
 
         Args:
             carried_Nm: (n,) largest torque that each joint carried; nan where not known.
@@ -209,12 +210,12 @@ class Arm:
                     allowed=f"{n} entries, one a joint",
                     remedy="complete the arm description",
                 )
-        places = [*np.column_stack([self.a_m, self.d_m])]
-        names = [f"row {row}" for row in range(1, n + 1)]
-        for T, name in ((self.T_base_row1, "base"), (self.T_row_n_ee, "tool")):
-            places.append(T[:3, 3])
-            names.append(name)
-        for name, lengths_m in zip(names, places, strict=True):
+        lengths_of = {
+            f"row {row}": np.array([self.a_m[row - 1], self.d_m[row - 1]])
+            for row in range(1, n + 1)
+        }
+        lengths_of |= {"base": self.T_base_row1[:3, 3], "tool": self.T_row_n_ee[:3, 3]}
+        for name, lengths_m in lengths_of.items():
             if np.abs(lengths_m).max() > _LONGEST_M:
                 raise ArmError(
                     "a link is longer than 10 m",
@@ -225,22 +226,11 @@ class Arm:
                 )
 
 
-# Neighbouring joint axes that are all but parallel, where Hayati's beta has to replace d.
-#
-# Between such axes the common normal is nowhere in particular: plain Denavit-Hartenberg rows
-# answer a small tilt of the one axis with an offset d of any length. Ry(beta) in its place keeps
-# every departure small (paper, Section II.C). The effect of d is not lost: along parallel axes the
-# offsets of both joints, revolute or prismatic, move the end in the same way.
-
-#: Axes closer than this to parallel count as such.
-NEARLY_PARALLEL_RAD = float(np.radians(5.0))
-
-
 @dataclass(frozen=True)
 class NeighbouringAxes:
-    """The axes of two joints that follow each other."""
+    """The axes of two successive joints."""
 
-    joints: tuple[int, int]  # the two joints, from 1
+    joints: tuple[int, int]  # their numbers, from 1
     row: int  # the row, from 1, whose alpha and beta lead from one axis to the other
     angle_rad: float  # angle between the axes as lines, 0 to pi/2
 
@@ -251,19 +241,18 @@ class NeighbouringAxes:
 
 
 def neighbouring_axes(arm: Arm) -> tuple[NeighbouringAxes, ...]:
-    """Return the angles between the axes of joints 1 and 2, 2 and 3, …, in that order.
-
-    Rows in the modified form turn before their joint does, rows in the standard form after it.
-    """
+    """Return the angles between the axes of joints 1 and 2, 2 and 3, …, in that order."""
+    # alpha and beta precede the joint of their row in the modified form, and follow it in the
+    # standard form.
     after = 1 if arm.convention == "modified" else 0
-    found = []
+    pairs = []
     for joint in range(1, arm.n):
         row = joint + after
         alpha_rad, beta_rad = arm.alpha_rad[row - 1], arm.beta_rad[row - 1]
         across = np.hypot(np.sin(beta_rad), np.sin(alpha_rad) * np.cos(beta_rad))
         along = np.abs(np.cos(alpha_rad) * np.cos(beta_rad))
-        found.append(NeighbouringAxes((joint, joint + 1), row, float(np.arctan2(across, along))))
-    return tuple(found)
+        pairs.append(NeighbouringAxes((joint, joint + 1), row, float(np.arctan2(across, along))))
+    return tuple(pairs)
 
 
 def with_hayati_rows(arm: Arm) -> Arm:

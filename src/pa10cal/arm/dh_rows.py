@@ -1,14 +1,14 @@
 """Standard Denavit-Hartenberg rows through the joint axes of an arm.
 
-A row leads from one joint's axis to the next along their common normal. Axes that are nearly
-parallel have theirs anywhere; there the next frame sits where the axis meets the plane across
-the one before, with d = 0 and Hayati's beta (paper, Section II.C).
+A row leads from one joint's axis to the next along their common normal. Nearly parallel axes have
+no definite one: there the next frame lies where the next axis meets the plane normal to the one
+before, with d = 0 and Hayati's beta (paper, Section II.C).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.description import NEARLY_PARALLEL_RAD
 from pa10cal.arrays import Array, homogeneous
 
-#: Axes closer than this count as meeting; far below what an arm can be built to.
+#: Axes closer than this count as intersecting: far below any manufacturing tolerance [m].
 _MEETING_M = 5e-11
-#: Sums of exact figures are off by this, and are written as the figures they stand for.
+#: A number this near, relative, to one of so many decimals is that one with round-off.
 _ROUND_OFF = 1e-13
 _DECIMALS = 9
 
@@ -32,26 +32,42 @@ class DHRows:
     T_row_n_ee: Array  # (4, 4) end-effector in the frame of the last row [m]
     T_base_rows: Array  # (n, 4, 4) frames of the rows [m]
 
+    @property
+    def arm_fields(self) -> dict[str, Any]:
+        """Return the geometry as fields of `Arm`, plain Denavit-Hartenberg parameters free."""
+        names = ("theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
+        return {
+            "convention": "standard",
+            **dict(zip(names, self.parameters.T, strict=True)),
+            "hayati": np.zeros(len(self.parameters), dtype=bool),
+            "T_base_row1": self.T_base_row1,
+            "T_row_n_ee": self.T_row_n_ee,
+        }
+
 
 def rows_through(
     p_base_m: Array, axes: Array, T_base_ee: Array, parallel_rad: float = NEARLY_PARALLEL_RAD
 ) -> DHRows:
-    """Lay standard Denavit-Hartenberg rows through the axes of n joints, all at zero.
+    """Return standard Denavit-Hartenberg rows through the axes of n joints, all at zero.
 
-    Of the two directions of a common normal the one is taken that turns theta by less than a
-    quarter. The last row only turns and shifts along its axis; what is left to the end-effector
-    is the constant frame after it. Axes are given by a point and a unit vector each, (n, 3).
-    Neighbours within `parallel_rad` of parallel get beta; others follow the common normal, however
-    far away it is.
+    Of the two directions of a common normal, that with theta of at most a quarter turn is taken.
+    The last row has theta and d only; the constant frame `T_row_n_ee` leads on to the end-effector.
+
+    Args:
+        p_base_m: (n, 3) a point of each axis.
+        axes: (n, 3) their directions, unit vectors.
+        T_base_ee: (4, 4) end-effector.
+        parallel_rad: neighbours closer to parallel than this get beta; others follow the common
+            normal, however far away it is.
     """
-    T_base_row1 = _first_frame(p_base_m[0], axes[0]).round(15) + 0.0  # no round-off beside 0 and 1
+    T_base_row1 = _first_frame(p_base_m[0], axes[0]).round(15) + 0.0  # 0 and 1 without round-off
     T, parameters, frames = T_base_row1, [], []
     for p_m, axis in zip(p_base_m[1:], axes[1:], strict=True):
         R = T[:3, :3]
         parameters.append(_row_to(R.T @ (p_m - T[:3, 3]), R.T @ axis, parallel_rad))
         T = T @ _motion(*parameters[-1])
         frames.append(T)
-    # The last row brings its frame under the end-effector, x in line where it can be.
+    # The last row turns x of its frame, or else y, into the direction of the end-effector's.
     end = np.linalg.inv(T) @ T_base_ee
     flat = end[:2, 0] if np.linalg.norm(end[:2, 0]) > 0.5 else end[:2, 1]
     turn = float(np.arctan2(flat[1], flat[0]))
@@ -67,30 +83,34 @@ def rows_of_table(
     T_base_row1: Array,
     T_row_n_ee: Array,
 ) -> DHRows:
-    """Lay rows anew through the axes that a table (n, 5) of an arm describes.
+    """Return rows, with beta, of the same forward kinematics as a table (n, 5) of an arm.
 
-    Tables that were calibrated without beta have lengths of hundreds of metres between axes that
-    are nearly parallel, which cancel each other: forward kinematics is the same with rows as here.
+    Tables calibrated without beta have lengths of hundreds of metres, which cancel, between axes
+    that are nearly parallel.
 
     Args:
         parameters: theta [rad], d [m], a [m], alpha [rad] and beta [rad] of each row.
         convention, T_base_row1, T_row_n_ee: see `Arm`.
     """
-    T, at = T_base_row1, []
+    T, joint_frames = T_base_row1, []  # frames whose z is the axis of a joint
     for theta, d, a, alpha, beta in parameters:
         if convention == "modified":
             T = T @ _motion(0.0, 0.0, 0.0, 0.0, beta) @ _motion(0.0, 0.0, a, alpha, 0.0)
-            at.append(T)
+            joint_frames.append(T)
             T = T @ _motion(theta, d, 0.0, 0.0, 0.0)
         else:
-            at.append(T)
+            joint_frames.append(T)
             T = T @ _motion(theta, d, a, alpha, beta)
-    axes = np.array(at)
+    axes = np.array(joint_frames)
     return rows_through(axes[:, :3, 3], axes[:, :3, 2], T @ T_row_n_ee)
 
 
 def _first_frame(p_m: Array, axis: Array) -> Array:
-    """Return a frame with z along an axis: level with the base where the axis stands upright."""
+    """Return a frame (4, 4) with z along an axis, its x near x of the base, or y.
+
+    Its origin is in the base's xy plane where the axis is nearly vertical; else it is the point of
+    the axis nearest to the base's origin.
+    """
     upright = abs(axis[2]) > np.cos(NEARLY_PARALLEL_RAD)
     origin = p_m - axis * (p_m[2] / axis[2] if upright else p_m @ axis)
     along = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
@@ -103,8 +123,8 @@ def _row_to(p_m: Array, axis: Array, parallel_rad: float) -> Array:
     """Return theta, d, a, alpha, beta (5,) from the z axis to an axis through a point."""
     across = float(np.hypot(axis[0], axis[1]))
     if np.arctan2(across, abs(axis[2])) < parallel_rad:
-        meets = p_m - axis * (p_m[2] / axis[2])
-        theta, a, _ = _within_a_quarter(meets[0], meets[1])
+        in_plane = p_m - axis * (p_m[2] / axis[2])
+        theta, a, _ = _within_a_quarter(in_plane[0], in_plane[1])
         cos, sin = np.cos(theta), np.sin(theta)
         x, y, z = cos * axis[0] + sin * axis[1], cos * axis[1] - sin * axis[0], axis[2]
         return _neat_row(theta, 0.0, a, np.arctan2(-y, z), np.arctan2(x, np.hypot(y, z)))
@@ -115,7 +135,7 @@ def _row_to(p_m: Array, axis: Array, parallel_rad: float) -> Array:
 
 
 def _within_a_quarter(x: float, y: float) -> tuple[float, float, float]:
-    """Return the angle, at most a quarter turn, the signed length and its sign of a vector."""
+    """Return a vector as an angle of at most a quarter turn, a signed length, and its sign."""
     length = float(np.hypot(x, y))
     if length < _MEETING_M:
         return 0.0, 0.0, 1.0
@@ -126,18 +146,17 @@ def _within_a_quarter(x: float, y: float) -> tuple[float, float, float]:
 
 
 def _neat_row(theta: float, d: float, a: float, alpha: float, beta: float) -> Array:
+    """Return a row (5,) without round-off in its lengths, and in its angles in degrees."""
     theta, alpha, beta = np.radians(neat(np.degrees([theta, alpha, beta])))
     d, a = neat(np.array([d, 0.0 if abs(a) < _MEETING_M else a]))
     return np.array([theta, d, a, alpha, beta])
 
 
 def neat(values: Array) -> Array:
-    """Return the figures of few decimals that values are but for round-off; others as they are."""
-    few = np.round(values, _DECIMALS) + 0.0
-    tidy: Array = np.where(
-        np.abs(few - values) < _ROUND_OFF * np.maximum(1.0, np.abs(few)), few, values
-    )
-    return tidy
+    """Return values, those rounded that differ from nine decimals by round-off only."""
+    rounded = np.round(values, _DECIMALS) + 0.0
+    off = np.abs(rounded - values)
+    return np.where(off < _ROUND_OFF * np.maximum(1.0, np.abs(rounded)), rounded, values)
 
 
 def _motion(theta: float, d: float, a: float, alpha: float, beta: float) -> Array:

@@ -1,4 +1,4 @@
-"""A calibrated arm as URDF: of its chain alone, or a user's own URDF with calibrated origins."""
+"""A calibrated arm as URDF: written from its chain, or a user's own URDF with new origins."""
 
 from __future__ import annotations
 
@@ -9,19 +9,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pa10cal.arm.chain import BASE, Chain, carried_frames, moved_frames
-from pa10cal.arm.urdf_reading import (
-    MOVING,
-    UrdfJoint,
-    UrdfTree,
-    as_comment,
-    origin_of,
-    parse_urdf,
-    read_tree,
-)
+from pa10cal.arm.urdf_reading import as_comment, origin_of, parse_urdf, read_tree
+from pa10cal.arm.urdf_tree import MOVING, UrdfJoint, UrdfTree
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError, visible
 
-#: How far a URDF and the description of its arm may differ [m, rad]: its numbers may be rounded.
+#: Largest difference of a URDF from the description of its arm [m, rad]: numbers may be rounded.
 _SAME = 1e-5
 FLANGE = "flange"
 
@@ -33,52 +26,52 @@ def urdf_text(
     *comments: str,
     frames: Mapping[str, Array] | None = None,
 ) -> str:
-    """Write the rigid geometry of a chain.
+    """Return the rigid geometry of a chain as the text of a URDF.
 
-    Deflection under torque has no place in URDF and is omitted; so are masses. The frame that the
-    chain's base coordinates place is the link `base`; the end of the chain is the link `flange`.
+    URDF cannot hold deflection under torque, which is omitted; so are masses. The link `base` is
+    the frame that the chain's base coordinates move; the link `flange` is the end of the chain.
 
     Args:
-        chain, coordinates: the chain, and (m,) where it stands at zero joint positions and torques.
-        name, comments: of the robot, and what a reader should know above everything else.
-        frames: further links, and their poses (4, 4) in the flange.
+        coordinates: (m,) of the chain, at zero joint positions and torques.
+        name: of the robot.
+        comments: of the head of the file.
+        frames: further links, by name, and their poses (4, 4) in the flange.
 
     Returns:
-        The text of the file; forward kinematics of its joints `joint_1` … `joint_n` is the chain's.
-        Joints that follow another mimic it; other couplings have no place in it.
+        Forward kinematics of the joints `joint_1` … `joint_n` is the chain's. Joints that follow
+        another mimic it; the file cannot hold other couplings.
     """
     robot = ElementTree.Element("robot", name=name)
     for comment in comments:
         robot.append(ElementTree.Comment(as_comment(comment)))
     ElementTree.SubElement(robot, "link", name="base")
-    constant, joint, parent = np.eye(4), 0, "base"
-    driven = {int(column): k for k, column in enumerate(chain.joint_columns)}
+    joint_of_column = {int(column): joint for joint, column in enumerate(chain.joint_columns)}
+    parent, constant = "base", np.eye(4)  # link, and the transform so far from its frame
     for column, motion in enumerate(chain.motions):
         if motion.coordinate in BASE:
             continue
-        value = float(coordinates[column])
         constant = constant @ chain.constants.get(column, np.eye(4))
-        if column in driven:
-            joint += 1
-            child = f"link_{joint}"
-            kind = "prismatic" if not motion.turns else "revolute"
-            element = _joint(robot, f"joint_{joint}", kind, parent, child, constant)
+        if column in joint_of_column:
+            joint = joint_of_column[column]
+            child = f"link_{joint + 1}"
+            kind = "revolute" if motion.turns else "prismatic"
+            element = _joint(robot, f"joint_{joint + 1}", kind, parent, child, constant)
             ElementTree.SubElement(element, "axis", xyz="0 0 1")
-            lower, upper = chain.arm.joint_ranges_rad[driven[column]]
+            lower, upper = chain.arm.joint_ranges_rad[joint]
             ElementTree.SubElement(
                 element,
                 "limit",
                 lower=repr(float(lower)),
                 upper=repr(float(upper)),
-                effort=repr(float(np.nan_to_num(chain.arm.torque_limit_Nm[driven[column]]))),
+                effort=repr(float(np.nan_to_num(chain.arm.torque_limit_Nm[joint]))),
                 velocity="1.0",
             )
-            leads = chain.arm.coupling.leads(driven[column])
-            if leads is not None:
-                leader, factor = f"joint_{leads.by}", repr(leads.factor)
+            coupling = chain.arm.coupling.leads(joint)
+            if coupling is not None:
+                leader, factor = f"joint_{coupling.by}", repr(coupling.factor)
                 ElementTree.SubElement(element, "mimic", joint=leader, multiplier=factor)
-            constant, parent = np.eye(4), child
-        constant = constant @ motion.frame_at(value)
+            parent, constant = child, np.eye(4)
+        constant = constant @ motion.frame_at(float(coordinates[column]))
     _joint(robot, "to_flange", "fixed", parent, "flange", constant)
     for link, T in (frames or {}).items():
         _joint(robot, f"to_{link}", "fixed", "flange", link, T)
@@ -89,7 +82,7 @@ def urdf_text(
 def _joint(
     robot: ElementTree.Element, name: str, kind: str, parent: str, child: str, T: Array
 ) -> ElementTree.Element:
-    """Add a link and the joint that carries it, at pose T in its parent."""
+    """Add a link and the joint that carries it, at pose T in its parent; return the joint."""
     name, child = visible(name), visible(child)
     ElementTree.SubElement(robot, "link", name=child)
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
@@ -105,17 +98,17 @@ class UrdfSource:
 
     text: str  # its content
     where: str  # its name, for messages
-    # base and tip: links between which the arm is
+    # base and tip: the links that are base and end of the arm
     base: str
     tip: str
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the names of the joints with an axis of their own between the links, in order."""
+        """Return the names of the arm's moving joints that mimic no other, in order."""
         tree = read_tree(self.text, self.where)
         joints = tree.path(self.base, self.tip)[2]
-        follow = tree.leaders(joints)
-        return tuple(j.name for j in joints if j.kind in MOVING and j.name not in follow)
+        followers = tree.leaders(joints)
+        return tuple(j.name for j in joints if j.kind in MOVING and j.name not in followers)
 
 
 def patched_urdf(
@@ -127,16 +120,19 @@ def patched_urdf(
 ) -> str:
     """Return a URDF with calibrated origins, and links for flange, tool and targets added.
 
-    Names, axes, limits, shapes and inertials stay. The link `flange` is that of the chain; where
-    the URDF has another link of a name that is added, the one added is called `<name>_pa10cal`.
-    The chain is that of the arm that came from it; for the other arguments see `urdf_text`.
+    Names, axes, limits, shapes and inertials stay. The link `flange` is that of the chain. An added
+    link whose name the URDF uses already is called `<name>_pa10cal`.
+
+    Args:
+        source: the URDF, which the arm of the chain was imported from.
+        chain, coordinates, frames, comments: see `urdf_text`.
 
     Raises:
-        ArmError: when it cannot be read, or is of another arm.
+        ArmError: when the URDF cannot be read, or is of another arm.
     """
     tree = read_tree(source.text, source.where)
     _, _, path = tree.path(source.base, source.tip)
-    # Position of each joint with all axes at zero: that of a follower is the offset of its mimicry.
+    # With all axes at zero a joint that mimics another is at the offset of its mimicry.
     at_zero = {name: leader.offset for name, leader in tree.leaders(path).items()}
     T_base = _link_poses(tree, source.base, at_zero)
     joints = [joint for joint in path if joint.kind in MOVING]
@@ -149,9 +145,8 @@ def patched_urdf(
     origins, T = {}, T_base[path[0].parent]
     for joint in path:
         if joint.child in wanted:
-            motion = np.linalg.inv(joint.origin_at(0.0)) @ joint.origin_at(
-                at_zero.get(joint.name, 0.0)
-            )
+            position = at_zero.get(joint.name, 0.0)
+            motion = np.linalg.inv(joint.origin_at(0.0)) @ joint.origin_at(position)
             origins[joint.name] = np.linalg.inv(T) @ wanted[joint.child] @ np.linalg.inv(motion)
             T = wanted[joint.child]
         else:
@@ -159,7 +154,7 @@ def patched_urdf(
     file = parse_urdf(source.text, comments=True)
     _write_origins(file.robot, origins)
     used = {link.name for link in tree.links} | {joint.name for joint in tree.joints}
-    # The flange, where the tip is not its link, and further links fixed to it.
+    # A link for the flange, unless the tip is it, and the further links fixed to it.
     T_tip_flange, flange = np.linalg.inv(T) @ T_base_flange, source.tip
     if flange != FLANGE or np.abs(T_tip_flange - np.eye(4)).max() > 0.0:
         flange = _add_fixed(file.robot, source.tip, FLANGE, T_tip_flange, used)
@@ -216,10 +211,10 @@ def _refuse_another_arm(
         designed, T_base_flange = carried_frames(chain, chain.nominal)
         axes = np.array([joint.axis for joint in joints])
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        along = np.einsum("kij,kj->ki", T_base_joints[:, :3, :3], axes)
-        beside = np.cross(T_base_joints[:, :3, 3] - designed[:, :3, 3], designed[:, :3, 2])
-        beside[chain.arm.prismatic] = 0.0
-        differences = (along - designed[:, :3, 2], beside, T_base_tip - T_base_flange)
+        axes = np.einsum("kij,kj->ki", T_base_joints[:, :3, :3], axes)
+        offset = np.cross(T_base_joints[:, :3, 3] - designed[:, :3, 3], designed[:, :3, 2])
+        offset[chain.arm.prismatic] = 0.0  # only the direction of a slide matters
+        differences = (axes - designed[:, :3, 2], offset, T_base_tip - T_base_flange)
         off = max(float(np.abs(difference).max()) for difference in differences)
     if off > _SAME:
         differs = f"{len(joints)} joints, {off:.1e} m or rad off"

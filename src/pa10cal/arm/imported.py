@@ -1,6 +1,7 @@
-"""An arm from a URDF, by way of pinocchio: its joint axes, limits and masses as rows.
+"""Import of an arm from a URDF: joint axes, limits and masses as Denavit-Hartenberg rows.
 
-The rows are laid through the axes as pinocchio has them, and its forward kinematics is the check.
+Pinocchio computes the joint axes, through which the rows are laid; its forward kinematics at random
+joint positions then verifies them.
 """
 
 from __future__ import annotations
@@ -12,18 +13,20 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from pa10cal.arm.chain import Chain
+from pa10cal.arm.chain import Chain, pose_distances
 from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Arm, neighbouring_axes, with_hayati_rows
 from pa10cal.arm.dh_rows import DHRows, neat, rows_through
-from pa10cal.arm.urdf_reading import MOVING, Leader, UrdfJoint, UrdfTree, read_tree
+from pa10cal.arm.urdf_reading import read_tree
+from pa10cal.arm.urdf_tree import MOVING, Leader, UrdfJoint, UrdfTree
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
 
-#: Random joint positions of the check, and how far forward kinematics may differ there.
-_CHECKS = 300
-_SEED = 20080427
+#: Number and seed of the random joint positions at which forward kinematics is verified, and how
+#: far it may differ there [m, rad].
+_CHECKS, _SEED = 300, 20080427
 _TOLERANCE = 1e-9
+#: Limits of a revolute joint that states none: either way [rad].
 _FULL_TURN_RAD = 2.0 * np.pi
 
 
@@ -35,7 +38,7 @@ class ImportedArm:
     # base and tip: links the arm leads from and to
     base: str
     tip: str
-    joints: tuple[str, ...]  # names of its joints
+    joints: tuple[str, ...]  # names of its moving joints
     forward_kinematics_difference_m: float  # largest distance between its end and pinocchio's
     forward_kinematics_difference_rad: float  # largest angle between them
     notes: tuple[str, ...]  # what the URDF does not contain or was omitted, a sentence each
@@ -60,46 +63,37 @@ def arm_from_urdf_text(
     base, tip, path = tree.path(base, tip)
     joints = [joint for joint in path if joint.kind in MOVING]
     leaders = tree.leaders(path)
-    posed = _Posed(tree, joints, base, tip, leaders)
-    T_base_joints, axes = posed.at_zero(joints)
-    rows = rows_through(T_base_joints[:, :3, 3], axes, posed.T_base_ee(np.zeros(len(joints))))
+    model = _PinocchioArm(tree, joints, base, tip, leaders)
+    T_base_joints, axes = model.at_zero(joints)
+    rows = rows_through(T_base_joints[:, :3, 3], axes, model.T_base_ee(np.zeros(len(joints))))
     limits, notes = _limits(joints, where, leaders)
     names = [joint.name for joint in joints]
     coupled = tuple(
-        CoupledJoint(names.index(name) + 1, names.index(of.name) + 1, of.multiplier, follows=True)
-        for name, of in leaders.items()
+        CoupledJoint(
+            names.index(name) + 1, names.index(leader.name) + 1, leader.multiplier, follows=True
+        )
+        for name, leader in leaders.items()
     )
-    mass_kg, com_m = posed.masses(T_base_joints, rows)
-    theta_rad, d_m, a_m, alpha_rad, beta_rad = rows.parameters.T
+    mass_kg, com_m = model.masses(T_base_joints, rows)
     arm = Arm(
         name=name,
         title=name,
-        convention="standard",
-        theta_rad=theta_rad,
-        d_m=d_m,
-        a_m=a_m,
-        alpha_rad=alpha_rad,
-        hayati=np.zeros(len(joints), dtype=bool),
         prismatic=np.array([joint.kind == "prismatic" for joint in joints]),
         limits_rad=limits,
         gear_ratio=np.full(len(joints), np.nan),
         torque_limit_Nm=np.array([joint.effort for joint in joints]),
         mass_kg=mass_kg,
         com_m=com_m,
-        beta_rad=beta_rad,
-        T_base_row1=rows.T_base_row1,
-        T_row_n_ee=rows.T_row_n_ee,
         coupled=coupled,
+        **rows.arm_fields,
     )
     arm = with_hayati_rows(arm)
     low, high = arm.limits_rad.T
     q = np.random.default_rng(_SEED).uniform(low, high, (_CHECKS, arm.n))
-    found = Chain.of(arm).forward(q)
-    expected = np.array([posed.T_base_ee(positions) for positions in q])
-    off_m = float(np.linalg.norm(found[:, :3, 3] - expected[:, :3, 3], axis=1).max())
-    # Twice the sine of half the angle between two orientations, over the square root of two.
-    apart = np.linalg.norm(found[:, :3, :3] - expected[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
-    off_rad = float(2.0 * np.arcsin(np.clip(apart / 2.0, 0.0, 1.0)).max())
+    expected = np.array([model.T_base_ee(positions) for positions in q])
+    off_m, off_rad = (
+        float(off.max()) for off in pose_distances(Chain.of(arm).forward(q), expected)
+    )
     if max(off_m, off_rad) > _TOLERANCE:
         raise ArmError(
             "the rows do not reproduce forward kinematics of the URDF",
@@ -109,13 +103,11 @@ def arm_from_urdf_text(
             remedy="report it with the file; describe the arm by hand meanwhile",
         )
     notes += [*_omitted(tree, path, arm), *_one_motor(arm, names, leaders)]
-    return ImportedArm(
-        arm, base, tip, tuple(joint.name for joint in joints), off_m, off_rad, tuple(notes)
-    )
+    return ImportedArm(arm, base, tip, tuple(names), off_m, off_rad, tuple(notes))
 
 
-class _Posed:
-    """The serial path in pinocchio, all other joints held at zero."""
+class _PinocchioArm:
+    """The serial path as a model of pinocchio, all other joints held at zero."""
 
     def __init__(
         self,
@@ -126,11 +118,11 @@ class _Posed:
         leaders: Mapping[str, Leader],
     ) -> None:
         self._model = pin.Model()
-        # Which joint of pinocchio carries each link, and where the link is on it.
-        at = {tree.root: (0, pin.SE3.Identity())}
+        # By link: the joint of pinocchio that carries it, and the link's pose on that joint.
+        carried = {tree.root: (0, pin.SE3.Identity())}
         moves = {joint.name for joint in moving}
         for joint in tree.below(tree.root):
-            carrier, T = at[joint.parent]
+            carrier, T = carried[joint.parent]
             T = T * pin.SE3(pin.rpy.rpyToMatrix(np.array(joint.rpy)), np.array(joint.xyz))
             if joint.name in leaders:  # counted from where it is when its leader is at zero
                 T = T * pin.SE3(
@@ -144,12 +136,13 @@ class _Posed:
                 )
                 carrier = self._model.addJoint(carrier, kind(_direction(joint)), T, joint.name)
                 T = pin.SE3.Identity()
-            at[joint.child] = carrier, T
+            carried[joint.child] = carrier, T
         for link in tree.links:
             body = pin.Inertia(link.mass_kg, np.array(link.com_m), np.eye(3))
-            self._model.appendBodyToJoint(at[link.name][0], body, at[link.name][1])
+            carrier, T = carried[link.name]
+            self._model.appendBodyToJoint(carrier, body, T)
         self._data = self._model.createData()
-        self._base, self._tip = at[base], at[tip]
+        self._base, self._tip = carried[base], carried[tip]
 
     def T_base_ee(self, q: Array) -> Array:
         """Return the end-effector in the base (4, 4) at joint positions (n,)."""
@@ -186,9 +179,9 @@ def _direction(joint: UrdfJoint) -> Array:
 def _limits(
     joints: list[UrdfJoint], where: str, leaders: Mapping[str, Leader]
 ) -> tuple[Array, list[str]]:
-    """Return the limits (n, 2), a full turn either way where a revolute joint states none.
+    """Return the limits (n, 2) of the joints, and notes on those that state none.
 
-    Those of a joint that others follow are no wider than theirs.
+    Limits of a joint that others follow are narrowed to those of its followers.
     """
     limits, notes = np.array([joint.limits for joint in joints]), []
     for row, joint in enumerate(joints):
@@ -206,15 +199,15 @@ def _limits(
         notes.append(f"joint {joint.name} {why}: -360 to 360 degrees are taken")
     names = [joint.name for joint in joints]
     for name, leader in leaders.items():
-        own, other = names.index(name), names.index(leader.name)
-        limits[own] -= leader.offset
-        low, high = np.sort(limits[own] / leader.multiplier)
-        limits[other] = max(limits[other, 0], low), min(limits[other, 1], high)
-        if limits[other, 0] >= limits[other, 1]:
+        follower, led_by = names.index(name), names.index(leader.name)
+        limits[follower] -= leader.offset
+        low, high = np.sort(limits[follower] / leader.multiplier)
+        limits[led_by] = max(limits[led_by, 0], low), min(limits[led_by, 1], high)
+        if limits[led_by, 0] >= limits[led_by, 1]:
             raise ArmError(
                 f"the limits of joint {name}, which follows it, allow the joint no motion",
                 where=f"{where}: joint {leader.name}",
-                value=limits[other].tolist(),
+                value=limits[led_by].tolist(),
                 allowed="limits that overlap, multiplier and offset of the mimicry taken off",
                 remedy="correct the limits",
             )
@@ -222,20 +215,20 @@ def _limits(
 
 
 def _one_motor(arm: Arm, names: list[str], leaders: Mapping[str, Leader]) -> Iterator[str]:
-    """Yield joints that one motor drives, and those that may be: slides along one direction."""
-    for each in arm.coupled:
-        own = names[each.joint - 1]
+    """Yield notes on joints that follow others, and on parallel slides that one motor may drive."""
+    for coupled in arm.coupled:
+        name = names[coupled.joint - 1]
         yield (
-            f"joint {each.joint} ({own}) follows joint {each.by} ({leaders[own].name}), "
-            f"{each.factor:g} times: it has no axis of its own, and files have no column of it"
+            f"joint {coupled.joint} ({name}) follows joint {coupled.by} ({leaders[name].name}), "
+            f"{coupled.factor:g} times: it has no axis of its own, and files have no column of it"
         )
     parallel = {axes.joints[0] for axes in neighbouring_axes(arm) if axes.parallel}
+    following = {coupled.joint for coupled in arm.coupled}
     first = 1
     while first <= arm.n:
         last = first
         while last in parallel and arm.prismatic[last - 1] and arm.prismatic[last]:
             last += 1
-        following = {each.joint for each in arm.coupled}
         if last > first and not following & set(range(first, last + 1)):
             coupling = ", ".join(
                 f"{{joint: {joint}, by: {first}, factor: 1, follows: true}}"
@@ -250,7 +243,7 @@ def _one_motor(arm: Arm, names: list[str], leaders: Mapping[str, Leader]) -> Ite
 
 
 def _omitted(tree: UrdfTree, path: tuple[UrdfJoint, ...], arm: Arm) -> list[str]:
-    """Return what was not taken over, or is not there to take over."""
+    """Return notes on what was not imported, and on what the URDF does not contain."""
     notes = []
     held = [joint.name for joint in tree.joints if joint.kind != "fixed" and joint not in path]
     if held:

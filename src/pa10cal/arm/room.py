@@ -1,7 +1,8 @@
-"""Where an arm and what it carries may go: constraints on postures, by the nominal chain.
+"""Constraints on where an arm and its targets may be, and poses drawn within them.
 
-Candidates for poses to measure are drawn evenly over the joints' ranges, and kept within these.
-Links count as straight lines from joint to joint; how thick they are is not known here.
+Poses are drawn evenly over the joints' ranges by the nominal chain; those that satisfy all
+constraints are candidates to be measured. Links count as line segments from joint to joint, since
+their thickness is not known here.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ import numpy as np
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arrays import Array, Mask
 
-#: Shorter vectors have no direction [m].
-_NOWHERE_M = 1e-12
-#: Decimals of joint positions, as files have them [deg, mm].
+#: Length below which a vector has no direction [m].
+_NO_LENGTH_M = 1e-12
+#: Decimals of joint positions in files [deg, mm].
 _DECIMALS = 3
-#: Postures drawn at once, a power of two as Sobol's sequence needs, and how often at most.
-_AT_ONCE = 2**14
+#: Postures in one draw, a power of two as Sobol's sequence needs, and largest number of draws.
+_POSTURES_A_DRAW = 2**14
 _MOST_DRAWS = 60
-#: Draws without any admissible posture after which drawing ends.
-_HOPELESS = 6
+#: Number of draws after which drawing ends if no posture is admissible.
+_HOPELESS_DRAWS = 6
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class PosturePoints:
     """P postures, in the base frame [m]."""
 
     T_base_ee: Array  # (P, 4, 4) end of the chain
-    p_base_joints: Array  # (n, P, 3) where each joint sits
+    p_base_joints: Array  # (n, P, 3) origins of the joints
     p_base_targets: Array  # (P, B, 3) targets on the end
 
     @classmethod
@@ -53,7 +54,7 @@ class PosturePoints:
         return np.concatenate([self.p_base_end[:, None], self.p_base_targets], axis=1)
 
     def take(self, rows: Mask) -> PosturePoints:
-        """Return some of the postures."""
+        """Return the postures of a mask (P,)."""
         return PosturePoints(
             self.T_base_ee[rows], self.p_base_joints[:, rows], self.p_base_targets[rows]
         )
@@ -70,60 +71,61 @@ Constraint = Callable[[PosturePoints], Mask]
 class Box:
     """A box along the axes of the base."""
 
-    # low_m and high_m: (3,) its corners
+    # (3,) opposite corners
     low_m: Array
     high_m: Array
 
     def holds(self, points: Array) -> Mask:
-        """Return which points (..., 3) lie in it."""
+        """Return which points (..., 3) are in the box."""
         within = (points >= self.low_m) & (points <= self.high_m)
         return np.asarray(within.all(axis=-1), dtype=np.bool_)
 
     def meets(self, start: Array, end: Array) -> Mask:
-        """Return which straight lines from start to end (..., 3) pass through it.
+        """Return which line segments from start to end (..., 3) pass through the box.
 
-        By slabs: the stretch of the line between each pair of faces, and whether all three overlap.
+        By the method of slabs: a segment is start + t (end - start), t from 0 to 1. Each pair of
+        faces bounds an interval of t; the segment passes through where all three intervals overlap.
         """
         start, way = np.broadcast_arrays(start, end - start)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            one, other = (self.low_m - start) / way, (self.high_m - start) / way
-        still = way == 0.0  # along the faces: within all the way, or never
-        within = (start >= self.low_m) & (start <= self.high_m)
-        enters = np.where(still, np.where(within, -np.inf, np.inf), np.fmin(one, other))
-        leaves = np.where(still, np.where(within, np.inf, -np.inf), np.fmax(one, other))
+            t_low, t_high = (self.low_m - start) / way, (self.high_m - start) / way
+        parallel = way == 0.0  # to the faces: between them for every t, or for none
+        between = (start >= self.low_m) & (start <= self.high_m)
+        enters = np.where(parallel, np.where(between, -np.inf, np.inf), np.fmin(t_low, t_high))
+        leaves = np.where(parallel, np.where(between, np.inf, -np.inf), np.fmax(t_low, t_high))
         first, last = enters.max(axis=-1), leaves.min(axis=-1)
         return np.asarray((first <= last) & (last >= 0.0) & (first <= 1.0), dtype=np.bool_)
 
 
 def within(box: Box) -> Constraint:
-    """The target, the first of them, stays in a box."""
+    """The first target is in a box."""
     return lambda at: box.holds(at.p_base_targets[:, 0])
 
 
 def end_within(box: Box) -> Constraint:
-    """The end stays in a box."""
+    """The end is in a box."""
     return lambda at: box.holds(at.p_base_end)
 
 
 def reach(radius_m: float) -> Constraint:
-    """The target, the first of them, stays in a sphere about the base's origin."""
+    """The first target is in a sphere about the base's origin."""
     return lambda at: np.linalg.norm(at.p_base_targets[:, 0], axis=1) <= radius_m
 
 
 def above(floor_m: float) -> Constraint:
-    """End and targets stay above a height over the base's origin, along the base's z axis."""
+    """End and targets are above a height over the base's origin, along the base's z axis."""
     return lambda at: at.p_base_tool[..., 2].min(axis=1) > floor_m
 
 
 def off_column(column_m: float) -> Constraint:
-    """End and targets stay so far off the base's axis."""
+    """End and targets are further than this from the base's z axis."""
     return lambda at: np.hypot(*at.p_base_tool[..., :2].T).min(axis=0) > column_m
 
 
 def keep_out(box: Box) -> Constraint:
-    """End, targets, and the lines from joint to joint and on to these stay out of a box.
+    """End, targets, and the segments from joint to joint and on to these are outside a box.
 
-    The first joint moves nowhere, so what it stands on may lie in the box.
+    The first segment begins at joint 2: joint 1 does not move, and its support may be in the box.
     """
 
     def allows(at: PosturePoints) -> Mask:
@@ -137,7 +139,7 @@ def keep_out(box: Box) -> Constraint:
 
 
 def off_links(clearance_m: float) -> Constraint:
-    """Targets stay so far off the lines from joint to joint."""
+    """Targets are further than this from the segments from joint to joint."""
 
     def allows(at: PosturePoints) -> Mask:
         clear = np.ones(len(at), dtype=np.bool_)
@@ -150,7 +152,7 @@ def off_links(clearance_m: float) -> Constraint:
 
 
 def in_sight(p_base_instrument: Array, boxes: Sequence[Box]) -> Constraint:
-    """The straight lines from the instrument (3,) to the targets pass through no box."""
+    """The lines of sight from the instrument (3,) to the targets pass through no box."""
 
     def allows(at: PosturePoints) -> Mask:
         hidden = [box.meets(p_base_instrument, at.p_base_targets).any(axis=1) for box in boxes]
@@ -160,25 +162,28 @@ def in_sight(p_base_instrument: Array, boxes: Sequence[Box]) -> Constraint:
 
 
 def facing(p_base_instrument: Array, axis_ee: Array, most_rad: float) -> Constraint:
-    """The direction in which targets look, along the end's axes, points to the instrument.
+    """The viewing direction of every target is within an angle of its line to the instrument.
 
-    Within an angle, seen from every target.
+    Args:
+        p_base_instrument: (3,) the instrument.
+        axis_ee: (3,) viewing direction of the targets, along the end's axes.
+        most_rad: largest angle.
     """
 
     def allows(at: PosturePoints) -> Mask:
-        looks = at.T_base_ee[:, :3, :3] @ (axis_ee / np.linalg.norm(axis_ee))
+        viewing = at.T_base_ee[:, :3, :3] @ (axis_ee / np.linalg.norm(axis_ee))
         way = p_base_instrument - at.p_base_targets
-        away = np.maximum(np.linalg.norm(way, axis=-1), _NOWHERE_M)
-        cosine = np.einsum("pbi,pi->pb", way, looks) / away
+        distance_m = np.maximum(np.linalg.norm(way, axis=-1), _NO_LENGTH_M)
+        cosine = np.einsum("pbi,pi->pb", way, viewing) / distance_m
         return np.asarray(cosine.min(axis=1) >= np.cos(most_rad), dtype=np.bool_)
 
     return allows
 
 
 def admissible(at: PosturePoints, constraints: Sequence[Constraint]) -> tuple[Mask, list[int]]:
-    """Return which postures (P,) satisfy all constraints, and how many each one removed.
+    """Return which postures (P,) satisfy all constraints, and how many each of these removed.
 
-    Constraints apply in this order: each removes from those that the ones before it admitted.
+    A constraint is evaluated for those postures only that satisfy all before it.
     """
     allowed = np.ones(len(at), dtype=np.bool_)
     removed = []
@@ -210,12 +215,13 @@ def draw_within(
     """Draw poses by Sobol's sequence until enough satisfy all constraints.
 
     Args:
+        targets_m: (B, 3) targets on the end.
         ranges: least and largest positions of the axes, (m,) each [rad, m].
         constraints: by name, the quickest first.
         wanted: N; fewer are returned where hardly any pose satisfies the constraints.
     """
     low, high = ranges
-    unit, coupling = np.where(chain.arm.axes_slide, 1e-3, np.radians(1.0)), chain.arm.coupling
+    unit = np.where(chain.arm.axes_slide, 1e-3, np.radians(1.0))  # of positions in files
     from scipy.stats import qmc  # late: half a second, for plans alone
 
     sobol = qmc.Sobol(len(unit), rng=random_seed)
@@ -223,20 +229,21 @@ def draw_within(
     kept: list[Array] = []
     draws = 0
     while draws < _MOST_DRAWS and sum(map(len, kept)) < wanted:
-        axes = np.round((low + (high - low) * sobol.random(_AT_ONCE)) / unit, _DECIMALS) * unit
-        q = coupling.to_joints(axes)
-        allowed, fewer = admissible(PosturePoints.of(chain, q, targets_m), [*constraints.values()])
+        axes = low + (high - low) * sobol.random(_POSTURES_A_DRAW)
+        q = chain.arm.coupling.to_joints(np.round(axes / unit, _DECIMALS) * unit)
+        points = PosturePoints.of(chain, q, targets_m)
+        allowed, removed_here = admissible(points, [*constraints.values()])
         kept.append(q[allowed])
-        removed += fewer
+        removed += removed_here
         draws += 1
-        if draws == _HOPELESS and not sum(map(len, kept)):
+        if draws == _HOPELESS_DRAWS and not sum(map(len, kept)):
             break
     by_name = dict(zip(constraints, removed.tolist(), strict=True))
-    return Candidates(np.concatenate(kept)[:wanted], draws * _AT_ONCE, by_name)
+    return Candidates(np.concatenate(kept)[:wanted], draws * _POSTURES_A_DRAW, by_name)
 
 
 def distance_from_line(points: Array, start: Array, end: Array) -> Array:
-    """Return the distances (P, B) of points (P, B, 3) from lines start to end (P, 1, 3)."""
+    """Return the distances (P, B) of points (P, B, 3) from segments start to end (P, 1, 3)."""
     along = end - start
     length2 = np.maximum(np.sum(along**2, axis=-1), 1e-12)
     share = np.clip(np.sum((points - start) * along, axis=-1) / length2, 0.0, 1.0)

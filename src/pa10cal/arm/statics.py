@@ -1,8 +1,8 @@
-"""States of measured poses, and statics: torques in joints, moments in links and base by weights.
+"""States of measured poses, and statics: loads of joints, links and base by weights.
 
-The load of a joint depends on the weights beyond it by two sums, their mass and their first moment,
+The load of a joint depends on the weights beyond it only by their total mass and first moment,
 which one cumulative sum from the end of the chain gives for all joints and poses. Torques are
-linear in mass and first moment of every link; the derivatives by these are their coefficients.
+linear in mass and first moment of every link; the coefficients are the derivatives by these.
 """
 
 from __future__ import annotations
@@ -24,18 +24,21 @@ class Hung:
 
     mass_kg: Array  # (P, n) mass of each link and all beyond it, apparatus and load included
     moment_kg_m: Array  # (P, n, 3) first moment of that mass about the base's origin
-    # (P, n, 4, 3) the same moment by each link's mass, at its centre, and its three first moments
-    # about the centre
+    # (P, n, 4, 3) derivative of a link's first moment about the base's origin by its mass, added at
+    # its centre, and by its three first moments about the centre
     by_link: Array
-    by_apparatus: Array  # (P, 3) the same by the mass of the apparatus
-    ends: Array  # (P, n - 1, 4, 4) frames in which the joints beyond each link move
+    by_apparatus: Array  # (P, 3) the same derivative by the mass of the apparatus
+    ends: Array  # (P, n - 1, 4, 4) far ends of the links but the last: frames of the next joints
     gravity_m_s2: Array  # (P, 3) gravity along base axes
-    by_level: Array  # (P, 2, 3) its derivative by two small turns about axes across it
+    by_level: (
+        Array  # (P, 2, 3) derivative of gravity by small rotations about two axes normal to it
+    )
 
     def with_weights(self, amounts: Array) -> Hung:
         """Return the weights changed by amounts (4 n + 3,), see `StaticLoads.by_weights`."""
         n = self.mass_kg.shape[1]
-        of_links, (apparatus_kg, *level) = amounts[: 4 * n].reshape(n, 4), amounts[4 * n :]
+        of_links = amounts[: 4 * n].reshape(n, 4)
+        apparatus_kg, *level = amounts[4 * n :]
         mass_kg = of_links[:, 0].copy()
         mass_kg[-1] += apparatus_kg
         moment = np.einsum("pjkc,jk->pjc", self.by_link, of_links)
@@ -48,10 +51,7 @@ class Hung:
         )
 
     def loads(self) -> tuple[Array, Array, Array]:
-        """Return moments and forces at the links' far ends, (P, n, 3) each, and the base's moment.
-
-        They are `link_Nm`, `link_N` and `base_Nm` (P, 3) of `StaticLoads`.
-        """
+        """Return `link_Nm`, `link_N` and `base_Nm` of `StaticLoads`."""
         link_Nm, link_N = np.zeros((2, *self.moment_kg_m.shape))
         gravity, R_ends = self.gravity_m_s2[:, None], self.ends[..., :3, :3]
         about_ends = self.moment_kg_m[:, 1:] - self.mass_kg[:, 1:, None] * self.ends[..., :3, 3]
@@ -72,9 +72,9 @@ class StaticLoads:
     base_Nm: Array  # (P, 3) overturning moment about the base's origin, along base axes
     joint_Nm: Array  # (P, n) torques with which the joints hold links, apparatus and load
     down_ee: Array  # (P, 3) direction of gravity along the end-effector's axes, a unit vector
-    # (P, n, 4 n + 3) derivative of `joint_Nm` by mass (at its centre) and the three first moments
-    # (about that) of each link, link by link; by the mass of the apparatus; by two small turns of
-    # gravity
+    # (P, n, 4 n + 3) derivative of `joint_Nm`: by mass, added at its centre, and by the three first
+    # moments about that centre, of link 1, 2, …; by the mass of the apparatus; by small rotations
+    # of gravity about two axes normal to it
     by_weights: Array
     by_load: Array  # (P, n) derivative of `joint_Nm` by the external load [N m/N]
     hung: Hung  # the weights that make these loads
@@ -82,7 +82,8 @@ class StaticLoads:
     def with_weights(self, amounts: Array) -> StaticLoads:
         """Return the loads of links and base with weights changed by amounts (4 n + 3,).
 
-        Amounts are those of `by_weights`. `joint_Nm` stays: `Weights` has the changed torques.
+        Amounts are ordered as the columns of `by_weights`. `joint_Nm` is not changed: the term
+        `Weights` adds the change of torques.
         """
         hung = self.hung.with_weights(amounts)
         link_Nm, link_N, base_Nm = hung.loads()
@@ -91,9 +92,9 @@ class StaticLoads:
 
 @dataclass(frozen=True)
 class ObservedTargets:
-    """How P measured poses were read from B targets of the instrument."""
+    """How P measured poses follow from readings of B targets."""
 
-    p_instr_targets_m: Array  # (P, B, 3) places of the targets in the instrument's frame
+    p_instr_targets_m: Array  # (P, B, 3) positions of the targets in the instrument's frame
     # (P, 6, 3 B) derivative of the pose (position, small rotation, along the end-effector's axes)
     # by the errors of the targets' readings
     pose_by_targets: Array
@@ -112,20 +113,19 @@ class PoseStates:
     time_s: Array  # (P,) time of the reading
     static_loads: StaticLoads | None = None  # None where they were not computed
     seen: ObservedTargets | None = None  # None where the pose was not read from targets
-    # (P,) number of each pose's campaign in a group, from 0; None without a group: terms of
-    # campaigns are then those of the first
+    # (P,) number of each pose's campaign in a group, from 0; None: all belong to the first
     campaign: NDArray[np.intp] | None = None
     # (P, n) direction in which each joint moved from the pose before: -1, 0 (it stayed) or +1;
-    # None where it is `arrival`
+    # None where it equals `arrival`
     moved: Array | None = None
-    # (P, n) move of each joint from the pose before over the largest of them, metres of a sliding
-    # joint counted as radians; None where no order of poses is known
+    # (P, n) move of each joint from the pose before, divided by the largest of them; metres of a
+    # sliding joint count as radians. None where the order of poses is not known
     move_share: Array | None = None
-    # (P,) path length of the end along that move over the largest move of a joint [m/rad]; None
-    # where no order of poses is known, or it was not computed
+    # (P,) path length of the end along that move, divided by the largest move of a joint [m/rad];
+    # None where the order of poses is not known, or it was not computed
     move_end_m: Array | None = None
-    # (P,) whether `time_s` is a time; else only the order of poses is known (no times recorded), or
-    # it cannot be separated from a joint or a load. None where all are.
+    # (P,) whether effects of time can be identified by `time_s`: not where only the order of poses
+    # is known, or where time is correlated with a joint or a load. None where they can in all.
     timed: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
@@ -160,9 +160,8 @@ class Payload:
     load_point_m: Array  # (3,) where the external load hangs, in the end-effector frame
     gravity_m_s2: Array  # (3,) gravity along the axes of the robot base
     known: bool = True  # False where nobody stated the mass and it is zero
-    com_u_m: float | None = (
-        None  # standard uncertainty of com_m, per axis; None where it was stated
-    )
+    # standard uncertainty of com_m, per axis; None where com_m was stated
+    com_u_m: float | None = None
     # payload of each campaign of a group, in their order; empty where all are the same
     of_campaigns: tuple[Payload, ...] = ()
 
@@ -171,28 +170,26 @@ class Payload:
 class Statics:
     """An arm at rest in P poses."""
 
-    # (P, n) what the joints exert to hold links, apparatus and load; a force [N] for a prismatic
-    # joint
+    # (P, n) torques of the joints that hold links, apparatus and load; forces [N] where prismatic
     torque_Nm: Array
-    # (P, n, 4 n) its derivative by mass m and first moment m c of every link: m_1, m_1 c_1x, m_1
-    # c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row
+    # (P, n, 4 n) their derivative by mass m and first moment m c of every link: m_1, m_1 c_1x,
+    # m_1 c_1y, m_1 c_1z, m_2, … with c in the frame of the link's own row
     torque_by_mass: Array
-    torque_by_load: Array  # (P, n) its derivative by the load [N m/N]
+    torque_by_load: Array  # (P, n) their derivative by the load [N m/N]
     static_loads: StaticLoads
 
 
 def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -> Statics:
     """Compute torques and moments of an arm at rest.
 
-    Gravity is given along the axes in which the chain starts. The load of a link is the force and
-    the moment of all weights beyond its far end: about the origin and along the axes of the frame
-    in which the next joint moves, where the chain has its bends.
+    The load of a link is the force and the moment of all weights beyond its far end: about the
+    origin and along the axes of the frame in which the next joint moves, where the chain bends.
 
     Args:
         chain: the chain of an arm whose masses are known.
         coordinates: (P, m) chain coordinates.
         load_N: (P,) weights that hang at the load point.
-        payload: apparatus, load point and gravity.
+        payload: apparatus, load point and gravity, which is along the axes of the chain's start.
 
     Raises:
         ArmError: when the arm has no masses, or gravity no direction.
@@ -202,8 +199,8 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     at = frames(chain, coordinates)
     n, count = at.T_base_rows.shape[:2]
     p_base_apparatus, p_base_load = (
-        at.T_base_ee[:, :3, :3] @ place + at.T_base_ee[:, :3, 3]
-        for place in (payload.com_m, payload.load_point_m)
+        at.T_base_ee[:, :3, :3] @ p_ee + at.T_base_ee[:, :3, 3]
+        for p_ee in (payload.com_m, payload.load_point_m)
     )
     # The torque by which a joint holds 1 kg at p is slope · p + offset: with the joint's origin o
     # and axis z it is (z × g) · (p - o) where it turns, and -z · g where it slides.
@@ -216,8 +213,9 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
         (slope @ p_base[:, :, None])[..., 0] + offset for p_base in (p_base_load, p_base_apparatus)
     )
     by_load /= g
-    # Mass m and first moment m c of a link in its row's frame act at m origin + R m c: the columns
-    # are the origin of the frame, then its axes. A joint holds its own link and those after it.
+    # A link's first moment about the base's origin is m origin + R m c: its derivatives by m and
+    # m c, the columns, are the origin and the axes of the row's frame. A joint holds its own link
+    # and those after it.
     columns = at.T_base_rows[..., :3, [3, 0, 1, 2]].transpose(1, 2, 0, 3)
     by_link = (slope @ columns.reshape(count, 3, 4 * n)).reshape(count, n, n, 4)
     by_link[..., 0] += offset[:, :, None]
@@ -241,20 +239,20 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
     moments_kg_m[-1] += payload.mass_kg * p_base_apparatus + hung_kg[:, None] * p_base_load
     masses_kg = masses_kg[::-1].cumsum(axis=0)[::-1].T
     moments_kg_m = np.swapaxes(moments_kg_m[::-1].cumsum(axis=0)[::-1], 0, 1)
-    # Small turns of gravity: the torque's derivative by gravity, along two axes across it.
+    # Derivative of the torques by gravity, and of gravity by rotations about axes normal to it.
     turning = np.cross(moments_kg_m - masses_kg[:, :, None] * origins, axes)
     by_gravity = np.where(turns[:, None], turning, -masses_kg[:, :, None] * axes)
     level = g * np.linalg.svd(gravity[None])[2][1:]
-    # `by_weights` has a mass at the link's centre, and the first moment about that.
+    # Derivatives by a mass that is added at the link's centre, not at the row's origin.
     by_link_at_centre = by_link.copy()
     by_link_at_centre[..., 0] += np.sum(by_link_at_centre[..., 1:] * com_m, axis=-1)
-    columns_at_centre = columns.transpose(0, 2, 3, 1).copy()
-    columns_at_centre[:, :, 0] += np.einsum("pjkc,jk->pjc", columns_at_centre[:, :, 1:], com_m)
+    moment_at_centre = columns.transpose(0, 2, 3, 1).copy()
+    moment_at_centre[:, :, 0] += np.einsum("pjkc,jk->pjc", moment_at_centre[:, :, 1:], com_m)
     by_weights = [by_link_at_centre.reshape(by_mass.shape), by_apparatus[..., None]]
     hung = Hung(
         mass_kg=masses_kg,
         moment_kg_m=moments_kg_m,
-        by_link=columns_at_centre,
+        by_link=moment_at_centre,
         by_apparatus=p_base_apparatus,
         ends=np.swapaxes(at.T_base_joints[1:], 0, 1),
         gravity_m_s2=np.broadcast_to(gravity, (count, 3)),
@@ -275,7 +273,7 @@ def statics(chain: Chain, coordinates: Array, load_N: Array, payload: Payload) -
 
 
 def _masses(arm: Arm) -> tuple[Array, Array]:
-    """Return the masses (n,) and centres of mass (n, 3) of an arm, or refuse one without."""
+    """Return the masses (n,) and centres of mass (n, 3) of an arm; refuse an arm without them."""
     if arm.mass_kg is None or arm.com_m is None:
         raise ArmError(
             "the arm has no masses, so its weights are not known",
@@ -287,6 +285,7 @@ def _masses(arm: Arm) -> tuple[Array, Array]:
 
 
 def _gravity_size(gravity: Array) -> float:
+    """Return the magnitude of gravity; refuse zero."""
     g = float(np.linalg.norm(gravity))
     if g == 0.0:
         raise ArmError(

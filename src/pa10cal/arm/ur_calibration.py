@@ -1,8 +1,8 @@
-"""The calibration of an arm of Universal Robots, in the forms of its maker: read and written.
+"""The calibration of a Universal Robots arm, in the two forms of its maker: read and written.
 
-The controller keeps departures of Denavit-Hartenberg rows from the model's (`calibration.conf`).
-The driver for ROS 2 reads the origin of each of six joints, all of which turn about z, in the frame
-that the joint before carries along. In both the frame of the last joint is the flange.
+The controller keeps deviations of Denavit-Hartenberg rows from the model's (`calibration.conf`).
+The driver for ROS 2 reads the origin of each of six joints, which turn about z, in the frame that
+the joint before carries along. In both forms the frame of the last joint is the flange.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pa10cal.arm.chain import (
     Chain,
     carried_frames,
+    end_pose,
     frames,
     mean_distance,
     moved_frames,
@@ -33,20 +34,21 @@ ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 #: Columns of a table of rows, in the order of `UrLayout.table`.
 COLUMNS = ("theta", "d", "a", "alpha")
 _QUARTER = np.pi / 2.0
-#: How far axes as designed may be off the layout [m, rad]: numbers of a URDF may be rounded.
+#: Largest deviation of nominal axes from the layout [m, rad]: numbers of a URDF may be rounded.
 _SAME = 1e-5
-#: How far a calibrated arm is from its model at most [m, rad].
+#: Largest deviation of a calibrated arm from its model [m, rad].
 _NEAR = 0.02
-#: Axes this near to parallel have their common normal anywhere [rad].
+#: Axes closer to parallel than this have no definite common normal [rad].
 _PARALLEL_RAD = 1e-10
-#: How far the rows of a controller may be off the calibrated arm [m, rad].
+#: Largest error of forward kinematics of a controller's rows [m, rad], and at how many random
+#: joint positions, of which seed, it is verified.
 _HELD = 1e-8
 _CHECKS, _SEED = 200, 20080427
 
 
 @dataclass(frozen=True)
 class UrLayout:
-    """The lengths of an arm as Universal Robots designs them, in its controller's base."""
+    """The nominal lengths of a Universal Robots arm, in its controller's base."""
 
     yaw: float  # turn of the controller's base about z of the arm's own base [rad]
     # lengths of its Denavit-Hartenberg rows [m]
@@ -86,13 +88,20 @@ class UrLayout:
 
 
 def ur_layout(arm: Arm) -> UrLayout | None:
-    """Return the layout that an arm was designed with; None where it is another maker's."""
-    found = _layout(Chain.of(arm))
-    return None if found is None or found[1] > _SAME else found[0]
+    """Return the nominal layout of an arm; None where it is another maker's."""
+    near = _nearest_layout(Chain.of(arm))
+    return None if near is None or near.off > _SAME else near.layout
 
 
-def _layout(chain: Chain) -> tuple[UrLayout, float] | None:
-    """Return the layout that an arm has or is near to, and how far its axes are off it [m, rad]."""
+class _NearLayout(NamedTuple):
+    """A layout that an arm is near to."""
+
+    layout: UrLayout
+    off: float  # largest deviation of the arm's axes and flange from it [m, rad]
+
+
+def _nearest_layout(chain: Chain) -> _NearLayout | None:
+    """Return the layout that a nominal arm has or is near to; None where there is none."""
     arm = chain.arm
     if arm.n != 6 or arm.prismatic.any():
         return None
@@ -103,42 +112,44 @@ def _layout(chain: Chain) -> tuple[UrLayout, float] | None:
         base = placed(np.zeros(3), np.array([0.0, 0.0, yaw]))
         axes, points = h @ base[:3, :3], p @ base[:3, :3]
         T_flange = base.T @ T_base_flange
-        # Heights and lengths along x, from places that the axes go through.
+        # Heights and lengths along x, from the points that the axes pass through; d14 is d1 + d4.
         d1, d14 = points[1, 2], -T_flange[1, 3]
         a2, a3 = points[2, 0], points[3, 0] - points[2, 0]
         d5, d6 = d1 - T_flange[2, 3], 0.0
         if np.linalg.norm(np.cross(axes[4], axes[5])) > 0.5:
             d6 = float((T_flange[:3, 3] - points[4]) @ axes[5])
         layout = UrLayout(yaw, *map(float, (d1, a2, a3, d14 - d6, d5, d6)))
-        every = layout.frames
-        along = every[:, :3, 2] - carried[:, :3, 2]
-        beside = np.cross(every[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
-        off = [float(np.abs(each).max()) for each in (along, beside, every[-1] - T_base_flange)]
-        if max(off) < _SAME:
-            return layout, max(off)
-        if max(off) < _NEAR and (nearest is None or max(off) < nearest[1]):
-            nearest = layout, max(off)
+        T_base_frames = layout.frames
+        tilt = T_base_frames[:, :3, 2] - carried[:, :3, 2]
+        offset = np.cross(T_base_frames[:, :3, 3] - carried[:, :3, 3], carried[:, :3, 2])
+        of_flange = T_base_frames[-1] - T_base_flange
+        off = max(float(np.abs(difference).max()) for difference in (tilt, offset, of_flange))
+        if off < _SAME:
+            return _NearLayout(layout, off)
+        if off < _NEAR and (nearest is None or off < nearest.off):
+            nearest = _NearLayout(layout, off)
     return nearest
-
-
-# Out: what the driver and the controller read.
 
 
 def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | None:
     """Return the calibration file of the driver; None where the arm has another layout.
 
-    A flange that is off or tilted across the last joint's axis (a, alpha, beta) has no place in it:
-    see `flange_off_m`. Coordinates (m,) are calibrated ones, at zero joint positions.
+    The file cannot hold a flange that is offset from or tilted against the last joint's axis (a,
+    alpha, beta): see `flange_off_m`.
+
+    Args:
+        coordinates: (m,) calibrated ones, at zero joint positions.
+        comments: lines of the file's head.
     """
-    found = _layout(chain)
-    if found is None:
+    near = _nearest_layout(chain)
+    if near is None:
         return None
-    layout, off = found
-    T_base_frames = layout.frames if off < _SAME else _on_axes(chain, layout.frames)
+    layout = near.layout
+    T_base_frames = layout.frames if near.off < _SAME else _on_axes(chain, layout.frames)
     moved, T_base_flange = moved_frames(chain, coordinates, T_base_frames)
     along_m = float((np.linalg.inv(moved[-1]) @ T_base_flange)[2, 3])
     moved[-1, :3, 3] += along_m * moved[-1, :3, 2]
-    # The driver counts from the frame that the first joint stands on, turned with its own base.
+    # The first origin is relative to the controller's base.
     before = np.concatenate([layout.T_base_controller[None], moved[:-1]])
     lines = [f"# {one_line(line)}".rstrip() for line in comments] + ["kinematics:"]
     for name, T in zip(LINKS, np.linalg.inv(before) @ moved, strict=True):
@@ -150,57 +161,60 @@ def ur_kinematics(chain: Chain, coordinates: Array, *comments: str) -> str | Non
 
 
 def _on_axes(chain: Chain, near: Array) -> Array:
-    """Return frames (6, 4, 4) near those given, each with z on the axis of its joint as designed.
+    """Return the frames (6, 4, 4) moved so that z of each lies on the nominal axis of its joint.
 
-    The last one is the flange, put on the axis.
+    The last one is the flange, moved likewise.
     """
     carried, T_base_flange = carried_frames(chain, chain.nominal)
-    found = []
-    for frame, on in zip([*near[:-1], T_base_flange], carried, strict=True):
-        z, p = on[:3, 2], on[:3, 3]
+    on_axes = []
+    for frame, of_joint in zip([*near[:-1], T_base_flange], carried, strict=True):
+        z, p = of_joint[:3, 2], of_joint[:3, 3]
         x = frame[:3, 0] - z * (z @ frame[:3, 0])
         x /= np.linalg.norm(x)
         origin = p + z * (z @ (frame[:3, 3] - p))
-        found.append(homogeneous(np.column_stack([x, np.cross(z, x), z]), origin))
-    return np.array(found)
+        on_axes.append(homogeneous(np.column_stack([x, np.cross(z, x), z]), origin))
+    return np.array(on_axes)
 
 
 def flange_off_m(chain: Chain, coordinates: Array) -> float:
-    """Return how far the flange is from where the last joint's axis, as designed, would have it.
+    """Return how far calibration (m,) moves the flange across the axis of the last joint.
 
     The coordinates (m,) are calibrated ones, at zero joint positions.
     """
-    ends = []
+    across_m = []
     for at in (chain.nominal, coordinates):
         carried, T_base_flange = carried_frames(chain, at)
-        ends.append(np.linalg.inv(carried[-1]) @ T_base_flange)
-    return float(np.linalg.norm(ends[1][:2, 3] - ends[0][:2, 3]))
+        across_m.append((np.linalg.inv(carried[-1]) @ T_base_flange)[:2, 3])
+    return float(np.linalg.norm(across_m[1] - across_m[0]))
 
 
 def ur_deltas(chain: Chain, coordinates: Array, designed: UrLayout) -> Array | None:
-    """Return departures (6, 4) of Denavit-Hartenberg rows from those of a model, as its controller.
+    """Return the controller's deviations (6, 4) of Denavit-Hartenberg rows from those of a model.
 
     Columns are those of `UrLayout.table`. Between axes that are nearly parallel the rows have
-    lengths of hundreds of metres, which cancel. None where no such rows have the calibrated arm's
-    forward kinematics: where its first axis is not z of the base, or its flange departs by more
-    than a row can.
+    lengths of hundreds of metres, which cancel.
 
     Args:
-        chain, coordinates: the arm, and (m,) where it is calibrated, at zero joint positions.
-        designed: the model.
+        coordinates: (m,) calibrated ones, at zero joint positions.
+        designed: the layout of the model.
+
+    Returns:
+        The deviations, or None where no such rows have the calibrated arm's forward kinematics:
+        where its first axis is not z of the base, or its flange deviates by more than a row can.
     """
     carried, T_base_flange = carried_frames(chain, coordinates)
     T_controller_base = designed.T_base_controller.T
     carried, T_flange = T_controller_base @ carried, T_controller_base @ T_base_flange
-    laid = rows_through(carried[:, :3, 3], carried[:, :3, 2], T_flange, _PARALLEL_RAD)
-    table = laid.parameters[:, :4].copy()
-    end = laid.T_row_n_ee
-    table[5, 2:] = end[0, 3], np.arctan2(end[2, 1], end[2, 2])
-    table[5, 1] += end[2, 3]
+    rows = rows_through(carried[:, :3, 3], carried[:, :3, 2], T_flange, _PARALLEL_RAD)
+    table = rows.parameters[:, :4].copy()
+    # What of the constant end frame the last row can hold: d, a and alpha.
+    T_row_flange = rows.T_row_n_ee
+    table[5, 2:] = T_row_flange[0, 3], np.arctan2(T_row_flange[2, 1], T_row_flange[2, 2])
+    table[5, 1] += T_row_flange[2, 3]
     q = np.random.default_rng(_SEED).uniform(-np.pi, np.pi, (_CHECKS, 6))
-    whole = np.tile(coordinates, (_CHECKS, 1))
-    whole[:, chain.joint_columns] += q
-    expected = T_controller_base @ frames(chain, whole).T_base_ee
+    at_q = np.tile(coordinates, (_CHECKS, 1))
+    at_q[:, chain.joint_columns] += q
+    expected = T_controller_base @ end_pose(chain, at_q)
     off = np.abs(_forward(table, q) - expected).max()
     if not off < _HELD:
         return None
@@ -210,7 +224,7 @@ def ur_deltas(chain: Chain, coordinates: Array, designed: UrLayout) -> Array | N
 
 
 def ur_deltas_text(deltas: Array, *comments: str) -> str:
-    """Return departures (6, 4) as the controller's `calibration.conf` has them."""
+    """Return deviations (6, 4) as the text of the controller's `calibration.conf`."""
     lines = [f"# {one_line(line)}".rstrip() for line in comments] + ["[mounting]"]
     for name, values in zip(COLUMNS, deltas.T, strict=True):
         numbers = ", ".join(repr(float(value)) for value in values)
@@ -229,20 +243,17 @@ def _forward(table: Array, q: Array) -> Array:
     return T
 
 
-# In: an arm of what the maker found.
-
-
 def arm_of_ur_rows(table: Array, name: str, designed: Arm | None, where: str) -> Arm:
     """Return the arm of calibrated Denavit-Hartenberg rows (6, 4), as `UrLayout.table`.
 
     Args:
         table: theta [rad], d [m], a [m] and alpha [rad] of each.
         name: of the arm.
-        designed: the arm as it was designed: its base, limits, gears and masses are taken over.
+        designed: the nominal arm, whose base, limits, gears and masses are taken over.
         where: the file, for messages.
 
     Raises:
-        ArmError: when the arm as designed is no arm of Universal Robots, or another one.
+        ArmError: when the nominal arm is no Universal Robots arm, or of another model.
     """
     base = _base_of(designed, where)
     rows = rows_of_table(np.column_stack([table, np.zeros(6)]), "standard", base, np.eye(4))
@@ -257,6 +268,7 @@ def arm_of_ur_origins(origins: Array, name: str, designed: Arm | None, where: st
 
 
 def _base_of(designed: Arm | None, where: str) -> Array:
+    """Return the controller's base in the arm's own (4, 4); refuse an arm of another maker."""
     if designed is None:
         return np.eye(4)
     if (layout := ur_layout(designed)) is None:
@@ -271,8 +283,8 @@ def _base_of(designed: Arm | None, where: str) -> Array:
 
 
 def _arm(rows: DHRows, name: str, designed: Arm | None, where: str) -> Arm:
-    theta_rad, d_m, a_m, alpha_rad, beta_rad = rows.parameters.T
-    kept: dict[str, Any] = {
+    """Return the calibrated arm of rows; refuse rows that are far from the nominal arm."""
+    taken_over: dict[str, Any] = {
         "limits_rad": np.tile([-2.0 * np.pi, 2.0 * np.pi], (6, 1)),
         "gear_ratio": np.full(6, np.nan),
         "torque_limit_Nm": np.full(6, np.nan),
@@ -281,29 +293,21 @@ def _arm(rows: DHRows, name: str, designed: Arm | None, where: str) -> Arm:
     }
     title = "Universal Robots"
     if designed is not None:
-        kept = {key: getattr(designed, key) for key in kept}
+        taken_over = {key: getattr(designed, key) for key in taken_over}
         title = designed.title
-        if designed.com_m is not None:  # where the links were, seen from the frames of the new rows
+        if designed.com_m is not None:  # the same centres, in the frames of the new rows
             chain = Chain.of(designed)
-            was = frames(chain, chain.nominal[None]).T_base_rows[:, 0]
-            T = np.linalg.inv(rows.T_base_rows) @ was
+            T_base_designed = frames(chain, chain.nominal[None]).T_base_rows[:, 0]
+            T = np.linalg.inv(rows.T_base_rows) @ T_base_designed
             com_m = np.einsum("kij,kj->ki", T[:, :3, :3], designed.com_m) + T[:, :3, 3]
-            kept["com_m"] = neat(com_m)
+            taken_over["com_m"] = neat(com_m)
     arm = with_hayati_rows(
         Arm(
             name=name,
             title=f"{title}, calibrated by its maker",
-            convention="standard",
-            theta_rad=theta_rad,
-            d_m=d_m,
-            a_m=a_m,
-            alpha_rad=alpha_rad,
-            hayati=np.zeros(6, dtype=bool),
             prismatic=np.zeros(6, dtype=bool),
-            beta_rad=beta_rad,
-            T_base_row1=rows.T_base_row1,
-            T_row_n_ee=rows.T_row_n_ee,
-            **kept,
+            **rows.arm_fields,
+            **taken_over,
         )
     )
     if designed is not None:

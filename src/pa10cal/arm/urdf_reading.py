@@ -1,28 +1,28 @@
-"""Links and joints of a URDF, checked: what cannot be meant is refused with its place."""
+"""A URDF read from its text: its XML, and the links and joints in it, checked one by one."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import takewhile
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from pa10cal.arm.chain import placed, roll_pitch_yaw
-from pa10cal.arm.description import MOST_ROWS
-from pa10cal.arrays import Array, homogeneous
+from pa10cal.arm.chain import roll_pitch_yaw
+from pa10cal.arm.urdf_tree import MOVING, UrdfJoint, UrdfLink, UrdfTree
+from pa10cal.arrays import Array
 from pa10cal.errors import ArmError, remedy_for, visible
 
-# XML of a URDF as robots have it: prefixes need no declaration, and comments may be kept.
-
-#: Far beyond any robot: the largest that was seen has 2 000 elements, 12 deep.
+#: Nesting and number of elements, far beyond any robot: the largest seen has 2000, 12 deep.
 _MOST_DEPTH, _MOST_ELEMENTS = 100, 100_000
+#: Number of links, and of characters of a number: a whole cell has some hundred links.
+_MOST_LINKS, _MOST_LETTERS = 5000, 64
+#: Types of joints in a URDF. No serial chain contains the last two.
+_KINDS = (*MOVING, "fixed", "floating", "planar")
+#: Largest distance of a joint from the one before [m]: beyond it numbers are millimetres.
+_FAR_M = 10.0
+_ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,20 @@ class UrdfText:
     """A URDF as elements."""
 
     robot: ElementTree.Element  # the outermost element
-    before: tuple[str, ...]  # comments that stand before it, such as a licence
+    before: tuple[str, ...]  # comments that precede it, such as a licence
 
     def text(self, *comments: str) -> str:
-        """Return the file, further comments first."""
+        """Return the text of the file, further comments first."""
         lines = [f"<!--{as_comment(comment)}-->" for comment in (*comments, *self.before)]
         body = ElementTree.tostring(self.robot, encoding="unicode")
         return "\n".join(['<?xml version="1.0"?>', *lines, body]) + "\n"
 
 
 def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
-    """Read the text of a URDF; comments stay where they are, or are dropped.
+    """Read the XML of a URDF, in which prefixes need no declaration.
+
+    Args:
+        comments: whether comments are kept where they are; else they are dropped.
 
     Raises:
         ValueError: when it is not XML, defines entities, nests deeper than 100 elements or has more
@@ -71,8 +74,8 @@ def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = builder.data
-    parser.CommentHandler = lambda said: builder.comment(said) if depth else before.append(said)
-    # What stands for other text may grow without end, and no robot needs it.
+    parser.CommentHandler = lambda text: builder.comment(text) if depth else before.append(text)
+    # Entities may expand without limit, and no robot needs them.
     parser.EntityDeclHandler = lambda *_: refuse("it defines entities, which a URDF does not need")
     try:
         parser.Parse(text.encode("utf-8"), True)
@@ -82,241 +85,25 @@ def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
 
 
 def origin_of(T: Array) -> dict[str, str]:
-    """Return the attributes of an origin at a pose (4, 4), to the last digit."""
-    return {"xyz": words(T[:3, 3]), "rpy": words(roll_pitch_yaw(T[:3, :3]))}
+    """Return a pose (4, 4) as the attributes of an origin, to the last digit."""
+    return {"xyz": number_text(T[:3, 3]), "rpy": number_text(roll_pitch_yaw(T[:3, :3]))}
 
 
-def words(values: Iterable[float]) -> str:
+def number_text(values: Iterable[float]) -> str:
     """Return numbers as text, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def as_comment(text: str) -> str:
     """Return a text as the content of a comment, which has no two hyphens in a row."""
-    text = visible(text)  # XML has no sign for the others
+    text = visible(text)  # XML cannot hold other characters
     while "--" in text:
         text = text.replace("--", "- -")
     return f" {text} " if text[:1].strip() or text.endswith("-") else text
 
 
-# A URDF as a tree of links and joints, and the serial path through it.
-
-MOVING = ("revolute", "continuous", "prismatic")
-KINDS = (*MOVING, "fixed", "floating", "planar")
-#: No joint of an arm is further from the one before.
-_FAR_M = 10.0
-_NOWHERE = (0.0, 0.0, 0.0)
-#: A whole cell has some hundred links; a number has no more letters than this.
-_MOST_LINKS, _MOST_LETTERS = 5000, 64
-
-
-@dataclass(frozen=True)
-class UrdfJoint:
-    """One joint as the file has it."""
-
-    name: str
-    kind: str  # its type
-    # parent and child: the links it joins
-    parent: str
-    child: str
-    follows: str  # the joint it mimics, or an empty text
-    # multiplier and offset: it is at multiplier times the position of that joint, and offset
-    multiplier: float
-    offset: float  # [rad or m]
-    # xyz and rpy: place [m] and turns about fixed axes [rad] of its frame in the parent
-    xyz: tuple[float, ...]
-    rpy: tuple[float, ...]
-    axis: tuple[float, ...]  # direction in which it moves, in its own frame
-    limits: tuple[float, float]  # lower and upper [rad or m]; nan where they are not stated
-    effort: float  # rated torque [N m] or force [N]; nan where it is not stated
-
-    def origin_at(self, position: float) -> Array:
-        """Return the pose (4, 4) of its child in its parent at a position [rad or m]."""
-        T = placed(np.array(self.xyz), np.array(self.rpy))
-        along = np.array(self.axis) / max(np.linalg.norm(self.axis), 1e-300) * position
-        if self.kind == "prismatic":
-            return T @ homogeneous(np.eye(3), along)
-        return T @ homogeneous(Rotation.from_rotvec(along).as_matrix(), np.zeros(3))
-
-
-@dataclass(frozen=True)
-class Leader:
-    """The joint that another mimics, at the end of all mimicry."""
-
-    name: str
-    # the follower is at multiplier times its position, and offset [rad or m]
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class UrdfLink:
-    """One link as the file has it."""
-
-    name: str
-    mass_kg: float  # its mass; 0 where it is not stated
-    com_m: tuple[float, ...]  # centre of mass in its own frame
-
-
-@dataclass(frozen=True)
-class UrdfTree:
-    """Links and joints of one robot."""
-
-    where: str  # the file
-    links: tuple[UrdfLink, ...]
-    joints: tuple[UrdfJoint, ...]  # all joints, each below another or below the root
-    root: str  # the link that no joint carries
-
-    def path(self, base: str | None, tip: str | None) -> tuple[str, str, tuple[UrdfJoint, ...]]:
-        """Return base and tip and the joints between them, fixed ones too.
-
-        Args:
-            base: link to start from; None for the root.
-            tip: link to end at; None where there is but one.
-
-        Raises:
-            ArmError: for unknown links, several tips, or joints that no chain can follow.
-        """
-        base = self.root if base is None else self._known(base, "--base")
-        # What a fixed joint carries moves with what it is fixed to: the base may be a side branch.
-        fixed = takewhile(lambda joint: joint.kind == "fixed", reversed(self.above(base)))
-        with_base = [base, *(joint.parent for joint in fixed)]
-        tip = self._only_tip(with_base[-1]) if tip is None else self._known(tip, "--tip")
-        up = takewhile(lambda joint: joint.child not in with_base, reversed(self.above(tip)))
-        joints = list(up)[::-1]
-        if tip not in with_base and (not joints or joints[0].parent not in with_base):
-            beyond = ", ".join(self._beyond(with_base[-1])) or "none"
-            raise ArmError(
-                "the tip is not beyond the base",
-                where=self.where,
-                value=tip,
-                allowed=f"a link beyond {base}: {beyond}",
-                remedy="name another base or tip",
-            )
-        moving = sum(joint.kind in MOVING for joint in joints)
-        if not moving:
-            raise ArmError(
-                "no joint moves between base and tip",
-                where=self.where,
-                value=f"{base} to {tip}",
-                allowed="at least one joint of type revolute, continuous, prismatic",
-                remedy="name another base or tip",
-            )
-        if moving > MOST_ROWS:
-            raise ArmError(
-                "too many joints move between base and tip",
-                where=self.where,
-                value=moving,
-                allowed=f"at most {MOST_ROWS}",
-                remedy="name another base or tip",
-            )
-        for joint in joints:
-            place = f"{self.where}: joint {joint.name}"
-            if joint.kind not in (*MOVING, "fixed"):
-                raise ArmError(
-                    "a joint of this type is not in a serial arm",
-                    where=place,
-                    value=joint.kind,
-                    allowed="revolute, continuous, prismatic, fixed",
-                    remedy="name a base beyond this joint with --base",
-                )
-        self.leaders(joints)
-        return base, tip, tuple(joints)
-
-    def leaders(self, path: Sequence[UrdfJoint]) -> dict[str, Leader]:
-        """Return what joints of a path mimic, by their names.
-
-        Raises:
-            ArmError: when one of them mimics a joint that is not on the path, or itself.
-        """
-        on_path = {joint.name: joint for joint in path if joint.kind in MOVING}
-        found = {}
-        for joint in on_path.values():
-            leader, multiplier, offset, seen = joint, 1.0, 0.0, {joint.name}
-            while leader.follows:
-                multiplier, offset = (
-                    multiplier * leader.multiplier,
-                    offset + multiplier * leader.offset,
-                )
-                if leader.follows in seen or leader.follows not in on_path or multiplier == 0.0:
-                    raise ArmError(
-                        f"the joint follows joint {leader.follows} (mimic)",
-                        where=f"{self.where}: joint {joint.name}",
-                        value=f"multiplier {multiplier:g}" if multiplier == 0.0 else None,
-                        allowed="a joint that moves between base and tip, which it follows by more "
-                        "than nothing",
-                        remedy="name a base beyond this joint, or a tip before it",
-                    )
-                leader = on_path[leader.follows]
-                seen.add(leader.name)
-            if leader is not joint:
-                found[joint.name] = Leader(leader.name, multiplier, offset)
-        return found
-
-    def above(self, link: str) -> tuple[UrdfJoint, ...]:
-        """Return the joints that carry a link, from the root on."""
-        found: list[UrdfJoint] = []
-        while link in self._carriers:
-            found.append(self._carriers[link])
-            link = self._carriers[link].parent
-        return tuple(reversed(found))
-
-    def below(self, link: str) -> Iterator[UrdfJoint]:
-        """Yield the joints beyond a link, each after the one that carries it."""
-        links = [link]
-        while links:
-            for joint in self._carried.get(links.pop(), ()):
-                yield joint
-                links.append(joint.child)
-
-    @cached_property
-    def _carriers(self) -> Mapping[str, UrdfJoint]:
-        return {joint.child: joint for joint in self.joints}
-
-    @cached_property
-    def _carried(self) -> Mapping[str, list[UrdfJoint]]:
-        carried: dict[str, list[UrdfJoint]] = {}
-        for joint in self.joints:
-            carried.setdefault(joint.parent, []).append(joint)
-        return carried
-
-    def _known(self, name: str, option: str) -> str:
-        names = [link.name for link in self.links]
-        if name not in names:
-            remedy = remedy_for(name, names, f"name one of these links for {option}")
-            raise ArmError(
-                f"{option} names no link",
-                where=self.where,
-                value=name,
-                allowed=", ".join(names),
-                remedy=remedy,
-            )
-        return name
-
-    def _beyond(self, base: str) -> list[str]:
-        """Return the links beyond a link, in the order of the file."""
-        beyond = {joint.child for joint in self.below(base)}
-        return [link.name for link in self.links if link.name in beyond]
-
-    def _only_tip(self, base: str) -> str:
-        moves = {base: False}
-        for joint in self.below(base):
-            moves[joint.child] = moves[joint.parent] or joint.kind != "fixed"
-        beyond = (link.name for link in self.links if moves.get(link.name))
-        tips = [link for link in beyond if link not in self._carried]
-        if len(tips) > 1:
-            raise ArmError(
-                "the robot branches, and no tip is named",
-                where=self.where,
-                value=f"{len(tips)} tips",
-                allowed=", ".join(tips),
-                remedy="name the end of the arm with --tip",
-            )
-        return tips[0] if tips else base
-
-
 def read_tree(text: str, where: str) -> UrdfTree:
-    """Read links and joints of the text of a URDF, which messages call by `where`.
+    """Read links and joints from the text of a URDF; `where` is its name in messages.
 
     Raises:
         ArmError: naming what cannot be used, and its place.
@@ -340,8 +127,8 @@ def read_tree(text: str, where: str) -> UrdfTree:
             remedy="check the file",
         )
     for element in robot.iter():
-        # Of xacro, or an expression that it would work out. What stands in a comment was worked out
-        # already: the parser has dropped it.
+        # Elements of xacro, or expressions that it evaluates. In comments, which the parser has
+        # dropped, they are of no effect.
         words = (element.text or "", *element.attrib.values())
         if "xacro" in element.tag or any("${" in word or "$(" in word for word in words):
             raise ArmError(
@@ -364,6 +151,7 @@ def read_tree(text: str, where: str) -> UrdfTree:
 
 
 def _tree(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str) -> UrdfTree:
+    """Return the tree of links and joints; refuse what is no single tree of distinct names."""
     names = [link.name for link in links]
     for what, seen in (("link", names), ("joint", [joint.name for joint in joints])):
         if twice := sorted(name for name, times in Counter(seen).items() if times > 1):
@@ -406,11 +194,11 @@ def _tree(links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...], where: str
         )
     tree = UrdfTree(where, links, joints, roots[0])
     reached = {roots[0], *(joint.child for joint in tree.below(roots[0]))}
-    if apart := [name for name in names if name not in reached]:
+    if unreached := [name for name in names if name not in reached]:
         raise ArmError(
             "joints form a loop",
             where=where,
-            value=", ".join(apart),
+            value=", ".join(unreached),
             allowed=f"links connected by joints from {roots[0]} on",
             remedy="cut the circle",
         )
@@ -422,9 +210,9 @@ def _link(element: ElementTree.Element, where: str) -> UrdfLink:
     place = f"{where}: link {name}"
     inertial = element.find("inertial")
     if inertial is None:
-        return UrdfLink(name, 0.0, _NOWHERE)
+        return UrdfLink(name, 0.0, _ZERO)
     (mass_kg,) = _numbers(inertial.find("mass"), "value", (0.0,), f"{place}: mass")
-    com_m = _numbers(inertial.find("origin"), "xyz", _NOWHERE, f"{place}: inertial origin")
+    com_m = _numbers(inertial.find("origin"), "xyz", _ZERO, f"{place}: inertial origin")
     if mass_kg < 0.0:
         raise ArmError(
             "the mass is negative",
@@ -439,16 +227,16 @@ def _link(element: ElementTree.Element, where: str) -> UrdfLink:
 def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     name, kind = element.get("name", ""), element.get("type", "")
     place = f"{where}: joint {name}"
-    if kind not in KINDS:  # the others of a URDF are read, but no chain can follow them
+    if kind not in _KINDS:
         raise ArmError(
             "unknown type of joint",
             where=place,
             value=kind,
             allowed="revolute, continuous, prismatic, fixed",
-            remedy=remedy_for(kind, KINDS, "correct the type"),
+            remedy=remedy_for(kind, _KINDS, "correct the type"),
         )
     mimic, origin, limit = (element.find(tag) for tag in ("mimic", "origin", "limit"))
-    xyz = _numbers(origin, "xyz", _NOWHERE, f"{place}: origin")
+    xyz = _numbers(origin, "xyz", _ZERO, f"{place}: origin")
     if max(map(abs, xyz)) > _FAR_M:
         raise ArmError(
             f"the joint is further than {_FAR_M:g} m from the one before",
@@ -463,7 +251,7 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     )
     limits = lower, upper
     if kind == "continuous" or lower == upper == 0.0:
-        limits = math.nan, math.nan  # a file that states none stands for no limits
+        limits = math.nan, math.nan  # equal zeros are the format's default: no limits are stated
     elif lower >= upper:
         raise ArmError(
             "the limits allow the joint no motion",
@@ -489,7 +277,7 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
         multiplier=_numbers(mimic, "multiplier", (1.0,), f"{place}: mimic")[0],
         offset=_numbers(mimic, "offset", (0.0,), f"{place}: mimic")[0],
         xyz=xyz,
-        rpy=_numbers(origin, "rpy", _NOWHERE, f"{place}: origin"),
+        rpy=_numbers(origin, "rpy", _ZERO, f"{place}: origin"),
         axis=axis,
         limits=limits,
         effort=_numbers(limit, "effort", (0.0,), f"{place}: limit")[0] or math.nan,
@@ -497,8 +285,9 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
 
 
 def _end(element: ElementTree.Element, end: str, where: str) -> str:
-    found = element.find(end)
-    link = "" if found is None else found.get("link", "")
+    """Return the link that a joint names as its `parent` or `child`."""
+    named = element.find(end)
+    link = "" if named is None else named.get("link", "")
     if not link:
         raise ArmError(
             f"the joint has no {end}", where=where, allowed="a link", remedy=f"give its {end}"
@@ -509,13 +298,14 @@ def _end(element: ElementTree.Element, end: str, where: str) -> str:
 def _numbers(
     element: ElementTree.Element | None, key: str, default: tuple[float, ...], where: str
 ) -> tuple[float, ...]:
+    """Return the finite numbers of an attribute, as many as the default has, or the default."""
     text = None if element is None else element.get(key)
     if text is None:
         return default
+    numbers = text.split(maxsplit=len(default))
+    readable = all(len(number) <= _MOST_LETTERS for number in numbers)
     try:
-        numbers = text.split(maxsplit=len(default))
-        fit = all(len(number) <= _MOST_LETTERS for number in numbers)
-        values = tuple(map(float, numbers)) if fit else ()
+        values = tuple(map(float, numbers)) if readable else ()
     except ValueError:
         values = ()
     if len(values) != len(default) or not all(map(math.isfinite, values)):

@@ -23,7 +23,7 @@ from pa10cal.campaign.description import CampaignDescription, nominal_arm
 from pa10cal.errors import RawDataError
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.input_files import open_file, reason
-from pa10cal.observe.instrument import BaseTargets, MotionFound
+from pa10cal.observe.base_targets import BaseTargets, MotionFound
 from pa10cal.observe.joined import joined
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.results.calibration import InputFinding

@@ -435,7 +435,7 @@ def poses_at_unseen_angles(
         q_rad = draw_near(measured, NEXT_POSES.drawn, random_seed)
     except DiscoveryError:
         return ()
-    unseen = ~seen.each(q_rad) & np.array(seen.turns)
+    unseen = ~seen.covers(q_rad) & np.array(seen.turns)
     cell = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * ANGLES.within_rad)).astype(np.intp)
     load_N = float(measured.cells.states.load_N.min())
     coupling = measured.baseline.arm.coupling

@@ -102,7 +102,7 @@ def _without_contradicted(found: Verdict[S], visited: AngleCoverage) -> Verdict[
         # They contradict names of joints that are beyond the positions visited, or else all names.
         assert found.trusted_holdout is not None
         q_rad = found.trusted_holdout.poses.states.q_rad[rows]
-        left = np.any(~visited.each(q_rad), axis=0)
+        left = np.any(~visited.covers(q_rad), axis=0)
         of_joints = [
             name
             for name in names

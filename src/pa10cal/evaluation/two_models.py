@@ -254,7 +254,7 @@ def _postures(first: FittedModel, second: FittedModel) -> Array:
     common = np.ones_like(grid, dtype=bool)
     for model in (first, second):
         for where in (model.seen, model.falls_back.within if model.falls_back else None):
-            common &= True if where is None else where.each(grid)
+            common &= True if where is None else where.covers(grid)
     if not common.any(axis=0).all():
         return np.zeros((0, arm.n))
     rng = np.random.default_rng(SEED)

@@ -1,8 +1,8 @@
-"""Which joint angles the poses of the fit have seen; beyond them a map only guesses.
+"""Where a fitted model holds: joint angles that its poses cover, and its error away from them.
 
-An angle counts as seen where enough poses of the fit lie close by. That is a matter of the poses
-alone, the same whatever the model: a posterior uncertainty would call an angle known because a map
-was taken for smooth, or unknown because it was allowed to be rough.
+An angle is covered where enough poses of the fit are near; elsewhere a map of a joint extrapolates.
+Coverage follows from the poses alone. A posterior uncertainty would depend on how smooth a map was
+assumed to be.
 """
 
 from __future__ import annotations
@@ -22,57 +22,56 @@ from pa10cal.rules import ANGLES
 from pa10cal.terms.field import embedded
 
 _TURN = 2.0 * np.pi
-#: A distance that is none [m] (computing).
+#: Divisor in place of a distance of zero [m] (computing).
 _NO_DISTANCE_M = 1e-9
 
 
 @dataclass(frozen=True)
 class AngleCoverage:
-    """Angles of n joints that the poses of a fit have seen."""
+    """Intervals of the positions of n joints that poses cover."""
 
-    # for each joint (m, 2) first and last angle of stretches without a gap, in order [rad];
-    # between 0 and a turn for a revolute joint, one that begins before 0 or goes on past the turn
-    # cut in two. Of a prismatic joint the span of its positions [m].
+    # for each joint (m, 2) first and last position of its intervals, ascending [rad or m]; angles
+    # modulo a turn are from 0 to 2 pi, and an interval that passes 0 is cut in two
     intervals: tuple[Array, ...]
-    turns: tuple[bool, ...]  # (n,) whether the joint turns
+    turns: tuple[bool, ...]  # (n,) whether the positions of a joint are angles modulo a turn
 
     @property
     def nowhere(self) -> bool:
-        """Return whether no angle of any joint is among them."""
+        """Return whether no position of any joint is covered."""
         return not any(len(stretches) for stretches in self.intervals)
 
     def inside(self, q_rad: Array) -> NDArray[np.bool_]:
-        """Return which poses (P, n) keep to the angles covered in all joints, (P,)."""
-        return np.asarray(self.each(q_rad).all(axis=1), dtype=np.bool_)
+        """Return which poses (P, n) are covered in all joints, (P,)."""
+        return np.asarray(self.covers(q_rad).all(axis=1), dtype=np.bool_)
 
-    def each(self, q_rad: Array) -> NDArray[np.bool_]:
-        """Return which joint angles (P, n) were covered by the fit."""
-        found = np.empty(q_rad.shape, dtype=bool)
-        for j, (stretches, turns) in enumerate(zip(self.intervals, self.turns, strict=True)):
-            angle = np.mod(q_rad[:, j], _TURN) if turns else q_rad[:, j]
-            place = np.searchsorted(stretches[:, 0], angle, side="right") - 1
-            last = np.append(stretches[:, 1], -np.inf)
-            found[:, j] = (place >= 0) & (angle <= last[place])
-        return found
+    def covers(self, q_rad: Array) -> NDArray[np.bool_]:
+        """Return which positions of the joints (P, n) are covered, (P, n)."""
+        covered = np.empty(q_rad.shape, dtype=bool)
+        for j, (intervals, turns) in enumerate(zip(self.intervals, self.turns, strict=True)):
+            position = np.mod(q_rad[:, j], _TURN) if turns else q_rad[:, j]
+            number = np.searchsorted(intervals[:, 0], position, side="right") - 1
+            last = np.append(intervals[:, 1], -np.inf)
+            covered[:, j] = (number >= 0) & (position <= last[number])
+        return covered
 
     @property
     def record(self) -> tuple[maps.AnglesSeen, ...]:
-        """Return the stretches joint by joint, as they are written."""
+        """Return the intervals joint by joint, as results hold them."""
         return tuple(
-            maps.AnglesSeen(turns=turns, stretches=stretches)
-            for stretches, turns in zip(self.intervals, self.turns, strict=True)
+            maps.AnglesSeen(turns=turns, stretches=intervals)
+            for intervals, turns in zip(self.intervals, self.turns, strict=True)
         )
 
     def to_plain(self) -> list[dict[str, Any]]:
-        """Return the stretches joint by joint, as the file of a model has them."""
+        """Return the intervals joint by joint, as the file of a model holds them."""
         return [
-            {"turns": turns, "intervals": stretches.tolist()}
-            for stretches, turns in zip(self.intervals, self.turns, strict=True)
+            {"turns": turns, "intervals": intervals.tolist()}
+            for intervals, turns in zip(self.intervals, self.turns, strict=True)
         ]
 
     @classmethod
     def from_plain(cls, content: Any) -> Self:
-        """Return what `to_plain` wrote."""
+        """Return the coverage that `to_plain` described."""
         return cls(
             tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
             tuple(bool(joint["turns"]) for joint in content),
@@ -80,13 +79,13 @@ class AngleCoverage:
 
 
 def span_visited(q_rad: Array) -> AngleCoverage:
-    """Return the positions of every joint that poses (P, n) have visited, gaps as usual bridged.
+    """Return the positions that each joint visits in poses (P, n), small gaps included.
 
-    Beyond them nothing that depends on a joint's angle was fitted. A gap is usual up to
+    Beyond them nothing that depends on a joint's position was fitted. A gap is small up to
     `ANGLES.usual_gaps` times the mean distance of neighbours, or twice `ANGLES.reach_rad`; half of
     that is added at both ends.
     """
-    stretches = []
+    intervals = []
     for q in q_rad.T:
         angle = np.sort(q)
         spacing = float(angle[-1] - angle[0]) / max(len(angle) - 1, 1)
@@ -94,27 +93,27 @@ def span_visited(q_rad: Array) -> AngleCoverage:
         begins = np.concatenate([[True], np.diff(angle) / 2.0 > reach])
         starts = angle[begins] - reach
         ends = angle[np.append(begins[1:], True)] + reach
-        stretches.append(np.column_stack([starts, ends]))
-    return AngleCoverage(tuple(stretches), (False,) * q_rad.shape[1])
+        intervals.append(np.column_stack([starts, ends]))
+    return AngleCoverage(tuple(intervals), (False,) * q_rad.shape[1])
 
 
 def nothing_seen(joints: int) -> AngleCoverage:
-    """Return that no position of any joint was seen."""
+    """Return the coverage of no position of any joint."""
     return AngleCoverage((np.zeros((0, 2)),) * joints, (False,) * joints)
 
 
 def angles_seen(q_rad: Array, order: Array | None = None) -> AngleCoverage:
-    """Return the angles that poses (P, n) of a fit have seen.
+    """Return the joint positions that poses (P, n) of a fit cover.
 
     Args:
-        order: (n,) cycles a turn of the finest waves of each joint's map, 0 of a joint without
-            one: of those the span of positions counts, between which what a model without maps
-            has learnt holds. None where no joint has a map.
+        order: (n,) cycles a turn of the finest waves of each joint's map; 0 for a joint without a
+            map, whose positions are covered from the least to the largest. None where no joint has
+            a map.
     """
     order = np.zeros(q_rad.shape[1]) if order is None else order
     return AngleCoverage(
         tuple(
-            _stretches(q, ANGLES.within_rad * ANGLES.fine_order / finest)
+            _intervals_near(q, ANGLES.within_rad * ANGLES.fine_order / finest)
             if finest
             else np.array([[q.min(), q.max()]])
             for q, finest in zip(q_rad.T, order, strict=True)
@@ -123,79 +122,79 @@ def angles_seen(q_rad: Array, order: Array | None = None) -> AngleCoverage:
     )
 
 
-def _stretches(angle_rad: Array, within_rad: float) -> Array:
-    """Return the stretches (m, 2) of a turn in which enough angles lie close by."""
+def _intervals_near(angle_rad: Array, within_rad: float) -> Array:
+    """Return the intervals (m, 2) of a turn with `ANGLES.least_poses` angles within a distance."""
     once = np.sort(np.mod(angle_rad, _TURN))
-    around = np.concatenate([once - _TURN, once, once + _TURN])
+    periodic = np.concatenate([once - _TURN, once, once + _TURN])
     more = ANGLES.least_poses - 1
-    first, last = around[:-more], around[more:]
-    # From `last` on back, and from `first` on ahead, all of these poses are within reach.
+    first, last = periodic[:-more], periodic[more:]  # of so many successive angles
+    # All of these are near each angle from last - within to first + within, if there is any.
     close = (last - first) / 2.0 <= within_rad
     low, high = last[close] - within_rad, first[close] + within_rad
     if not len(low):
         return np.zeros((0, 2))
+    # The union of these intervals: a new one begins where all before have ended.
     begins = np.concatenate([[True], low[1:] > np.maximum.accumulate(high)[:-1]])
     starts = low[begins]
     ends = np.maximum.reduceat(high, np.flatnonzero(begins))
-    here = (ends > 0.0) & (starts < _TURN)
-    return np.column_stack([np.maximum(starts[here], 0.0), np.minimum(ends[here], _TURN)])
-
-
-# What a fitted model lacks, by the distance from the poses that it was fitted to.
+    inside = (ends > 0.0) & (starts < _TURN)
+    return np.column_stack([np.maximum(starts[inside], 0.0), np.minimum(ends[inside], _TURN)])
 
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """What a fitted model lacks, by the distance from the poses that it was fitted to."""
+    """Error of a fitted model beyond its covariance, by the distance from the poses of the fit."""
 
     q: Array  # (R, n) some of these poses, well spread [rad, m]
-    # (n,) how far a joint moves the end: metres a radian where it turns, 1 where it slides
+    # (n,) lever of each joint: motion of the end [m] for a unit of the joint's motion
     lever_m: Array
     turns: NDArray[np.bool_]  # (n,) whether a joint turns
-    distance_m: Array  # (m,) distances from the nearest pose at which errors were judged, rising
-    error_mm: Array  # (m,) root mean square of the position error there, never falling
+    distance_m: Array  # (m,) distances from the nearest pose at which it was estimated, ascending
+    error_mm: Array  # (m,) root mean square of the position error there, non-decreasing
     near_m: float  # a pose within this distance is near those measured
 
     @classmethod
     def from_plain(cls, content: Mapping[str, Any], n: int) -> Self:
-        """Return what the file of a model of n joints has of it.
+        """Return the discrepancy in the file of a model of n joints.
 
         Raises:
-            ValueError: when it is not made of finite numbers for this arm, or is none.
+            ValueError: when it is not made of finite numbers for this arm, distances descend, or an
+                error is negative.
         """
         numbers = {
             name: np.array(content[name], dtype=float)
             for name in ("q", "lever_m", "distance_m", "error_mm")
         }
-        found = cls(
+        lack = cls(
             **numbers,
             turns=np.array(content["turns"], dtype=bool),
             near_m=float(content["near_m"]),
         )
-        every = np.concatenate([each.ravel() for each in numbers.values()])
-        shapes = found.q.shape[1:] == found.lever_m.shape == found.turns.shape == (n,)
-        steps = found.distance_m.shape == found.error_mm.shape == (len(found),)
-        if not (shapes and steps and len(found) and len(found.q) and np.isfinite(every).all()):
+        finite = all(np.isfinite(array).all() for array in numbers.values())
+        of_arm = lack.q.shape[1:] == lack.lever_m.shape == lack.turns.shape == (n,)
+        of_steps = lack.distance_m.shape == lack.error_mm.shape == (len(lack),)
+        if not (of_arm and of_steps and len(lack) and len(lack.q) and finite):
             raise ValueError("discrepancy is not made of finite numbers for this arm")
-        if (np.diff(found.distance_m) < 0.0).any() or (found.error_mm < 0.0).any():
+        if (np.diff(lack.distance_m) < 0.0).any() or (lack.error_mm < 0.0).any():
             raise ValueError("discrepancy has distances that fall, or an error below zero")
-        return found
+        return lack
 
     def __len__(self) -> int:
         return len(self.distance_m)
 
     def distance_of(self, q: Array) -> Array:
-        """Return how far joint positions (N, n) are from the nearest pose, (N,) [m].
+        """Return the distance of joint positions (N, n) from the nearest pose, (N,) [m].
 
-        Each joint counts by how far it moves the end, along the chord of its angle.
+        A difference in a joint counts as its lever times the chord of the angle, or times the
+        difference of a slide.
         """
         return np.asarray(self._tree.query(embedded(q, self.lever_m, self.turns))[0])
 
     def error_at_mm(self, q: Array) -> Array:
         """Return the standard uncertainty that it adds at joint positions (N, n), (N,).
 
-        Between the distances that were judged the variance is linear; beyond, the error grows in
-        proportion to the distance, as it does where a model is carried on in a straight line.
+        Between the distances at which it was estimated the variance is interpolated linearly;
+        beyond the last, the error grows in proportion to the distance.
         """
         distance_m = self.distance_of(q)
         variance = np.interp(distance_m, self.distance_m, self.error_mm**2)

@@ -1,8 +1,7 @@
 """The inverse of a fitted model: joint positions that bring a frame to wanted poses.
 
-They are found by `inverse_search`, on the model that holds at them, and judged: how near they come,
-whether within limits, near a singularity or out of reach. Positions are those of the m axes that
-the controller counts, see `arm.coupling`.
+`inverse_search` finds them. Then each gets a status: reached, beyond limits, near a singularity or
+out of reach. Positions are those of the m axes that the controller counts, see `arm.coupling`.
 """
 
 from __future__ import annotations
@@ -63,14 +62,14 @@ def compensate(
         q, other = _searched(model, T, frame, given, seed)
     branch = np.where(other, "other", "nearest")
     controller_arm = model.arm.controller_arm if controller is None else controller
-    # In blocks: a prediction takes some kilobytes a pose.
+    # In blocks, because a prediction takes some kilobytes a pose.
     parts = []
     for rows in blocks(len(T)):
         judged = _judge(model, T[rows], frame, given.take(rows), q[rows], branch[rows])
         T_send = np.full((len(rows), 4, 4), np.nan)
         if controller_arm is not None:
-            # The controller computes the flange from the pose and its TCP, and the joints from the
-            # flange of its own arm. Taken the same way forward, T_send leads it to q.
+            # The controller takes its TCP off the pose it is sent, and computes the joints by the
+            # inverse kinematics of its own arm: forward kinematics of q by that arm leads it to q.
             T_send = Chain.of(controller_arm).forward(model.arm.coupling.to_joints(q[rows])) @ tcp
         parts.append(replace(judged, T_send=T_send, T_flange_tcp=tcp))
     return Compensation.joined(parts)
@@ -79,7 +78,10 @@ def compensate(
 def _judge(
     model: Fitted, T: Array, frame: str, given: PoseStates, q: Array, branch: NDArray[np.str_]
 ) -> Compensation:
-    """Return joint positions (N, m) with how near they come to T (N, 4, 4), nothing to send yet."""
+    """Return joint positions (N, m) with status and error for targets T (N, 4, 4).
+
+    `T_send` and `T_flange_tcp` are left to be filled in.
+    """
     forward, arm = Forward.of(model, frame), model.arm
     given = replace(given, q_rad=arm.coupling.to_joints(q))
     prediction = predicted(model, given, frame)
@@ -91,12 +93,11 @@ def _judge(
     J = arm.coupling.by_axes(forward.by_joints(forward.states(given), terms=False)[1])
     singular_values = np.linalg.svd(J * lever / np.repeat([arm.reach_m, 1.0], 3)[:, None])[1]
     status[singular_values[:, -1] < COMMANDS.singular] = "near_singular"
-    beyond = ((q < low - AT_LIMIT) | (q > high + AT_LIMIT)).any(axis=1)
-    status[beyond] = "outside_limits"
+    status[((q < low - AT_LIMIT) | (q > high + AT_LIMIT)).any(axis=1)] = "outside_limits"
     near = reached(arm, off_m, off_rad)
     if model.falls_back is not None:
-        # At the edge of what its effects hold in the prediction has a step, which is part of its
-        # uncertainty: no position may come nearer.
+        # Where the model changes to what it falls back to, the prediction has a step, and no
+        # position may come nearer. The step is part of the uncertainty.
         near |= (1e3 * off_m < prediction.u_parameters_mm) & (off_rad < COMMANDS.near_rad)
     status[~near] = "unreachable"
     return Compensation(
@@ -118,7 +119,7 @@ def _searched(
 ) -> tuple[Array, Mask]:
     """Return joint positions (N, m), and which are on another branch than the nearest.
 
-    Where the model falls back, they are those of what it falls back to.
+    Where the model falls back to another, they are found by that one.
     """
     seeds, requested = _seeds(model, len(T), seed)
     search = InverseSearch(Forward.of(model, frame), T, given)
@@ -132,15 +133,15 @@ def _searched(
     outside = np.flatnonzero(~fall_back.within.inside(model.arm.coupling.to_joints(q)))
     if len(outside):
         T_in_its_base = np.linalg.inv(T_base_away(fall_back, model)) @ T[outside]
-        q[outside], other_there = _searched(
+        q[outside], on_other_branch = _searched(
             fall_back.model, T_in_its_base, frame, given.take(outside), q[outside]
         )
-        other[outside] |= other_there
+        other[outside] |= on_other_branch
     return q, other
 
 
 def _refuse_no_pose(T: Array, name: str = "T") -> None:
-    """Refuse what is not an array (N, 4, 4) of homogeneous transforms with proper rotations."""
+    """Refuse anything but an array (N, 4, 4) of homogeneous transforms with proper rotations."""
     where: str = name
     value: object = T.shape
     if T.ndim == 3 and T.shape[1:] == (4, 4):
@@ -166,9 +167,10 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
 
 
 def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, Mask]:
-    """Return seeds (N, m), nan where there is none, and for which rows the user named a branch.
+    """Return seeds (N, m), and for which rows the user has named a branch by a seed.
 
-    The first row always has a seed. A row without one follows the row before.
+    Rows without a seed, which are nan, follow the row before. The first row always has a seed: the
+    middle of the range where the user gave none.
     """
     n = len(model.arm.axes_slide)
     given = np.full(n, np.nan) if seed is None else np.asarray(seed, dtype=float)

@@ -1,10 +1,10 @@
-"""Model discrepancy: how far a fitted model predicts off beyond what its parameters explain.
+"""Model discrepancy: errors of prediction beyond noise and the covariance of the parameters.
 
-The covariance of a fit holds the noise of the readings. What the model lacks is in none of its
-parameters, and shows where poses are predicted that were not fitted (Kennedy and O'Hagan, J. R.
-Stat. Soc. B 63, 2001). Here groups of poses are held out in turn, linear about the fit: single
-poses, drawn at random, and whole clusters of neighbours. What their errors have beyond noise and
-parameters grows with the distance to the nearest pose that stayed, and is known by that distance.
+The covariance of a fit accounts for the noise of the readings only. Errors of the model itself show
+where poses are predicted that were not fitted (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
+Here groups of poses are held out in turn, with the model linear about its fit: poses drawn at
+random, clusters of neighbours, and stretches of time. The squares of their errors, less those by
+noise and parameters, are estimated as a function of the distance to the nearest fitted pose.
 """
 
 from __future__ import annotations
@@ -34,15 +34,17 @@ from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import base_frame, fixed
 
-#: A weight and a variance [m², rad²] that are none (computing).
+#: Least divisor, and least variance [m², rad²] (computing).
 _TINY, _NO_VARIANCE = 1e-300, 1e-24
 
 
 def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
-    """Return what a model lacks, by the poses that it was fitted to, averaged and as modelled.
+    """Return the discrepancy of a model; None where there are too few poses to hold some out.
 
-    Maps of joints stay as they were fitted: what is uncertain of them is in their covariance.
-    None where there are too few poses to hold some out.
+    Maps of joints stay as they were fitted: their uncertainty is in their covariance.
+
+    Args:
+        poses: the averaged poses that it was fitted to, as modelled.
     """
     poses = poses.thinned_by_pose(LACK.most_poses)
     _, label = np.unique(poses.pose, return_inverse=True)
@@ -79,9 +81,10 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
 
 
 def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
-    """Return how far a unit of each joint moves the end, (n,): root mean square over the poses.
+    """Return the motion of the end for a unit of each joint, (n,): root mean square over poses.
 
-    A joint near the end moves it by little, and turns it all the same.
+    A joint near the end moves it by little but still turns it: its lever has a lower bound,
+    relative to the largest.
     """
     chain, columns = model.chain, model.chain.joint_columns.tolist()
     at = model.chain_coordinates(states, x)
@@ -93,9 +96,9 @@ def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
 def held_out_in_turn(
     points: Array, label: Index, states: PoseStates, groups: int, rng: np.random.Generator
 ) -> Iterator[Index]:
-    """Yield the group of each row (P,): places among others, clusters of neighbours, stretches.
+    """Yield three partitions, each as the group of every row (P,); rows of one label stay together.
 
-    Rows of one label stay together.
+    They are of random groups, of clusters of neighbours, and of stretches of time.
     """
     first = np.unique(label, return_index=True)[1]
     yield places_of(states.q_rad[first], states.time_s[first], groups, rng)[label]
@@ -104,9 +107,9 @@ def held_out_in_turn(
 
 
 def places_of(q: Array, time_s: Array, groups: int, rng: np.random.Generator) -> Index:
-    """Return the group of each pose (P,) among the others: drawn at random, of a path stretches.
+    """Return the group of each pose (P,), drawn at random; along a path groups of short stretches.
 
-    Along a path the next row tells nearly all of a row.
+    Successive poses of a path are nearly the same, so that single ones would not be held out.
     """
     if along_a_path(q[np.argsort(time_s, kind="stable")]):
         return stretches_of(time_s, LACK.stretches * groups) % groups
@@ -116,19 +119,19 @@ def places_of(q: Array, time_s: Array, groups: int, rng: np.random.Generator) ->
 def clusters_of(points: Array, groups: int, rng: np.random.Generator) -> Index:
     """Return the cluster of neighbours that each point (P, d) is in, (P,): k-means."""
     with catch_warnings():
-        simplefilter("ignore", UserWarning)  # of a cluster that came out empty
+        simplefilter("ignore", UserWarning)  # about a cluster that is empty
         return np.asarray(kmeans2(points, groups, minit="++", rng=rng)[1], dtype=np.intp)
 
 
 def stretches_of(time_s: Array, groups: int) -> Index:
-    """Return the stretch of time of even size that each pose (P,) is in, (P,)."""
+    """Return the stretch of time that each pose is in, (P,); all have about as many poses."""
     rank = np.empty(len(time_s), dtype=np.intp)
     rank[np.argsort(time_s, kind="stable")] = np.arange(len(time_s))
     return rank * groups // len(time_s)
 
 
 def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
-    """Return mean distances of steps (m,), rising, and mean squares there that never fall."""
+    """Return mean distances (m,) of steps, ascending, and non-decreasing mean squares there."""
     order = np.argsort(distance_m, kind="stable")
     steps = max(min(LACK.steps, len(order) // LACK.least_errors), 1)
     parts = np.array_split(order, steps)
@@ -139,13 +142,16 @@ def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
 
 
 def _weights(measured: Instrument, residual: Array, variance: Array) -> Array:
-    """Return weights of components (P, b) by their variance as stated, or as residuals scatter."""
+    """Return root weights of components (P, b): by the larger of stated and observed variance.
+
+    Poses with residuals far outside the scatter get less.
+    """
     seen, weight = measured.components_seen, np.zeros_like(residual)
-    for _, kind in measured.component_kinds:
-        own = residual[:, kind][seen[:, kind]]
-        usual = np.median(own**2) / LACK.median_square if len(own) else 1.0
-        total = np.maximum(variance[:, kind], max(usual, _NO_VARIANCE))
-        weight[:, kind] = np.where(seen[:, kind], 1.0 / np.sqrt(total), 0.0)
+    for _, columns in measured.component_kinds:
+        of_kind = residual[:, columns][seen[:, columns]]
+        observed = np.median(of_kind**2) / LACK.median_square if len(of_kind) else 1.0
+        larger = np.maximum(variance[:, columns], max(observed, _NO_VARIANCE))
+        weight[:, columns] = np.where(seen[:, columns], 1.0 / np.sqrt(larger), 0.0)
     size = np.sqrt(((weight * residual) ** 2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
     weight *= np.minimum(1.0, LACK.far * np.median(size) / np.maximum(size, _TINY))[:, None]
     return weight
@@ -153,46 +159,54 @@ def _weights(measured: Instrument, residual: Array, variance: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RowsAboutFit:
-    """Rows of a model about its fit, from which groups of poses can be taken.
+    """Weighted rows of a model, linear about its fit, from which groups of poses can be taken.
 
-    The unknowns are the model's but for its maps, six small motions of the base, and targets.
+    The unknowns are the model's parameters but for those of maps, six small motions of the base,
+    and t coordinates of targets.
     """
 
-    data: Array  # (P, b) what is left without a field, weighed
-    left: Array  # (P, b) the same with it
-    weight: Array  # (P, b) by which components are weighed, 0 where nothing was seen
-    columns: Array  # (P, b, k) how it follows the unknowns, weighed, each in its possible size
+    data: Array  # (P, b) weighted residuals without the field
+    left: Array  # (P, b) weighted residuals with the field
+    weight: Array  # (P, b) root weights of the components, 0 where nothing was seen
+    columns: Array  # (P, b, k) weighted derivative by the unknowns, each over its possible size
     sizes: Array  # (k,) possible size of each unknown
-    own: Index  # (k - 6 - t,) which of the model's parameters are unknowns, those of its maps apart
-    of_field: Mask  # (k,) which unknowns are those of a field, fitted to what the others leave
-    to_mm: Array  # (P, b) from a weighed component to its part of the position error [mm]
-    noise_mm2: Array  # (P,) square of the position error that noise makes
-    # variance of a prediction by the model's covariance, over what these rows make of it
+    own: Index  # (k - 6 - t,) the unknowns' places among the model's parameters
+    of_field: Mask  # (k,) which unknowns are those of a field, fitted to residuals of the others
+    to_mm: Array  # (P, b) factor from a weighted component to its part of the position error [mm]
+    noise_mm2: Array  # (P,) mean square of the position error by noise
+    # ratio of the variance of predictions by the model's covariance to that by these rows
     of_parameters: float
-    # of a squared error: 3 where one line-of-sight component is measured, else 1
+    # factor of a squared error: 3 where only the line-of-sight component is measured, else 1
     components_factor: float
 
     @property
     def by_unknowns(self) -> Array:
-        """Return how rows follow the unknowns in their own units, (P, b, k)."""
+        """Return the weighted derivative by the unknowns in their own units, (P, b, k)."""
         return self.columns / self.sizes
 
     @cached_property
     def every(self) -> Gaussian:
-        """Return what all rows say."""
+        """Return the normal equations of all rows."""
         return Gaussian.of(self.columns, self.data)
 
     def found(self, rows: Gaussian, columns: Array) -> tuple[Array, Array]:
-        """Return the unknowns (k,) by some rows, and variances of predictions by columns (…, k)."""
-        own, field = np.flatnonzero(~self.of_field), np.flatnonzero(self.of_field)
+        """Return the unknowns (k,) by some rows, and variances of predictions by columns (…, k).
+
+        A field is fitted to the residuals of the other unknowns.
+        """
+        others, field = np.flatnonzero(~self.of_field), np.flatnonzero(self.of_field)
         if not len(field):
             return rows.mean, rows.variances(columns)
-        alone, beside, mean = rows.in_turn(own, field)
-        return mean, alone.variances(columns[..., own]) + beside.variances(columns[..., field])
+        first, then, mean = rows.in_turn(others, field)
+        return mean, first.variances(columns[..., others]) + then.variances(columns[..., field])
 
     @classmethod
     def of(cls, model: Fitted, poses: Observations, weight: Array | None = None) -> RowsAboutFit:
-        """Return the rows of averaged poses, as modelled; weighed by what is left, or as given."""
+        """Return the rows of averaged poses, as modelled.
+
+        Args:
+            weight: (P, b) root weights; None for those by the residuals.
+        """
         maps = [term for term in model.model.terms if term.at_knots]
         terms = [
             fixed(term, model.values_of(term)) if term in maps else term
@@ -211,7 +225,7 @@ class RowsAboutFit:
         sizes = possible_sizes(at, measured if count else None)
         of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
         without = rows.residual
-        if of_field.any():  # which was expected about zero
+        if of_field.any():  # residuals are then with the field, whose prior mean is zero
             without = without - rows.jacobian[:, :, of_field] @ x[of_field[: len(x)]]
         data, left = weight * without, weight * rows.residual
         columns = weight[:, :, None] * rows.jacobian * sizes
@@ -237,11 +251,11 @@ class RowsAboutFit:
         return replace(found, of_parameters=min(float(own) / max(every_mm2, _TINY), 1.0))
 
     def with_noise_of_pairs(self, points: Array, label: Index, within_m: float) -> RowsAboutFit:
-        """Return the rows with the noise that nearest neighbours show, where it is the smaller.
+        """Return the rows with noise estimated from nearest neighbours, where it is the smaller.
 
-        Two poses so near each other have the same error of the model: half the square of the
-        difference of their residuals is noise (the nugget of a variogram). Noise that was stated
-        larger than that was assumed.
+        Two poses within a distance have the same error of the model: half the square of the
+        difference of their residuals is noise (the nugget of a variogram). If it is less than the
+        stated noise, the latter was too large.
         """
         away_m, at = map(np.asarray, cKDTree(points).query(points, k=2))
         other = at[:, 1]
@@ -253,7 +267,7 @@ class RowsAboutFit:
         return replace(self, noise_mm2=np.minimum(self.noise_mm2, float(half.mean())))
 
     def beyond_parameters_mm2(self, out: Index) -> Array:
-        """Return squares of the errors of poses held out, less noise and parameters, (N,)."""
+        """Return squared errors of held-out poses, less those by noise and parameters, (N,)."""
         columns, data = self.columns[out], self.data[out]
         mean, variances = self.found(self.every - Gaussian.of(columns, data), columns)
         error = data - columns @ mean

@@ -1,4 +1,4 @@
-"""What a calibration found, as data: the model with its values, what it was fitted to."""
+"""A fitted model as data, what it was fitted to, and the predictions that it returns."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class FittedTo(Part):
     poses: int  # poses fitted
     temperature_C: float | None  # their mean temperature; None where it was not logged
     time_s: tuple[float, float]  # (2,) first and last of their times
-    # how good the calibration is: `good`, `few_poses`, `incomplete`, `suspect_input` or
-    # `not_converged`; empty where that is not known
+    # of the calibration: `good`, `few_poses`, `incomplete`, `suspect_input` or `not_converged`;
+    # empty where not known
     grade: str = ""
     health: str = ""  # the reason, and what to do, in one sentence
-    # external loads of the poses, each once; empty where that is not known
+    # external loads of the poses, each once; empty where not known
     loads_N: tuple[float, ...] = ()
     # standard deviation of their temperatures; None where they were not logged
     temperature_std_C: float | None = Field(None, exclude_if=lambda std_C: std_C is None)
@@ -62,7 +62,7 @@ class FittedTo(Part):
     def of(
         cls, poses: Observations, load: str, health: Health, campaign: CampaignIdentity
     ) -> FittedTo:
-        """Return it of the poses fitted, of a load case and of its health."""
+        """Return the description of a fit by its poses, its load case and its health."""
         states, temperature_C = poses.states, float(poses.states.temperature_C.mean())
         logged = np.isfinite(temperature_C)
         return cls(
@@ -83,34 +83,36 @@ class FittedTo(Part):
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Where a fitted model puts a frame of the robot in N poses."""
+    """Poses of a frame of the robot as a fitted model predicts them, N of them."""
 
     T: Array  # (N, 4, 4) the frame in the robot's base frame [m]
-    # (N,) standard uncertainty of its position, as a user meets it, the base being where the fit
-    # puts it: of the parameters, of what the model lacks, and of sides of arrival and temperatures
-    # that are not given, where the model has lost motion or grows; nan where the model's covariance
-    # is not known
+    # (N,) standard uncertainty of its position relative to the fitted base: by the parameters, by
+    # the discrepancy of the model, and by directions of arrival and temperatures that are not
+    # given, if the model has lost motion or thermal growth; nan where it has no covariance
     u_mm: Array
-    # (N,) the same without what the model lacks: what the noise of the measurement leaves
+    # (N,) the same without the discrepancy: what the noise of the measurement causes
     u_parameters_mm: Array
-    # (N,) whether the pose is near poses of the fit, which has seen all its joint angles
+    # (N,) whether the pose is near poses of the fit, in all joint positions covered by it
     inside: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.T)
 
     def _repr_html_(self) -> str:
-        """Return the places as a notebook shows them."""
-        places = dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * self.T[:, :3, 3].T, strict=True))
-        return _table({**places, "u_mm": self.u_mm, "inside": self.inside})
+        """Return the positions as a notebook shows them."""
+        positions = dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * self.T[:, :3, 3].T, strict=True))
+        return _table({**positions, "u_mm": self.u_mm, "inside": self.inside})
 
     def with_others(
         self, rows: NDArray[np.bool_], T: Array, inside: NDArray[np.bool_]
     ) -> Prediction:
-        """Return the prediction with other frames T (N, 4, 4) in some of the poses (N,).
+        """Return the prediction with other frames T (N, 4, 4) in some of the poses.
 
-        How far they are from those that stood there becomes part of the uncertainty; `inside` (N,)
-        takes the place of what stood there.
+        The distance between both becomes part of the uncertainty.
+
+        Args:
+            rows: (N,) which poses get the other frames.
+            inside: (N,) replaces `inside` in all poses.
         """
         moved_mm = 1e3 * np.linalg.norm(T[:, :3, 3] - self.T[:, :3, 3], axis=1)
         moved_mm[~rows] = 0.0
@@ -124,21 +126,21 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class FallBack:
-    """What a model falls back to outside the joint positions in which its effects hold."""
+    """The model that replaces a model outside the joint positions for which its effects hold."""
 
-    within: AngleCoverage  # joint positions in which they hold
+    within: AngleCoverage  # joint positions for which they hold
     # the model without them, of the same arm and measured by the same instrument
     model: Fitted
-    why: str = ""  # what held-out poses show, one sentence, where it is known
+    why: str = ""  # what held-out poses show, one sentence; empty where not known
 
 
-#: What became of a target: its pose is reached; by joint positions beyond their limits; not at all;
-#: or where some direction takes large motions of the joints.
+#: Result for a target: reached; reached by joint positions beyond their limits; not reached; or
+#: reached where motion in some direction takes large motions of the joints.
 Status = Literal["ok", "outside_limits", "unreachable", "near_singular"]
 
 
 def unknown_controller() -> ModelError:
-    """Return the refusal of Cartesian targets for a controller whose own model is not known."""
+    """Return the refusal of Cartesian targets where the controller's own model is not known."""
     return ModelError(
         "it is not known what the controller computes with: it corrects an arm that its maker "
         "measured, and targets for the nominal arm would correct the robot twice",
@@ -155,19 +157,19 @@ def unknown_controller() -> ModelError:
 class Compensation:
     """Joint positions that bring a frame of the robot to N poses, by its model."""
 
-    # (N, m) positions to command [rad, m]; of an unreachable pose those that come nearest
+    # (N, m) positions to command [rad, m]; for an unreachable pose those that come nearest
     q: Array
     status: NDArray[np.str_]  # (N,) one of `Status`
-    # (N,) `nearest` to the seed, or to the row before, or an `other` branch: the arm swings round
+    # (N,) `nearest` to the seed or to the row before, or an `other` branch, far from it
     branch: NDArray[np.str_]
-    error_mm: Array  # (N,) distance of the model's position there from the one wanted
-    error_deg: Array  # (N,) angle between the model's orientation there and the one wanted
+    error_mm: Array  # (N,) distance of the model's position at q from the wanted one
+    error_deg: Array  # (N,) angle between the model's orientation at q and the wanted one
     u_mm: Array  # (N,) standard uncertainty of the position, as of a prediction
-    u_parameters_mm: Array  # (N,) the same without what the model lacks
+    u_parameters_mm: Array  # (N,) the same without the discrepancy of the model
     inside: NDArray[np.bool_]  # (N,) whether the pose is near poses of the fit
-    # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller with the TCP below: it
-    # then commands q, where it takes the same branch. They are relative to what the controller
-    # computes with, the nominal arm unless stated; nan where that is not known
+    # (N, 4, 4) poses [m] to send, in the robot's base frame, to a controller with the TCP below: on
+    # the same branch, it then commands q. They hold for the arm that the controller computes with,
+    # the nominal one unless stated; nan where that is not known
     T_send: Array
     T_flange_tcp: Array  # (4, 4) TCP that the controller holds, in its flange [m]
 
@@ -176,8 +178,8 @@ class Compensation:
 
     @classmethod
     def joined(cls, parts: Sequence[Compensation]) -> Compensation:
-        """Return the rows of some, one at least, as one; all have one TCP."""
-        names = [each.name for each in fields(cls) if each.name != "T_flange_tcp"]
+        """Return the rows of one or more parts, which have the same TCP, one after the other."""
+        names = [column.name for column in fields(cls) if column.name != "T_flange_tcp"]
         rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return replace(parts[0], **rows)
 
@@ -221,32 +223,31 @@ def _table(columns: dict[str, NDArray[Any]]) -> str:
 class Fitted:
     """A chain with terms and the values of their parameters, and what they were fitted to."""
 
-    # the nominal chain, and the terms that move it off nominal. The base frame is apart.
-    model: Model
+    model: Model  # the nominal chain and the terms that move it off nominal, but for the base
     x: Array  # (k,) the terms' parameters
     T_instr_base: Array  # (4, 4) robot base in the instrument's frame [m]
     # (3, 3) orientation of the target in the end of the chain, for an instrument that measures
-    # orientations; the target's place there is the term of the tool
+    # orientations; the target's position there is a term of the tool
     R_ee_target: Array = field(default_factory=lambda: np.eye(3))
     # (3, 3) orientation of the target of each campaign of a group in that of the first, by name
     R_first_target_of: Mapping[str, Array] = field(default_factory=dict)
-    # (t,) places of further targets in the flange, x, y, z of each
+    # (t,) positions of further targets in the flange, x, y, z of each
     targets_m: Array = field(default_factory=lambda: np.zeros(0))
     target_names: tuple[str, ...] = ()  # (t / 3,) their names
-    # (a,) by how much the places of an apparatus' targets are off those stated, which moves poses
-    # measured through them; empty where that is not known
+    # (a,) deviations of an apparatus' targets from their stated positions, which move the poses
+    # measured by them; empty where not known
     targets_off_m: Array = field(default_factory=lambda: np.zeros(0))
-    # (k + 6, k + 6) of x and of six small motions of the base (the chain's `BASE`), or None where
-    # it is not known. Arm and base are kept together, since what they share, such as the zero of
-    # joint 1 and the yaw of the base, is uncertain in each and not in where the robot is.
+    # (k + 6, k + 6) of x and of six small motions of the base (the chain's `BASE`); None where not
+    # known. The joint covariance is needed since parameters of arm and base, such as the zero of
+    # joint 1 and the yaw of the base, are correlated: each is uncertain, the robot's pose is not.
     covariance: Array | None = None
-    # what the arm carried, which springs and bending links need; None where not known
+    # what the arm carried, which loads springs and bending links; None where not known
     payload: Payload | None = None
-    fitted_to: FittedTo | None = None  # what it was fitted to, or None
-    seen: AngleCoverage | None = None  # joint positions seen by the fit, or None
-    # what it lacks, by the distance from the poses of the fit; None where that is not known
+    fitted_to: FittedTo | None = None
+    seen: AngleCoverage | None = None  # joint positions that the fit covers
+    # error beyond the covariance, by the distance from the poses of the fit; None where not known
     discrepancy: Discrepancy | None = None
-    # where its effects do not hold, and what is predicted there; None where they hold everywhere
+    # what is predicted where its effects do not hold; None where they hold everywhere
     falls_back: FallBack | None = None
 
     def __post_init__(self) -> None:
@@ -261,7 +262,7 @@ class Fitted:
 
     @property
     def grade(self) -> str:
-        """Return how good its calibration is, in a word; empty where that is not known."""
+        """Return the grade of its calibration; empty where not known."""
         return "" if self.fitted_to is None else self.fitted_to.grade
 
     @property
@@ -271,7 +272,7 @@ class Fitted:
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """Return the parameters as readers know them: term, place, name, value, std and unit."""
+        """Return a table of the reported parameters: term, place, name, value, std and unit."""
         import pandas as pd  # late: a prediction needs none
 
         rows = [
@@ -281,7 +282,7 @@ class Fitted:
         return pd.DataFrame(rows, columns=["term", "of", "parameter", "value", "std", "unit"])
 
     def reported(self, term: Term) -> tuple[Report, Array]:
-        """Return what readers know of one of its terms, and standard uncertainties (nan: unknown).
+        """Return one term as reported, and the standard uncertainties, nan where not known.
 
         Raises:
             ValueError: when it has no such term.
@@ -290,11 +291,11 @@ class Fitted:
         report = term.report(self.x[columns])
         if self.covariance is None:
             return report, np.full(len(report.values), np.nan)
-        own = report.covariance(self.covariance[columns, columns], self.model.u_scale)
-        return report, np.sqrt(np.maximum(np.diag(own), 0.0))
+        of_report = report.covariance(self.covariance[columns, columns], self.model.u_scale)
+        return report, np.sqrt(np.maximum(np.diag(of_report), 0.0))
 
     def every_reported(self) -> Iterator[tuple[Term, TermParameter, float, float]]:
-        """Yield what readers know of all terms: parameter, value, standard uncertainty."""
+        """Yield the reported parameters of all terms: term, parameter, value, uncertainty."""
         for term in self.model.terms:
             report, std = self.reported(term)
             for parameter, value, sigma in zip(report.parameters, report.values, std, strict=True):
@@ -305,8 +306,8 @@ class Fitted:
         fitted, grade = self.fitted_to, "no grade"
         if fitted is not None and fitted.grade:
             grade = f"grade: {fitted.grade}: {fitted.health}"
-        often = Counter(term.id for term in self.model.terms)
-        terms = ", ".join(id if count == 1 else f"{count} {id}" for id, count in often.items())
+        counts = Counter(term.id for term in self.model.terms)
+        terms = ", ".join(id if count == 1 else f"{count} {id}" for id, count in counts.items())
         return "\n".join(
             (
                 f"<{type(self).__name__} of {self.arm.title}",
@@ -343,38 +344,39 @@ class Fitted:
         return (FLANGE, TOOL_FRAME, *self.tools, *targets)
 
     def with_bends(self, rows: Iterable[int] = ()) -> Self:
-        """Return the same model on a chain whose long links may bend, as some effects do.
+        """Return the same model on a chain in which more links may bend, as effects need.
 
-        So may the carriages of joints that slide, those of further rows, from 1, and those that
-        already may; where weights are stated any, as axes that tilt are sought there.
+        They are the long links, the carriages of prismatic joints and those of further rows, from
+        1. Where weights are stated, all links: effects of tilting axes are sought there.
         """
-        every = {*long_links(self.arm), *self.model.chain.bends, *rows}
-        every |= {*(np.flatnonzero(self.arm.prismatic[:-1]) + 1).tolist()}
+        bends = {*long_links(self.arm), *self.model.chain.bends, *rows}
+        bends |= {*(np.flatnonzero(self.arm.prismatic[:-1]) + 1).tolist()}
         if weights_known(self.arm).origin == "stated":
-            every |= {*range(1, self.arm.n)}
-        chain = Chain.of(self.arm, bends=tuple(sorted(every)))
+            bends |= {*range(1, self.arm.n)}
+        chain = Chain.of(self.arm, bends=tuple(sorted(bends)))
         return replace(self, model=Model(chain, self.model.terms))
 
     def bending_as(self, terms: Iterable[Term]) -> Self:
-        """Return the same model on a chain that may also bend as some terms do."""
-        every = {name for term in terms for name in term.coordinates}
+        """Return the same model on a chain in which the links that terms bend may bend too."""
+        used = {name for term in terms for name in term.coordinates}
         rows = range(1, self.arm.n)
-        return self.with_bends(row for row in rows if not every.isdisjoint(bend_coordinates(row)))
+        return self.with_bends(row for row in rows if not used.isdisjoint(bend_coordinates(row)))
 
     def as_modelled(self, observations: Observations[M]) -> Observations[M]:
-        """Return measured poses as the model predicts them.
+        """Return observations in the form that the model predicts.
 
         Orientations are those of the end-effector in place of the target's; torques that were not
-        logged are those of the masses described, at the posture modelled.
+        logged are computed by the masses described, at the posture of the model.
         """
         states, _ = with_torques(self.model, self.x, observations.states, self.payload)
         return observations.turned(self.R_ee_target).with_states(states)
 
     def rigid_part(self, *, tool: bool = False) -> tuple[Chain, Array]:
-        """Return the chain, and its coordinates (m,) at zero joints, unloaded, at the flange.
+        """Return the chain and its coordinates (m,) at zero joint positions, unloaded.
 
         Args:
-            tool: with the tool, at the chain's end.
+            tool: whether the coordinates of the tool are those of the model; else they are zero,
+                and the chain ends at the flange.
         """
         zeros, zero = np.zeros((1, self.arm.n)), np.zeros(1)
         unloaded = PoseStates(zeros, zeros, zeros, zero, zero, zero)
@@ -388,11 +390,12 @@ class Fitted:
     def deviations(self, observations: Observations) -> Deviations:
         """Compare predictions with observations whose states hold what the terms need."""
         measured = observations.measured.turned(self.R_ee_target)
-        found = measured.deviations(self.as_read(observations), self.T_instr_base, self.targets_m)
+        T_base_ee = self.as_read(observations)
+        deviations = measured.deviations(T_base_ee, self.T_instr_base, self.targets_m)
         if self.falls_back is None:
-            return found
+            return deviations
         outside = ~self.falls_back.within.inside(observations.states.q_rad)
-        return found.with_others(outside, self.falls_back.model.deviations(observations))
+        return deviations.with_others(outside, self.falls_back.model.deviations(observations))
 
     def compared(self, observations: Observations) -> Comparison:
         """Compare predictions with `as_modelled` poses, component by component."""
@@ -404,16 +407,15 @@ class Fitted:
         T_base_ee = self.model.predict(observations.states, self.x)
         if not len(self.targets_off_m):
             return T_base_ee
-        off_m = self.targets_off_m
-        return observations.measured.as_read(T_base_ee, self.T_instr_base, off_m)
+        return observations.measured.as_read(T_base_ee, self.T_instr_base, self.targets_off_m)
 
     def nominal(self) -> Self:
-        """Return the arm as it was designed, at the same base."""
+        """Return the nominal arm at the same base."""
         rigid = Model(self.model.chain, ())
         return replace(self, model=rigid, x=np.zeros(0), covariance=None, falls_back=None)
 
     def only(self, *terms: Term) -> Self:
-        """Return the same with some of its terms alone, and what is known of these."""
+        """Return the model with only these of its terms, their values and their covariance."""
         at, covariance = self.model.parameter_indices(*terms), self.covariance
         if covariance is not None:
             with_base = np.append(at, len(self.x) + np.arange(len(BASE)))
@@ -426,9 +428,9 @@ class Fitted:
         return self.x[self.model.columns_of(term)]
 
     def inside(self, q: Array) -> NDArray[np.bool_]:
-        """Return whether positions (N, n) are near poses of the fit, (N,).
+        """Return which joint positions (N, n) are near poses of the fit, (N,).
 
-        Of a model that does not know its discrepancy: whether its maps have seen all angles.
+        For a model without a discrepancy: which are covered by the fit, or all if that is unknown.
         """
         if self.discrepancy is not None:
             return self.discrepancy.near(q)

@@ -1,4 +1,4 @@
-"""A fitted model: everything that a user takes away from a calibration, and what it predicts."""
+"""A fitted model as users have it: it predicts and compensates, and is saved and loaded."""
 
 from __future__ import annotations
 
@@ -37,17 +37,19 @@ from pa10cal.fit.plain_arm import (
     pose_from_plain,
     rotation_from_plain,
 )
-from pa10cal.results.calibration import CalibrationRecord
+from pa10cal.results.calibration import CalibrationRecord, Covariance
 from pa10cal.terms.field import Field
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.term import Term
 from pa10cal.yaml_file import read_yaml
 
+SCHEMA = "pa10cal-model/2"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedModel(Fitted):
-    """A chain with terms and the values of their parameters; enough by itself to predict."""
+    """A chain with terms and the values of their parameters: all that predictions need."""
 
     def save(self, path: str | Path) -> None:
         """Write the model as `model.yaml`, its covariance beside it, whole or not at all.
@@ -189,7 +191,7 @@ class FittedModel(Fitted):
         return T_flange_frame(self, frame)
 
     def _joints_at(self, q: ArrayLike) -> Array:
-        """Return joint positions (N, n) of those counted; refuse those of other joints."""
+        """Return joint positions (N, n) from those that the controller counts; refuse others."""
         positions = np.atleast_2d(np.asarray(q, dtype=float))
         n = len(self.arm.axes_slide)
         if positions.ndim != 2 or positions.shape[1] != n or not np.isfinite(positions).all():
@@ -209,7 +211,7 @@ def load_model(path: str | Path) -> FittedModel:
     """Read a fitted model; without the file of its covariance it predicts without uncertainty.
 
     Args:
-        path: of model.yaml, or of the folder `model`, or of the results, that it lies in.
+        path: model.yaml, the folder `model` that contains it, or the folder of the results.
 
     Raises:
         ModelError: when the file, or that of its covariance, cannot be read, is of another schema,
@@ -233,47 +235,54 @@ def models_of(record: CalibrationRecord, where: str) -> dict[str, FittedModel]:
     """Return the fitted models of a calibration by the names under which they are evaluated.
 
     Args:
-        record: what `calibration/<load>.json` holds; the last model is the calibration itself.
-        where: file that it was read from, for messages.
+        record: the content of `calibration/<load>.json`; its last model is the calibration itself.
+        where: the file that it was read from, for messages.
 
     Raises:
-        ModelError: when a model cannot be made of what is written.
+        ModelError: when a model cannot be built from its record.
         TermError: when it has a term that is not known.
     """
     models = {}
     for name, fit in record.fits_by_model.items():
         place = f"{where}: fitted_model of {name}"
         model = model_from_plain(fit.fitted_model, where=place)
-        # The covariance is of the parameters that it is solved in, or of those reported.
-        names, matrix = fit.covariance.names, fit.covariance.matrix
-        solved = tuple(parameter.name for parameter in model.model.parameters)
-        report, k = model.model.report(model.x), len(solved)
-        covariance = np.zeros((k + 6, k + 6))
-        if names[:k] == solved:
-            base = [name.replace(".", "_") for name in BASE]
-            known = [names.index(name) for name in (*solved, *base) if name in names]
-            at = [*range(k), *(k + base.index(name) for name in names if name in base)]
-            covariance[np.ix_(at, at)] = matrix[np.ix_(known, known)]
-            model = replace(model, covariance=checked_covariance(covariance, k + 6, place))
-        elif names == tuple(parameter.name for parameter in report.parameters):
-            back = np.linalg.pinv(report.jacobian)
-            covariance[:k, :k] = back @ matrix @ back.T
-            model = replace(model, covariance=checked_covariance(covariance, k + 6, place))
+        covariance = _covariance_of_fit(model, fit.covariance)
+        if covariance is not None:
+            checked = checked_covariance(covariance, len(covariance), place)
+            model = replace(model, covariance=checked)
         models[name] = model
     return models
 
 
-# A fitted model as a file: `model.yaml`, schema pa10cal-model/2, its covariance beside it.
+def _covariance_of_fit(model: Fitted, recorded: Covariance) -> Array | None:
+    """Return the covariance (k + 6, k + 6) of a model's parameters and base from that of its fit.
 
-SCHEMA = "pa10cal-model/2"
+    The record has that of the fitted parameters, with or without the base, or of those reported;
+    None where its parameters are others.
+    """
+    names, matrix = recorded.names, recorded.matrix
+    fitted = tuple(parameter.name for parameter in model.model.parameters)
+    report, k = model.model.report(model.x), len(fitted)
+    covariance = np.zeros((k + 6, k + 6))
+    if names[:k] == fitted:
+        base = [name.replace(".", "_") for name in BASE]
+        recorded_at = [names.index(name) for name in (*fitted, *base) if name in names]
+        at = [*range(k), *(k + base.index(name) for name in names if name in base)]
+        covariance[np.ix_(at, at)] = matrix[np.ix_(recorded_at, recorded_at)]
+    elif names == tuple(parameter.name for parameter in report.parameters):
+        by_reported = np.linalg.pinv(report.jacobian)
+        covariance[:k, :k] = by_reported @ matrix @ by_reported.T
+    else:
+        return None
+    return covariance
 
 
 def save_model(model: Fitted, path: Path, **about: Any) -> None:
     """Write a fitted model, and its covariance beside it, whole or not at all.
 
     Args:
-        path: `….yaml`; the covariance goes to `….covariance.npz`.
-        about: further keys that only people read, such as warnings.
+        path: `….yaml`; the covariance is written to `….covariance.npz`.
+        about: further keys for people, such as warnings; they are not read back.
 
     Raises:
         OutputError: when it cannot be written there.
@@ -290,16 +299,24 @@ def save_model(model: Fitted, path: Path, **about: Any) -> None:
 
 
 def file_of(path: Path) -> Path:
-    """Return the file of a model: itself, or in a folder `model` or the results that hold one."""
+    """Return the file of a model: the path itself, or model.yaml in a folder `model` or results."""
     if not path.is_dir():
         return path
-    inside = (path / "model.yaml", path / "model" / "model.yaml")
-    return next((each for each in inside if os.path.lexists(each)), inside[0])
+    in_folder, in_results = path / "model.yaml", path / "model" / "model.yaml"
+    if not os.path.lexists(in_folder) and os.path.lexists(in_results):
+        return in_results
+    return in_folder
 
 
 def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
     """Return a fitted model as numbers, texts, lists and mappings; see `model_from_plain`."""
-    fitted = model.fitted_to
+    fitted, lacks, falls_back = model.fitted_to, model.discrepancy, model.falls_back
+    terms = [(term.id == Field.id, _term_to_plain(model, term)) for term in model.model.terms]
+    tool: dict[str, Any] = {"R_ee_target": model.R_ee_target.tolist()}
+    if model.R_first_target_of:
+        tool["R_first_target_of"] = {
+            name: R.tolist() for name, R in model.R_first_target_of.items()
+        }
     return {
         "schema": SCHEMA,
         "robot": model.arm.name,
@@ -307,38 +324,30 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
         "fitted_to": None if fitted is None else fitted.model_dump(mode="json"),
         **about,
         "arm": arm_to_plain(model.arm, model.model.chain.bends),
-        "terms": [_term_to_plain(model, term) for term in model.model.terms if term.id != Field.id],
-        # What has no name and is predicted: the last term of a model that has it.
-        "field": next(
-            (_term_to_plain(model, each) for each in model.model.terms if each.id == Field.id),
-            None,
-        ),
+        "terms": [plain for is_field, plain in terms if not is_field],
+        # A displacement without a name: the last term of a model that has one.
+        "field": next((plain for is_field, plain in terms if is_field), None),
         "payload": None if model.payload is None else _payload_to_plain(model.payload),
         "T_instr_base": model.T_instr_base.tolist(),
-        "tool": {"R_ee_target": model.R_ee_target.tolist()}
-        | (
-            {"R_first_target_of": {name: R.tolist() for name, R in of.items()}}
-            if (of := model.R_first_target_of)
-            else {}
-        ),
+        "tool": tool,
         "targets_m": {
             name: place.tolist()
             for name, place in zip(model.target_names, model.targets_m.reshape(-1, 3), strict=True)
         },
         "targets_off_m": model.targets_off_m.tolist(),
-        # For people and other programs; here they follow from what stands above.
+        # For people and other programs; they follow from the entries above.
         "T_flange": {
             name: T_flange_frame(model, name).tolist() for name in model.frames if name != FLANGE
         },
         "seen": None if model.seen is None else model.seen.to_plain(),
         "discrepancy": None
-        if (lacks := model.discrepancy) is None
-        else {each.name: plain_value(getattr(lacks, each.name)) for each in fields(lacks)},
+        if lacks is None
+        else {field.name: plain_value(getattr(lacks, field.name)) for field in fields(lacks)},
         "falls_back": None
-        if model.falls_back is None
+        if falls_back is None
         else {
-            "within": model.falls_back.within.to_plain(),
-            "model": model_to_plain(model.falls_back.model),
+            "within": falls_back.within.to_plain(),
+            "model": model_to_plain(falls_back.model),
         },
         "covariance": None,
     }
@@ -356,17 +365,17 @@ def model_from_plain(
         ModelError: naming the schema, or the key that is missing or cannot be used.
         TermError: when it has a term that is not known.
     """
-    found = content.get("schema") if isinstance(content, Mapping) else None
-    if not isinstance(content, Mapping) or found != SCHEMA:
+    schema = content.get("schema") if isinstance(content, Mapping) else None
+    if not isinstance(content, Mapping) or schema != SCHEMA:
         raise ModelError(
             "not a model of this version",
             where=f"{where}: schema",
-            value=found,
+            value=schema,
             allowed=SCHEMA,
             remedy="export the model again",
         )
     try:
-        field = content.get("field")  # not in files written before there was one
+        field = content.get("field")  # older files have no such key
         entries = [*content["terms"], *([] if field is None else [field])]
         if covariance is not None:
             size = sum(len(term["x"]) for term in entries) + len(BASE)
@@ -377,8 +386,8 @@ def model_from_plain(
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
-        # Not in files written before there was one.
-        away, lacks = content.get("falls_back"), content.get("discrepancy")
+        # Older files have neither key.
+        falls_back, lacks = content.get("falls_back"), content.get("discrepancy")
         return FittedModel(
             model=Model(chain, terms),
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
@@ -397,10 +406,10 @@ def model_from_plain(
             seen=None if seen is None else AngleCoverage.from_plain(seen),
             discrepancy=None if lacks is None else Discrepancy.from_plain(lacks, arm.n),
             falls_back=None
-            if away is None
+            if falls_back is None
             else FallBack(
-                AngleCoverage.from_plain(away["within"]),
-                model_from_plain(away["model"], where=f"{where}: falls_back.model"),
+                AngleCoverage.from_plain(falls_back["within"]),
+                model_from_plain(falls_back["model"], where=f"{where}: falls_back.model"),
             ),
         )
     except Pa10calError:
@@ -423,7 +432,7 @@ def model_from_plain(
 
 
 def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
-    """Return a term with its form, what readers know of it, and the values it is solved in."""
+    """Return a term with its form, its reported parameters, and its fitted parameters as `x`."""
     report, std = model.reported(term)
     return {
         **term_to_plain(term),
@@ -441,6 +450,7 @@ def _term_to_plain(model: Fitted, term: Term) -> dict[str, Any]:
 
 
 def _term_from_plain(content: Mapping[str, Any], where: str) -> tuple[Term, Array]:
+    """Return a term and its parameters; refuse another formula than this version computes."""
     term = term_from_plain(content, where=where)
     if content.get("formula", term.formula) != term.formula:
         raise ModelError(
@@ -484,15 +494,16 @@ def _payload_from_plain(plain: Mapping[str, Any]) -> Payload:
 
 
 class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """Lists of numbers on one line, no references."""
+    """Writes lists of numbers on one line, and no references."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Write everything out."""
+        """Write repeated objects in full."""
         del data
         return True
 
 
 def _list(dumper: Any, data: list[Any]) -> Any:
+    """Write a list on one line if it holds no lists or mappings."""
     flat = all(not isinstance(entry, list | dict) for entry in data)
     return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
 

@@ -1,8 +1,7 @@
-"""Where a frame of a fitted model is, and how it moves with the joints, terms included."""
+"""Forward kinematics of a fitted model's frames: position, derivatives and uncertainty."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,23 +9,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from pa10cal.arm.chain import BASE, TOOL, EndPose, end_pose, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array, Index
+from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, FallBack, Fitted, Prediction
 from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.fit.uncertain_weights import with_weights_by_log
-from pa10cal.numerics.periodic_spline import b_splines, b_splines_by_knots
+from pa10cal.numerics.periodic_spline import MapMotion, position_covariance
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import OF
 from pa10cal.terms.term import Term, shows_torque, yields
 
-#: Step of the central differences by which terms change with the joints [rad, m]: of harmonics as
-#: fine as those of a gear they are good to nine digits (computing).
+#: Step of central differences of the terms by the joints [rad, m]: nine digits are right even for
+#: harmonics as fine as a gear's (computing).
 _STEP = 1e-6
-#: How much heavier than the heaviest load of the fit a load may be: rounding of a unit (computing).
+#: Largest load over the heaviest of the fit: rounding of a unit (computing).
 _SAME_LOAD = 1.0 + 1e-6
-#: Turns smaller than this have no axis [rad] (computing).
+#: Smaller rotations have no axis [rad] (computing).
 _NO_TURN_RAD = 1e-9
 
 
@@ -40,54 +39,55 @@ def states_at(
     *,
     extrapolate: bool = False,
 ) -> PoseStates:
-    """Return the states in which poses are asked for, without torques; see `FittedModel.predict`.
+    """Return the states of N poses to be predicted, without torques; see `FittedModel.predict`.
 
     Args:
-        q: (N, n) joint positions; `arrival` is of the axes that the controller counts.
-        temperature_C, time_s: nan where they are not given, as in the states returned.
+        q: (N, n) joint positions.
+        arrival: of the axes that the controller counts; the states have that of the joints.
+        temperature_C, time_s: None or nan where not given; the states have nan there.
 
     Raises:
-        ModelError: when a load is no load, or heavier than any that the fit has seen; when a side
-            of arrival is none; or when there are not as many numbers as poses.
+        ModelError: when a load is negative, not finite, or heavier than any of the fit; when a
+            direction of arrival is not -1, 0 or 1; or when there are not as many numbers as poses.
     """
     fitted, count = model.fitted_to, len(q)
     temperature_C = np.nan if temperature_C is None else temperature_C
     time_s = np.nan if time_s is None else time_s
-    every_N = _of_every_pose("load_N", load_N, (count,))
-    of_temperature = _of_every_pose("temperature_C", temperature_C, (count,))
-    of_time = _of_every_pose("time_s", time_s, (count,))
-    directions = _of_every_pose("arrival", arrival, (count, len(model.arm.axes_slide)))
-    if not np.isin(directions, (-1.0, 0.0, 1.0)).all():
-        row, joint = np.argwhere(~np.isin(directions, (-1.0, 0.0, 1.0)))[0]
-        where = f"arrival of joint {joint + 1}, pose {row + 1}"
+    loads_N = _of_every_pose("load_N", load_N, (count,))
+    temperatures_C = _of_every_pose("temperature_C", temperature_C, (count,))
+    times_s = _of_every_pose("time_s", time_s, (count,))
+    of_axes = _of_every_pose("arrival", arrival, (count, len(model.arm.axes_slide)))
+    wrong_side = ~np.isin(of_axes, (-1.0, 0.0, 1.0))
+    if wrong_side.any():
+        row, joint = np.argwhere(wrong_side)[0]
         raise ModelError(
             "no direction of arrival",
-            where=where,
-            value=float(directions[row, joint]),
+            where=f"arrival of joint {joint + 1}, pose {row + 1}",
+            value=float(of_axes[row, joint]),
             allowed="-1 or 1, the sign of the joint's last motion; 0 where it is not known",
             remedy="correct the value",
         )
     seen_N = () if fitted is None else fitted.loads_N
-    wrong = ~(every_N >= 0.0) | ~np.isfinite(every_N)
+    wrong_load = ~(loads_N >= 0.0) | ~np.isfinite(loads_N)
     if seen_N and not extrapolate:
-        wrong |= every_N > _SAME_LOAD * max(seen_N)
-    if wrong.any():
-        row = int(np.argmax(wrong))
+        wrong_load |= loads_N > _SAME_LOAD * max(seen_N)
+    if wrong_load.any():
+        row = int(np.argmax(wrong_load))
         allowed = f"0 to {max(seen_N):g} N, the heaviest load of its fit" if seen_N else "0 N on"
         raise ModelError(
             "the model does not know this load",
             where=f"load_N of pose {row + 1}",
-            value=float(every_N[row]),
+            value=float(loads_N[row]),
             allowed=allowed,
             remedy="calibrate with this load too; or extrapolate (on the command line --force), "
             "which the uncertainty does not cover",
         )
-    unknown_Nm, directions = np.full_like(q, np.nan), model.arm.coupling.arrivals(directions)
-    return PoseStates(q, unknown_Nm, directions, every_N, of_temperature, of_time)
+    of_joints = model.arm.coupling.arrivals(of_axes)
+    return PoseStates(q, np.full_like(q, np.nan), of_joints, loads_N, temperatures_C, times_s)
 
 
 def _of_every_pose(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return what is given once, or for every pose, as an array of this shape."""
+    """Return a value given once or for every pose as an array of this shape; refuse others."""
     try:
         return np.broadcast_to(np.asarray(value, dtype=float), shape)
     except (TypeError, ValueError):
@@ -105,12 +105,10 @@ class Forward:
     """Forward kinematics of a frame of a fitted model."""
 
     whole: Fitted  # the fitted model
-    # its terms that move the robot; what an instrument reads falsely and what a torque log shows
-    # falsely move none
-    physical: Model
-    x: Array  # their parameters
-    columns: NDArray[np.intp]  # places of these in the parameters of the whole model
-    on_tool: bool  # whether the frame follows the end of the chain, tool included, not the flange
+    physical: Model  # its terms that move the robot, without errors of instrument and torque log
+    x: Array  # parameters of these
+    columns: NDArray[np.intp]  # of these among the parameters of the whole model
+    on_tool: bool  # whether the frame moves with the tool, at the chain's end, not with the flange
     T_end_frame: Array  # (4, 4) the frame in the end of the chain
 
     @classmethod
@@ -128,18 +126,18 @@ class Forward:
                 allowed=", ".join(model.frames),
                 remedy="correct the name",
             )
-        # A frame of a campaign of a group moves under what the arm carried there.
+        # A frame of one campaign of a group moves under the payload of that campaign.
         carried = () if model.payload is None else model.payload.of_campaigns
         payload_of = dict(zip(model.R_first_target_of, carried, strict=False))
         payload = payload_of.get(frame.partition(OF)[2], model.payload)
         model = replace(model, payload=payload)
-        known, soft = model.arm.weights_known, any(yields(term) for term in model.model.terms)
-        logged = known is not None and (known.origin == "logged" or known.by_log is not None)
-        if logged and soft and payload is not None:
+        weights, yielding = model.arm.weights_known, any(map(yields, model.model.terms))
+        logged = weights is not None and (weights.origin == "logged" or weights.by_log is not None)
+        if logged and yielding and payload is not None:
             model = with_weights_by_log(model, payload)
-        # Of a group `tool` is that of the first campaign that measured poses.
+        # For a group `tool` is that of the first campaign that measured poses.
         tools = model.tools
-        own = tools.get(frame) or next(iter(tools.values()), None)
+        tool_term = tools.get(frame) or next(iter(tools.values()), None)
         on_tool = frame in tools or (frame == TOOL_FRAME and bool(tools or not model.target_names))
 
         def moves(term: Term) -> bool:
@@ -147,27 +145,29 @@ class Forward:
             if term.of == "instrument" or term.falsifies_log:
                 return False
             if on_tool:
-                return term not in tools.values() or term is own
-            # Targets are placed in the flange, and go with a tool that gives way.
+                return term not in tools.values() or term is tool_term
+            # Positions of targets are constant in the flange, but move as the tool yields.
             of_tool = bool(term.coordinates) and set(term.coordinates) <= set(TOOL)
             return not of_tool or not (term.constant or frame == FLANGE)
 
         moving = [term for term in model.model.terms if moves(term)]
-        chosen = model.model.parameter_indices(*moving)
-        T = np.eye(4)
+        columns = model.model.parameter_indices(*moving)
+        T_end_frame = np.eye(4)
         if on_tool:
-            campaign = "" if own is None else own.name
-            T[:3, :3] = model.R_ee_target @ model.R_first_target_of.get(campaign, np.eye(3))
+            campaign = "" if tool_term is None else tool_term.name
+            R_target = model.R_first_target_of.get(campaign, np.eye(3))
+            T_end_frame[:3, :3] = model.R_ee_target @ R_target
         elif frame != FLANGE:
             name = frame.removeprefix(TARGET)
             row = model.target_names.index(name) if frame != TOOL_FRAME else 0
-            T[:3, 3] = model.targets_m.reshape(-1, 3)[row]
-        terms = tuple(own.term if own is not None and term is own else term for term in moving)
-        physical = Model(model.model.chain, terms)
-        return cls(model, physical, model.x[chosen], chosen, on_tool, T)
+            T_end_frame[:3, 3] = model.targets_m.reshape(-1, 3)[row]
+        # A term of one campaign acts in that campaign only; here it acts in every pose.
+        terms = [term.term if term is tool_term else term for term in moving]
+        physical = Model(model.model.chain, tuple(terms))
+        return cls(model, physical, model.x[columns], columns, on_tool, T_end_frame)
 
     def states(self, given: PoseStates) -> PoseStates:
-        """Return states with what their weights do, whatever torques they had.
+        """Return states with torques and loads by the weights; torques that were given are dropped.
 
         A temperature that is not given is the mean of the fit.
 
@@ -178,8 +178,9 @@ class Forward:
         temperature_C, fitted = given.temperature_C, whole.fitted_to
         if fitted is not None and fitted.temperature_C is not None:
             temperature_C = np.where(np.isnan(temperature_C), fitted.temperature_C, temperature_C)
-        of_pose = given.load_N, temperature_C, given.time_s
-        states = PoseStates(q, np.full_like(q, np.nan), given.arrival, *of_pose)
+        states = PoseStates(
+            q, np.full_like(q, np.nan), given.arrival, given.load_N, temperature_C, given.time_s
+        )
         states, source = with_torques(whole.model, whole.x, states, payload)
         if source == "none" or payload is None:
             for term in filter(yields, self.physical.terms):
@@ -192,29 +193,30 @@ class Forward:
             return replace(states, tau_Nm=np.zeros_like(q))
         if not self.physical.terms_of("effect", "field"):
             return states
-        # Effects that bend need the static loads; those of the nominal arm come first.
-        rigid = Model(self.physical.chain, ())
-        for model, values in ((rigid, np.zeros(0)), (self.physical, self.x)):
+        # Bending by effects needs static loads, which depend on the posture: those of the nominal
+        # arm first, then those of the arm bent by them.
+        nominal = Model(self.physical.chain, ())
+        for model, values in ((nominal, np.zeros(0)), (self.physical, self.x)):
             loads = statics_of(model, values, states, payload).static_loads
             states = replace(states, static_loads=loads)
         return states
 
     def T_base_frame(self, states: PoseStates) -> Array:
-        """Return where the frame is, (N, 4, 4) [m]."""
+        """Return the frame in the base, (N, 4, 4) [m]."""
         T: Array = end_pose(self.physical.chain, self._coordinates(states)) @ self.T_end_frame
         return T
 
     def end(self, states: PoseStates) -> EndPose:
-        """Return the end of the chain that carries the frame, and its screws."""
+        """Return the end of the chain, which carries the frame, and its screws."""
         return end_pose_with_screws(self.physical.chain, self._coordinates(states))
 
     def by_joints(self, states: PoseStates, *, terms: bool) -> tuple[Array, Array]:
-        """Return where the frame is (N, 4, 4), and its derivative by the joints (N, 6, n).
+        """Return the frame in the base (N, 4, 4), and its derivative by the joints (N, 6, n).
 
         Args:
-            terms: whether the derivative holds how the terms themselves change with the joints,
-                through angles and through weights; else only that of the geometry, which is off by
-                some parts in a hundred and takes a tenth of the time.
+            terms: whether the derivative includes that of the terms, by angles and by weights; else
+                it is that of the geometry alone, with an error of some per cent in a tenth of the
+                time.
         """
         chain = self.physical.chain
         if terms:
@@ -238,10 +240,10 @@ class Forward:
 
     def at_frame(self, end: EndPose, moved: Array) -> Array:
         """Return motions (N, 6, k) of the end of the chain as those of the frame's origin."""
-        arm_m = (end.T[:, :3, :3] @ self.T_end_frame[:3, 3])[:, :, None]
-        found: Array = moved.copy()
-        found[:, :3] += np.cross(moved[:, 3:], arm_m, axis=1)
-        return found
+        lever_m = (end.T[:, :3, :3] @ self.T_end_frame[:3, 3])[:, :, None]
+        of_frame: Array = moved.copy()
+        of_frame[:, :3] += np.cross(moved[:, 3:], lever_m, axis=1)
+        return of_frame
 
     def uncertainty_mm(self, states: PoseStates, end: EndPose) -> Array:
         """Return the standard uncertainty of the frame's position, (N,), from the covariance."""
@@ -249,55 +251,57 @@ class Forward:
         return np.asarray(1e3 * np.sqrt(np.maximum(variance, 0.0)))
 
     def unknown_arrival_mm(self, states: PoseStates) -> Array:
-        """Return how far sides of arrival that are not given move the frame's position, (N,).
+        """Return the standard uncertainty by directions of arrival that are not given, (N,).
 
-        A joint may come from either side: the prediction is the middle, and the standard deviation
-        half the distance between both. Joints count as independent.
+        A joint may arrive from either side. The prediction is in the middle, and the standard
+        uncertainty half the distance between both sides. Joints count as independent.
         """
         variance = np.zeros(len(states))
         ahead, behind = (
             replace(states, arrival=np.full_like(states.arrival, side)) for side in (1.0, -1.0)
         )
-        if not any(self._shows_side(term, ahead, behind) for term in self.physical.terms):
+        if not any(self._depends_on_side(term, ahead, behind) for term in self.physical.terms):
             return variance
         for joint in range(states.n):
             rows = np.flatnonzero(states.arrival[:, joint] == 0.0)
             if not len(rows):
                 continue
-            at, ends = states.take(rows), []
+            of_rows, T_by_side = states.take(rows), []
             for side in (1.0, -1.0):
-                arrival = at.arrival.copy()
+                arrival = of_rows.arrival.copy()
                 arrival[:, joint] = side
-                ends.append(self.T_base_frame(self.states(replace(at, arrival=arrival))))
-            apart_mm = 1e3 * (ends[0] - ends[1])[:, :3, 3]
+                states_of_side = self.states(replace(of_rows, arrival=arrival))
+                T_by_side.append(self.T_base_frame(states_of_side))
+            apart_mm = 1e3 * (T_by_side[0] - T_by_side[1])[:, :3, 3]
             variance[rows] += 0.5**2 * (apart_mm**2).sum(axis=1)
         return np.sqrt(variance)
 
     def unknown_temperature_mm(self, given: PoseStates) -> Array:
-        """Return how far temperatures that are not given move the frame's position, (N,).
+        """Return the standard uncertainty by temperatures that are not given, (N,).
 
-        They are expected where those of the fit were: the prediction is at their mean, and the
-        standard deviation half the distance between a standard deviation above and below.
+        They are assumed to be distributed as those of the fit. The prediction is at their mean, and
+        the standard uncertainty half the distance between one standard deviation above and below.
         """
-        found, fitted = np.zeros(len(given)), self.whole.fitted_to
+        u_mm, fitted = np.zeros(len(given)), self.whole.fitted_to
         rows = np.flatnonzero(np.isnan(given.temperature_C))
-        grows = any(term.depends_on == "temperature_C" for term in self.physical.terms)
-        if not grows or not len(rows) or fitted is None or not fitted.temperature_std_C:
-            return found
-        at, ends = self.states(given.take(rows)), []
+        depends = any(term.depends_on == "temperature_C" for term in self.physical.terms)
+        if not depends or not len(rows) or fitted is None or not fitted.temperature_std_C:
+            return u_mm
+        at_mean, places_m = self.states(given.take(rows)), []
         for away_C in (fitted.temperature_std_C, -fitted.temperature_std_C):
-            warm = replace(at, temperature_C=at.temperature_C + away_C)
-            ends.append(self.T_base_frame(self.states(warm))[:, :3, 3])
-        found[rows] = 1e3 * 0.5 * np.linalg.norm(ends[0] - ends[1], axis=1)
-        return found
+            away = replace(at_mean, temperature_C=at_mean.temperature_C + away_C)
+            places_m.append(self.T_base_frame(self.states(away))[:, :3, 3])
+        u_mm[rows] = 1e3 * 0.5 * np.linalg.norm(places_m[0] - places_m[1], axis=1)
+        return u_mm
 
-    def _shows_side(self, term: Term, ahead: PoseStates, behind: PoseStates) -> bool:
-        """Return whether a term differs between both sides of arrival."""
+    def _depends_on_side(self, term: Term, ahead: PoseStates, behind: PoseStates) -> bool:
+        """Return whether a term differs between states of either direction of arrival."""
         x = self.x[self.physical.columns_of(term)]
-        pairs = [(term.shift(ahead, x), term.shift(behind, x))]
-        if shows_torque(term):
-            pairs.append((term.torque_Nm(ahead, x), term.torque_Nm(behind, x)))
-        return any(not np.array_equal(one, other) for one, other in pairs)
+        if not np.array_equal(term.shift(ahead, x), term.shift(behind, x)):
+            return True
+        if not shows_torque(term):
+            return False
+        return not np.array_equal(term.torque_Nm(ahead, x), term.torque_Nm(behind, x))
 
     def position_covariance(self, states: PoseStates, end: EndPose) -> Array:
         """Return the covariance of the frame's position along base axes, (N, 3, 3) [m²]."""
@@ -309,22 +313,18 @@ class Forward:
             self.whole, Model(chain, others), self.x[dense], dense, self.on_tool, self.T_end_frame
         )
         moved = without.by_parameters(states, end)[:, :3]
-        turned = [
-            MapMotion(
-                self.physical.parameter_indices(term),
-                states.q_rad[:, term.joint - 1],
-                self.at_frame(end, end.screws[:, :, chain.columns(term.coordinates)])[:, :3, 0],
-            )
-            for term in maps
-        ]
+        map_motions = []
+        for term in maps:
+            screw = self.at_frame(end, end.screws[:, :, chain.columns(term.coordinates)])
+            columns = self.physical.parameter_indices(term)
+            map_motions.append(MapMotion(columns, states.q_rad[:, term.joint - 1], screw[:, :3, 0]))
         dense = np.append(dense, len(self.x) + np.arange(6))
-        return position_covariance(self.covariance, dense, moved, turned)
+        return position_covariance(self.covariance, dense, moved, map_motions)
 
     def by_parameters(self, states: PoseStates, end: EndPose) -> Array:
-        """Return motions of the frame by the parameters that move the robot and by the base.
+        """Return the derivative (N, 6, k) of the frame by its parameters, then by the base.
 
-        Returns:
-            (N, 6, k) velocity of its origin over its angular velocity, along base axes.
+        It is the velocity of the frame's origin over its angular velocity, along base axes.
         """
         by_x = self.physical.jacobian_at(states, self.x, end)
         by_base = end.screws[:, :, self.physical.chain.columns(BASE)]
@@ -332,19 +332,18 @@ class Forward:
 
     @property
     def covariance(self) -> Array:
-        """Return the covariance (k, k) of these parameters; the model must have one."""
+        """Return the covariance (k + 6, k + 6) of x and the base; the model must have one."""
         covariance = self.whole.covariance
         assert covariance is not None
         chosen = np.concatenate([self.columns, len(self.whole.x) + np.arange(6)])
-        own: Array = covariance[np.ix_(chosen, chosen)]
-        return own
+        return np.asarray(covariance[np.ix_(chosen, chosen)])
 
     def _coordinates(self, states: PoseStates) -> Array:
         return self.physical.chain_coordinates(states, self.x)
 
 
 def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
-    """Predict a frame in some states, under the weights described; see `FittedModel.predict`."""
+    """Predict a frame in given states, under the weights described; see `FittedModel.predict`."""
     forward, q = Forward.of(model, frame), given.q_rad
     states = forward.states(given)
     if model.covariance is None:
@@ -357,107 +356,50 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     u_mm = u_parameters_mm
     if model.discrepancy is not None:
         u_mm = np.hypot(u_mm, model.discrepancy.error_at_mm(q))
-    found = Prediction(T, u_mm, u_parameters_mm, model.inside(q))
+    prediction = Prediction(T, u_mm, u_parameters_mm, model.inside(q))
     if model.falls_back is None:
-        return found
-    away = predicted(model.falls_back.model, given, frame)
+        return prediction
+    other = predicted(model.falls_back.model, given, frame)
     within = model.falls_back.within
     outside = ~within.inside(q)
-    # Effects that hold nowhere say nothing about where the robot was measured.
-    inside = away.inside if within.nowhere else found.inside & ~outside
-    return found.with_others(outside, T_base_away(model.falls_back, model) @ away.T, inside)
+    # Where effects hold nowhere, `within` is empty whatever poses were measured.
+    inside = other.inside if within.nowhere else prediction.inside & ~outside
+    T_other = T_base_away(model.falls_back, model) @ other.T
+    return prediction.with_others(outside, T_other, inside)
 
 
-def T_base_away(away: FallBack, model: Fitted) -> Array:
-    """Return the base of what a model falls back to, in the model's own base, (4, 4)."""
-    T: Array = np.linalg.inv(model.T_instr_base) @ away.model.T_instr_base
-    return T
+def T_base_away(fall_back: FallBack, model: Fitted) -> Array:
+    """Return the base of the model that a model falls back to, in the model's own, (4, 4)."""
+    return np.asarray(np.linalg.inv(model.T_instr_base) @ fall_back.model.T_instr_base)
 
 
 def pose_difference(T: Array, T_wanted: Array) -> Array:
-    """Return the motion (N, 6) from poses to others: of the origin, and about base axes [rad]."""
+    """Return the motion (N, 6) from poses to wanted ones: translation [m], rotation vector [rad].
+
+    Both are along base axes.
+    """
     R = T_wanted[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
     sin = 0.5 * np.stack(
         [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1
     )
     size = np.linalg.norm(sin, axis=1)
     angle = np.arctan2(size, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
-    # Half a turn has no axis to be read off like this: any will do to leave it.
+    # At half a turn the sine vanishes, and with it the axis: any axis leads away from there.
     sin[(size < _NO_TURN_RAD) & (angle > 1.0)] = [_NO_TURN_RAD, 0.0, 0.0]
     scale = np.where(angle > _NO_TURN_RAD, angle / np.maximum(size, _NO_TURN_RAD), 1.0)
     return np.hstack([T_wanted[:, :3, 3] - T[:, :3, 3], scale[:, None] * sin])
 
 
-# Covariance of predicted positions, maps of joints by the few B-splines that each pose touches.
-#
-# A map has hundreds of knots, and every one of them moves every pose a little. In B-splines only
-# four do: 10 000 poses then take a second, and no matrix of poses by knots is made.
-
-#: Poses whose covariances of parameters are gathered at once (computing).
-_AT_ONCE = 1000
-
-
-@dataclass(frozen=True, eq=False)
-class MapMotion:
-    """What a map does to N poses."""
-
-    columns: Index  # (K,) its knots among the parameters
-    q_rad: Array  # (N,) the joint's angle
-    moved: Array  # (N, 3) velocity of the position by the angle
-
-
-def position_covariance(
-    covariance: Array, dense: Index, moved: Array, maps: Sequence[MapMotion]
-) -> Array:
-    """Return the covariance of N positions, (N, 3, 3).
-
-    Args:
-        covariance: (k, k) of the parameters.
-        dense: (d,) those that move poses by `moved`.
-        moved: (N, 3, d) velocity of the position by each.
-        maps: the other parameters.
-    """
-    order = np.concatenate([dense, *(each.columns for each in maps)])
-    own, first = covariance[np.ix_(order, order)], len(dense)
-    at: list[Index] = []
-    by: list[Array] = []
-    for each in maps:
-        knots = len(each.columns)
-        rows, to_splines = slice(first, first + knots), b_splines_by_knots(knots)
-        own[rows] = to_splines @ own[rows]
-        own[:, rows] = own[:, rows] @ to_splines.T
-        splines = b_splines(knots, each.q_rad)
-        at.append(first - len(dense) + splines.indices.astype(np.intp).reshape(-1, 4))
-        by.append(each.moved[:, :, None] * splines.data.reshape(-1, 1, 4))
-        first += knots
-    d = len(dense)
-    found = np.empty((len(moved), 3, 3))
-    for start in range(0, len(moved), _AT_ONCE):
-        block = slice(start, start + _AT_ONCE)
-        with_all = moved[block] @ own[:d]  # (B, 3, k) with everything
-        found[block] = with_all[:, :, :d] @ np.swapaxes(moved[block], 1, 2)
-        if maps:
-            touched = np.concatenate([each[block] for each in at], axis=1)
-            velocity = np.concatenate([each[block] for each in by], axis=2)
-            across = np.take_along_axis(with_all[:, :, d:], touched[:, None, :], axis=2)
-            between = across @ np.swapaxes(velocity, 1, 2)
-            of_pose = own[d + touched[:, :, None], d + touched[:, None, :]]
-            of_maps = velocity @ of_pose @ np.swapaxes(velocity, 1, 2)
-            found[block] += between + np.swapaxes(between, 1, 2) + of_maps
-    return found
-
-
 def T_flange_frame(model: Fitted, frame: str) -> Array:
-    """Return where a frame is in the flange, unloaded, (4, 4) [m].
+    """Return the pose of a frame in the flange, unloaded, (4, 4) [m].
 
     Raises:
         ModelError: when the frame is unknown.
     """
     forward = Forward.of(model, frame)
     chain, at_flange = model.rigid_part()
-    on_tool = replace(forward.whole, model=forward.physical, x=forward.x, covariance=None)
+    physical = replace(forward.whole, model=forward.physical, x=forward.x, covariance=None)
     at_end, tool = at_flange.copy(), chain.columns(TOOL)
-    at_end[tool] = on_tool.rigid_part(tool=forward.on_tool)[1][tool]
+    at_end[tool] = physical.rigid_part(tool=forward.on_tool)[1][tool]
     T_base_flange, T_base_end = end_pose(chain, np.stack([at_flange, at_end]))
-    T: Array = np.linalg.inv(T_base_flange) @ T_base_end @ forward.T_end_frame
-    return T
+    return np.asarray(np.linalg.inv(T_base_flange) @ T_base_end @ forward.T_end_frame)

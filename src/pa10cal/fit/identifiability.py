@@ -1,4 +1,4 @@
-"""What the poses identify: rank, null directions by name."""
+"""Identifiability of parameters: rank of the Jacobian, and its null directions by name."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pa10cal.arrays import Array
 from pa10cal.rules import PARAMETERS
 from pa10cal.terms.term import TermParameter
 
-#: Rows that are factorised at once (computing).
+#: Number of rows factorised at once (computing).
 _QR_ROWS = 50_000
 
 
@@ -22,13 +22,13 @@ class Identifiability:
     singular_values: Array  # (k,) descending
     rank: int  # number of directions that the data identify
     null_space: Array  # (k, k - rank) orthonormal basis of the others, in scaled parameters
-    condition: float  # ratio of the largest to the smallest singular value that counts
+    condition: float  # ratio of the largest singular value to the smallest of those within the rank
 
 
 def triangle_of(rows: Array) -> Array:
-    """Return R of the QR factorisation of rows (r, k), part by part: it copies what it is given.
+    """Return R of the QR factorisation of rows (r, k), computed in blocks to save memory.
 
-    The Gram matrix would square the condition number; this keeps the cost linear in rows.
+    It has the singular values of the rows; the Gram matrix would square the condition number.
     """
     triangle = rows[:0]
     for first in range(0, len(rows), _QR_ROWS):
@@ -38,7 +38,7 @@ def triangle_of(rows: Array) -> Array:
 
 
 def identify(jacobian: Array, scale: Array) -> Identifiability:
-    """Find what a Jacobian (rows, k) identifies of parameters of given scale (k,)."""
+    """Return what a Jacobian (rows, k) identifies of parameters of given scale (k,)."""
     _, values, right = np.linalg.svd(triangle_of(jacobian * scale))
     full = np.zeros(len(scale))
     full[: len(values)] = values
@@ -49,16 +49,17 @@ def identify(jacobian: Array, scale: Array) -> Identifiability:
 def unidentified_directions(
     identifiability: Identifiability, parameters: tuple[TermParameter, ...]
 ) -> tuple[dict[str, float], ...]:
-    """Name the null directions, each by as few parameters as the null space allows.
+    """Return the null directions, each in as few parameters as the null space allows.
 
     Returns:
-        Of each the part of its parameters by name, in their own units, the first being 1 unit.
+        For each direction its components by name of the parameter, in the parameters' own units,
+        relative to the first.
     """
     basis = identifiability.null_space
     count = basis.shape[1]
     if count == 0:
         return ()
-    # Make the basis the identity on the rows that carry it best: sparse, hence nameable.
+    # In the basis that is the identity on the pivot rows, directions have few parameters.
     _, _, order = qr(basis.T, pivoting=True, mode="economic")
     basis = basis @ np.linalg.inv(basis[order[:count]])
     scale = np.array([parameter.scale for parameter in parameters])
@@ -74,7 +75,7 @@ def unidentified_directions(
 def not_identifiable(
     identifiability: Identifiability, parameters: tuple[TermParameter, ...]
 ) -> frozenset[str]:
-    """Return the names of the parameters that take part in a null direction."""
+    """Return the names of the parameters with a component in some null direction."""
     share = np.linalg.norm(identifiability.null_space, axis=1)
     return frozenset(
         parameter.name

@@ -1,4 +1,4 @@
-"""What poses carry: torques where none were logged, and what weights do to the structure."""
+"""Static loads of poses by the weights of arm and payload, and torques where none were logged."""
 
 from __future__ import annotations
 
@@ -17,15 +17,12 @@ from pa10cal.terms.model import Model
 from pa10cal.terms.term import Term
 from pa10cal.terms.weights import holds_weights
 
-S = TypeVar("S", Statics, StaticLoads)
-
-#: Poses that are worked out at once: statics and predictions take kilobytes a pose for a moment
-#: (computing).
-BLOCK = 10_000
-
-
+Loads = TypeVar("Loads", Statics, StaticLoads)
 #: Where the torques of poses come from: a log, the masses described, or they are not known.
 TorqueSource = Literal["logged", "masses", "none"]
+
+#: Number of poses in a block: statics and predictions take some kilobytes a pose (computing).
+BLOCK = 10_000
 
 
 def with_torques(
@@ -33,87 +30,87 @@ def with_torques(
 ) -> tuple[PoseStates, TorqueSource]:
     """Return states with torques, and where those come from.
 
-    Logged ones where every pose has them; else those of the masses described, at the posture that
-    the model says; else none (nan). At the nominal posture, departures and sag of an arm would
-    leave up to 15 um of a UR10 to be found as an effect.
+    Torques are the logged ones where every pose has them; else those of the masses described, at
+    the posture that the model predicts; else nan. At the nominal posture, neglected deviations and
+    sag would cause errors of up to 15 um in a UR10, which would be taken for an effect.
 
     Args:
-        model, x: chain and terms, with the parameters of these. Effects play no part: they may
-            need what is not known yet, and move weights by next to nothing.
+        model, x: chain and terms, with the parameters of these. Effects are not applied: they may
+            need loads that are not known yet, and hardly move the weights.
     """
     if np.all(np.isfinite(states.tau_Nm)):
         return states, "logged"
     chain = model.chain
     if payload is None or chain.arm.mass_kg is None:
         return states, "none"
-    # What springs give way by needs torques itself: those of the nominal arm, near enough.
+    # Deflection of springs needs torques itself: those of the nominal arm are close enough.
     states = _under_weights(Model(chain, ()), np.zeros(0), states, payload)
-    own = tuple(term for term in model.terms if {"effect", "field"}.isdisjoint(term.roles))
-    if own:
-        states = _under_weights(
-            Model(chain, own), x[model.parameter_indices(*own)], states, payload
-        )
+    no_effects = tuple(term for term in model.terms if {"effect", "field"}.isdisjoint(term.roles))
+    if no_effects:
+        x_of_these = x[model.parameter_indices(*no_effects)]
+        states = _under_weights(Model(chain, no_effects), x_of_these, states, payload)
     return states, "masses"
 
 
 def blocks(count: int) -> Iterator[Index]:
-    """Yield the numbers up to a count, `BLOCK` of them at a time; none once where it is 0."""
-    yield from (
-        np.arange(first, min(first + BLOCK, count)) for first in range(0, count or 1, BLOCK)
-    )
+    """Yield the row numbers below a count in blocks of `BLOCK`; for 0 a single empty block."""
+    for first in range(0, count or 1, BLOCK):
+        yield np.arange(first, min(first + BLOCK, count))
 
 
 def with_loads_read_by(terms: Iterable[Term], states: PoseStates) -> PoseStates:
-    """Return states without the static loads where no term reads these: they are large."""
+    """Return states, without their large static loads if none of the terms reads these."""
     if not all({"effect", "weight", "field"}.isdisjoint(term.roles) for term in terms):
         return states
     return replace(states, static_loads=None)
 
 
 def _under_weights(model: Model, x: Array, states: PoseStates, payload: Payload) -> PoseStates:
-    found = _in_order(
-        (at, each.static_loads) for at, each in _statics_of(model, x, states, payload)
-    )
-    return replace(states, tau_Nm=found.joint_Nm, static_loads=found)
+    """Return states with the static loads of a model, and the torques of these."""
+    parts = _statics_of(model, x, states, payload)
+    loads = _merged((rows, of_rows.static_loads) for rows, of_rows in parts)
+    return replace(states, tau_Nm=loads.joint_Nm, static_loads=loads)
 
 
 def statics_of(model: Model, x: Array, states: PoseStates, payload: Payload) -> Statics:
-    """Return the static loads of an arm in the poses that a model predicts.
+    """Return the static loads of an arm in the postures that a model predicts.
 
-    Gravity is along the base's own axes; and what the instrument reads too much, which moves the
-    tool in the model, moves no weight: motions of base and tool count for nothing here. Weights are
-    those described where a term of the model says what they differ by, else those of a log.
+    Motions of base and tool are left out: gravity is along the axes of the base itself, and errors
+    of the instrument, which the model has as motions of the tool, move no weight. Weights are those
+    described if a term of the model holds their deviations, else those estimated from a log.
     """
-    return _in_order(_statics_of(model, x, states, payload))
+    return _merged(_statics_of(model, x, states, payload))
 
 
 def _statics_of(
     model: Model, x: Array, states: PoseStates, payload: Payload
 ) -> Iterator[tuple[Index, Statics]]:
     """Yield rows and their static loads, of one campaign and no more than `BLOCK` at once."""
-    coordinates = model.chain_coordinates(states, x)
-    coordinates[:, model.chain.columns(BASE + TOOL)] = 0.0
-    by_log = weights_known(model.chain.arm).by_log
-    amounts = np.zeros(4 * model.chain.arm.n + 3)
-    if by_log is not None and not (payload.of_campaigns or any(map(holds_weights, model.terms))):
-        amounts = by_log.x
-    of = [(np.arange(len(states)), payload)]
-    if payload.of_campaigns and states.campaign is not None:
-        every = enumerate(payload.of_campaigns)
-        of = [(np.flatnonzero(states.campaign == k), own) for k, own in every]
     chain = model.chain
-    for rows, own in of:
-        if amounts.any():
-            arm, own = weighed(model.chain.arm, own, amounts)
-            chain = Chain.of(arm, bends=model.chain.bends)
-        for at in (rows[block] for block in blocks(len(rows))):
-            yield at, statics(chain, coordinates[at], states.load_N[at], own)
+    coordinates = model.chain_coordinates(states, x)
+    coordinates[:, chain.columns(BASE + TOOL)] = 0.0
+    by_log, of_campaigns = weights_known(chain.arm).by_log, payload.of_campaigns
+    described = bool(of_campaigns) or any(map(holds_weights, model.terms))
+    if by_log is not None and by_log.x.any() and not described:
+        arm, payload = weighed(chain.arm, payload, by_log.x)
+        chain = Chain.of(arm, bends=chain.bends)
+    rows_and_payloads = [(np.arange(len(states)), payload)]
+    if of_campaigns and states.campaign is not None:
+        rows_and_payloads = [
+            (np.flatnonzero(states.campaign == number), of_campaign)
+            for number, of_campaign in enumerate(of_campaigns)
+        ]
+    for rows, carried in rows_and_payloads:
+        for block in blocks(len(rows)):
+            at = rows[block]
+            yield at, statics(chain, coordinates[at], states.load_N[at], carried)
 
 
 def weighed(arm: Arm, payload: Payload, amounts: Array) -> tuple[Arm, Payload]:
-    """Return an arm and what it carries with other weights, by columns of `by_weights` (4 n + 3,).
+    """Return an arm and its payload with weights changed by amounts (4 n + 3,).
 
-    A mass stays above a hundredth of what is described.
+    Amounts are ordered as the columns of `StaticLoads.by_weights`. A mass stays above
+    `MASSES.least_drawn_share` of the one described.
     """
     assert arm.mass_kg is not None
     assert arm.com_m is not None
@@ -133,24 +130,20 @@ def weighed(arm: Arm, payload: Payload, amounts: Array) -> tuple[Arm, Payload]:
     return replace(arm, mass_kg=mass_kg, com_m=com_m), carried
 
 
-def _in_order(parts: Iterable[tuple[Index, S]]) -> S:
-    """Return records of arrays as one, each row where it belongs."""
-    rows, each = zip(*parts, strict=True)
-    if len(each) == 1:
-        only: S = each[0]
-        return only
+def _merged(parts: Iterable[tuple[Index, Loads]]) -> Loads:
+    """Return records of some rows each as one record, by rows; records within are merged too."""
+    rows, records = zip(*parts, strict=True)
+    first: Loads = records[0]
+    if len(records) == 1:
+        return first
     count = sum(map(len, rows))
-
-    def whole(found: tuple[Any, ...]) -> Any:
-        if not isinstance(found[0], np.ndarray):
-            return _in_order(zip(rows, found, strict=True))
-        values = np.empty((count, *found[0].shape[1:]))
-        for at, part in zip(rows, found, strict=True):
-            values[at] = part
-        return values
-
-    names = [field.name for field in fields(each[0])]
-    together: S = type(each[0])(
-        *(whole(tuple(getattr(one, name) for one in each)) for name in names)
-    )
-    return together
+    merged: dict[str, Any] = {}
+    for field in fields(first):
+        values: list[Any] = [getattr(record, field.name) for record in records]
+        if isinstance(values[0], np.ndarray):
+            merged[field.name] = np.empty((count, *values[0].shape[1:]))
+            for at, value in zip(rows, values, strict=True):
+                merged[field.name][at] = value
+        else:
+            merged[field.name] = _merged(zip(rows, values, strict=True))
+    return replace(first, **merged)

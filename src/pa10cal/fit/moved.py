@@ -1,4 +1,12 @@
-"""What may have moved in an arm between two fits, as directions of its parameters."""
+"""What moved in an arm between two fits: hypotheses, and the search for those that hold.
+
+A hypothesis is a set of directions of the arm's parameters along which the prior is widened. Where
+readings are many, hypotheses are accepted one after the other by their evidence (`sought`). Where
+they are fewer than would determine every part of the arm anew, all small sets of hypotheses are
+compared by their posterior probability, sizes and noise integrated out (`smallest_set`). The noise
+is then what the instrument states and the discrepancy of the earlier model, or larger by a factor:
+estimated from the residuals of so few readings, it would absorb whatever moved.
+"""
 
 from __future__ import annotations
 
@@ -29,29 +37,33 @@ JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR, EVERYTHING = (
 )
 #: Frames that each campaign has of its own.
 BASE_MOVED, TOOL_MOVED = "base", "tool"
+#: Sizes along all principal axes of a covariance that multiply it by each of `MOVED.factors`.
 _OF_FACTORS = tuple(float(np.sqrt(factor - 1.0)) for factor in MOVED.factors)
+#: Least uncertainty of a reading [m, rad]; and the singular value, relative to the largest, below
+#: which a direction of base and tool does not act (computing).
+_FINEST_M, _SAME = 1e-9, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
     """Something that may have moved."""
 
-    # `joint_zero`, `stiffness`, `link`, `effect`, or `model_error`: everything, by more than the
-    # noise
+    # `joint_zero`, `stiffness`, `link`, `effect`; `model_error`: all rigid parameters by more than
+    # their covariance; `everything`: all of them by any size
     kind: str
-    of: str  # where: `joint 2`, `delta_a_2`, …
+    of: str  # its place: `joint 2`, `delta_a_2`, …
     columns: NDArray[np.intp]  # (c,) parameters that it changes
-    directions: Array  # (k, r) of the parameters, each of a usual size
-    sizes: tuple[float, ...]  # multiples of that
+    directions: Array  # (k, r) of the parameters, each by a usual size
+    sizes: tuple[float, ...]  # multiples of these that are possible
 
 
 @dataclass(frozen=True, eq=False)
 class MovedPart:
-    """Something that moved."""
+    """A hypothesis that holds."""
 
-    what: Hypothesis  # the hypothesis
-    size: float  # by which of its sizes
-    gain: float  # by how much evidence rose [nats]
+    what: Hypothesis
+    size: float  # which of its sizes is the most likely
+    gain: float  # gain in log evidence [nats]
 
     @property
     def name(self) -> tuple[str, str]:
@@ -68,14 +80,15 @@ class MovedPart:
 def hypotheses(
     arm: Arm, terms: Sequence[Term], x: Array, covariance: Array
 ) -> tuple[Hypothesis, ...]:
-    """Return what may have moved in an arm of whose parameters something is known.
+    """Return what may have moved in an arm.
 
     Args:
+        terms: its terms.
         x: (k,) their parameters.
-        covariance: (k, k) how well these are known.
+        covariance: (k, k) of these.
     """
-    found: list[Hypothesis] = []
-    rigid: list[int] = []
+    possible: list[Hypothesis] = []
+    rigid: list[int] = []  # columns of link and spring parameters
     first, count = 0, len(x)
     zeros = {
         f"{'d' if slides else 'theta'}_{joint}": (JOINT_ZERO, f"joint {joint}")
@@ -95,21 +108,23 @@ def hypotheses(
             for column, coordinate, parameter in zip(
                 columns.tolist(), term.coordinates, term.parameters, strict=True
             ):
-                what = zeros.get(coordinate, (LINK, parameter.name))
-                found.append(single(*what, column, parameter.scale))
+                kind_and_place = zeros.get(coordinate, (LINK, parameter.name))
+                possible.append(single(*kind_and_place, column, parameter.scale))
         elif "windup" in term.roles:
             rigid += columns.tolist()
             windup = int(columns[term.roles.index("windup")])
-            found.append(single(STIFFNESS, term.of, windup, MOVED.softer_share * float(x[windup])))
+            softer = MOVED.softer_share * float(x[windup])
+            possible.append(single(STIFFNESS, term.of, windup, softer))
         elif is_effect(term):
             directions = np.zeros((count, term.linear))
             directions[columns[: term.linear]] = term.prior_factor
-            found.append(Hypothesis(EFFECT, f"{term.id} of {term.of}", columns, directions, (1.0,)))
+            place = f"{term.id} of {term.of}"
+            possible.append(Hypothesis(EFFECT, place, columns, directions, (1.0,)))
     at = np.array(rigid, dtype=np.intp)
     directions = np.zeros((count, len(at)))
     values, vectors = np.linalg.eigh(covariance[np.ix_(at, at)])
     directions[at] = vectors * np.sqrt(np.maximum(values, 0.0))
-    return (*found, Hypothesis(MODEL_ERROR, "arm", at, directions, _OF_FACTORS))
+    return (*possible, Hypothesis(MODEL_ERROR, "arm", at, directions, _OF_FACTORS))
 
 
 def sought(
@@ -117,51 +132,42 @@ def sought(
     possible: Sequence[Hypothesis],
     before: Sequence[MovedPart] = (),
 ) -> tuple[MovedPart, ...]:
-    """Return what moved: what evidence asks for most, one after the other.
+    """Return what moved: again and again the hypothesis of the largest gain in log evidence.
 
-    Each has to gain the logarithm of the number of hypotheses over the rate of false names allowed.
+    The gain must exceed the logarithm of the number of hypotheses over the allowed rate of false
+    names.
 
     Args:
-        disagreed: what readings, or two fits, say of more than was expected.
-        before: what was found already; it is not sought again, but for a model's error.
+        disagreed: disagreement of readings, or of another fit, with the prior; see
+            `fit.problem.disagreement`.
+        before: what was accepted already; only the model's error is sought again.
     """
-    known = {(each.what.kind, each.what.of) for each in before if each.what.kind != MODEL_ERROR}
-    left = [each for each in possible if (each.kind, each.of) not in known]
-    least = float(np.log(len(possible) / MOVED.error_rate))
-    found: list[MovedPart] = []
-    while left:
-        gains = [gain_along(disagreed, each.directions, each.sizes) for each in left]
-        k = int(np.argmax([gain for gain, _ in gains]))
-        gain, size = gains[k]
-        if gain < least:
+    accepted = {part.name for part in before if part.what.kind != MODEL_ERROR}
+    candidates = [each for each in possible if (each.kind, each.of) not in accepted]
+    least_gain = float(np.log(len(possible) / MOVED.error_rate))
+    parts: list[MovedPart] = []
+    while candidates:
+        gains = [gain_along(disagreed, each.directions, each.sizes) for each in candidates]
+        best = int(np.argmax([gain for gain, _ in gains]))
+        gain, size = gains[best]
+        if gain < least_gain:
             break
-        found.append(MovedPart(left.pop(k), size, gain))
-        disagreed = remaining_disagreement(disagreed, found[-1].directions)
-    return tuple(found)
-
-
-# What moved, by few readings: fewer than would show every part of the arm anew.
-#
-# Readings beyond those that base and tool take up are few enough to weigh every small set of
-# departures by its evidence, sizes and noise integrated out. The noise is what the instrument
-# states and what the earlier model was found to lack, or larger by some factor: were it found from
-# the residuals of so few readings, whatever moved would count as noise, and nothing be found.
-
-#: The finest uncertainty of a reading [m, rad]; and the part of the largest below which a direction
-#: of base and tool is none (computing).
-_FINEST_M, _SAME = 1e-9, 1e-9
+        parts.append(MovedPart(candidates.pop(best), size, gain))
+        disagreed = remaining_disagreement(disagreed, parts[-1].directions)
+    return tuple(parts)
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """What readings show that the arm as it was does not explain, base and tool anew.
+    """Residuals of readings about the expected arm, without what base and tool can explain.
 
-    Independent numbers of unit noise, beside what the parameters are uncertain by.
+    They are linear combinations of the whitened residuals, independent of each other: their
+    variance is one by the noise plus `known` by the uncertainty of the arm's parameters.
     """
 
-    data: Array  # (m,)
-    rows: Array  # (m, k) their derivative by the parameters of the arm, from what was expected
-    known: Array  # (m,) variances by the uncertainty of these
+    data: Array  # (m,) residuals
+    rows: Array  # (m, k) their derivative by the parameters of the arm
+    known: Array  # (m,) their variances by the uncertainty of these parameters
 
     @classmethod
     def of_poses(
@@ -172,12 +178,12 @@ class Misfit:
         expected: GaussianPrior,
         lacks: Discrepancy | None,
     ) -> Misfit:
-        """Return what remains of P poses about a point x of a problem, the arm as expected.
+        """Return the residuals of P poses, linearised about a point x of a problem.
 
         Args:
             trust: (P,) root of the weight of each pose.
-            expected: of the first k unknowns; the others are found anew.
-            lacks: what the model of the arm was found to lack; None where not known.
+            expected: prior of the first k unknowns; base and tool, the others, have none.
+            lacks: discrepancy of the earlier model; None where not known.
         """
         k, rows, seen = len(expected.mean), problem.rows(x), problem.components_seen
         covariance = problem.stated_covariance + _FINEST_M**2 * np.eye(seen.shape[1])
@@ -192,44 +198,50 @@ class Misfit:
         of_arm, frames = jacobian[:, :k], jacobian[:, k:] * problem.scale[k:]
         residual = (root @ rows.residual[:, :, None])[seen][:, 0]
         residual += of_arm @ (expected.mean - x[:k])
-        left, sizes, _ = np.linalg.svd(frames)
-        beyond = left[:, np.count_nonzero(sizes > _SAME * sizes.max(initial=0.0)) :]
-        by_arm = beyond.T @ of_arm
-        values, turn = np.linalg.eigh(by_arm @ expected.covariance @ by_arm.T)
-        return cls(turn.T @ (beyond.T @ residual), turn.T @ by_arm, np.maximum(values, 0.0))
+        # Components normal to the columns of base and tool, then principal axes of the arm's part.
+        left_vectors, sizes, _ = np.linalg.svd(frames)
+        acting = np.count_nonzero(sizes > _SAME * sizes.max(initial=0.0))
+        free_of_frames = left_vectors[:, acting:]
+        by_arm = free_of_frames.T @ of_arm
+        values, axes = np.linalg.eigh(by_arm @ expected.covariance @ by_arm.T)
+        data = axes.T @ (free_of_frames.T @ residual)
+        return cls(data, axes.T @ by_arm, np.maximum(values, 0.0))
 
     def evidence(self, directions: Array) -> float:
-        """Return the log evidence if more is possible along directions (s, k, r), of s sizes each.
+        """Return the log evidence of a prior widened along directions (s, k, r) in s sizes.
 
-        Every size, and every level of the noise, counts with its probability.
+        It is averaged over the sizes, and over the l factors of the noise with their probabilities.
         """
-        weights = 1.0 / (np.square(MOVED.louder)[:, None] + self.known)
-        likely = -MOVED.louder_power * np.log(MOVED.louder)
-        found = 0.5 * np.sum(np.log(weights) - weights * self.data**2, axis=1)
+        weights = 1.0 / (np.square(MOVED.louder)[:, None] + self.known)  # (l, m)
+        log_prior_of_noise = -MOVED.louder_power * np.log(MOVED.louder)
+        log_evidence = 0.5 * np.sum(np.log(weights) - weights * self.data**2, axis=1)
         if directions.size:
-            columns = self.rows @ directions
-            seen = np.einsum("smi,lm,smj->slij", columns, weights, columns)
-            seen += np.eye(columns.shape[2])
-            pull = np.einsum("smi,lm->sli", columns, weights * self.data)
-            gained = np.linalg.solve(seen, pull[..., None])[..., 0]
-            found = found + 0.5 * np.sum(pull * gained, axis=2) - 0.5 * np.linalg.slogdet(seen)[1]
-        sizes = max(len(directions), 1)
-        return float(logsumexp(found + likely) - logsumexp(likely) - np.log(sizes))
+            columns = self.rows @ directions  # (s, m, r)
+            normal = np.einsum("smi,lm,smj->slij", columns, weights, columns)
+            normal += np.eye(columns.shape[2])
+            right = np.einsum("smi,lm->sli", columns, weights * self.data)
+            amounts = np.linalg.solve(normal, right[..., None])[..., 0]
+            half_squares = 0.5 * np.sum(right * amounts, axis=2)
+            log_evidence = log_evidence + half_squares - 0.5 * np.linalg.slogdet(normal)[1]
+        log_sizes = np.log(max(len(directions), 1))
+        of_noise = logsumexp(log_prior_of_noise)
+        return float(logsumexp(log_evidence + log_prior_of_noise) - of_noise - log_sizes)
 
 
 def smallest_set(misfit: Misfit, possible: Sequence[Hypothesis]) -> tuple[MovedPart, ...]:
-    """Return the set of departures that is most likely by few readings: mostly one, or none.
+    """Return the set of hypotheses of the largest posterior probability: mostly one, or none.
 
-    No set has more parts than the readings bear, and everything is anew only where they bear that.
-    That a model lacks more than it was found to lack is among the levels of the noise.
+    The number of readings bounds that of the parts of a set, and `everything` is considered only if
+    they can determine it. A larger error of the model is no hypothesis here, but one of the factors
+    of the noise.
     """
     possible = [each for each in possible if each.kind != MODEL_ERROR]
-    zeros = [each for each in possible if each.kind == JOINT_ZERO]
+    zero_count = sum(each.kind == JOINT_ZERO for each in possible)
     whole, count = everything(possible), len(misfit.data)
-    prior = {id(each): _log_prior(each, possible, len(zeros)) for each in (*possible, whole)}
+    log_prior = {id(each): _log_prior(each, possible, zero_count) for each in (*possible, whole)}
 
-    def posterior(parts: tuple[Hypothesis, ...]) -> float:
-        return misfit.evidence(_of_every_size(parts)) + sum(prior[id(each)] for each in parts)
+    def log_posterior(parts: tuple[Hypothesis, ...]) -> float:
+        return misfit.evidence(_of_every_size(parts)) + sum(log_prior[id(each)] for each in parts)
 
     sets: list[tuple[Hypothesis, ...]] = [(), *((each,) for each in possible)]
     if count >= whole.directions.shape[1]:
@@ -237,25 +249,27 @@ def smallest_set(misfit: Misfit, possible: Sequence[Hypothesis]) -> tuple[MovedP
     if count >= 2 * MOVED.readings_each:
         single = [each for each in possible if each.directions.shape[1] == 1]
         sets += combinations(single, 2)
-    values = [posterior(parts) for parts in sets]
-    best, value = sets[int(np.argmax(values))], max(values)
+    values = [log_posterior(parts) for parts in sets]
+    best, best_value = sets[int(np.argmax(values))], max(values)
     while 1 < len(best) < count // MOVED.readings_each:
-        more = [(*best, each) for each in possible if each not in best]
-        values = [posterior(parts) for parts in more]
-        if max(values) <= value:
+        larger = [(*best, each) for each in possible if each not in best]
+        values = [log_posterior(parts) for parts in larger]
+        if not values or max(values) <= best_value:
             break
-        best, value = more[int(np.argmax(values))], max(values)
+        best, best_value = larger[int(np.argmax(values))], max(values)
     return tuple(_sized(misfit, best))
 
 
-def _log_prior(each: Hypothesis, possible: Sequence[Hypothesis], zeros: int) -> float:
-    zero = each.kind == JOINT_ZERO
-    share, count = (MOVED.zero_moved, zeros) if zero else (MOVED.other_moved, len(possible) - zeros)
-    return float(np.log(share / count))
+def _log_prior(each: Hypothesis, possible: Sequence[Hypothesis], zero_count: int) -> float:
+    """Return the log prior probability of one hypothesis, of its part in those of its kind."""
+    if each.kind == JOINT_ZERO:
+        return float(np.log(MOVED.zero_moved / zero_count))
+    # `everything` is not among the possible, which may be joint zeros alone.
+    return float(np.log(MOVED.other_moved / max(len(possible) - zero_count, 1)))
 
 
 def _of_every_size(parts: Sequence[Hypothesis]) -> Array:
-    """Return the directions (s, k, r) of a set in each of its s sizes."""
+    """Return the directions (s, k, r) of a set in each of the s combinations of its sizes."""
     if not parts:
         return np.zeros((1, 0, 0))
     return np.array(
@@ -267,19 +281,20 @@ def _of_every_size(parts: Sequence[Hypothesis]) -> Array:
 
 
 def _sized(misfit: Misfit, parts: Sequence[Hypothesis]) -> Iterator[MovedPart]:
-    """Yield the parts of a set in the sizes that are most likely, each with what it gains."""
+    """Yield the parts of a set in their most likely sizes, each with its gain in log evidence."""
     if not parts:
         return
     sizes = list(product(*(each.sizes for each in parts)))
-    best = int(np.argmax([misfit.evidence(each[None]) for each in _of_every_size(parts)]))
+    directions = _of_every_size(parts)
+    best = int(np.argmax([misfit.evidence(of_sizes[None]) for of_sizes in directions]))
     for k, each in enumerate(parts):
         others = (*parts[:k], *parts[k + 1 :])
-        gain = misfit.evidence(_of_every_size(parts)) - misfit.evidence(_of_every_size(others))
+        gain = misfit.evidence(directions) - misfit.evidence(_of_every_size(others))
         yield MovedPart(each, sizes[best][k], gain)
 
 
 def everything(possible: Sequence[Hypothesis]) -> Hypothesis:
-    """Return that every joint, link and spring moved: what is left where no names suffice."""
+    """Return the hypothesis that every joint, link and spring moved, by its largest size."""
     single = [each for each in possible if each.kind in (JOINT_ZERO, LINK, STIFFNESS)]
     return Hypothesis(
         EVERYTHING,

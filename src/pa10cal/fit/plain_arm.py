@@ -1,4 +1,4 @@
-"""An arm, and numbers, as `model.yaml` and results hold them, and back."""
+"""Conversion of arms and numbers to plain data, as `model.yaml` and results hold them, and back."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CONVENTIONS = {
 
 
 def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
-    """Return an arm as numbers, texts, lists and mappings; `bends` are those of its chain."""
+    """Return an arm as numbers, texts, lists and mappings, with the bends of its chain."""
     columns = {name: getattr(arm, name) for name in ROW_FIELDS}
     plain: dict[str, Any] = {
         "name": arm.name,
@@ -44,7 +44,7 @@ def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
         "T_row_n_flange": arm.T_row_n_ee.tolist(),
     }
     if arm.coupled:
-        plain["coupling"] = [vars(each) for each in arm.coupled]
+        plain["coupling"] = [vars(coupled) for coupled in arm.coupled]
     if (known := arm.weights_known) is not None:
         plain["weights"] = {
             "from": known.origin,
@@ -67,26 +67,26 @@ def arm_from_plain(content: Mapping[str, Any]) -> Arm:
 
     Raises:
         KeyError: when a key is missing.
-        ValueError: when a value cannot be meant.
+        ValueError: when a value cannot be used.
     """
     rows = content["rows"]
-    weighed = all(row["mass_kg"] is not None for row in rows)
+    has_masses = all(row["mass_kg"] is not None for row in rows)
     columns: dict[str, Any] = {
         name: np.array(
             [np.nan if row[name] is None else row[name] for row in rows],
             dtype=bool if name in ("hayati", "prismatic") else float,
         )
         for name in ROW_FIELDS
-        if weighed or name not in ("mass_kg", "com_m")
+        if has_masses or name not in ("mass_kg", "com_m")
     }
     for name, values in columns.items():
-        wide = {"limits_rad": (len(rows), 2), "com_m": (len(rows), 3)}.get(name, (len(rows),))
-        if values.shape != wide:
-            raise ValueError(f"{name} of the rows has not {wide} numbers")
-        # Ratios, limits of torque and limits may not be known.
+        shape = {"limits_rad": (len(rows), 2), "com_m": (len(rows), 3)}.get(name, (len(rows),))
+        if values.shape != shape:
+            raise ValueError(f"{name} of the rows has not {shape} numbers")
+        # These need not be known.
         if name not in ("gear_ratio", "torque_limit_Nm", "limits_rad"):
             finite(values, name)
-    if not weighed:
+    if not has_masses:
         columns |= {"mass_kg": None, "com_m": None}
     known = None
     if (weights := content.get("weights")) is not None:
@@ -103,8 +103,7 @@ def arm_from_plain(content: Mapping[str, Any]) -> Arm:
         T_base_row1=pose_from_plain(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=pose_from_plain(content["T_row_n_flange"], "T_row_n_flange"),
         weights_known=known,
-        coupled=tuple(CoupledJoint(**each) for each in content.get("coupling", ())),
-        remarks=(),
+        coupled=tuple(CoupledJoint(**plain) for plain in content.get("coupling", ())),
         controller=_controller(content.get("controller")),
     )
 
@@ -112,11 +111,11 @@ def arm_from_plain(content: Mapping[str, Any]) -> Arm:
 def _controller(content: Mapping[str, Any] | None) -> Controller | None:
     if content is None:
         return None
-    other = content["arm"]
+    arm = content["arm"]
     return Controller(
         compensation=content["compensation"] == "on",
         known=bool(content["known"]),
-        arm=None if other is None else arm_from_plain(other),
+        arm=None if arm is None else arm_from_plain(arm),
     )
 
 
@@ -129,7 +128,7 @@ def finite(value: Any, name: str) -> Array:
 
 
 def pose_from_plain(value: Any, name: str) -> Array:
-    """Return a pose (4, 4); refuse what is none (ValueError)."""
+    """Return a pose (4, 4); refuse another matrix (ValueError)."""
     T = finite(value, name)
     if T.shape != (4, 4) or (T[3] != [0.0, 0.0, 0.0, 1.0]).any():
         raise ValueError(f"{name} is not a 4 by 4 matrix whose last row is 0, 0, 0, 1")
@@ -138,7 +137,7 @@ def pose_from_plain(value: Any, name: str) -> Array:
 
 
 def rotation_from_plain(value: Any, name: str) -> Array:
-    """Return a rotation (3, 3); refuse what is none (ValueError)."""
+    """Return a rotation (3, 3); refuse another matrix (ValueError)."""
     R = finite(value, name).reshape(3, 3)
     if np.abs(R @ R.T - np.eye(3)).max() > LISTS.rotation_within or np.linalg.det(R) < 0.0:
         raise ValueError(f"{name} has no rotation: its columns are axes of length one")
@@ -146,7 +145,7 @@ def rotation_from_plain(value: Any, name: str) -> Array:
 
 
 def plain_value(value: Any) -> Any:
-    """Return plain numbers, None for what is not known."""
+    """Return arrays, sequences and mappings as plain lists, numbers and texts; None for nan."""
     if isinstance(value, Mapping):
         return {key: plain_value(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

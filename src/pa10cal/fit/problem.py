@@ -1,6 +1,9 @@
-"""A model and its observations as a least-squares problem, and the prior size of its unknowns.
+"""A model and its observations as a least-squares problem, and priors of its unknowns.
 
-Then a Gaussian prior that an earlier fit is, and how readings or another fit contradict it.
+A prior is a standard deviation of every parameter, or the Gaussian distribution of an earlier fit.
+Where readings or another fit contradict that distribution, it is widened along the few directions
+in which something moved. The log evidence of a widened prior has a closed form, because the problem
+is linear and Gaussian about the fit.
 """
 
 from __future__ import annotations
@@ -21,10 +24,19 @@ from pa10cal.rules import PARAMETERS
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import Role, TermParameter
 
+#: Prior standard deviations of parameters that are not in proportion to their scale.
+_POSSIBLE: dict[Role, float] = {
+    "windup": PARAMETERS.windup_rad,
+    "cubic": PARAMETERS.cubic,
+    "base": PARAMETERS.base,
+}
+#: Added to the correlation matrix's diagonal, to keep the precision finite (computing).
+_JITTER = 1e-9
+
 
 @dataclass(frozen=True)
 class Rows:
-    """Residuals of the problem at one point and their derivative."""
+    """Residuals of the problem at one point, and their derivative."""
 
     residual: Array  # (P, b) predicted minus measured [m, rad]
     jacobian: Array  # (P, b, k) exact derivative by all unknowns
@@ -52,7 +64,7 @@ class Problem:
     model: Model  # chain and terms: links, springs, tool, base
     # coordinates of targets that are unknowns, as indices into `target_parameters`
     places: NDArray[np.intp]
-    places_m: Array  # (t,) coordinates of all targets; start values of those that are unknowns
+    places_m: Array  # (t,) coordinates of all targets; those of unknowns are start values
     T_instr_base: Array  # (4, 4) approximate base frame, which the base's term corrects
     # P poses, orientations turned so that the tool's nearly equals that of the chain's end
     observations: Observations
@@ -91,8 +103,8 @@ class Problem:
     @cached_property
     def distinct_numbers_seen(self) -> tuple[Index, Index]:
         """Return the distinct counts of components seen in a pose, and each pose's index (P,)."""
-        counts, at = np.unique(self.components_seen.sum(axis=1), return_inverse=True)
-        return counts, at
+        counts, index = np.unique(self.components_seen.sum(axis=1), return_inverse=True)
+        return counts, index
 
     @cached_property
     def readings(self) -> int:
@@ -137,14 +149,6 @@ class Problem:
         return Rows(compared.residual, jacobian)
 
 
-#: Prior standard deviations of parameters that are not in proportion to their scale.
-_POSSIBLE: dict[Role, float] = {
-    "windup": PARAMETERS.windup_rad,
-    "cubic": PARAMETERS.cubic,
-    "base": PARAMETERS.base,
-}
-
-
 def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
     """Return the prior standard deviation of every parameter, (k + t,).
 
@@ -160,18 +164,9 @@ def possible_sizes(model: Model, measured: Instrument | None = None) -> Array:
     return np.array(sizes)
 
 
-# A Gaussian prior of the first unknowns of a fit, and how readings or another fit contradict it.
-#
-# Where they do, the prior is widened along few directions: those in which something moved. The log
-# evidence decides, in closed form: about the fit the problem is linear and Gaussian.
-
-#: Added to the correlation matrix's diagonal, to keep the precision finite (computing).
-_JITTER = 1e-9
-
-
 @dataclass(frozen=True, eq=False)
 class GaussianPrior:
-    """Normal distribution expected of the first k unknowns of a fit."""
+    """Normal distribution of the first k unknowns of a fit."""
 
     mean: Array  # (k,)
     covariance: Array  # (k, k)
@@ -191,10 +186,10 @@ class GaussianPrior:
 
 
 def disagreement(expected: GaussianPrior, x: Array, covariance: Array) -> Gaussian:
-    """Return what a fit says of a further deviation z from the prior's mean, as linear rows.
+    """Return the information of a fit about a deviation z of the parameters beyond their prior.
 
-    With the prior's precision P and the posterior covariance C, the gram matrix of z is P - P C P
-    and its projection P (x - mean).
+    Were the prior widened by z, its normal matrix would be P - P C P and its right side
+    P (x - mean), with the prior's precision P and the posterior covariance C.
 
     Args:
         expected: prior of the first k unknowns.
@@ -209,12 +204,12 @@ def disagreement(expected: GaussianPrior, x: Array, covariance: Array) -> Gaussi
 def gain_along(
     disagreed: Gaussian, directions: Array, sizes: Sequence[float]
 ) -> tuple[float, float]:
-    """Return the gain in log evidence if the prior is widened along directions, and the best size.
+    """Return the gain in log evidence by widening the prior along directions, and the best size.
 
     Args:
         disagreed: see `disagreement`.
-        directions: (k, r), each of a standard deviation of one.
-        sizes: multiples of that to choose from; the choice costs the logarithm of their number.
+        directions: (k, r), each of one standard deviation.
+        sizes: multiples of these to choose from; the logarithm of their number is subtracted.
     """
     along = disagreed.in_terms_of(directions)
     unwidened = -0.5 * (disagreed.squares + disagreed.log_det)

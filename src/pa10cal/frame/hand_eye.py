@@ -31,7 +31,7 @@ from pa10cal.frame.target_problem import (
     turn_by_orientations,
     turns_by_positions,
 )
-from pa10cal.numerics import least_squares
+from pa10cal.numerics import descent
 from pa10cal.rules import FRAMES
 
 #: The null space depends a little on the solution, so it is found again there (computing).
@@ -62,8 +62,8 @@ class _Refined(NamedTuple):
     """A refined guess."""
 
     guess: Guess
-    problem: least_squares.Linearised  # linearised there
-    split: least_squares.Split  # which steps of the targets the poses identify
+    problem: descent.Linearised  # linearised there
+    split: descent.Split  # which steps of the targets the poses identify
 
 
 def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array) -> Guess:
@@ -78,7 +78,7 @@ def refined(
     guess: Guess,
     *,
     roughly: bool = False,
-    most_steps: int = least_squares.MAX_ITERATIONS,
+    most_steps: int = descent.MAX_ITERATIONS,
 ) -> _Refined:
     """Refine a guess; directions of the targets that the poses do not identify are held.
 
@@ -89,15 +89,15 @@ def refined(
     all_identified = False
     for _ in range(1 if roughly else _PASSES):
         by_step, base = _linearise(problem, guess).by_step, problem.base_unknowns
-        split = least_squares.split_identified(by_step[:, base:], by_step[:, :base])
+        split = descent.split_identified(by_step[:, base:], by_step[:, :base])
         if all_identified and not split.unidentified.size:
             break
         all_identified = not split.unidentified.size
-        guess, linearised = least_squares.descend(
+        guess, linearised = descent.descend(
             guess,
             partial(_linearise, problem, free=split.identified),
             partial(_moved, base=base, free=split.identified),
-            _ROUGHLY if roughly else least_squares.COST_TOLERANCE,
+            _ROUGHLY if roughly else descent.COST_TOLERANCE,
             most_steps,
         )
     return _Refined(guess, linearised, split)
@@ -147,7 +147,7 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
 
 def _linearise(
     problem: TargetProblem, guess: Guess, *, free: Array | None = None
-) -> least_squares.Linearised:
+) -> descent.Linearised:
     """Return the weighted problem, linear in the step of `_moved`.
 
     The derivative of a squared angle by a small turn is exact also where the angle is not small.
@@ -180,7 +180,7 @@ def _linearise(
         base, count = problem.base_unknowns, free.shape[1]
         by_step[:, base : base + count] = by_step[:, base:] @ free
         by_step = by_step[:, : base + count]
-    return least_squares.Linearised(by_step, np.concatenate(residual).ravel())
+    return descent.Linearised(by_step, np.concatenate(residual).ravel())
 
 
 def hand_eye_from_poses(
@@ -361,9 +361,9 @@ def _leads_to(start: Guess, guess: Guess) -> bool:
 def _refuse_unidentified_point(by_point: Array) -> None:
     """Refuse poses whose directions to the fixed point, (P, 3), are nearly in one plane."""
     _, size, directions = np.linalg.svd(by_point, full_matrices=False)
-    if size[2] > least_squares.OPEN * size[0]:
+    if size[2] > descent.OPEN * size[0]:
         return
-    open_along = f"along {least_squares.axis_text(directions[2])} of the base"
+    open_along = f"along {descent.axis_text(directions[2])} of the base"
     raise CalibrationError(
         "the distances do not identify the fixed point",
         where="poses for the fixed point",
@@ -386,13 +386,13 @@ def _direction_text(direction: Array, names: Sequence[str]) -> str:
     places, turn = direction[: 3 * len(names)].reshape(-1, 3), direction[3 * len(names) :]
     parts = []
     if len(names) > 1 and np.abs(places - places[0]).max() < _NO_MOTION:
-        parts.append(f"all targets along {least_squares.axis_text(places[0])}")
+        parts.append(f"all targets along {descent.axis_text(places[0])}")
     else:
         parts += [
-            f"{name} along {least_squares.axis_text(place)}"
+            f"{name} along {descent.axis_text(place)}"
             for name, place in zip(names, places, strict=True)
             if np.linalg.norm(place) > _NO_MOTION
         ]
     if len(turn) and np.linalg.norm(turn) > _NO_MOTION:
-        parts.append(f"{names[0]} about {least_squares.axis_text(turn)}")
+        parts.append(f"{names[0]} about {descent.axis_text(turn)}")
     return " with ".join(parts)

@@ -19,7 +19,7 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index, drawn, nearest_rotation, take_rows
 from pa10cal.errors import CalibrationError
-from pa10cal.numerics import least_squares
+from pa10cal.numerics import descent
 from pa10cal.rules import FRAMES
 
 #: Singular values below this part of the largest are zero (computing).
@@ -150,7 +150,7 @@ def turns_by_positions(problem: TargetProblem) -> list[Array]:
     root, offsets = problem.root_weight[:, None], problem.weighted_offsets_m
     singular_values = np.linalg.svd(offsets, compute_uv=False)
     if singular_values[1] <= max(
-        least_squares.OPEN * singular_values[0], FRAMES.least_spread_m * np.linalg.norm(root)
+        descent.OPEN * singular_values[0], FRAMES.least_spread_m * np.linalg.norm(root)
     ):
         return []
     stated = problem.in_base(problem.p_ee_stated_m)

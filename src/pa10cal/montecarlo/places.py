@@ -1,15 +1,14 @@
-"""Places in a plane, and the joint positions that bring the flange there in one posture.
+"""Positions of the flange in a plane, and joint positions for them in one posture.
 
-Reach is the distance of the flange from the base z axis, in the plane. The flange points straight
-down everywhere and turns about the base axis with the azimuth of its place. One posture (elbow up
-or down, wrist turned or not) is chosen once, as the one nearest the middle of all joint ranges;
-every place is then approached from there along azimuth and radius, so that the posture does not
-change on the way. A place that cannot be reached so, inside the joint limits, counts as out of
-reach.
+Reach is the distance of the flange from the base z axis. The flange points straight down everywhere
+and turns about the base axis with its azimuth. The posture (elbow up or down, wrist turned or not)
+is chosen once, nearest to the middle of all joint ranges. Every position is then approached from
+there along azimuth and radius, so that the posture does not change. A position that is not reached
+in this way within the joint limits counts as out of reach.
 
-This reading of the paper's "uniformly selected end-effector positions in a given plane" gives its
-0.197 ± 0.096 mm at z = 500 mm within 5 % (the ± being the spread within a position) with the arm's
-nominal geometry.
+By this interpretation of the paper's "uniformly selected end-effector positions in a given plane"
+the nominal arm reproduces its 0.197 ± 0.096 mm at z = 500 mm within 5 %, where ± is the standard
+deviation within a position.
 """
 
 from __future__ import annotations
@@ -24,30 +23,36 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
 
+#: Number of positions computed at once.
 _BATCH = 500
-#: Refused when fewer than one place in so many can be reached.
+#: A plane is refused if fewer than one position in so many can be reached.
 _MOST_REJECTED = 50
+#: Largest number of positions of a map.
 _MOST_MAP_PLACES = 20_000
 
+#: Search of the posture: number of starts and of steps; weight of the distance from the middle of a
+#: joint's range, over half of that range, against metres and radians.
 _STARTS = 48
 _SEARCH_STEPS = 120
-_CENTRING = 1e-3  # weight of the joint ranges against metres and radians while searching
+_CENTRING = 1e-3
 
+#: Way from the posture to a position: number of way points, of steps at each and at the last;
+#: damping; longest step of a joint; largest error of a position that is reached [m, rad].
 _PATH_STEPS = 24
 _STEPS_ON_THE_WAY = 2
 _STEPS_AT_THE_END = 12
 _DAMPING = 1e-9
 _LONGEST_STEP_RAD = 0.3
-_ARRIVED = 1e-10  # metres and radians
+_ARRIVED = 1e-10
 
 
 @dataclass(frozen=True)
 class PlanePositions:
-    """Reachable places in a plane."""
+    """Reachable positions in a plane."""
 
     p_base_m: Array  # (P, 2) x and y of the flange in the base frame
-    q_rad: Array  # (P, n) joint positions there
-    rejected: int  # places left out because the arm cannot reach them
+    q_rad: Array  # (P, n) joint positions
+    rejected: int  # number of positions that the arm cannot reach
 
 
 def draw_places(
@@ -57,18 +62,19 @@ def draw_places(
     count: int,
     source: np.random.Generator,
 ) -> PlanePositions:
-    """Draw places uniformly by area between the two reaches until `count` can be reached.
+    """Draw positions uniformly by area between two reaches until `count` can be reached.
 
     Raises:
-        SettingsError: when hardly any place can be reached.
+        SettingsError: when hardly any position can be reached.
     """
     near, far = reach_m
     batches = []
-    drawn = found = 0
-    while found < count:
+    drawn = reached_count = 0
+    while reached_count < count:
         if drawn > _MOST_REJECTED * count + _BATCH:
+            what = f"{chain.arm.name} reaches hardly any position of this plane"
             raise SettingsError(
-                f"{chain.arm.name} reaches hardly any position of this plane: {found} of {drawn}",
+                f"{what}: {reached_count} of {drawn}",
                 where="montecarlo.reach_m",
                 value=reach_m,
                 allowed=f"a reach of which at least 1 in {_MOST_REJECTED} positions can be reached",
@@ -80,7 +86,7 @@ def draw_places(
         points = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         batches.append((points, *follow(chain, reference, radius, azimuth)))
         drawn += _BATCH
-        found += int(batches[-1][2].sum())
+        reached_count += int(batches[-1][2].sum())
     p_m, q_rad, reached = map(np.concatenate, zip(*batches, strict=True))
     kept = np.flatnonzero(reached)[:count]
     return PlanePositions(p_m[kept], q_rad[kept], rejected=int(kept[-1]) + 1 - count)
@@ -89,7 +95,7 @@ def draw_places(
 def grid_places(
     chain: Chain, reference: Reference, reach_m: tuple[float, float], spacing_m: float
 ) -> PlanePositions:
-    """Return the reachable places of a square grid through the base axis.
+    """Return the reachable positions of a square grid through the base axis.
 
     Raises:
         SettingsError: when the grid is finer than any map needs.
@@ -119,7 +125,7 @@ def grid_places(
 
 @dataclass(frozen=True)
 class Reference:
-    """The posture that was chosen, and the place where it was found."""
+    """The chosen posture, at one position of the plane."""
 
     q_rad: Array  # (n,) joint positions
     radius_m: float  # distance of the flange from the base axis; its azimuth is zero
@@ -128,13 +134,13 @@ class Reference:
 
 
 def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, float]) -> Reference:
-    """Search the posture for a plane, at azimuth zero, as near the middle of the reach as can be.
+    """Search the posture for a plane, at azimuth zero and as near to the middle reach as possible.
 
-    Starts are spread over the joint ranges. Where the search ends counts first by how near the
-    place it is, then by how near the middle of the ranges.
+    Searches start all over the joint ranges. Their residual is the distance from the position and,
+    with little weight, from the middle of the ranges; the least is chosen.
 
     Raises:
-        SettingsError: when no place of the plane can be reached.
+        SettingsError: when no position of the plane can be reached.
     """
     low, high = chain.arm.joint_ranges_rad.T
     starts = np.random.default_rng(0).uniform(low, high, (_STARTS, chain.arm.n))
@@ -148,7 +154,7 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
             q_rad = _step(q_rad, residual, jacobian, low, high)
         residual, _ = _search_residual(chain, q_rad, place)
         best = int(np.argmin(np.linalg.norm(residual, axis=1)))
-        # The axis straight down, the heading as it is.
+        # The flange's axis exactly down, its heading unchanged.
         x = chain.forward(q_rad[best : best + 1])[0, :3, 0] * [1.0, 1.0, 0.0]
         x /= np.linalg.norm(x)
         z = np.array([0.0, 0.0, -1.0])
@@ -169,21 +175,21 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
 def follow(
     chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Carry the reference's posture to P places at its height, given by radius and azimuth.
+    """Move from the reference to P positions at its height, given by radius and azimuth.
 
     Returns:
-        Joint positions (P, n), and (P,) whether the flange is at its place and orientation, inside
-        the limits: where it is not, they are meaningless.
+        Joint positions (P, n), and which of them are reached within the limits, (P,); the others
+        have no meaning.
     """
     low, high = chain.arm.joint_ranges_rad.T
     q_rad = np.tile(reference.q_rad, (len(radius_m), 1))
     height = np.full_like(radius_m, reference.height_m)
-    for part in np.linspace(0.0, 1.0, _PATH_STEPS + 1)[1:]:
-        radius = reference.radius_m + part * (radius_m - reference.radius_m)
-        turned = Rotation.from_rotvec(part * azimuth_rad[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    for share in np.linspace(0.0, 1.0, _PATH_STEPS + 1)[1:]:
+        radius = reference.radius_m + share * (radius_m - reference.radius_m)
+        turned = Rotation.from_rotvec(share * azimuth_rad[:, None] * [0.0, 0.0, 1.0]).as_matrix()
         place = np.column_stack([radius[:, None] * turned[:, :2, 0], height])
         attitude = turned @ reference.R_base_ee
-        for _ in range(_STEPS_AT_THE_END if part == 1.0 else _STEPS_ON_THE_WAY):
+        for _ in range(_STEPS_AT_THE_END if share == 1.0 else _STEPS_ON_THE_WAY):
             residual, jacobian = _residual(chain, q_rad, place, attitude)
             q_rad = _step(q_rad, residual, jacobian, low, high)
     residual, _ = _residual(chain, q_rad, place, attitude)
@@ -191,10 +197,10 @@ def follow(
 
 
 def _residual(chain: Chain, q_rad: Array, place: Array, attitude: Array) -> tuple[Array, Array]:
-    """Return (P, 6) what is missing to the target, and the (P, 6, n) derivative of what is there.
+    """Return the motion (P, 6) missing to a target, and the flange's derivative (P, 6, n).
 
-    The turn that is missing is taken as half the sum of the cross products of the frames' axes: the
-    rotation vector itself when small, and zero at the target.
+    The rotation is half the sum of the cross products of both frames' axes: the rotation vector if
+    it is small.
     """
     end = chain.forward_with_screws(q_rad)
     R_base_ee = end.T[:, :3, :3]
@@ -204,9 +210,10 @@ def _residual(chain: Chain, q_rad: Array, place: Array, attitude: Array) -> tupl
 
 
 def _search_residual(chain: Chain, q_rad: Array, place: Array) -> tuple[Array, Array]:
-    """The same for place, downward axis and, lightly, the middle of the joint ranges: (P, 6 + n).
+    """Return residuals (P, 6 + n) of the search, and the derivative (P, 6 + n, n).
 
-    The flange's roll is free; the joint ranges fix it.
+    Residuals are those of position, of the downward axis and, with little weight, of the middle of
+    the joint ranges, which determines the flange's roll.
     """
     low, high = chain.arm.joint_ranges_rad.T
     half_range = (high - low) / 2.0
@@ -221,7 +228,7 @@ def _search_residual(chain: Chain, q_rad: Array, place: Array) -> tuple[Array, A
 
 
 def _step(q_rad: Array, residual: Array, jacobian: Array, low: Array, high: Array) -> Array:
-    """One damped Gauss-Newton step, no joint further than a set angle nor past its limits."""
+    """Return joint positions after a damped Gauss-Newton step, bounded and within the limits."""
     transposed = jacobian.transpose(0, 2, 1)
     normal = transposed @ jacobian + _DAMPING * np.eye(q_rad.shape[1])
     step = np.linalg.solve(normal, transposed @ residual[:, :, None])[:, :, 0]

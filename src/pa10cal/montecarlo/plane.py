@@ -1,4 +1,33 @@
-"""The Monte Carlo of one plane (paper, Section II.D): draws, closed form, map."""
+"""The Monte Carlo of one plane (paper, Section II.D): draws, closed form, map.
+
+The displacement of the flange under finite joint errors is exact, and is computed as products of
+rows with one matrix. Joint i turns everything beyond it about its axis ẑ by its error δ. If the
+joints further out have displaced the flange by u, and v is the vector from the axis to the flange,
+joint i adds
+
+    sin δ ẑ×(v + u) + (1 - cos δ) ẑ×(ẑ×(v + u)).
+
+So the displacement is a matrix, constant for a pose, times rows that change with every draw: sin δ
+and 1 - cos δ of the joints, and their products with the components of u across the axis. u is
+computed from the tip inwards; it is small, so that no digits are lost. Three simplifications, all
+exact:
+
+- The length of a displacement does not depend on the link from which it is seen. Seen from a link
+  in the middle, the tip moves by the joints beyond that link, and the target point by the joints
+  before it, turned backwards: two short chains instead of a long one.
+- A component of u that vanishes in every pose needs no product (axes at right angles).
+- Outermost joints whose axes pass through the point do not move it (their errors are still drawn).
+
+The closed form is of first order in the joint errors. A small joint error δ ~ N(0, σ² I) moves the
+flange by J δ, a normal vector of covariance σ² J Jᵀ. The mean length of a normal vector is an
+elliptic integral of the eigenvalues λ of its covariance: its length and its direction after scaling
+to the unit sphere are independent, so
+
+    E|J δ| = E|χ₃| · mean over the sphere of √(λ₁n₁² + λ₂n₂² + λ₃n₃²) = √(8/π) R_G(λ₁, λ₂, λ₃),
+
+with Carlson's completely symmetric integral R_G (DLMF 19.16.3). Vanishing eigenvalues are allowed:
+one gives the planar case, two the half-normal one.
+"""
 
 from __future__ import annotations
 
@@ -21,39 +50,19 @@ from pa10cal.options import MonteCarloOptions
 from pa10cal.results.montecarlo import Convergence, PlaneMap, PlaneRecord
 from pa10cal.results.montecarlo import Places as PlacesDrawn
 
-# The displacement of the flange under finite joint errors, as products of rows and one matrix.
-#
-# Joint i turns all that lies beyond it about its axis ẑ by its error δ. If the joints further out
-# have displaced the flange by u, and v runs from the axis to the flange, joint i adds
-#
-#     sin δ ẑ×(v + u) + (1 - cos δ) ẑ×(ẑ×(v + u)),
-#
-# which is exact: nothing is linearised. So the displacement is a constant matrix, in which stands
-# all that belongs to the pose, times rows that change with every draw: sin δ and 1 - cos δ of the
-# joints, and their products with the components of u across the axis. u is computed from the tip
-# inwards; it is small, so no digits are lost. Three simplifications, all exact:
-#
-# - the length of a displacement does not depend on the link it is seen from. Seen from a link in
-#   the middle, the tip moves by the joints beyond that link, and the point where the flange should
-#   be moves by the joints before it, turned backwards: two short chains instead of a long one;
-# - a component of u that vanishes in every pose takes no product (axes at right angles);
-# - outermost joints whose axes pass through the point do not move it (their errors are drawn all
-#   the same).
-
-#: The series leaves out δ⁴/24 of 1 - cos δ and δ⁵/120 of sin δ; it serves while the former, of
-#: an angle this many standard deviations long, stays below `_LEFT_OUT`: a longer angle comes once
-#: in 1e15 draws.
+#: The series omits δ⁴/24 of 1 - cos δ and δ⁵/120 of sin δ. It is used if the former is below
+#: `_OMITTED` for an angle of so many standard deviations, which one draw in 1e15 exceeds.
 _LONGEST_SIGMAS = 8.0
-_LEFT_OUT = 1e-12
-#: A joint that moves the flange by less than this per radian does not move it [m].
+_OMITTED = 1e-12
+#: Least motion of the flange by a joint [m/rad].
 _STILL_M = 1e-13
-#: A part of a displacement below this [m for one radian] vanishes.
+#: Least component of a displacement [m/rad].
 _VANISHES_M = 1e-14
 
 
 def series_is_exact(sigma_rad: float) -> bool:
     """Return whether `turns` may take the series for errors of this standard deviation."""
-    return bool((_LONGEST_SIGMAS * sigma_rad) ** 4 / 24.0 <= _LEFT_OUT)
+    return bool((_LONGEST_SIGMAS * sigma_rad) ** 4 / 24.0 <= _OMITTED)
 
 
 def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, series: bool) -> None:
@@ -77,48 +86,47 @@ def turns(normals: Array, versine: Array, work: Array, sigma_rad: float, *, seri
 
 
 def joint_screws(chain: Chain, q_rad: Array) -> Array:
-    """Return what each joint does to the flange at joint positions (P, n), (P, 6, n).
+    """Return the motion of the flange by each joint at joint positions (P, n), (P, 6, n).
 
-    Velocity of the flange by each joint [m/rad], then the unit vector of its axis, in the base
-    frame.
+    It is the flange's velocity [m/rad], then the unit vector of the joint's axis, in the base.
     """
     return chain.forward_with_screws(q_rad).screws[:, :, chain.joint_columns]
 
 
 @dataclass(frozen=True)
 class Product:
-    """What a displacement is across an axis, times sine and versine of the joint that turns it."""
+    """Products of a displacement's components across an axis with sine and versine of the joint."""
 
-    components: Array  # (P, c, rows) matrix of its c components, one or two
-    rows: slice  # the rows they are made of
+    components: Array  # (P, c, rows) matrix from rows to the components, one or two
+    rows: slice  # the rows that they are computed from
     joint: int  # the joint whose sine and versine multiply them
-    into: slice  # the 2 c rows that hold the products, those with the sine first
+    into: slice  # the 2 c rows of the products, those with the sine first
 
 
 @dataclass(frozen=True)
 class DisplacementPlan:
-    """Everything constant in the displacement of the flange at P positions.
+    """The constant part of the displacement of the flange at P positions.
 
-    The rows are: sines of all n joints, versines of those up to the last that moves something,
+    Rows are sines of all n joints, versines of those up to the last that moves the flange, then
     products.
     """
 
     sigma_rad: float  # standard deviation of the error of a joint
     joints: int  # n, all of which are drawn
-    moving: int  # how many of them, from the base outwards, may move the flange
-    products: tuple[Product, ...]  # in the order they are computed
+    moving: int  # number of joints, from the base outwards, that may move the flange
+    products: tuple[Product, ...]  # in the order in which they are computed
     matrix: Array  # (P, 3, rows) from rows to displacements [m]
 
 
 def plan_displacement(screws: Array, sigma_rad: float) -> DisplacementPlan:
-    """Lay out the displacement for joint errors of `sigma_rad` at positions of screws (P, 6, n).
+    """Return the plan for joint errors of `sigma_rad` at positions of screws (P, 6, n).
 
-    It is seen from the link from which it takes the fewest rows.
+    The displacement is seen from the link for which it has the fewest rows.
     """
     n = screws.shape[2]
     moves = np.linalg.norm(screws[:, :3], axis=1).max(axis=0) > _STILL_M
     plans = []
-    for link in range(n + 1):  # so many joints lie before it
+    for link in range(n + 1):  # number of joints before the link
         chains = []  # of joints from the link outwards, to the tip and to the base
         for chain in (list(range(link, n)), list(range(link))[::-1]):
             while chain and not moves[chain[-1]]:
@@ -138,18 +146,18 @@ def plan_displacement(screws: Array, sigma_rad: float) -> DisplacementPlan:
 def _displacement(
     screws: Array, chain: list[int], sign: float, moving: int, products: list[Product]
 ) -> Array:
-    """Return (P, 3, rows): the point moved by the joints of a chain, in the base frame.
+    """Return the matrix (P, 3, rows) of the point's displacement by the joints of a chain.
 
-    Products that this takes are appended to those there are.
+    Products that it needs are appended to `products`.
     """
     positions, _, n = screws.shape
     u = np.zeros((positions, 3, n + moving + 4 * n * n))
     for joint in reversed(chain):
         velocity, axis = sign * screws[:, :3, joint], sign * screws[:, 3:, joint]
         turned = np.cross(axis[:, :, None], u, axis=1)
-        made_of = np.flatnonzero(np.abs(turned).max(axis=(0, 1)) > _VANISHES_M)
-        if len(made_of):
-            rows = slice(int(made_of[0]), int(made_of[-1]) + 1)
+        used = np.flatnonzero(np.abs(turned).max(axis=(0, 1)) > _VANISHES_M)
+        if len(used):
+            rows = slice(int(used[0]), int(used[-1]) + 1)
             directions, sizes, parts = np.linalg.svd(turned[:, :, rows], full_matrices=False)
             count = int((sizes > _VANISHES_M).sum(axis=1).max())
             components = np.ascontiguousarray((sizes[:, :, None] * parts)[:, :count])
@@ -166,13 +174,13 @@ def _displacement(
 class DisplacementBlock:
     """One block of cycles: from drawn normals to lengths of displacements, without allocating.
 
-    `normals` (n, cycles) are filled before every `displace`, which uses them up and leaves the
-    lengths `error_m` (cycles,).
+    `normals` (n, cycles) have to be filled before every `displace`, which overwrites them and
+    computes the lengths `error_m` (cycles,).
     """
 
     def __init__(self, plan: DisplacementPlan, cycles: int) -> None:
         n, moving, used = plan.joints, plan.moving, plan.matrix.shape[2]
-        # A block fills the processor's cache: products and displacement are written over work.
+        # A block should fit into the processor's cache, so that work rows are used several times.
         rows = np.zeros((max(used + 5, n + 2 * moving), cycles))
         self._plan, self._rows = plan, rows
         self.normals, self._work = rows[:n], rows[-5:-3]
@@ -181,7 +189,7 @@ class DisplacementBlock:
         self._series = series_is_exact(plan.sigma_rad)
 
     def displace(self, position: int) -> None:
-        """Turn the drawn normals into displacements at one position of the plan."""
+        """Compute the lengths of displacements at one position of the plan."""
         plan, rows = self._plan, self._rows
         turns(*self._turned, plan.sigma_rad, series=self._series)
         for product in plan.products:
@@ -199,26 +207,21 @@ class DisplacementBlock:
         np.sqrt(self.error_m, self.error_m)
 
 
-# Drawing joint errors, and the length of the flange's displacement for each draw.
-#
-# Every position has a random stream of its own and is worked through in blocks small enough for
-# the processor's cache; nothing is allocated between blocks. So the numbers do not depend on the
-# order of the positions, nor on how they are shared among jobs or threads. The block's length
-# belongs to the definition of the draws and is therefore a constant.
-
 Counts = NDArray[np.int64]
 
-#: Cycles a block: long enough to hide the cost of a call, short enough for the cache and for BLAS
-#: to keep each product on one thread.
+#: Number of cycles of a block: large against the cost of a call, small enough for the cache and for
+#: BLAS to compute each product on one thread. It is part of the definition of the draws: every
+#: position has a random stream of its own, drawn block by block, so that the numbers do not depend
+#: on the order of positions or on their distribution among jobs.
 BLOCK_CYCLES = 6250
 
-#: Called with positions done and positions in all.
+#: Called with the numbers of positions done and of all.
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class ErrorSums:
-    """Sums over the first cycles of P positions, at several counts of cycles."""
+    """Sums of errors over the first cycles of P positions, for several numbers of cycles."""
 
     cycles: Counts  # (C,) counts of cycles, increasing; the last is all of them
     error_m: Array  # (P, C) sum of the errors of the first cycles
@@ -238,9 +241,14 @@ def sample_errors(
     counts: Counts,
     progress: Progress = lambda _done, _all: None,
 ) -> ErrorSums:
-    """Draw the joint errors of every cycle at every position and sum the position errors.
+    """Draw the joint errors of every cycle at every position, and return sums of position errors.
 
-    Sums are kept at increasing counts of cycles (C,), the last of which is all of them.
+    Args:
+        plan: of P positions.
+        streams: (P,) random streams.
+        counts: (C,) increasing numbers of cycles at which sums are returned; the last is that of
+            all.
+        progress: called after every position.
     """
     cycles = int(counts[-1])
     starts = np.arange(0, cycles, BLOCK_CYCLES)
@@ -267,31 +275,19 @@ def sample_errors(
     return ErrorSums(cycles=counts, error_m=error_m, squared_m2=squared_m2)
 
 
-# Mean and spread of the position error: from the sums of the draws, and in closed form.
-#
-# The closed form is of first order in the joint errors. A small joint error δ ~ N(0, σ² I) moves
-# the flange by J δ, a normal vector of covariance σ² J Jᵀ. The mean length of a normal vector is
-# an elliptic integral of the eigenvalues λ of its covariance: its length and its direction after
-# scaling to the unit sphere are independent, so
-#
-#     E|J δ| = E|χ₃| · mean over the sphere of √(λ₁n₁² + λ₂n₂² + λ₃n₃²) = √(8/π) R_G(λ₁, λ₂, λ₃),
-#
-# with Carlson's completely symmetric integral R_G (DLMF 19.16.3). Vanishing eigenvalues are
-# allowed: one gives the planar case, two the half-normal one.
-
 _NORMAL_95 = 1.959963984540054
 _MEAN_OF_CHI_3 = np.sqrt(8.0 / np.pi)
 
 
 def counts_of(cycles: int, most: int = 20, first: int = 10) -> NDArray[np.int64]:
-    """Return at most `most` counts of cycles, evenly spread by ratio, that end with all of them."""
+    """Return at most `most` numbers of cycles in about equal ratios; the last is that of all."""
     return np.unique(np.round(np.geomspace(min(first, cycles), cycles, most)).astype(np.int64))
 
 
 def drawn_keys(sums: ErrorSums) -> dict[str, Any]:
-    """Return what the record of a plane holds of the draws alone, in millimetres.
+    """Return the keys of a plane's record that are computed from the draws, in millimetres.
 
-    The spread `std_mm` is that within a place, as the paper's.
+    `std_mm` is the standard deviation within a position, as the paper's.
     """
     means, variances = moments(sums)
     mean, variance = means[:, -1], variances[:, -1]
@@ -315,15 +311,17 @@ def drawn_keys(sums: ErrorSums) -> dict[str, Any]:
 
 
 def moments(sums: ErrorSums) -> tuple[Array, Array]:
-    """Return mean and unbiased variance (P, C) of the first cycles at each place."""
+    """Return mean and unbiased variance (P, C) of the first cycles at each position."""
     mean = sums.error_m / sums.cycles
     return mean, np.maximum(sums.squared_m2 - sums.error_m * mean, 0.0) / (sums.cycles - 1)
 
 
 def expected_error(jacobian: Array, sigma_rad: float) -> tuple[Array, Array]:
-    """Return mean and standard deviation (P,) of the position error under independent joint errors.
+    """Return mean and standard deviation (P,) of the position error by independent joint errors.
 
-    By the velocity of the flange by each joint (P, 3, n) [m/rad].
+    Args:
+        jacobian: (P, 3, n) velocity of the flange by each joint [m/rad].
+        sigma_rad: standard deviation of a joint error.
     """
     squares = sigma_rad**2 * (jacobian @ jacobian.transpose(0, 2, 1))
     # Rounding leaves an eigenvalue that should vanish a little below zero.
@@ -348,7 +346,7 @@ def study_plane(
     robot: str,
     progress: Progress = lambda _done, _all: None,
 ) -> PlaneRecord:
-    """Draw resolver errors at places of one plane and set the closed form beside them.
+    """Return errors of one plane by resolver uncertainty, drawn and in closed form.
 
     Raises:
         SettingsError: when the plane cannot be reached or the map is too fine.
@@ -376,7 +374,7 @@ def study_plane(
     )
     expected_m, expected_std_m = expected_error(screws[:, :3], sigma_rad)
     on_map_m, _ = expected_error(joint_screws(chain, on_map.q_rad)[:, :3], sigma_rad)
-    mean_m, variance = (each[:, -1] for each in moments(sums))
+    mean_m, variance = (of_counts[:, -1] for of_counts in moments(sums))
     per_place = [places.p_base_m, mean_m, np.sqrt(variance), expected_m]
     return PlaneRecord(
         campaign=campaign,

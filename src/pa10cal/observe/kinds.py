@@ -1,4 +1,4 @@
-"""Kinds of instruments by their word, every class of this package that names one; as settings."""
+"""Kinds of instruments by the word of `instrument.kind`, found in this package, as settings."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def instruments() -> dict[str, type[Instrument]]:
     import pa10cal.observe
     from pa10cal.observe.instrument import Instrument  # late: it brings numpy and scipy
 
-    found = {}
+    kinds = {}
     for entry in pkgutil.iter_modules(pa10cal.observe.__path__):
         module = import_module(f"pa10cal.observe.{entry.name}")
         for _, each in inspect.getmembers(module, inspect.isclass):
             if issubclass(each, Instrument) and not inspect.isabstract(each) and each.kind:
-                found[each.kind] = each
-    return dict(sorted(found.items()))
+                kinds[each.kind] = each
+    return dict(sorted(kinds.items()))
 
 
 def instrument_of(words: str) -> type[Instrument] | None:
@@ -44,7 +44,8 @@ def instrument_of(words: str) -> type[Instrument] | None:
 
 
 def _known(word: str, *, touches: bool = True) -> str:
-    words = [kind for kind, found in instruments().items() if touches or not found.from_touches]
+    """Return a known kind, with `touches=False` not one of touches; refuse others (ValueError)."""
+    words = [kind for kind, of_kind in instruments().items() if touches or not of_kind.from_touches]
     if word not in words:
         raise ValueError(f"should be one of {', '.join(words)}")
     return word

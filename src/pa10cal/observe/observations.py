@@ -1,4 +1,4 @@
-"""Measured poses, whatever the instrument: the one form in which all that follows takes them."""
+"""Measured poses with the states of the arm, in one form for all instruments; means of repeats."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from typing_extensions import TypeVar
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Rows, take_rows
 from pa10cal.errors import RawDataError
-from pa10cal.observe.instrument import BaseTargets, Instrument, group_means
+from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.instrument import Instrument, group_means
 from pa10cal.observe.pose import Pose
 from pa10cal.rules import READINGS
 
@@ -23,11 +24,15 @@ M_co = TypeVar("M_co", bound=Instrument, default=Instrument, covariant=True)
 
 #: Kinds of poses: straight moves along the base's axes, poses to fit, and poses held out.
 KINDS = ("line_x", "line_y", "grid", "holdout")
+#: Fields of states whose means are taken; all readings of a group have the same others.
+_AVERAGED = (
+    *("q_rad", "tau_Nm", "arrival", "temperature_C", "time_s", "moved", "move_share", "move_end_m"),
+)
 
 
 @dataclass(frozen=True)
 class JointLog:
-    """How the joints of P configurations were read."""
+    """Uncertainty of joint positions and torques in P configurations, by their log."""
 
     q_u: Array  # (P, n) standard uncertainty of the mean position [rad, m], nan where unknown
     tau_u: Array  # (P, n) standard uncertainty of the mean torque [N m, N], nan where unknown
@@ -42,16 +47,14 @@ class JointLog:
 class Observations(Generic[M_co]):
     """P measured poses; `Observations[Pose]` where position and orientation were measured."""
 
-    pose: NDArray[np.str_]  # (P,) labels; the same label is the same command
-    states: PoseStates  # state of the arm in each pose
-    measured: M_co  # what the instrument measured in each
+    pose: NDArray[np.str_]  # (P,) labels; poses of one label have one command
+    states: PoseStates
+    measured: M_co  # measurements of the instrument
     kind: NDArray[np.str_]  # (P,) one of `KINDS`
     repeat: NDArray[np.int64]  # (P,) number of the repeat; of averages that of the first reading
-    readings: NDArray[np.int64]  # (P,) readings averaged into each row
-    # how the joints were read; None where that is not known, as of averages
-    log: JointLog | None = None
-    # targets on the base as they were read, and their motion, which `measured` is without; None
-    # where there are none, and of averages
+    readings: NDArray[np.int64]  # (P,) number of readings averaged in each row
+    log: JointLog | None = None  # None where not known, and for averages
+    # targets on the base, whose motion is taken out of `measured`; None without, and for averages
     base: BaseTargets | None = None
 
     @staticmethod
@@ -66,26 +69,26 @@ class Observations(Generic[M_co]):
         return len(self.pose)
 
     def take(self, rows: Rows) -> Observations[M_co]:
-        """Return some of the poses."""
+        """Return these poses."""
         return take_rows(self, rows)
 
     def thinned_by_pose(self, most: int) -> Observations[M_co]:
-        """Return every n-th pose, with all its rows: all poses where there are few rows enough."""
+        """Return all rows of every n-th pose, with n such that about `most` rows are left."""
         _, label = np.unique(self.pose, return_inverse=True)
         step = -(-len(self) // most)
         return self.take(np.flatnonzero(label % step == 0)) if step > 1 else self
 
     def by_campaign(self) -> dict[str, Observations]:
-        """Return the poses of every campaign of a group by its name, each as if it were alone."""
+        """Return the observations of every campaign of a group by its name; empty without one."""
         campaign = self.states.campaign
         if campaign is None:
             return {}
-        found: dict[str, Observations] = {}
+        by_name: dict[str, Observations] = {}
         for number, (name, part) in enumerate(self.measured.campaigns):
-            own: Observations = take_rows(self, campaign == number, "measured")
-            states = replace(own.states, campaign=None)
-            found[name] = replace(own, states=states, measured=part, base=None)
-        return found
+            rows: Observations = take_rows(self, campaign == number, "measured")
+            states = replace(rows.states, campaign=None)
+            by_name[name] = replace(rows, states=states, measured=part, base=None)
+        return by_name
 
     def of_kind(self, kind: str) -> Observations[M_co]:
         """Return the poses of one kind, ordered by pose, load and time."""
@@ -95,7 +98,7 @@ class Observations(Generic[M_co]):
         return self.take(rows[order])
 
     def turned(self, R_ee_target: Array) -> Observations[M_co]:
-        """Return them with orientations of the end-effector in place of the target's."""
+        """Return the observations with orientations of the end-effector, not of the target."""
         return replace(self, measured=self.measured.turned(R_ee_target))
 
     def with_states(self, states: PoseStates) -> Observations[M_co]:
@@ -103,20 +106,20 @@ class Observations(Generic[M_co]):
         return replace(self, states=states)
 
     def with_measured(self, **changes: Any) -> Observations[M_co]:
-        """Return the same poses with some fields of what was measured replaced."""
+        """Return the same poses with some fields of the measurements replaced."""
         return replace(self, measured=replace(self.measured, **changes))
 
 
-# Repeats of the same pose and load: their mean, and how much single readings scatter about it.
-
-
 def average_repeats(single: Observations[M], cuts_s: Sequence[float] = ()) -> Observations[M]:
-    """Average the readings of the same pose and load, between times that part the campaign.
+    """Average the readings of the same pose and load.
+
+    Args:
+        cuts_s: times that divide the campaign into parts, which are averaged separately.
 
     Returns:
-        One row for each pose and load, ordered by them: means of joints, torques, arrivals (a joint
-        that arrived from either side has one between -1 and 1), temperature and time, and of what
-        was measured, with the covariance of that mean for independent readings.
+        One row for each pose, load and part, in this order: means of joints, torques, arrivals
+        (between -1 and 1 for a joint that arrived from both sides), temperature, time and
+        measurements, with the covariance of a mean of independent readings.
     """
     return average_groups(single, reading_groups(single, cuts_s))
 
@@ -124,26 +127,19 @@ def average_repeats(single: Observations[M], cuts_s: Sequence[float] = ()) -> Ob
 def average_groups(single: Observations[M], code: Index) -> Observations[M]:
     """Average the readings of each group, of one pose and load; see `average_repeats`.
 
-    Groups are numbered from 0, none omitted: that of each reading is in `code` (P,).
+    Args:
+        code: (P,) number of each reading's group; every number from 0 on occurs.
     """
     _, first, count = np.unique(code, return_index=True, return_counts=True)
-    states = single.states
-    averaged = PoseStates(
-        q_rad=group_means(states.q_rad, code),
-        tau_Nm=group_means(states.tau_Nm, code),
-        arrival=group_means(states.arrival, code),
-        load_N=states.load_N[first],
-        temperature_C=group_means(states.temperature_C, code),
-        time_s=group_means(states.time_s, code),
-        campaign=None if states.campaign is None else states.campaign[first],
-        moved=None if states.moved is None else group_means(states.moved, code),
-        move_share=None if states.move_share is None else group_means(states.move_share, code),
-        move_end_m=None if states.move_end_m is None else group_means(states.move_end_m, code),
-        timed=None if states.timed is None else states.timed[first],
-    )
+    states = replace(single.states, static_loads=None, seen=None)
+    means: dict[str, Any] = {
+        name: group_means(getattr(states, name), code)
+        for name in _AVERAGED
+        if getattr(states, name) is not None
+    }
     return Observations(
         pose=single.pose[first],
-        states=averaged,
+        states=replace(states.take(first), **means),
         measured=single.measured.averaged(code),
         kind=single.kind[first],
         repeat=single.repeat[first],
@@ -161,11 +157,11 @@ def poses_of(
     """Return the poses of one kind as the paper's model takes them, ordered by pose and load.
 
     Args:
-        average: whether repeats of the same pose and load become one row (see `average_repeats`).
-        covariance: where it comes from. `repeats`: the scatter of repeats, pooled over all poses
-            and loads of this kind along the end-effector's axes (the instrument's where too little
-            is repeated); `instrument`: its stated uncertainty, propagated. Either is divided by the
-            readings averaged.
+        average: whether repeats of the same pose and load are averaged; see `average_repeats`.
+        covariance: its source. `repeats`: the scatter of repeats, pooled over all poses and loads
+            of this kind along the end-effector's axes, or that of the instrument where there are
+            too few repeats; `instrument`: its stated uncertainty, propagated. Either is divided by
+            the number of readings averaged.
 
     Raises:
         RawDataError: when the instrument measures no poses.
@@ -194,10 +190,10 @@ def measured_as_poses(observations: Observations) -> Observations[Pose]:
 def with_repeat_scatter(
     poses: Observations[Pose], single: Observations[Pose]
 ) -> Observations[Pose]:
-    """Give averaged poses the covariance that the scatter of single readings implies.
+    """Return averaged poses with a covariance estimated from the scatter of single readings.
 
     It is pooled over poses and loads along the end-effector's axes, in which the noise of balls,
-    tool and wrist is the same in every pose. Where too little is repeated, poses stay as they are.
+    tool and wrist is the same in every pose. With too few repeats it is not changed.
     """
     code = reading_groups(single)
     dof = len(single) - len(np.unique(code))
@@ -218,7 +214,7 @@ def with_repeat_scatter(
 
 
 def reading_groups(single: Observations, cuts_s: Sequence[float] = ()) -> Index:
-    """Return, for every reading, its row in `average_repeats`: by pose label, load, then part."""
+    """Return the row of every reading in `average_repeats`, (P,)."""
     _, label = np.unique(single.pose, return_inverse=True)
     loads, load = np.unique(single.states.load_N, return_inverse=True)
     part = part_of(single.states.time_s, cuts_s)
@@ -227,5 +223,5 @@ def reading_groups(single: Observations, cuts_s: Sequence[float] = ()) -> Index:
 
 
 def part_of(time_s: Array, cuts_s: Sequence[float]) -> Index:
-    """Return in which part of a campaign each time lies, from 0, (P,)."""
+    """Return the part of a campaign that each time is in, from 0, (P,)."""
     return np.searchsorted(np.sort(np.asarray(cuts_s, dtype=float)), time_s, side="left")

@@ -16,7 +16,8 @@ from pa10cal.frame import rigid_fit
 from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
 from pa10cal.frame.rigid_fit import Located, scale_of_distances, scale_of_points
 from pa10cal.frame.target_problem import distance_misfit_bound_m, target_misfit_bound_m
-from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.instrument import Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
     AXES,
     MM,
@@ -37,13 +38,13 @@ from pa10cal.observe.quantities import (
 from pa10cal.rules import READINGS
 from pa10cal.terms.term import TermParameter
 
+#: Columns of the table of poses: a shared covariance; a target's position and covariance.
 _SHARED = "shared_cov_{}{}"
-#: Columns of the table of poses that hold a target: its place, its covariance, and touches.
 _PLACE = re.compile(r"ball(\w+)_x_mm")
 _OF_PLACE = "ball{}_c{{}}{{}}_mm2"
-#: Of the components of a place (unit).
+#: Factors of the components of a position from mm to m (unit).
 _SCALE = np.full(3, MM)
-#: The name of a target may be any word but the `u` of an uncertainty.
+#: Raw column of a coordinate: a target may have any name but `u`, which marks an uncertainty.
 _COORDINATE = re.compile(r"(?!u_)([A-Za-z0-9]+)_[xyz]_mm")
 
 
@@ -55,12 +56,11 @@ class Points(Instrument):
     # (P, B, 3) positions in the instrument's frame, nan where a target was not seen
     p_instr_m: Array
     cov_m2: Array  # (P, B, 3, 3) their covariances, nan where a target was not seen
-    # (B, 3) places of the targets in the end-effector frame as the campaign's description states
-    # them; None where it does not state them all
+    # (B, 3) stated positions of the targets in the end-effector frame; None where some are not
     p_ee_stated_m: Array | None
-    # (P, 6, 6) covariance of a shift [m] and a turn [rad] about the instrument's origin that all
-    # targets of a pose share, as targets on the base leave it; None of an instrument that is taken
-    # to stand still
+    # (P, 6, 6) covariance of a shift [m] and a turn [rad] about the instrument's origin, common to
+    # all targets of a pose: uncertainty of a motion that targets on the base showed. None for an
+    # instrument that is assumed to stand still
     motion_cov: Array | None = None
 
     kind: ClassVar[str] = "points"
@@ -80,14 +80,14 @@ class Points(Instrument):
         seen = np.isfinite(self.p_instr_m[..., 0])
         share = group_means(seen.astype(float), code)
         share[share == 0.0] = np.nan  # not seen in any reading
-        times = share * np.bincount(code)[:, None]
+        readings = share * np.bincount(code)[:, None]
         p_instr_m = group_means(np.where(seen[..., None], self.p_instr_m, 0.0), code)
         cov_m2 = group_means(np.where(seen[..., None, None], self.cov_m2, 0.0), code)
         return replace(
             self,
             p_instr_m=p_instr_m / share[..., None],
-            cov_m2=cov_m2 / (share * times)[..., None, None],
-            # Readings at nearly the same time are off alike, so that their mean is no better.
+            cov_m2=cov_m2 / (share * readings)[..., None, None],
+            # Readings at nearly the same time have the same error, so that their mean has it too.
             motion_cov=None if self.motion_cov is None else group_means(self.motion_cov, code),
         )
 
@@ -168,48 +168,49 @@ class Points(Instrument):
         return (f"targets {', '.join(self.names)} seen {seen.sum()} times of {seen.size}",)
 
     def locate(self, T_base_ee: Array, *, roughly: bool = False) -> Located:
-        found = hand_eye_from_points(
+        located = hand_eye_from_points(
             T_base_ee, self.p_instr_m, self.p_ee_stated_m, names=self.names, roughly=roughly
         )
-        return replace(found, stated=self.p_ee_stated_m is not None)
+        return replace(located, stated=self.p_ee_stated_m is not None)
 
     def least_misfit_m(self, T_base_ee: Array) -> float:
         return target_misfit_bound_m(T_base_ee, self.p_instr_m)
 
     def scale(self, T_base_ee: Array) -> float | None:
         seen = np.isfinite(self.p_instr_m[..., 0])
-        best = int(seen.sum(axis=0).argmax())
-        return scale_of_points(self.p_instr_m[seen[:, best], best], T_base_ee[seen[:, best]])
+        most_seen = int(seen.sum(axis=0).argmax())
+        rows = seen[:, most_seen]
+        return scale_of_points(self.p_instr_m[rows, most_seen], T_base_ee[rows])
 
     def scaled(self, factor: float) -> Self:
         return replace(self, p_instr_m=factor * self.p_instr_m)
 
     def misfit(self, T_base_ee: Array, used: Index, weights: Array) -> Misfit:
-        found = hand_eye_from_points(
+        located = hand_eye_from_points(
             T_base_ee[used], self.p_instr_m[used], weights=weights, roughly=True
         )
-        off_m = self.p_instr_m - found.targets(T_base_ee)[..., :3, 3]
+        off_m = self.p_instr_m - located.targets(T_base_ee)[..., :3, 3]
         return Misfit(np.linalg.norm(off_m, axis=2), np.zeros(len(self)))
 
     def deviations(self, T_base_ee: Array, T_instr_base: Array, targets_m: Array) -> Deviations:
         T_instr_ee = T_instr_base @ T_base_ee
         residual = self.compare(T_instr_ee, targets_m).residual
-        each_mm = 1e3 * residual.reshape(len(residual), -1, 3)
-        times = np.isfinite(self.p_instr_m[..., 0]).sum(axis=1)
+        off_mm = 1e3 * residual.reshape(len(residual), -1, 3)
+        seen_count = np.isfinite(self.p_instr_m[..., 0]).sum(axis=1)
         return Deviations(
-            np.sqrt(np.sum(each_mm**2, axis=(1, 2)) / times),
-            (each_mm.sum(axis=1) / times[:, None]) @ T_instr_base[:3, :3],
+            np.sqrt(np.sum(off_mm**2, axis=(1, 2)) / seen_count),
+            (off_mm.sum(axis=1) / seen_count[:, None]) @ T_instr_base[:3, :3],
             None,
         )
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
-        names = tuple(found[1] for found in map(_PLACE.fullmatch, columns) if found)
-        of_each = [covariance_of(columns, _OF_PLACE.format(name), AXES, _SCALE) for name in names]
+        names = tuple(match[1] for match in map(_PLACE.fullmatch, columns) if match)
+        cov_m2 = [covariance_of(columns, _OF_PLACE.format(name), AXES, _SCALE) for name in names]
         return cls(
             names,
             places_of(columns, [f"ball{name}" for name in names]),
-            np.stack(of_each, axis=1),
+            np.stack(cov_m2, axis=1),
             stated.places_m(names),
             covariance_of(columns, _SHARED) if _SHARED.format(0, 0) in columns else None,
         )
@@ -227,23 +228,23 @@ class Points(Instrument):
 
     @classmethod
     def raw_columns(cls, header: Sequence[str]) -> RawColumns:
-        """Return three columns a target, T2 before T10, wherever their columns stand in the file.
+        """Return three columns for each target, T2 before T10, in whatever order of the file.
 
-        A file without any is taken to lack those of the target `T1`.
+        A file without any lacks those of a target `T1`.
         """
-        found = (_COORDINATE.fullmatch(name) for name in header)
-        names = sorted({match.group(1) for match in found if match}, key=_by_number) or ["T1"]
+        matches = (_COORDINATE.fullmatch(name) for name in header)
+        names = sorted({match.group(1) for match in matches if match}, key=_by_number) or ["T1"]
         targets = tuple(tuple(f"{name}_{axis}_mm" for axis in AXES) for name in names)
         return RawColumns(targets, may_be_blank=True)
 
     @classmethod
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
         blank = np.isnan(values).reshape(len(values), len(columns.targets), 3).sum(axis=2)
-        part = (blank > 0) & (blank < 3)
-        torn, unseen = part.any(axis=1), (blank == 3).all(axis=1)
-        named = (", ".join(columns.targets[b]) for b in part[torn].argmax(axis=1))
+        partly_blank = (blank > 0) & (blank < 3)
+        incomplete, unseen = partly_blank.any(axis=1), (blank == 3).all(axis=1)
+        named = (", ".join(columns.targets[b]) for b in partly_blank[incomplete].argmax(axis=1))
         return (
-            Unusable(torn, "a target with some of its coordinates only", named),
+            Unusable(incomplete, "a target with some of its coordinates only", named),
             Unusable(unseen, "no target was observed", [""] * int(unseen.sum())),
         )
 
@@ -271,10 +272,12 @@ class Points(Instrument):
 
 
 def _by_number(name: str) -> list[str | int]:
+    """Return a key that sorts names with numbers by these."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
 def _names(columns: RawColumns) -> tuple[str, ...]:
+    """Return the names of the targets of raw columns."""
     return tuple(target[0].removesuffix("_x_mm") for target in columns.targets)
 
 
@@ -288,17 +291,15 @@ _POINT = ("d_from_x_m", "d_from_y_m", "d_from_z_m")
 class Distance(Instrument):
     """Distances of one target from a fixed point in P poses: |p_instr_target - p_instr_point|.
 
-    The fixed point is the origin of the instrument's frame, whose orientation does not matter, and
-    in the frame of another instrument it is where that stands. Residuals, errors and derivatives
-    are along the line of sight alone.
+    The fixed point is the origin of the instrument's frame, whose orientation does not matter,
+    unless the measurements were moved to another frame. Residuals, errors and derivatives are along
+    the line of sight only.
     """
 
     d_m: Array  # (P,) distances
     u_m: Array  # (P,) their standard uncertainties
     name: str = _UNNAMED  # of the target
-    # (3,) its place in the end-effector frame as the campaign's description states it; None where
-    # it does not
-    p_ee_stated_m: Array | None = None
+    p_ee_stated_m: Array | None = None  # (3,) its stated position in the end-effector frame
     # (3,) the fixed point: the frame's origin, unless it was moved
     p_instr_point_m: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -428,7 +429,7 @@ class Distance(Instrument):
 
 
 def _stated_target(stated: Stated) -> tuple[str, Array | None]:
-    """Return name and place of the one target that is stated; None for the place of another."""
+    """Return name and position of the target, if exactly one is stated; else no position."""
     if len(stated.targets_m) != 1:
         return _UNNAMED, None
     return next(iter(stated.targets_m.items()))

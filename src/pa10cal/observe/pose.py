@@ -19,7 +19,8 @@ from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
 from pa10cal.frame.rigid_fit import Located, scale_of_points, seed_from_nominal
 from pa10cal.frame.target_problem import target_misfit_bound_m
 from pa10cal.observe import quantities
-from pa10cal.observe.instrument import BaseTargets, Instrument, LocatingMethod, group_means
+from pa10cal.observe.base_targets import BaseTargets
+from pa10cal.observe.instrument import Instrument, LocatingMethod, group_means
 from pa10cal.observe.points import Points
 from pa10cal.rules import READINGS
 
@@ -35,14 +36,14 @@ _COVARIANCE = "ee_cov_{}{}"
 class Pose(Instrument):
     """Position and orientation of one target in P poses."""
 
-    # (P, 4, 4) target in the instrument's frame [m]; for balls that are touched the end-effector
-    # itself, by the balls' stated places
+    # (P, 4, 4) target in the instrument's frame [m]; for touched balls the end-effector itself, by
+    # the balls' stated positions
     T_instr_target: Array
     # (P, 6, 6) covariance of position [m] and of a small rotation [rad] applied on the left, both
     # along the instrument's axes
     cov: Array
-    # (P, 6, a) derivative of the measured pose (position, small left rotation) by the a
-    # coordinates of targets on the apparatus [m], whose error is the same in every pose; a = 0
+    # (P, 6, a) derivative of the measured pose (position, small left rotation) by the a stated
+    # coordinates of targets on an apparatus [m], whose errors are the same in every pose; a = 0
     # where the instrument measures the pose itself
     by_apparatus: Array
 
@@ -65,7 +66,7 @@ class Pose(Instrument):
 
     @classmethod
     def of(cls, T_instr_target: Array, cov: Array) -> Pose:
-        """Return poses that are measured themselves, and not through targets of an apparatus."""
+        """Return poses that are measured directly, not by targets of an apparatus."""
         return Pose(T_instr_target, cov, np.zeros((len(cov), 6, 0)))
 
     def averaged(self, code: Index) -> Self:
@@ -90,9 +91,10 @@ class Pose(Instrument):
 
     @classmethod
     def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Pose:
-        """Return the poses of the first target stated, of the end where none is.
+        """Return the poses of the first stated target; of the end of the chain without one.
 
-        Orientations are as certain as stated, else as targets some centimetres apart make them.
+        The uncertainty of orientations is the stated one, else that by targets some centimetres
+        apart.
         """
         T = T_instr_ee.copy()
         for place_m in list(stated.targets_m.values())[:1]:
@@ -114,10 +116,10 @@ class Pose(Instrument):
         return self.T_instr_target
 
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
-        """Return where the targets were, and how the pose was made of them.
+        """Return the targets' positions, and the derivative of the pose by their readings.
 
         Args:
-            targets_m: (t,) stated places of the balls of an apparatus; not needed without one.
+            targets_m: (t,) stated positions of the balls of an apparatus; not used without one.
         """
         R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, :3, 3]
         count = len(self)
@@ -126,7 +128,7 @@ class Pose(Instrument):
             direct[:, :3] = R.transpose(0, 2, 1)
             return ObservedTargets(origin[:, None, :], direct)
         targets = origin[:, None, :] + np.einsum("pij,bj->pbi", R, targets_m.reshape(-1, 3))
-        # A target read too far by v is one whose stated place on the apparatus is short by R^T v.
+        # An error v of a reading has the effect of an error -R^T v of the stated position.
         by_place = self.by_apparatus.reshape(count, 2, 3, -1, 3)
         by_reading = -np.einsum("pki,pakbl,pjl->paibj", R, by_place, R, optimize=True)
         return ObservedTargets(targets, by_reading.reshape(count, 6, -1))
@@ -261,9 +263,8 @@ class Pose(Instrument):
 def _rotation_covariance(quaternion: Array, u: Array, u_place_m: float) -> Array:
     """Return the covariance (P, 3, 3) of a small rotation applied on the left.
 
-    It changes the quaternion (P, 4), scalar first, by half its product with it, so that the
-    rotation is twice the vector part of dq q*. Where the quaternion's uncertainty is not stated
-    (nan), it is that which places make.
+    The rotation is twice the vector part of dq q*, for a quaternion q (P, 4), scalar first. Where
+    the uncertainty of q is not stated (nan), it is that by positions of targets.
     """
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     quaternion, u = quaternion / length, u / length
@@ -286,15 +287,12 @@ def pose_of_columns(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     return homogeneous(R, quantities.MM * p_mm), quantities.covariance_of(columns, _COVARIANCE)
 
 
-# Tooling balls, located by touches: they give the pose of the end-effector.
-
-
 @dataclass(frozen=True)
 class Touched(Pose):
-    """Pose of the end-effector in P poses, through the centres of B tooling balls."""
+    """Pose of the end-effector in P poses, by the centres of B touched tooling balls."""
 
-    balls: Points  # their centres
-    touches: NDArray[np.int64]  # (P, B) touches behind each centre
+    balls: Points  # the centres
+    touches: NDArray[np.int64]  # (P, B) number of touches of each ball
 
     kind: ClassVar[str] = "touch_trigger_cmm"
     locates_by: ClassVar[LocatingMethod] = "rigid_fit_nominal"
@@ -317,21 +315,26 @@ class Touched(Pose):
         cov_balls_mm2: Array,
         touches: NDArray[np.int64],
     ) -> Touched:
-        """Fit the end-effector to located balls, weighted by their covariances.
+        """Return poses of the end-effector fitted to balls, weighted by their covariances.
 
-        They are stated at (B, 3) on it; centres (P, B, 3) have (P, B, 3, 3), touches (P, B).
+        Args:
+            names: of the balls.
+            p_ee_balls_mm: (B, 3) stated positions on the end-effector.
+            p_instr_balls_mm: (P, B, 3) measured centres.
+            cov_balls_mm2: (P, B, 3, 3) their covariances.
+            touches: (P, B) number of touches of each.
         """
-        found = rigid_fit.fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
-        T = found.T.copy()
+        fit = rigid_fit.fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
+        T = fit.T.copy()
         T[:, :3, 3] *= quantities.MM
-        cov = found.covariance * np.outer(quantities.MM_RAD_TO_SI, quantities.MM_RAD_TO_SI)
+        cov = fit.covariance * np.outer(quantities.MM_RAD_TO_SI, quantities.MM_RAD_TO_SI)
         p_m, cov_m2 = quantities.MM * p_instr_balls_mm, quantities.MM**2 * cov_balls_mm2
         balls = Points(names, p_m, cov_m2, quantities.MM * p_ee_balls_mm)
         return Touched(T, cov, rigid_fit.pose_by_source(T, p_m, cov_m2), balls, touches)
 
     @classmethod
     def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Touched:
-        """Return the end-effector as the balls stated would give it, each as certain as stated.
+        """Return the end-effector as measured by the stated balls with the stated uncertainty.
 
         Raises:
             CalibrationError: when there are fewer than three balls, or they are collinear.
@@ -354,13 +357,11 @@ class Touched(Pose):
         return cls.of_balls(names, p_ee_mm, p_instr_mm, cov_mm2, touches)
 
     def averaged(self, code: Index) -> Self:
-        count = np.bincount(code)
+        touches = group_means(self.touches.astype(float), code) * np.bincount(code)[:, None]
         return replace(
             super().averaged(code),
             balls=self.balls.averaged(code),
-            touches=np.rint(group_means(self.touches.astype(float), code) * count[:, None]).astype(
-                np.int64
-            ),
+            touches=np.rint(touches).astype(np.int64),
         )
 
     def in_frame(self, T: Array) -> Self:
@@ -371,10 +372,10 @@ class Touched(Pose):
         return (f"{self.touches.size} balls",)
 
     def readout(self, T_instr_ee: Array, targets_m: Array) -> ObservedTargets:
-        """Return where the balls were; see `Pose.readout`.
+        """Return the balls' positions; see `Pose.readout`.
 
         Args:
-            targets_m: (t,) stated places of the balls; none to take them from the readings.
+            targets_m: (t,) stated positions of the balls; empty for their mean measured positions.
         """
         if not len(targets_m):
             R, origin = self.T_instr_target[:, :3, :3], self.T_instr_target[:, None, :3, 3]

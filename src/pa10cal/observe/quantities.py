@@ -1,4 +1,4 @@
-"""What an instrument is given and gives: statements, words, rows, starts, deviations."""
+"""Quantities exchanged with instruments: statements, comparisons, starts, table columns."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from pa10cal.rules import FRAMES
 
 @dataclass(frozen=True)
 class Stated:
-    """What a campaign's description states of its instrument."""
+    """Statements of a campaign's description about its instrument."""
 
     uncertainty_m: float  # standard uncertainty of one measured coordinate or distance
-    targets_m: Mapping[str, Array]  # places of targets in the end-effector frame (3,), by name
+    targets_m: Mapping[str, Array]  # by name, positions (3,) of targets in the end-effector frame
     # standard uncertainty of an orientation about each axis; None where not stated
     attitude_rad: float | None = None
 
     def places_m(self, names: tuple[str, ...]) -> Array | None:
-        """Return the places (B, 3) of targets; None where one of them is not stated."""
+        """Return the positions (B, 3) of targets; None where one of them is not stated."""
         if not set(names) <= set(self.targets_m):
             return None
         return np.array([self.targets_m[name] for name in names], dtype=float).reshape(-1, 3)
@@ -33,23 +33,23 @@ class Stated:
 
 @dataclass(frozen=True)
 class Words:
-    """How messages and captions speak of an instrument and of its errors."""
+    """Phrases for an instrument and its errors in messages and captions."""
 
     instrument: str
     error: str  # label of an axis: `position error`
-    of: str  # what the errors are of, one sentence
-    arrows: str  # what an arrow that shows one is
+    of: str  # definition of the errors, one sentence
+    arrows: str  # definition of the arrows that show errors
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Predicted minus measured in P poses, b components each; zero rows where nothing was seen."""
+    """Predicted minus measured in P poses of b components; zero where nothing was measured."""
 
     residual: Array  # (P, b) [m], and chord of the orientation [rad] where it is measured
     # (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along the
     # instrument's axes
     by_end: Array
-    # (P, b, t) derivative by the places of targets (t = 0 where the tool is part of the chain)
+    # (P, b, t) derivative by coordinates of targets (t = 0 where the tool is part of the chain)
     by_targets: Array
 
 
@@ -60,10 +60,10 @@ class Start:
     T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
     # (3,) origin of the tool frame in the end-effector frame, where the instrument measures poses
     p_ee_target_m: Array
-    # (3, 3) orientation of that frame; measured orientations are turned by it, so that the tool's
-    # remaining orientation is small
+    # (3, 3) orientation of that frame, by which measured orientations are turned, so that the
+    # tool's remaining rotation is small
     R_ee_target: Array
-    targets_m: Array  # (t,) places of targets in the end-effector frame, x, y, z of each
+    targets_m: Array  # (t,) positions of targets in the end-effector frame, x, y, z of each
     # (3,) the same as `p_ee_target_m` for each campaign of a group, by name
     p_ee_targets_of_m: Mapping[str, Array] = field(default_factory=dict)
 
@@ -86,36 +86,33 @@ class Deviations:
         """Return the orientation errors (P,); None where no orientation is measured."""
         if self.rotation_deg is None:
             return None
-        angle: Array = np.linalg.norm(self.rotation_deg, axis=1)
-        return angle
+        return np.asarray(np.linalg.norm(self.rotation_deg, axis=1))
 
     def take(self, rows: Rows) -> Deviations:
-        """Return some of the configurations."""
+        """Return the deviations of these configurations."""
         return take_rows(self, rows)
 
     def with_others(self, rows: NDArray[np.bool_], others: Deviations) -> Deviations:
-        """Return these deviations, in some of the configurations (P,) the others'."""
-        turned = None
+        """Return the deviations with those of others in some of the configurations (P,)."""
+        rotation = None
         if self.rotation_deg is not None and others.rotation_deg is not None:
-            turned = np.where(rows[:, None], others.rotation_deg, self.rotation_deg)
+            rotation = np.where(rows[:, None], others.rotation_deg, self.rotation_deg)
         return Deviations(
             np.where(rows, others.distance_mm, self.distance_mm),
             np.where(rows[:, None], others.position_mm, self.position_mm),
-            turned,
+            rotation,
         )
-
-
-# What reading raw files has to know of an instrument: its columns, and readings that are none.
 
 
 @dataclass(frozen=True)
 class RawColumns:
-    """Columns of `files.poses` that hold what an instrument measured."""
+    """Columns of `files.poses` with the measurements of an instrument."""
 
-    # (B,) columns that place each target [mm]: three coordinates, or one distance
-    targets: tuple[tuple[str, ...], ...]
+    targets: tuple[
+        tuple[str, ...], ...
+    ]  # (B,) of each target [mm]: three coordinates or a distance
     others: tuple[str, ...] = ()  # further columns, without unit
-    # whether an empty field says that a target was not seen; else it is an error
+    # whether an empty field means that a target was not seen; else it is an error
     may_be_blank: bool = False
 
     @property
@@ -131,29 +128,27 @@ class RawColumns:
 
 @dataclass(frozen=True)
 class Unusable:
-    """Rows whose fields, all of them numbers or blank, are no measurement."""
+    """Rows of readable fields that are no measurement."""
 
-    rows: Mask  # (N,) which
-    reason: str  # why
-    values: Iterable[str]  # what was found in each of them, as text
+    rows: Mask  # (N,) which rows
+    reason: str
+    values: Iterable[str]  # the offending value of each of these rows
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far B targets were measured from where the nominal model, fitted to them, puts them."""
+    """Residuals of B targets in P poses about the nominal model, fitted to them."""
 
-    length_m: Array  # (P, B) distance, nan where a target was not seen
-    turn_rad: Array  # (P,) angle between the orientations; 0 where none is measured
+    length_m: Array  # (P, B) distances, nan where a target was not seen
+    turn_rad: Array  # (P,) angles between orientations; 0 where not measured
 
     @property
     def size_m(self) -> Array:
-        """Return the largest misfit of each pose (P,), a turn as far as it moves a target."""
+        """Return the largest residual of each pose (P,), an angle times the lever of a target."""
         return np.asarray(
             np.hypot(np.nanmax(self.length_m, axis=1), FRAMES.lever_m * self.turn_rad)
         )
 
-
-# Targets carried by the end of the chain, and targets in the table of poses.
 
 AXES = "xyz"
 #: A millimetre in metres (unit).
@@ -161,15 +156,15 @@ MM = 1e-3
 
 
 def carried_targets(T_instr_ee: Array, targets_m: Array) -> tuple[Array, Array]:
-    """Return targets (t,) carried by poses (P, 4, 4): places and way from the end, (P, B, 3)."""
+    """Return positions of targets (t,) on poses (P, 4, 4), and vectors from the end, (P, B, 3)."""
     arms = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], targets_m.reshape(-1, 3))
     return T_instr_ee[:, None, :3, 3] + arms, arms
 
 
 def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
-    """Return the derivative of carried targets, arms (P, B, 3) off the end of the chain (P, 4, 4).
+    """Return the derivatives of targets with vectors `arms` (P, B, 3) from the chain's end.
 
-    By that end (P, B, 3, 6), and by their places on it (P, B, 3, 3 B).
+    They are by that end (P, B, 3, 6), and by the targets' coordinates on it (P, B, 3, 3 B).
     """
     count, targets = arms.shape[:2]
     by_targets = np.zeros((count, targets, 3, targets, 3))
@@ -183,7 +178,7 @@ MM_RAD_TO_SI = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
 
 
 def columns_of_places(names: Iterable[str], p_m: Array) -> dict[str, NDArray[Any]]:
-    """Return places (P, B, 3) as columns of a table of poses, by names before axis and unit."""
+    """Return positions (P, B, 3) as columns of a table of poses, called <name>_<axis>_mm."""
     return {
         f"{name}_{axis}_mm": p_m[:, b, k] / MM
         for b, name in enumerate(names)
@@ -192,9 +187,9 @@ def columns_of_places(names: Iterable[str], p_m: Array) -> dict[str, NDArray[Any
 
 
 def places_of(columns: Mapping[str, NDArray[Any]], names: Iterable[str]) -> Array:
-    """Read what `columns_of_places` gave, (P, B, 3)."""
-    each = [[columns[f"{name}_{axis}_mm"] for axis in AXES] for name in names]
-    return MM * np.ascontiguousarray(np.moveaxis(np.array(each), 2, 0))
+    """Return the positions (P, B, 3) in columns as of `columns_of_places`."""
+    by_name = [[columns[f"{name}_{axis}_mm"] for axis in AXES] for name in names]
+    return MM * np.ascontiguousarray(np.moveaxis(np.array(by_name), 2, 0))
 
 
 def columns_of_covariance(
@@ -202,8 +197,10 @@ def columns_of_covariance(
 ) -> dict[str, NDArray[Any]]:
     """Return covariances (P, k, k) as columns of a table of poses.
 
-    The name has places for the labels of two of the k components; a scale each makes of what the
-    table has metres and radians.
+    Args:
+        name: of a column, with two fields for labels.
+        labels: of the k components.
+        scale: (k,) factors from the units of the table to metres and radians.
     """
     in_table = cov / np.outer(scale, scale)
     pairs = combinations_with_replacement(range(len(scale)), 2)
@@ -216,6 +213,6 @@ def covariance_of(
     labels: str = "012345",
     scale: Array = MM_RAD_TO_SI,
 ) -> Array:
-    """Read what `columns_of_covariance` gave, its labels in order (KeyError without it)."""
-    each = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]
-    return np.ascontiguousarray(np.moveaxis(np.array(each), 2, 0)) * np.outer(scale, scale)
+    """Return the covariances in columns as of `columns_of_covariance` (KeyError without them)."""
+    elements = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]
+    return np.ascontiguousarray(np.moveaxis(np.array(elements), 2, 0)) * np.outer(scale, scale)

@@ -1,7 +1,7 @@
-"""The base frame in the instrument's frame, and places of targets, before any calibration.
+"""The base frame in the instrument's frame, and positions of targets, before any calibration.
 
-Where straight moves along the base's axes were measured they give its directions; else the nominal
-arm is fitted to what was measured. Both use the poses at the lowest load.
+Straight moves along the base's x and y axes give its directions by equations (5)-(7) of the paper;
+without them the nominal arm is fitted to the measurements. Both use the poses at the lowest load.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, StraightLine
 
 UNLOADED = "grid poses at the lowest load"
+#: Measured positions (N, 3) of poses, and nominal ones.
+Positions = tuple[Array, Array]
 
 
 def locate_base(
@@ -70,7 +72,7 @@ def locate_base(
 
 
 def _least_loaded(grid: Observations) -> NDArray[np.bool_]:
-    """Return which poses bear the lowest load, (P,), of their own campaign."""
+    """Return which poses have the lowest load of their own campaign, (P,)."""
     load_N, campaign = grid.states.load_N, grid.states.campaign
     if campaign is None:
         return np.asarray(load_N == load_N.min())
@@ -80,7 +82,7 @@ def _least_loaded(grid: Observations) -> NDArray[np.bool_]:
 
 
 def summary(record: BaseFrameRecord) -> str:
-    """Return in one line what was found."""
+    """Return the base frame and its uncertainty in one line."""
     scatter = f"{record.origin_scatter_mm:.3f} mm"
     how = "held as stated" if record.target_stated else "held where it started"
     held = "".join(f"; {how}: {what}" for what in record.held_as_stated or ())
@@ -97,13 +99,13 @@ def summary(record: BaseFrameRecord) -> str:
 def _located_record(
     unloaded: Observations, T_base_ee: Array, campaign: str, provenance: str
 ) -> BaseFrameRecord:
-    """Return the record of what the nominal arm, fitted to the instrument's readings, gives."""
+    """Return the record of the base frame by the nominal arm, fitted to the measurements."""
     measured = unloaded.measured
     found = measured.locate(T_base_ee)
-    # Of a group the first campaign counts whose instrument has directions.
+    # For a group, the method of the first campaign whose instrument has directions.
     parts = [part for _, part in measured.campaigns] or [measured]
     u_rad, places_m = found.axis_u_rad, found.p_ee_targets_m
-    point_m = -found.T_instr_base[:3, 3]  # the instrument's axes are then those of the base
+    point_m = -found.T_instr_base[:3, 3]  # without directions the axes are those of the base
     return BaseFrameRecord(
         campaign=campaign,
         provenance=provenance,
@@ -127,7 +129,7 @@ def _located_record(
 
 
 def _refuse_one_move(points_x: int, points_y: int, where: Path | str) -> None:
-    """Refuse a move along one axis only, which gives no base frame."""
+    """Refuse a move along one axis only, which does not determine a base frame."""
     if bool(points_x) == bool(points_y):
         return
     there, absent = ("line_x", "line_y") if points_x else ("line_y", "line_x")
@@ -138,12 +140,6 @@ def _refuse_one_move(points_x: int, points_y: int, where: Path | str) -> None:
         remedy=f"add the {absent} rows to the campaign, or remove its {there} rows too: the base "
         "frame is then fitted to the nominal model",
     )
-
-
-# Base frame from moves along the robot's x and y axes, equations (5)-(7) of the paper.
-
-#: Positions of the same poses as measured and as the nominal model has them.
-Positions = tuple[Array, Array]
 
 
 def _frame_fields(T_instr_base: Array) -> dict[str, Array]:
@@ -157,8 +153,9 @@ def _frame_fields(T_instr_base: Array) -> dict[str, Array]:
 def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> StraightLine:
     """Fit a line to measured points (N, 3) by least squares of their distances from it.
 
-    Its direction follows `travel_m` (N,), the robot's own coordinate along the move, in whatever
-    order the points come.
+    Args:
+        travel_m: (N,) the robot's own coordinate along the move, which gives the line's sense.
+        name: of the move, for messages.
 
     Raises:
         CalibrationError: with fewer than three points, naming the move.

@@ -26,14 +26,14 @@ _DRIFT_PERIOD_S = 24 * 3600.0
 
 @dataclass(frozen=True)
 class SimulatedCampaign:
-    """What a campaign's folder holds, and what it must not."""
+    """Raw tables of a campaign, and its truth."""
 
     name: str
-    settings: SimulateOptions  # the request to the cell
-    instrument: SimulatedInstrument  # what measured it
+    settings: SimulateOptions
+    instrument: SimulatedInstrument
     # raw tables by their key in campaign.yaml, as in the raw-data contract
     tables: Mapping[str, pd.DataFrame]
-    truth: Truth  # what is hidden; never written beside the rest
+    truth: Truth  # never written into the folder of the campaign
 
 
 def simulate_campaign(
@@ -47,10 +47,10 @@ def simulate_campaign(
     Args:
         arm: description of the robot; with masses for springs, torques and touched balls.
         settings: seed, hidden effects, instrument, poses, loads, noise.
-        kcub_reading: which of the paper's two cubic stiffnesses holds.
+        kcub_reading: which of the paper's two cubic stiffnesses is used.
 
     Raises:
-        SettingsError: for a hidden effect that does not exist or cannot sit where it is put.
+        SettingsError: for a hidden effect that does not exist or is not possible at its place.
         SimulationError: for an arm or poses that the cell cannot use.
     """
     robot = robot_of(arm, settings, kcub_reading)
@@ -69,11 +69,11 @@ def measure_campaign(
     robot: Robot,
     effects: Sequence[SimulatedEffect] = (),
 ) -> SimulatedCampaign:
-    """Measure a robot that is already there; see `simulate_campaign`.
+    """Measure a given robot; see `simulate_campaign`.
 
     Args:
         settings: seed, instrument, poses, loads, noise; not used for the robot or its effects.
-        effects: what it does beyond the paper's model.
+        effects: of the robot.
     """
     _need_a_drift(effects, settings)
     instrument = instrument_of(settings)
@@ -85,13 +85,13 @@ def measure_campaign(
     swing = np.sin(2.0 * np.pi * at_rest_s / _DRIFT_PERIOD_S + phase)
     temperature_C = REFERENCE_TEMPERATURE_C + settings.temperature_drift_C * swing
     q_motor, drive = instrument.motors(schedule, streams)
-    came = schedule.q - schedule.q_from
+    move = schedule.q - schedule.q_from
     motion = JointState(
         q_motor,
         schedule.arrival,
         robot.arm.gear_ratio,
-        move=came,
-        end_goes_m=_end_goes_m(robot, schedule.q, came),
+        move=move,
+        end_goes_m=_end_goes_m(robot, schedule.q, move),
     )
     rest = rest_poses(
         robot,
@@ -106,11 +106,12 @@ def measure_campaign(
     return SimulatedCampaign(name, settings, instrument, instrument.measure(truth, streams), truth)
 
 
-def _end_goes_m(robot: Robot, q: Array, came: Array) -> Array:
-    """Return how far the end would go (P,) with the moves by which joints came, at the last."""
+def _end_goes_m(robot: Robot, q: Array, move: Array) -> Array:
+    """Return the path length (P,) of the end if a whole move went at its final speed."""
     step = 1e-4
-    at, before = (robot.mechanism.T_base_ee(each)[:, :3, 3] for each in (q, q - step * came))
-    return np.asarray(np.linalg.norm(at - before, axis=1) / step)
+    p_m = robot.mechanism.T_base_ee(q)[:, :3, 3]
+    p_before_m = robot.mechanism.T_base_ee(q - step * move)[:, :3, 3]
+    return np.asarray(np.linalg.norm(p_m - p_before_m, axis=1) / step)
 
 
 @cache
@@ -120,13 +121,13 @@ def instrument_kinds() -> dict[str, type[SimulatedInstrument]]:
 
 
 def instrument_of(settings: SimulateOptions) -> SimulatedInstrument:
-    """Return the instrument of some settings."""
+    """Return the simulated instrument of settings."""
     plan = settings.without_touches
     return instrument_kinds()["touch_trigger_cmm" if plan is None else plan.instrument](settings)
 
 
 def _streams(instrument: SimulatedInstrument, seed: int) -> dict[str, np.random.Generator]:
-    """Return one stream of random numbers a purpose: changing one leaves the others alone."""
+    """Return a random stream for every purpose, so that a change of one does not affect others."""
     children = np.random.SeedSequence(seed).spawn(len(instrument.streams))
     return dict(zip(instrument.streams, map(np.random.default_rng, children), strict=True))
 

@@ -1,8 +1,8 @@
-"""What ordinary logs have and what may be wrong in them: a function each, which changes raw files.
+"""Disturbances of raw files: ordinary imperfections of logs, and faults; one function each.
 
-A stressor is what ordinary logs have: a verdict must stand it. A fault is an error in the log:
-somebody must be told of it, by kind and place. Its function's arguments after the first two are
-its parameters. The readings are changed after they were taken; nothing here knows a model of the
+A stressor is an ordinary imperfection that a verdict has to tolerate. A fault is an error in the
+log that has to be reported by kind and place. Arguments of a function after the first two are the
+parameters of the disturbance. Simulated readings are changed afterwards, without a model of the
 arm.
 """
 
@@ -27,7 +27,7 @@ from pa10cal_lab.cell.instruments.touch_trigger_cmm import APPROACH_S, DWELL_S
 from pa10cal_lab.cell.options import DisturbanceOptions
 from pa10cal_lab.cell.raw_log import QUATERNION, RawLog
 
-#: What a campaign must have for a disturbance to mean anything.
+#: What a campaign must have for a disturbance to have an effect.
 Need = Literal["loads", "masses", "springs", "repeats", "touches", "attitude", "targets", "tracker"]
 Rng = np.random.Generator
 #: Draws one parameter, for an arm of so many joints.
@@ -41,20 +41,19 @@ Joint = Annotated[int, Field(ge=1), "joint, from 1"]
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Something that changes the raw files of a campaign."""
+    """A change of the raw files of a campaign."""
 
     id: str
-    # changes the raw files in place, and returns where: poses, joints, loads or keys; its stream
-    # draws what the parameters leave open
+    # changes the raw files in place, and returns the places of the change: poses, joints, loads or
+    # keys; the generator draws what is no parameter
     put_into: Callable[..., list[str]]
     parameters: type[Section]
-    stressor: bool  # whether ordinary logs have it, so that nobody need be told
-    # whether it moves what the model leaves only where it is large, so that trials measure by how
-    # much; else it is far above the noise
+    stressor: bool  # whether it is an ordinary imperfection that need not be reported
+    # whether trials measure its effect on the residual; else it is far above the noise
     measured: bool
-    kinds: tuple[str, ...]  # kinds of fault of a verdict that tell it
+    kinds: tuple[str, ...]  # kinds of faults in a verdict that report it
     needs: tuple[Need, ...]  # what the campaign must have
-    draws: Mapping[str, Draw]  # how a trial draws parameters, in turn; the others have defaults
+    draws: Mapping[str, Draw]  # how trials draw parameters, in this order; others have defaults
 
     def draw_parameters(self, joints: int, rng: Rng) -> dict[str, Any]:
         """Return parameters drawn for a trial, for an arm of so many joints."""
@@ -62,20 +61,20 @@ class Disturbance:
         return {name: drawn[name] for name in self.parameters.model_fields if name in drawn}
 
 
-#: Every disturbance by its id, in the order of this file: random draws go by it.
+#: Every disturbance by its id, in the order of this file, on which random draws depend.
 DISTURBANCES: dict[str, Disturbance] = {}
 
 
 def disturb(
     log: RawLog, entries: Sequence[DisturbanceOptions], seed: int
 ) -> tuple[tuple[str, ...], ...]:
-    """Put disturbances into raw files, one after the other, and return where each is.
+    """Put disturbances into raw files, one after the other, and return the places of each.
 
     Args:
-        seed: of the campaign; what a disturbance draws is its own.
+        seed: of the campaign; every disturbance has a random stream of its own.
 
     Raises:
-        SettingsError: for a disturbance or a parameter that does not exist.
+        SettingsError: for an unknown disturbance or parameter.
     """
     places = []
     for number, entry in enumerate(entries):
@@ -88,10 +87,10 @@ def disturb(
                 allowed=", ".join(DISTURBANCES),
                 remedy="correct the name",
             )
-        each = DISTURBANCES[entry.id]
-        parameters = parse_section(each.parameters, entry.parameters, where=f"{where}.parameters")
+        known = DISTURBANCES[entry.id]
+        parameters = parse_section(known.parameters, entry.parameters, where=f"{where}.parameters")
         rng = np.random.default_rng([seed, 1 + number, len(entry.id)])
-        places.append(tuple(each.put_into(log, rng, **dict(parameters))))
+        places.append(tuple(known.put_into(log, rng, **dict(parameters))))
     return tuple(places)
 
 
@@ -103,15 +102,16 @@ def disturbance(
     needs: tuple[Need, ...] = (),
     draws: Mapping[str, Draw] | None = None,
 ) -> Callable[[_F], _F]:
-    """Enter a function among the disturbances, under its name; see `Disturbance`."""
+    """Register a function as a disturbance of its name; for the arguments see `Disturbance`."""
 
     def enter(put_into: _F) -> _F:
         name, types = put_into.__name__, get_type_hints(put_into, include_extras=True)
         fields: dict[str, Any] = {}
-        for each in list(signature(put_into).parameters.values())[2:]:
-            default = ... if each.default is Parameter.empty else each.default
-            meaning = types[each.name].__metadata__[-1]
-            fields[each.name] = types[each.name], Field(default, description=meaning)
+        for parameter in list(signature(put_into).parameters.values())[2:]:
+            default = ... if parameter.default is Parameter.empty else parameter.default
+            of_type = types[parameter.name]
+            meaning = of_type.__metadata__[-1]
+            fields[parameter.name] = of_type, Field(default, description=meaning)
         parameters = create_model(name, __base__=Section, **fields)
         DISTURBANCES[name] = Disturbance(
             name, put_into, parameters, stressor, measured, kinds, needs, draws or {}
@@ -122,23 +122,23 @@ def disturbance(
 
 
 def one_of(*values: str | float) -> Draw:
-    """Return what draws one of some values."""
+    """Return a function that draws one of these values."""
     return lambda _joints, rng: rng.choice(values).item()
 
 
 def between(low: float, high: float) -> Draw:
-    """Return what draws a number between two, to three decimals."""
+    """Return a function that draws a number between two, to three decimals."""
     return lambda _joints, rng: round(float(rng.uniform(low, high)), 3)
 
 
 def log_between(low: float, high: float, decimals: int = 3) -> Draw:
-    """Return what draws a number between two, evenly in its logarithm."""
+    """Return a function that draws a number between two, evenly in its logarithm."""
     bounds = np.log([low, high])
     return lambda _joints, rng: round(float(np.exp(rng.uniform(*bounds))), decimals)
 
 
 def off_by(low: float, high: float) -> Draw:
-    """Return what draws a factor between two, or its inverse."""
+    """Return a function that draws a factor between two, or its inverse."""
     bounds = np.log([low, high])
     return lambda _joints, rng: round(
         float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(*bounds))), 3
@@ -547,7 +547,7 @@ def places_exchanged(log: RawLog, rng: Rng) -> list[str]:
     return [f"tool.balls_mm {first}, {second}"]
 
 
-# What several of them do.
+# Shared parts.
 
 
 def _state_times(log: RawLog, factor: float) -> list[str]:
@@ -569,12 +569,11 @@ def _move_one(log: RawLog, kind: str, size_mm: float, rng: Rng) -> list[str]:
 
 
 def _displacement(kind: str, size_mm: float, rng: Rng) -> Array:
-    """Draw a displacement (3,) of some size; a distance takes all of it, either way."""
+    """Draw a displacement (3,) of a size; for a distance its first component has all of it."""
     if kind == "distance":
         return np.array([size_mm * rng.choice([-1.0, 1.0]), 0.0, 0.0])
     direction = rng.standard_normal(3)
-    shift_mm: Array = size_mm * direction / np.linalg.norm(direction)
-    return shift_mm
+    return np.asarray(size_mm * direction / np.linalg.norm(direction))
 
 
 def _describe(log: RawLog, arm: Arm) -> None:

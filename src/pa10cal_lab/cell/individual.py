@@ -1,4 +1,4 @@
-"""One individual robot: the paper's, one drawn from tolerances, or one with stated departures."""
+"""Individual robots: the paper's, drawn from tolerances, or of unstated lengths and weights."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pa10cal.arm.description import Arm, with_hayati_rows
 from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import SimulationError
 from pa10cal.options import Tolerances
+from pa10cal_lab.cell.mechanism import Departures, Mechanism
 from pa10cal_lab.cell.options import (
     SimulateOptions,
     SlideOptions,
@@ -22,8 +23,6 @@ from pa10cal_lab.cell.options import (
 from pa10cal_lab.cell.poses import centre_rad
 from pa10cal_lab.cell.robot import (
     BALLS_DESIGN_M,
-    Departures,
-    Mechanism,
     Robot,
     Springs,
     apparatus_payload,
@@ -50,12 +49,14 @@ PAPER_K_CUB: dict[KcubReading, Array] = {
     "table_e8": np.array([0.0, 3.35e8, 1.46e8, 0.0, 3.84e8, 0.0]),
 }
 
-#: Where the balls are in the measuring machine, and how level the robot stands.
+#: Middle of the balls in the measuring machine, its standard deviation, and that of the base's
+#: tilt.
 _MACHINE_MIDDLE_M = np.array([0.40, 0.40, 0.40])
 _MACHINE_MIDDLE_SPREAD_M = 0.02
 _TILT_RAD = 4e-3
-#: Joint stiffness a rated torque, and its spread, of a drawn robot; harmonic drives of the
-#: paper's robot lie at 85 to 177 rated torques a radian, hardening by 1 to 19 % at 5 mrad.
+#: Stiffness of a drawn robot's joints over their rated torques [1/rad], its standard deviation in
+#: the logarithm, and k_cub over k_lin. Those of the paper's harmonic drives are 85 to 177 per
+#: radian, with hardening by 1 to 19 % at 5 mrad.
 _K_LIN_PER_RATED = 120.0
 _K_LIN_SPREAD = 0.25
 _K_CUB_PER_K_LIN = 1700.0
@@ -67,14 +68,13 @@ def build_robot(
     kcub_reading: KcubReading,
     rng: np.random.Generator,
 ) -> Robot:
-    """Build one robot with its tool and stand it in front of the instrument.
+    """Build one robot with its tool, in front of the instrument.
 
     Args:
         arm: its description; with masses where joints are flexible or loads hang.
-        settings: of its campaign: how it departs, its springs, its tool, how far its masses are
-            off. Of touched balls also the middle of the grid, which comes to the middle of the
-            measuring machine.
-        kcub_reading: which of the paper's two cubic stiffnesses holds.
+        settings: of its campaign: deviations, springs, tool and errors of masses; for touched balls
+            also the middle of the grid, which is put into the middle of the measuring machine.
+        kcub_reading: which of the paper's two cubic stiffnesses is used.
         rng: draws it.
 
     Raises:
@@ -116,7 +116,7 @@ def draw_individual(
     mass_factor: tuple[float, ...] = (),
 ) -> Robot:
     """Draw one robot in front of a tracker: geometry, springs, base, targets; see `build_robot`."""
-    geometry, stiffness = rng.spawn(2)  # springs or none, the geometry is the same
+    geometry, stiffness = rng.spawn(2)  # so that geometry is the same with or without springs
     own = plan.unstated
     arm = arm if own is None else described(arm, own)
     springs = Springs.rigid(arm.n)
@@ -141,7 +141,7 @@ def draw_individual(
             placements=mechanism.placements @ axes,
             T_last_ee=mechanism.T_last_ee @ flange,
         )
-    turned = Rotation.random(rng=geometry).as_matrix()  # anyhow, any way, some way off
+    turned = Rotation.random(rng=geometry).as_matrix()  # base and instrument in any orientation
     direction = geometry.standard_normal(3)
     off_m = geometry.uniform(*plan.stand_off_m) * direction / np.linalg.norm(direction)
     T_instr_base = homogeneous(turned, off_m)
@@ -152,7 +152,7 @@ def draw_individual(
 
 
 def draw_departures(arm: Arm, rng: np.random.Generator) -> Departures:
-    """Draw departures of every row from the manufacturing tolerances."""
+    """Draw deviations of every row from the manufacturing tolerances."""
     tolerance = Tolerances()
     hayati = arm.hayati.astype(float)
     return Departures(
@@ -168,7 +168,7 @@ def draw_springs(arm: Arm, flexible_joints: tuple[int, ...], rng: np.random.Gene
     """Draw springs from the rated torques of an arm.
 
     Args:
-        flexible_joints: joints that yield, from 1; the others are rigid.
+        flexible_joints: from 1; the others are rigid.
 
     Raises:
         SimulationError: when a joint is named that does not exist, slides, or has no rated torque.
@@ -247,7 +247,7 @@ def _paper_robot(arm: Arm, kcub_reading: KcubReading) -> tuple[Departures, Sprin
 
 
 def _in_machine(p_base_middle_m: Array, rng: np.random.Generator) -> Array:
-    """Return the base in the machine: turned any way about the vertical, and not quite level."""
+    """Draw the base in the machine: at any angle about the vertical, and with a small tilt."""
     roll, pitch = rng.normal(0.0, _TILT_RAD, 2)
     R = Rotation.from_euler("xyz", [roll, pitch, rng.uniform(-np.pi, np.pi)]).as_matrix()
     p_instr_middle_m = _MACHINE_MIDDLE_M + rng.normal(0.0, _MACHINE_MIDDLE_SPREAD_M, 3)
@@ -263,39 +263,40 @@ def _small_motions(
     return homogeneous(turns.as_matrix(), shifts_m)
 
 
-# Arms of which a campaign describes the geometry alone: their lengths, and what they truly weigh.
+# Arms of which a campaign describes the geometry only: their lengths and their true weights.
 #
-# The law of the weights is this module's own: masses fall from joint to joint, whatever the
-# lengths of the links, and centres of mass lie anywhere along them, or behind the joint as of a
-# counterbalance.
+# The model of the weights differs from the estimator's on purpose: masses decrease from joint to
+# joint, whatever the lengths of the links, and centres of mass lie anywhere along a link, or behind
+# its joint like a counterbalance.
 
-#: What campaigns call an arm that is described so.
+#: Name of such an arm in its campaign.
 NAME = "own_arm"
-#: Reach [m], and how far the factor of a row scatters about that of the arm, in the logarithm.
+#: Reach [m], and standard deviation of the factor of a row about that of the arm, in the logarithm.
 REACH_M = (0.3, 3.5)
 _ROW_SCATTER = 0.15
-#: Mass of an arm of 1 m reach [kg], and the power of the reach with which it grows.
+#: Mass of an arm of 1 m reach [kg], and the power of the reach in the mass of others.
 MASS_KG = (8.0, 60.0)
 _POWER = (2.5, 3.0)
-#: How the masses fall from link to link, their scatter in the logarithm, and the tool's part.
+#: Decrease of the logarithm of mass from link to link, its standard deviation, and the tool's
+#: share.
 _TAPER = (0.1, 0.6)
 _MASS_SCATTER = 0.35
 TOOL_SHARE = (0.01, 0.08)
-#: Where a link's centre is, of the way to the next joint; of some links behind their joint. It lies
-#: off that line by a part of the link's length, and of the reach.
+#: Centre of a link over the distance to the next joint, negative for a share of counterbalanced
+#: links; its standard deviation per axis over the link's length, and over the reach.
 _ALONG = (0.15, 0.75)
 _BEHIND = (-0.35, 0.0)
 _COUNTERBALANCED = 0.2
 _ASIDE = (0.08, 0.01)
-#: Mass of the carriage of a rail or a column, of that of the arm.
+#: Mass of the carriage of a rail or a column over that of the arm.
 _CARRIAGE = (0.1, 0.5)
 
 
 def described(arm: Arm, own: UnstatedOptions) -> Arm:
-    """Return the arm as the campaign describes it: other lengths, nothing of weights and drives.
+    """Return the arm as the campaign describes it: its lengths, without weights and drives.
 
     Raises:
-        SimulationError: where lengths or weights are not as many as the rows.
+        SimulationError: where there are not as many lengths or weights as rows.
     """
     if own.slide is not None:
         arm = _on_slide(arm, own.slide)
@@ -331,7 +332,7 @@ def described(arm: Arm, own: UnstatedOptions) -> Arm:
 
 
 def _on_slide(arm: Arm, slide: SlideOptions) -> Arm:
-    """Return an arm on a carriage that slides before its first joint."""
+    """Return an arm with a slide as a further joint before its first."""
     if (arm.T_base_row1 != np.eye(4)).any() or arm.convention != "standard":
         raise SimulationError(
             "the arm has a frame of its own before its first row, or modified rows",
@@ -363,7 +364,7 @@ def weighed(mechanism: Mechanism, own: UnstatedOptions) -> Mechanism:
 
 
 def nominal(arm: Arm, own: UnstatedOptions, tool_kg: float) -> Mechanism:
-    """Return the arm with its true weights and the geometry that is described."""
+    """Return the mechanism of the described geometry with the true weights."""
     arm = described(arm, own)
     bare = Mechanism.of(arm, Departures.none(arm.n), tool_payload(tool_kg))
     return weighed(bare, own)
@@ -410,4 +411,5 @@ def put_on_slide(
 
 
 def _own(**arrays: Array) -> UnstatedOptions:
-    return UnstatedOptions.model_validate({name: each.tolist() for name, each in arrays.items()})
+    """Return arrays as options."""
+    return UnstatedOptions.model_validate({name: array.tolist() for name, array in arrays.items()})

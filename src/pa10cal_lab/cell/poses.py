@@ -1,41 +1,39 @@
-"""Where the cell measures: calibration poses, held-out points, straight moves; joint positions."""
+"""Commanded poses of a simulated campaign: calibration poses, held-out points, straight moves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SimulationError
-from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.robot import BALLS_DESIGN_M, Mechanism
+from pa10cal_lab.cell.mechanism import Mechanism
+from pa10cal_lab.cell.options import CellPosesOptions
+from pa10cal_lab.cell.robot import BALLS_DESIGN_M
 
 GRID_POINTS_A_SIDE = 3
 LINE_POINTS = 11
 _IK_TOLERANCE = 1e-12
 _IK_STEPS = 8  #: way points from the middle of the grid to a pose, to stay on one branch
 _IK_ITERATIONS = 30
-_IK_DAMPING = 1e-3  #: of the first rounds at a way point; the last rounds are undamped
-#: Directions in which no joint moves the flange, as a part of the easiest one.
+_IK_DAMPING = 1e-3  #: in the first half of the iterations at a way point; the others are undamped
+#: Squared singular value, relative to the largest, below which no joint moves the flange.
 _IK_SINGULAR = 1e-12
 
-#: Joint angles drawn at random lie within this part of the range between the limits, about its
-#: middle ...
+#: Joint angles are drawn from this share of the range between the limits, about its middle, and not
+#: further than this from zero.
 RANGE_USED = 0.8
-#: ... and within this of zero.
 LARGEST_ANGLE_RAD = np.radians(150.0)
-#: Flange and balls stay this far above the base's origin, and this far off the base's axis.
+#: Least height of flange and balls over the base's origin, and distance from the base's axis.
 FLOOR_M = 0.15
 COLUMN_M = 0.25
-_MOST_DRAWS = 1000  #: for each pose wanted
-_ROUNDING = 1e-9  #: a position at a limit may be beyond it by this [deg, mm]
+_MOST_DRAWS = 1000  #: largest number of draws for each wanted pose
+_ROUNDING = 1e-9  #: a position at a limit may exceed it by this [deg, mm]
 
 
 @dataclass(frozen=True)
@@ -44,8 +42,8 @@ class Poses:
 
     line_x: Array  # (11, n) straight move along the base's x axis, tool orientation fixed
     line_y: Array  # (11, n) the same along y
-    # (P, n) calibration poses in the order in which a path runs through them: the 27 of the grid,
-    # or those of the wide layout; then those that the settings add
+    # (P, n) calibration poses in the order of a path: the 27 of the grid or those of the wide
+    # layout, then those that the settings add
     grid: Array
     holdout: Array  # (H, n) poses outside the grid's volume, or more of the wide ones
 
@@ -69,7 +67,7 @@ def centre_rad(arm: Arm, settings: CellPosesOptions) -> Array:
 
 
 def joint_bounds(arm: Arm) -> tuple[Array, Array]:
-    """Return the (n,) least and largest positions drawn [rad, or m of a prismatic joint]."""
+    """Return the bounds (n,) of drawn joint positions [rad, or m of a prismatic joint]."""
     low, high = arm.limits_rad.T
     unused = 0.5 * (1.0 - RANGE_USED) * (high - low)
     largest = np.where(arm.prismatic, np.inf, LARGEST_ANGLE_RAD)
@@ -114,12 +112,12 @@ def commanded_positions(arm: Arm, wanted: Sequence[Sequence[float]], where: str)
 def place_poses(
     arm: Arm, nominal: Mechanism, settings: CellPosesOptions, holdout_points: int
 ) -> Poses:
-    """Lay out the poses of a campaign of touched balls.
+    """Return the poses of a campaign of touched balls.
 
     Args:
-        nominal: the arm with the geometry its maker describes.
+        nominal: the arm with nominal geometry.
         settings: layout, middle of the grid, spacing, orientations.
-        holdout_points: H, how many held-out points.
+        holdout_points: H, number of held-out points.
 
     Raises:
         SimulationError: when a pose is out of reach or beyond a joint limit, or one that the
@@ -148,12 +146,12 @@ def place_poses(
 
 
 def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator) -> Array:
-    """Draw poses evenly in joint space, and keep those in which the tool is clear of the robot.
+    """Draw poses evenly in joint space with the tool clear of floor and column.
 
-    Whether links, rods and measuring machine collide otherwise is not looked at.
+    Other collisions are not checked.
 
     Args:
-        nominal: the arm with the geometry its maker describes.
+        nominal: the arm with nominal geometry.
 
     Returns:
         (P, n) joint positions, in the order in which they were drawn.
@@ -162,29 +160,28 @@ def draw_wide(arm: Arm, nominal: Mechanism, count: int, rng: np.random.Generator
         SimulationError: when hardly any posture is clear.
     """
     low, high = joint_bounds(arm)
-    found: list[Array] = []
+    clear: list[Array] = []
     for _ in range(_MOST_DRAWS * count):
-        if len(found) == count:
+        if len(clear) == count:
             break
         q = rng.uniform(low, high)
         if _is_clear(nominal.T_base_ee(q[None])[0]):
-            found.append(q)
-    if len(found) < count:
-        few = f"{len(found)} of {count} poses after {_MOST_DRAWS * count} draws"
+            clear.append(q)
+    if len(clear) < count:
         raise SimulationError(
             "the arm cannot hold its tool clear of floor and column",
             where="poses.layout",
-            value=few,
+            value=f"{len(clear)} of {count} poses after {_MOST_DRAWS * count} draws",
             allowed=f"flange and balls {FLOOR_M:g} m above the base, {COLUMN_M:g} m off its axis",
             remedy="set poses.layout: grid for this arm",
         )
-    return np.array(found).reshape(count, arm.n)
+    return np.array(clear).reshape(count, arm.n)
 
 
 def neighbours_path(q: Array) -> Array:
-    """Return the poses (P, n) in an order that goes on to the nearest one not yet visited.
+    """Return the poses (P, n) as a path from the first that always goes to the nearest next.
 
-    It starts at the first pose; near means the root of the summed squares of joint positions.
+    Distances are Euclidean in joint positions.
     """
     distance = cdist(q, q)
     order = [0]
@@ -204,7 +201,7 @@ def _is_clear(T_base_ee: Array) -> bool:
 
 
 def _grid_path() -> Array:
-    """Return (27, 3) steps of -1, 0, 1 from the middle, to and fro so that neighbours touch."""
+    """Return the points (27, 3) of a grid of -1, 0 and 1 along a path of single steps."""
     side = range(-1, GRID_POINTS_A_SIDE - 1)
     points = []
     for level, z in enumerate(side):
@@ -243,6 +240,7 @@ class _Reach:
         """Return (P, n) joint positions that shift and tilt the flange from the middle.
 
         Args:
+            label: of the poses, for messages.
             shift_m: (P, 3) displacements along base axes.
             tilt_rad: (P, 3) rotation vectors along the tool's own axes; None for no tilt.
         """
@@ -274,7 +272,7 @@ class _Reach:
         return q
 
     def _solve(self, q: Array, T_wanted: Array) -> tuple[Array, Array]:
-        """Return joint positions by damped Newton steps, and the largest error of each pose."""
+        """Return joint positions by damped Newton steps from q, and each pose's largest error."""
         q, residual = q.copy(), np.full(len(q), np.inf)
         for iteration in range(_IK_ITERATIONS):
             T_base_ee = self._nominal.T_base_ee(q)
@@ -288,16 +286,16 @@ class _Reach:
             moving = residual > _IK_TOLERANCE
             if not moving.any():
                 break
-            first = (iteration < _IK_ITERATIONS // 2) & (residual > 1e-3)
+            damped = (iteration < _IK_ITERATIONS // 2) & (residual > 1e-3)
             J = self._jacobian(q, T_base_ee)
             JJ = J @ J.transpose(0, 2, 1)
-            JJ[first] += _IK_DAMPING**2 * np.eye(6)
+            JJ[damped] += _IK_DAMPING**2 * np.eye(6)
             weights = np.linalg.pinv(JJ, rcond=_IK_SINGULAR, hermitian=True) @ error[..., None]
             q[moving] += (J.transpose(0, 2, 1) @ weights)[moving, :, 0]
         return q, residual
 
     def _jacobian(self, q: Array, T_base_ee: Array) -> Array:
-        """Return how the joints move the flange, (P, 6, n), along its own axes."""
+        """Return the derivative of the flange by the joints, (P, 6, n), along its own axes."""
         joints = self._nominal.T_base_joints(q)
         axes = joints[..., :3, 2].transpose(1, 0, 2)
         arms = T_base_ee[:, None, :3, 3] - joints[..., :3, 3].transpose(1, 0, 2)
@@ -306,154 +304,3 @@ class _Reach:
         turn = np.where(slides, 0.0, axes)
         R_base_ee = T_base_ee[:, :3, :3]
         return np.concatenate([shift @ R_base_ee, turn @ R_base_ee], axis=2).transpose(0, 2, 1)
-
-
-# In what order the cell measures, from where each joint comes, and when.
-
-#: One configuration of touched balls takes this long; hanging another weight between sweeps takes a
-#: pause.
-BLOCK_S = 45.0
-LOAD_CHANGE_S = 300.0
-#: A joint that moves by less than this does not turn its drive round.
-LEAST_MOVE_RAD = np.radians(0.01)
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """C configurations in the order of time."""
-
-    kind: NDArray[np.str_]  # (C,) `line_x`, `line_y`, `grid` or `holdout`
-    pose: NDArray[np.str_]  # (C,) labels; the same label is the same command
-    load_N: Array  # (C,) hanging weight
-    repeat: NDArray[np.int64]  # (C,) from 1
-    start_s: Array  # (C,) when the robot sets out for each
-    q: Array  # (C, n) commanded joint positions [rad, or m of a prismatic joint]
-    q_from: Array  # (C, n) where the arm comes from
-
-    def __len__(self) -> int:
-        return len(self.pose)
-
-    @property
-    def arrival(self) -> Array:
-        """(C, n) direction in which each joint arrives: -1, 0 (hardly moves) or +1."""
-        move = self.q - self.q_from
-        arrival: Array = np.where(np.abs(move) < LEAST_MOVE_RAD, 0.0, np.sign(move))
-        return arrival
-
-
-def sweeps(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) -> Schedule:
-    """Order the configurations of a campaign of touched balls.
-
-    Straight moves come first, unloaded, then one sweep of repeats through the grid a load, then
-    the held-out points in shuffled order. A sweep runs round a closed path, so that the first
-    pose is approached as in every other repeat.
-    """
-    parts = [
-        _sweep("line_x", "LX", poses.line_x, 0.0, 1, settings.path),
-        _sweep("line_y", "LY", poses.line_y, 0.0, 1, settings.path),
-        *(
-            _sweep("grid", "P", poses.grid, load_N, settings.repeats, settings.path)
-            for load_N in settings.loads_N
-        ),
-    ]
-    if len(poses.holdout) and settings.holdout_loads_N:
-        parts.append(_shuffled(poses, settings, rng))
-    kind, pose, load_N, repeat, q, q_from = map(np.concatenate, zip(*parts, strict=True))
-    first = np.cumsum([len(part[0]) for part in parts])[:-1]
-    pauses = np.zeros(len(q))
-    pauses[first] = LOAD_CHANGE_S * (load_N[first] != load_N[first - 1])
-    start_s = BLOCK_S * np.arange(len(q)) + pauses.cumsum()
-    return Schedule(kind, pose, load_N, repeat, start_s, q, q_from)
-
-
-def one_after_another(commands: Array, plan: TrackerOptions, rng: np.random.Generator) -> Schedule:
-    """Order the configurations of a tracker's campaign, each approached straight from the last.
-
-    Calibration poses come first, then their repeats, then the held-out ones. The first
-    configuration is approached from where the arm stands already.
-
-    Args:
-        commands: (P, n) commanded joint positions [rad, or m of a prismatic joint].
-        plan: share held out, repeats and their order, loads, time a configuration takes.
-    """
-    count = len(commands)
-    holdout = 0 if plan.holdout_every else round(plan.holdout_share * count)
-    grid = count - holdout
-    if plan.by_first_joint:
-        first = np.argsort(commands[:grid, 0], kind="stable")
-        commands = np.concatenate([commands[first], commands[grid:]])
-    every = plan.repeat_every
-    runs = [
-        np.arange(grid),
-        *(_run(grid, number, plan, rng) for number in range(1, plan.repeats)),
-        np.arange(every - 1, grid, every) if every else np.arange(0),
-    ]
-    pose = np.concatenate([*runs, np.arange(grid, grid + holdout)])
-    repeat = np.repeat(np.arange(1, len(runs) + 1), [len(run) for run in runs])
-    labels = np.array(
-        [f"P{number:03d}" for number in range(1, grid + 1)]
-        + [f"H{number:03d}" for number in range(1, holdout + 1)]
-    )
-    q = commands[pose]
-    return Schedule(
-        kind=np.where(pose < grid, "grid", "holdout"),
-        pose=labels[pose],
-        load_N=np.resize(plan.loads_N, count)[pose],
-        repeat=np.concatenate([repeat, np.ones(holdout, dtype=np.int64)]),
-        start_s=plan.seconds_a_pose * np.arange(len(pose), dtype=float),
-        q=q,
-        q_from=np.concatenate([q[:1], q[:-1]]),
-    )
-
-
-def _run(
-    count: int, number: int, plan: TrackerOptions, rng: np.random.Generator
-) -> NDArray[np.int64]:
-    """Return the order of `count` poses in a repeat, numbered from 0."""
-    if plan.order == "shuffled":
-        return rng.permutation(count)
-    backwards = {
-        "same": False,
-        "there_and_back": number % 2 == 1,
-        "there_there_back_back": number >= (plan.repeats + 1) // 2,
-    }[plan.order]
-    return np.arange(count)[::-1] if backwards else np.arange(count)
-
-
-#: Kind, label, load, repeat, position and where from, each of some configurations.
-_Columns = tuple[NDArray[Any], NDArray[Any], Array, NDArray[Any], Array, Array]
-
-
-def _sweep(kind: str, letter: str, q: Array, load_N: float, repeats: int, path: str) -> _Columns:
-    """Run `repeats` times round the closed path through the poses."""
-    count = len(q)
-    runs = [np.arange(count)] * repeats
-    if path == "alternating":
-        runs = [run[::-1] if repeat % 2 else run for repeat, run in enumerate(runs)]
-    order = np.concatenate(runs)
-    q_from = q[np.concatenate([np.roll(run, 1) for run in runs])]
-    numbers = np.repeat(np.arange(1, repeats + 1), count)
-    kinds, loads_N = np.full(len(order), kind), np.full(len(order), load_N)
-    return kinds, _labels(letter, q)[order], loads_N, numbers, q[order], q_from
-
-
-def _shuffled(poses: Poses, settings: SimulateOptions, rng: np.random.Generator) -> _Columns:
-    """Shuffle points, loads and repeats of the held-out points.
-
-    Where shuffling gives one point twice in a row, the arm goes to the first grid pose in
-    between.
-    """
-    loads_N, repeats = np.array(settings.holdout_loads_N), settings.holdout_repeats
-    shape = len(poses.holdout), len(loads_N), repeats
-    shuffled = rng.permutation(int(np.prod(shape)))
-    order, load, repeat = np.unravel_index(shuffled, shape)
-    came_from = np.roll(order, 1)
-    again = (order == came_from)[:, None]
-    q = poses.holdout
-    q_from = np.where(again, poses.grid[0], q[came_from])
-    kinds, labels = np.full(len(order), "holdout"), _labels("H", q)
-    return kinds, labels[order], loads_N[load], 1 + repeat, q[order], q_from
-
-
-def _labels(letter: str, q: Array) -> NDArray[np.str_]:
-    return np.array([f"{letter}{number:02d}" for number in range(1, len(q) + 1)])

@@ -1,4 +1,4 @@
-"""The raw files of a campaign in memory, and what may be done to them before they are written."""
+"""The raw files of a campaign in memory, with the operations of disturbances on them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class RawLog:
     def of(
         cls, description: Mapping[str, Any], tables: Mapping[str, pd.DataFrame], arm: Arm
     ) -> RawLog:
-        """Copy what an instrument gave, so that its own stays as it is."""
+        """Return a copy of a description and its tables."""
         copied = {key: table.copy() for key, table in tables.items()}
         return cls(copy.deepcopy(dict(description)), copied, arm)
 
@@ -48,7 +48,7 @@ class RawLog:
 
     @property
     def readings(self) -> pd.DataFrame:
-        """Return the table of what the instrument read."""
+        """Return the table of the instrument's readings."""
         return self.tables["cmm" if self.touched else "poses"]
 
     @property
@@ -77,7 +77,7 @@ class RawLog:
 
     @property
     def points(self) -> list[list[str]]:
-        """Return the columns of coordinates, three a point; one of a distance."""
+        """Return the columns of each point: three coordinates, or one distance."""
         if self.kind == "distance":
             return [["d_mm"]]
         ends = [name for name in map(str, self.readings) if name.endswith("x_mm")]
@@ -89,12 +89,12 @@ class RawLog:
         return [str(name) for name in self.readings if str(name).startswith("u_")]
 
     def move(self, shift_mm: Array, *, base: bool = True) -> None:
-        """Add to what was read in each configuration, (C, 3) along the instrument's axes.
+        """Shift the readings of each configuration by (C, 3), along the instrument's axes.
 
-        A distance takes the first of the three.
+        A distance is changed by the first component.
 
         Args:
-            base: whether targets on the base are read so, too.
+            base: whether readings of targets on the base are shifted too.
         """
         of_rows = shift_mm[self.configuration]
         for columns in self.points:
@@ -102,12 +102,12 @@ class RawLog:
                 self.readings[columns] = self.readings[columns] + of_rows[:, : len(columns)]
 
     def turn(self, turn_rad: Array) -> None:
-        """Turn the positions read in each configuration, (C, 3) about the instrument's origin."""
+        """Rotate the positions of each configuration by (C, 3) about the instrument's origin."""
         of_rows = turn_rad[self.configuration]
         for columns in self.points:
             p_mm = self.readings[columns].to_numpy(dtype=float)
             self.readings[columns] = p_mm + np.cross(of_rows, p_mm)
 
     def label(self, configuration: int) -> str:
-        """Return the pose of a configuration."""
+        """Return the label of a configuration's pose."""
         return str(self.configurations["pose"].iloc[configuration])

@@ -1,4 +1,4 @@
-"""What a trial is made of: an arm at a bench, the plan of its poses, what is hidden in it."""
+"""Parts of a trial: an arm at a bench, the plan of its poses, and the hidden effects."""
 
 from __future__ import annotations
 
@@ -28,46 +28,46 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 #: Factors of the usual size, drawn evenly in their logarithm.
 SINGLE_SIZES = (0.1, 3.0)
 OTHER_SIZES = (0.7, 3.0)
-#: Part of the trials without an effect of temperature in which it changes nevertheless.
+#: Share of the trials without an effect of temperature in which temperature changes.
 DRIFTING = 1.0 / 3.0
 
-#: Of touched balls: repeats, so that the 60 poses of the wide layout take no longer than the 27 of
-#: the grid.
+#: Touched balls: number of repeats, so that the 60 poses of the wide layout take no longer than the
+#: 27 of the grid.
 REPEATS: dict[Layout, int] = {"grid": 10, "wide": 4}
-#: How far the ball centres of a layout mostly lie from the middle of the machine [m].
+#: Usual distance of ball centres from the middle of the machine [m].
 HALF_M: dict[Layout, float] = {"grid": 0.2, "wide": 0.8}
 MACHINE_MIDDLE_M = 0.4
-#: Orientations are drawn with seeds from 1 to these. Of the grid's, about one in ten beyond needs a
-#: pose out of reach.
+#: Largest seeds of orientations. For the grid, about one in ten of larger seeds has a pose out of
+#: reach.
 TILT_SEEDS: dict[Layout, int] = {"grid": 20, "wide": 2**31 - 1}
-#: Swing of the hall's temperature in a trial that has one.
+#: Amplitude of the hall's temperature in a trial that has one.
 DRIFT_C = 2.0
-#: Coulomb friction of the PA10's joints, and torques under which joints 2 to 5, those that weights
-#: load, usually stand [N m].
+#: Coulomb friction of the PA10's joints, and usual torques of joints 2 to 5, which weights load [N
+#: m].
 COULOMB_NM = (13.336, 23.136, 10.885, 2.301, 5.512, 1.547)
 TYPICAL_NM = {2: 75.0, 3: 48.0, 4: 1.5, 5: 6.0}
 
-#: Of trackers: configurations of a trial, and the share held out.
+#: Trackers: number of configurations of a trial, and the share held out.
 TRACKED_POSES = 300
 DISTANCE_POSES = 430
 TRACKED_HOLDOUT = 0.3
-#: Coulomb friction of these arms, of the rated torque.
+#: Coulomb friction of these arms over the rated torque.
 COULOMB_PER_RATED = 0.1
-#: Bounds between which a tracker's trials are drawn, evenly in the logarithm: noise of a coordinate
-#: [mm], noise of an orientation [rad], time a configuration takes [s], mass of the tool [kg].
+#: Bounds of values drawn evenly in the logarithm: noise of a coordinate [mm], noise of an
+#: orientation [rad], duration of a configuration [s], mass of the tool [kg].
 POSITION_MM = (0.015, 0.05)
 ATTITUDE_RAD = (5e-5, 2e-4)
 SECONDS_A_POSE = (20.0, 60.0)
 TOOL_KG = (0.5, 3.0)
-#: Swing of the hall's temperature: over these shorter campaigns it comes to the change of the
-#: others.
+#: Amplitude of the hall's temperature: in these shorter campaigns it causes the same change.
 TRACKED_DRIFT_C = 5.0
-#: Part of a tracker's trials with loads, which take turns [N]; and how many targets `points` has.
+#: Share of a tracker's trials with loads, which alternate [N]; and numbers of targets of `points`.
 LOADED = 0.5
 LOADS_N = (0.0, 30.0)
 TARGETS = (1, 3)
-#: A joint whose torque varies by less than this part of the rated torque is not loaded.
+#: Least variation of the torque of a loaded joint, over the rated torque.
 _LEAST_LOADED = 0.02
+#: Number of poses for usual torques.
 _TYPICAL_POSES = 200
 
 
@@ -75,55 +75,55 @@ _TYPICAL_POSES = 200
 class Trial:
     """One campaign to be judged without its truth."""
 
-    name: str  # of the campaign; gives nothing away
+    name: str  # of the campaign; it does not tell what is hidden
     kind: str  # of `trials`
     bench: str  # layout of the poses, or arm and instrument
-    settings: SimulateOptions  # what the virtual cell is to do, with the hidden effects
-    sizes: tuple[float, ...]  # one a hidden effect: factor of its usual size
+    settings: SimulateOptions  # of the virtual cell, with the hidden effects
+    sizes: tuple[float, ...]  # of each hidden effect, factor of its usual size
 
 
 @dataclass(frozen=True)
 class Bench:
-    """An arm under a tracker, and what may be hidden there."""
+    """An arm under a tracker, and the effects that may be hidden there."""
 
     robot: str  # name of an arm description
     instrument: str  # kind of the tracker
     flexible_joints: tuple[int, ...] = ()  # joints with a linear spring, of an arm with masses
     logs_torques: bool = False  # whether some of its trials log torques
-    targets: int | None = None  # how many an instrument of several sees; None draws that
-    poses: int = TRACKED_POSES  # configurations of a trial
-    campaigns: int = 0  # in how many a trial of drives measures it; 0 for other trials
+    targets: int | None = None  # number of targets, if the instrument has several; None draws it
+    poses: int = TRACKED_POSES  # number of configurations of a trial
+    campaigns: int = 0  # number of campaigns of a trial of drives; 0 for other trials
 
     touched: ClassVar[bool] = False  # whether balls are touched
     drift_C: ClassVar[float] = TRACKED_DRIFT_C  # swing of the hall's temperature where it drifts
 
     @property
     def name(self) -> str:
-        """Arm and instrument, or number of campaigns; and of targets that is not drawn."""
+        """Return arm, instrument or number of campaigns, and number of targets if it is fixed."""
         by = self.campaigns or self.instrument
         return "-".join(map(str, filter(None, (self.robot, by, self.targets))))
 
     @property
     def plan(self) -> dict[str, Any]:
-        """Return what `without_touches` holds in every trial."""
+        """Return the keys of `without_touches` that every trial has."""
         flexible = self.flexible_joints
         return {"instrument": self.instrument, "flexible_joints": flexible, "hardening": False}
 
     @cached_property
     def arm(self) -> Arm:
-        """The arm as described."""
+        """Return the nominal arm."""
         return load_arm(self.robot)
 
     @cached_property
     def built(self) -> Robot:
-        """One such robot."""
+        """Return one individual robot."""
         plan = {"built": "drawn"} if self.touched else {"without_touches": self.plan}
         raw = {"robot": self.robot, **plan}
         return robot_of(self.arm, parse_section(SimulateOptions, raw, where=self.name))
 
     @cached_property
     def typical_Nm(self) -> Array:
-        """(n,) torques of the joints, root mean square about their mean."""
+        """Return the standard deviation of each joint's torque, (n,)."""
         q = np.random.default_rng(0).uniform(*joint_bounds(self.arm), (_TYPICAL_POSES, self.arm.n))
         torque_Nm = self.built.mechanism.statics(q, np.zeros(len(q))).torque_Nm
         return np.asarray(torque_Nm.std(axis=0))
@@ -136,7 +136,7 @@ class Bench:
 
     @property
     def half_m(self) -> float:
-        """How far targets mostly lie from the middle of the measured volume."""
+        """Return the usual distance of targets from the middle of the measured volume."""
         return 0.5 * self.arm.reach_m
 
     def middle_m(self, robot: Robot) -> tuple[float, float, float]:
@@ -145,7 +145,7 @@ class Bench:
         return x_m, y_m, z_m
 
     def drawn_plan(self, rng: np.random.Generator) -> tuple[bool, dict[str, Any]]:
-        """Draw whether the temperature drifts, and the settings of how the arm is measured."""
+        """Draw whether the temperature drifts, and the settings of the measurement."""
         drifts = bool(rng.random() < DRIFTING)
         has_masses = self.arm.mass_kg is not None
         plan = self.plan | {
@@ -164,16 +164,16 @@ class Bench:
         return drifts, {"without_touches": plan}
 
     def site(self, of: str, robot: Robot) -> Site:
-        """Return what the size of an effect at a place of a robot goes by."""
+        """Return the quantities that determine the size of an effect at a place of a robot."""
         rated_Nm, typical_Nm, coulomb_Nm = 0.0, 0.0, 0.0
         if of.startswith("joint "):
-            every = np.nan_to_num(self.arm.torque_limit_Nm), self.typical_Nm, self.coulomb_Nm
             joint = int(of.removeprefix("joint ")) - 1
-            rated_Nm, typical_Nm, coulomb_Nm = (float(torques[joint]) for torques in every)
+            rated_Nm = float(np.nan_to_num(self.arm.torque_limit_Nm)[joint])
+            typical_Nm, coulomb_Nm = float(self.typical_Nm[joint]), float(self.coulomb_Nm[joint])
         return Site(of, rated_Nm, typical_Nm, coulomb_Nm, self.half_m, self.middle_m(robot))
 
     def places(self, effect: type[SimulatedEffect]) -> list[str]:
-        """Return where an effect does something at this bench."""
+        """Return the places at which an effect acts at this bench."""
         if effect.by_weights and self.arm.mass_kg is None:
             return []
         if issubclass(effect, TorqueLogEffect) and not self.logs_torques:
@@ -204,7 +204,7 @@ class TouchedBench(Bench):
 
     @cached_property
     def typical_Nm(self) -> Array:
-        """(n,) torques under which the joints usually stand."""
+        """Return the usual torques of the joints, (n,)."""
         return np.array([TYPICAL_NM.get(joint, 0.0) for joint in range(1, self.arm.n + 1)])
 
     @property
@@ -214,7 +214,7 @@ class TouchedBench(Bench):
 
     @property
     def half_m(self) -> float:
-        """How far ball centres mostly lie from the middle of the machine."""
+        """Return the usual distance of ball centres from the middle of the machine."""
         return HALF_M[self.layout]
 
     @override
@@ -237,33 +237,32 @@ class TouchedBench(Bench):
 class Scenario:
     """A trial while it is drawn."""
 
-    kind: str  # as of `Trial`
-    rng: np.random.Generator  # draws it
+    kind: str  # see `Trial`
+    rng: np.random.Generator
     bench: Bench
     seed: int  # of the campaign
-    settings: dict[str, Any] = field(default_factory=dict)  # what else the cell is to do
+    settings: dict[str, Any] = field(default_factory=dict)  # further keys of `SimulateOptions`
     hidden: list[dict[str, Any]] = field(default_factory=list)  # effects: id, place, parameters
-    sizes: list[float] = field(default_factory=list)  # factor of the usual size of each
+    sizes: list[float] = field(default_factory=list)  # of each, factor of its usual size
 
     @property
     def options(self) -> SimulateOptions:
-        """What the virtual cell is to do."""
-        of = {"random_seed": self.seed, "robot": self.bench.robot, "hidden_effects": self.hidden}
-        return parse_section(
-            SimulateOptions, of | self.settings, where=f"a trial of kind {self.kind}"
-        )
+        """Return the options of the virtual cell."""
+        own = {"random_seed": self.seed, "robot": self.bench.robot, "hidden_effects": self.hidden}
+        where = f"a trial of kind {self.kind}"
+        return parse_section(SimulateOptions, own | self.settings, where=where)
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot of the campaign, once its plan is drawn."""
+        """Return the robot of the campaign; its plan must be drawn before."""
         return robot_of(self.bench.arm, self.options)
 
     def hide(self, effect: type[SimulatedEffect], size: float, site: Site | None = None) -> None:
-        """Hide an effect at some times its usual size, none twice at one place.
+        """Hide an effect, unless it is hidden already at the same place.
 
         Args:
             size: factor of its usual size.
-            site: where; None draws a place where it does something at the bench.
+            site: its place; None draws one where it acts at the bench.
         """
         if effect.without_axes is not None and not self.bench.touched:
             effect = effect.without_axes
@@ -275,23 +274,23 @@ class Scenario:
             self.put(effect.id, site.of, parameters, size)
 
     def put(self, id: str, of: str, parameters: dict[str, Any], size: float) -> None:
-        """Hide an effect of known parameters."""
+        """Hide an effect of given parameters."""
         self.hidden.append({"id": id, "of": of, "parameters": parameters})
         self.sizes.append(size)
 
     @property
     def effects(self) -> list[type[SimulatedEffect]]:
-        """The kinds of the hidden effects."""
+        """Return the classes of the hidden effects."""
         return [all_effects()[entry["id"]] for entry in self.hidden]
 
     def trial(self, name: str = "blind") -> Trial:
-        """Return the trial, under a name that begins so."""
+        """Return the trial; its name is that with the seed."""
         sizes = tuple(self.sizes)
         return Trial(f"{name}-{self.seed:08x}", self.kind, self.bench.name, self.options, sizes)
 
 
 def trial_places(effect: type[SimulatedEffect]) -> tuple[str, ...]:
-    """Return where trials put an effect, in the words of `SimulatedEffect.places`."""
+    """Return the places where trials hide an effect, as `SimulatedEffect.places` has them."""
     return effect.trial_places or effect.places
 
 

@@ -1,9 +1,9 @@
-"""Trials: campaigns drawn at random, each with what it hides, to put a verdict to the test.
+"""Trials: simulated campaigns, drawn at random with hidden effects, that test verdicts.
 
-Every kind of trial is a `Scenario` while it is drawn. Here are those of touched balls with repeats,
-of the PA10, and those of arms under trackers that never come back to a pose; wild ones, with what
-ordinary logs have and with faults (`disturbances`); and those of drives that err. Those that come
-as measured robots do are in `measured_trials`.
+Every trial is a `Scenario` while it is drawn. Trials of this module: the PA10 under touched balls
+with repeats; arms under trackers without repeats; wild ones, whose logs have ordinary imperfections
+and faults (`disturbances`); and drives with erroneous sensors or gears. Trials that resemble
+campaigns of measured robots are in `measured_trials`.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ from pa10cal_lab.cell.scenario import (
     log_uniform,
 )
 
-#: `null`: nothing hidden; `single`, `pair`, `triple`: so many effects of the vocabulary; `outside`:
-#: one that has no name in it; `wrong_noise`, `wrong_mass`: nothing hidden, but the campaign states
-#: a wrong uncertainty, or a link has another mass than the arm's description says.
+#: `null`: nothing hidden; `single`, `pair`, `triple`: one to three effects of the vocabulary;
+#: `outside`: one effect that is not in it; `wrong_noise`, `wrong_mass`: no effect, but the campaign
+#: states a wrong uncertainty, or the mass of a link differs from the arm's description.
 KINDS = ("null", "single", "pair", "triple", "outside", "wrong_noise", "wrong_mass")
-#: `right`: nothing wrong; `stressed`: a stressor, nothing hidden; `effect`: one effect of the
-#: vocabulary at its plausible size, among a stressor or a joint zero that is off; `beyond`: one
-#: that has no name; `fault`: an error in the log, nothing hidden; the others: `measured_trials`.
+#: `right`: nothing wrong; `stressed`: a stressor and no effect; `effect`: one effect of the
+#: vocabulary at its plausible size, with a stressor or a wrong joint zero; `beyond`: one effect
+#: without a name; `fault`: an error in the log and no effect; the others: `measured_trials`.
 WILD_KINDS = ("right", "stressed", "effect", "beyond", "fault", *SUBJECTS)
-#: What errs in a drive; where nothing does, motors ripple all the same.
+#: The erroneous part of a drive. With `neither` motors have ripple all the same.
 DRIVE_KINDS = ("sensor", "gear", "both", "neither")
 
 
@@ -73,24 +73,24 @@ def _benches(
     )
 
 
-#: The PA10 under touched balls; its wide layout is shorter than that of other trials.
+#: The PA10 under touched balls, with fewer poses than in the study of touched balls.
 TOUCHED = "pa10-touched"
-#: Arms under instruments that do not touch; every joint gives way where masses are described.
+#: Arms under trackers; every joint is flexible where masses are described.
 WILD_BENCHES = tuple(
     Bench(robot, instrument, tuple(range(1, joints + 1)), logs_torques=joints > 0)
     for instrument in ("pose", "points", "distance")
     for robot, joints in (("ur10", 6), ("irb120", 0), ("iiwa14", 7))
 )
-#: An arm whose joints turn more than once is measured in one campaign, others in two: whether an
-#: error is a joint's own shows where two turns or two campaigns meet.
+#: An arm whose joints turn more than once is measured in one campaign, others in two: an error that
+#: is periodic in the joint repeats from turn to turn or from campaign to campaign.
 DRIVE_BENCHES = (
     Bench("ur10", "pose", (2, 3), campaigns=1),
     Bench("iiwa14", "pose", (2, 4), campaigns=2),
     Bench("ur10", "pose", (2, 3), campaigns=2),
     Bench("irb120", "pose", campaigns=2),
 )
-#: Benches of each study by their names. `points_one` to `distance` are what most laboratories have:
-#: no orientation is measured. A distance is one number a pose, which needs more of them.
+#: Benches of each study by their names. `points_one` to `distance` measure no orientations, as most
+#: laboratories. A distance is one number a pose, so that more poses are needed.
 STUDIES: dict[str, dict[str, Bench]] = {
     "touched": _named(TouchedBench(layout=layout) for layout in LAYOUTS),
     "tracked": _named((*_benches("pose"), *_benches("points"))),
@@ -101,7 +101,7 @@ STUDIES: dict[str, dict[str, Bench]] = {
 }
 STUDIES["wild"] = {**_named(WILD_BENCHES), TOUCHED: STUDIES["touched"]["wide"]}
 _KINDS_OF = {"wild": WILD_KINDS, "drives": DRIVE_KINDS}
-#: Stream of random numbers of the first kind of each study; its other kinds follow.
+#: Number of the random stream of the first kind of each study; the next kinds have the next ones.
 _STREAMS = {
     **{"touched": 0, "tracked": 7, "points_one": 107, "points_three": 207, "distance": 307},
     **{"drives": 700, "wild": 900},
@@ -122,22 +122,22 @@ def draw_trials(
 ) -> tuple[Trial, ...]:
     """Draw trials of one kind; the same arguments and number give the same trial.
 
-    Every trial has a robot, poses and noise of its own. Singles go through the vocabulary in turn,
-    trials outside of it through what it lacks, each effect through the benches where it does
-    something; wild trials through what they put in, at a bench that is drawn; of other kinds the
-    benches take turns. Singles of trackers have the size that the vocabulary holds for plausible.
+    Every trial has a robot, poses and noise of its own. Kinds with subjects go through these in
+    turn: through effects (`single`, `outside`) at the benches where they act, or through effects,
+    disturbances and others at a bench that is drawn (wild trials). For other kinds benches take
+    turns. Single effects under trackers have their plausible size.
 
     Args:
-        study: of `STUDIES`, each drawn apart.
-        benches: names of those to use, in this order; none for all of the study.
+        study: of `STUDIES`; each has its own random streams.
+        benches: names of those to use, in this order; empty for all of the study.
         first: number of the first trial.
-        size: factor of the usual size of all effects; None draws it. It changes nothing else. Not
-            of wild trials and drives.
-        only: of wild trials one disturbance or effect, or another subject; empty for all in turn.
+        size: factor of the usual size of all effects; None draws it. It changes nothing else, and
+            is not used by wild trials and drives.
+        only: for wild trials the one subject to draw; empty for all in turn.
 
     Raises:
-        SettingsError: for no trial, or for a kind, a bench, a disturbance or an effect that does
-            not exist, or one that means nothing at any of the benches.
+        SettingsError: for a count below one; for an unknown kind, bench or subject; or for one that
+            does nothing at any of the benches.
     """
     if count < 1:
         _refuse("no trial to run", "--count", count, ["1 or more"], "request more trials")
@@ -182,7 +182,7 @@ def _refuse(
 
 
 def subjects_of(kind: str) -> tuple[str, ...]:
-    """Return what trials of a kind go through in turn: effects, disturbances or other subjects."""
+    """Return the subjects that trials of a kind go through in turn; one empty text for none."""
     every = DISTURBANCES.items()
     known = {
         "single": tuple(vocabulary()),
@@ -201,8 +201,8 @@ def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
     """Return the number of trials of each kind, for Snakemake to divide into jobs.
 
     Args:
-        counts: kinds and their numbers, as in the settings: rounds, of kinds that go through
-            effects or disturbances in turn.
+        counts: kinds and their numbers, as in the settings: for kinds that go through subjects
+            the number of rounds.
     """
     in_turn = ("single", "outside", "stressed", "beyond", "fault")
     rounds = {kind: len(subjects_of(kind)) for kind in in_turn} | {"effect": len(vocabulary())}
@@ -211,11 +211,11 @@ def trial_counts(counts: Iterable[tuple[str, int]]) -> dict[str, int]:
 
 # Effects hidden in logs that are otherwise in order.
 
-#: How many effects a kind hides.
+#: Number of effects that a kind hides.
 _MEMBERS: Mapping[str, int] = {"single": 1, "outside": 1, "pair": 2, "triple": 3}
-#: By what factor, up or down, a wrong statement of the instrument is wrong.
+#: Factor, up or down, of a wrongly stated uncertainty.
 _NOISE_FACTORS = (1.5, 4.0)
-#: By what part, more or less, the mass of one link is wrong. The first link loads no joint.
+#: Relative error, up or down, of the mass of one link but the first, which loads no joint.
 _MASS_EXCESS = (0.1, 0.3)
 
 
@@ -228,7 +228,10 @@ def _draw_hidden(
     *,
     size: float | None = None,
 ) -> Trial:
-    """Draw a trial that hides a subject, or effects of the vocabulary, or states what is wrong."""
+    """Draw a trial that hides a subject or effects of the vocabulary, or has a wrong statement.
+
+    A wrong mass needs an arm whose masses are stated: other benches are passed over.
+    """
     effects = outside() if kind == "outside" else vocabulary()
     if subject:
         turn, place = divmod(number, len(effects))
@@ -238,17 +241,20 @@ def _draw_hidden(
         # Layouts of touched balls take turns from effect to effect as well.
         bench, names = fit[(turn + place * fit[0].touched) % len(fit)], [subject]
     else:
-        bench = list(benches.values())[number % len(benches)]
+        fit = [b for b in benches.values() if kind != "wrong_mass" or b.arm.mass_kg is not None]
+        if not fit:
+            raise idle(kind, benches, "an arm with masses among them")
+        bench = fit[number % len(fit)]
         names = [name for name, effect in effects.items() if bench.places(effect)]
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
     drifts, settings = bench.drawn_plan(rng)
     scenario.settings |= settings
     while len(scenario.hidden) < _MEMBERS.get(kind, 0):
         effect = effects[subject or str(rng.choice(names))]
-        drawn = effect.plausible_size
+        drawn_size = effect.plausible_size
         if kind != "single" or bench.touched:
-            drawn = log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
-        scenario.hide(effect, drawn if size is None else size)
+            drawn_size = log_uniform(SINGLE_SIZES if kind == "single" else OTHER_SIZES, rng)
+        scenario.hide(effect, drawn_size if size is None else size)
     uncertainty_mm = UNCERTAINTY_MM
     if not bench.touched:
         plan = settings["without_touches"]
@@ -256,36 +262,39 @@ def _draw_hidden(
         uncertainty_mm = plan["position_mm"]
     warms = drifts or any(effect.by_temperature for effect in scenario.effects)
     scenario.settings["temperature_drift_C"] = bench.drift_C if warms else 0.0
-    up, arm = float(rng.choice([-1.0, 1.0])), bench.arm
+    sign = float(rng.choice([-1.0, 1.0]))
     if kind == "wrong_noise":
-        factor = float(np.exp(up * rng.uniform(*np.log(_NOISE_FACTORS))))
+        factor = float(np.exp(sign * rng.uniform(*np.log(_NOISE_FACTORS))))
         scenario.settings["stated_uncertainty_mm"] = uncertainty_mm * factor
-    elif kind == "wrong_mass" and arm.mass_kg is not None:
-        factors = np.ones(arm.n)
-        factors[rng.integers(1, arm.n)] += up * rng.uniform(*_MASS_EXCESS)
+    elif kind == "wrong_mass":
+        factors = np.ones(bench.arm.n)
+        factors[rng.integers(1, bench.arm.n)] += sign * rng.uniform(*_MASS_EXCESS)
         scenario.settings["mass_factor"] = factors.tolist()
     return scenario.trial()
 
 
 # Wild trials: any arm and instrument, with what ordinary logs have, and with faults.
 
-#: Repeats of every calibration pose, in turn, with the calibration poses of each. One distance a
-#: pose needs more of them.
+#: Number of calibration poses, by the number of repeats of each: more for distances, which are one
+#: number a pose.
 _POSES_BY_REPEATS = {1: 240, 4: 48, 8: 36}
 _DISTANCE_POSES_BY_REPEATS = {1: 300, 4: 100, 8: 80}
-#: Held-out poses of a campaign with repeats, and their part of the others in one without.
+#: Number of held-out poses of a campaign with repeats; share of the calibration poses without.
 _HELD_OUT, _HELD_OUT_SHARE = 16, 0.2
 #: Orders of the poses in the repeats.
 _ORDERS = ("same", "there_and_back", "there_there_back_back", "shuffled")
-#: Links about their motors, from reading to reading [rad].
+#: Scatter of links about their motors, from reading to reading [rad].
 _UNSEEN_RAD = 1e-5
-#: Part of the campaigns with loads, of arms with masses, and the loads.
+#: Share of the campaigns that have loads, if the arm has masses; and the loads.
 _LOADED, _LOADS_N = 0.3, (0.0, 44.0)
-#: Among what an effect must be found, besides the stressors of every log.
+#: Disturbances among which an effect has to be found, besides the stressors.
 _ALSO_AMONG = ("joint_zero",)
+#: Number of poses of touched balls.
 _TOUCHED_POSES = 40
-#: Friction of the joint whose direction is reversed in the log; else nothing shows it [N m].
+#: Friction of the joint whose direction is reversed in the log, without which that has no effect
+#: [N m].
 _FRICTION_NM = 4.0
+#: Largest number of benches and stressors that are drawn until a trial is possible.
 _TRIES = 2000
 
 
@@ -296,29 +305,30 @@ def _draw_wild(
     benches: Mapping[str, Bench],
     rng: np.random.Generator,
 ) -> Trial:
-    """Draw a trial that puts in a subject, at a bench where that means anything."""
-    every, names = DISTURBANCES, list(benches)
+    """Draw a trial of a subject at a bench where it has an effect."""
+    names = list(benches)
     effect = {**vocabulary(), **nameless()}.get(subject)
-    put = [every[subject]] if subject in every else []
     stressors = [*subjects_of("stressed"), *_ALSO_AMONG]
     for attempt in range(_TRIES):
-        turn = number + number // len(subjects_of(kind)) + attempt // 100
-        among = [every[stressors[turn % len(stressors)]]] if kind == "effect" else []
+        put_in = [DISTURBANCES[subject]] if subject in DISTURBANCES else []
+        if kind == "effect":
+            turn = number + number // len(subjects_of(kind)) + attempt // 100
+            put_in.append(DISTURBANCES[stressors[turn % len(stressors)]])
         name = names[number % len(names)] if kind == "right" else str(rng.choice(names))
         bench = benches[name]
         use = _drawn_use(bench, rng)
-        has = _has(bench, use)
-        fits = all(has[need] for each in (*put, *among) for need in each.needs)
-        if fits and (effect is None or _hides(bench, use, effect)):
+        meets = _needs_met(bench, use)
+        possible = all(meets[need] for disturbance in put_in for need in disturbance.needs)
+        if possible and (effect is None or _acts(bench, use, effect)):
             scenario = Scenario(kind, rng, bench, int(rng.integers(2**31)))
             if bench.touched:
-                return _wild_touched(scenario, effect, (*put, *among))
-            return _wild_tracked(scenario, use, effect, (*put, *among))
+                return _wild_touched(scenario, effect, put_in)
+            return _wild_tracked(scenario, use, effect, put_in)
     raise idle(subject, names, "benches with what it needs among them")
 
 
 def _drawn_use(bench: Bench, rng: np.random.Generator) -> dict[str, Any]:
-    """Draw how a bench is used, as `without_touches` holds it."""
+    """Draw repeats, loads, torques and targets at a bench, as keys of `without_touches`."""
     repeats = int(rng.choice(list(_POSES_BY_REPEATS)))
     loads_N = _LOADS_N if rng.random() < _LOADED else _LOADS_N[:1]
     logs_torques, targets = bool(rng.random() < 0.5), int(rng.choice([1, 2, 3]))
@@ -333,8 +343,8 @@ def _drawn_use(bench: Bench, rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def _has(bench: Bench, use: Mapping[str, Any]) -> dict[Need, bool]:
-    """Return which needs of disturbances a bench meets that is used so."""
+def _needs_met(bench: Bench, use: Mapping[str, Any]) -> dict[Need, bool]:
+    """Return which needs of disturbances a bench meets in a use."""
     return {
         "loads": len(use["loads_N"]) > 1,
         "masses": bench.arm.mass_kg is not None,
@@ -347,8 +357,8 @@ def _has(bench: Bench, use: Mapping[str, Any]) -> dict[Need, bool]:
     }
 
 
-def _hides(bench: Bench, use: Mapping[str, Any], effect: type[SimulatedEffect]) -> bool:
-    """Return whether an effect does something at a bench that is used so."""
+def _acts(bench: Bench, use: Mapping[str, Any], effect: type[SimulatedEffect]) -> bool:
+    """Return whether an effect acts at a bench in a use."""
     if bench.touched:
         return not effect.wild
     unlogged = issubclass(effect, TorqueLogEffect) and not use["logs_torques"]
@@ -359,7 +369,7 @@ def _wild_tracked(
     scenario: Scenario,
     use: Mapping[str, Any],
     effect: type[SimulatedEffect] | None,
-    put: Sequence[Disturbance],
+    put_in: Sequence[Disturbance],
 ) -> Trial:
     """Draw the campaign of a tracker."""
     kind, rng, bench = scenario.kind, scenario.rng, scenario.bench
@@ -372,14 +382,14 @@ def _wild_tracked(
         "poses": poses + held_out,
         "holdout_share": held_out / (poses + held_out),
         "order": str(rng.choice(_ORDERS)) if repeats > 1 else "same",
-        "by_first_joint": any(each.id == "temperature_ramp" for each in put),
+        "by_first_joint": any(each.id == "temperature_ramp" for each in put_in),
         "seconds_a_pose": log_uniform(SECONDS_A_POSE, rng),
         "tool_mass_kg": round(log_uniform(TOOL_KG, rng), 3),
         "unseen_rad": _UNSEEN_RAD,
         "position_mm": round(log_uniform(POSITION_MM, rng), 4),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
     }
-    scenario.settings["disturbances"] = _entries(put, scenario)
+    scenario.settings["disturbances"] = _entries(put_in, scenario)
     if effect is not None:
         of = str(rng.choice(bench.places(effect)))
         size = effect.plausible_size if kind == "effect" else log_uniform(OTHER_SIZES, rng)
@@ -391,10 +401,10 @@ def _wild_tracked(
 
 
 def _wild_touched(
-    scenario: Scenario, effect: type[SimulatedEffect] | None, put: Sequence[Disturbance]
+    scenario: Scenario, effect: type[SimulatedEffect] | None, put_in: Sequence[Disturbance]
 ) -> Trial:
-    """Draw the campaign of touched balls: one of the other trials, shorter and disturbed."""
-    disturbances = _entries(put, scenario)
+    """Draw the campaign of touched balls: one without disturbances, shortened, with these."""
+    disturbances = _entries(put_in, scenario)
     kind, place, size, subject = "null", 0, None, ""
     if effect is not None:
         kind, among = ("single", vocabulary()) if effect.named else ("outside", outside())
@@ -419,32 +429,34 @@ def _wild_touched(
     return Trial(f"wild-{scenario.seed:08x}", scenario.kind, TOUCHED, settings, sizes)
 
 
-def _entries(put: Sequence[Disturbance], scenario: Scenario) -> list[dict[str, Any]]:
-    """Draw disturbances as the settings hold them."""
+def _entries(put_in: Sequence[Disturbance], scenario: Scenario) -> list[dict[str, Any]]:
+    """Draw the parameters of disturbances, as entries of the settings."""
     joints, rng = scenario.bench.arm.n, scenario.rng
-    return [{"id": each.id, "parameters": each.draw_parameters(joints, rng)} for each in put]
+    return [{"id": each.id, "parameters": each.draw_parameters(joints, rng)} for each in put_in]
 
 
-# Drives: sensors or gears that err in some joints of any arm, and their motors' ripple.
+# Drives: errors of sensors or gears in some joints of any arm, and ripple of their motors.
 
-_ERRS: Mapping[str, tuple[str, ...]] = {
+_EFFECTS_OF_DRIVES: Mapping[str, tuple[str, ...]] = {
     "sensor": ("sensor_error",),
     "gear": ("gear_error",),
     "both": ("sensor_error", "gear_error"),
     "neither": ("motor_ripple",),
 }
-#: Poses of all campaigns of a trial, joints that err, and what they err by, in the usual size.
+#: Number of poses of all campaigns of a trial; largest number of erroneous joints; factor of their
+#: usual error; noise of positions.
 DRIVE_POSES = (1000, 4000)
 _MOST_JOINTS = 2
 _DRIVE_SIZES = (0.7, 1.4)
 _DRIVE_POSITION_MM = (0.015, 0.035)
-#: Part of the moves that leave a joint where it stood.
+#: Share of the moves in which a joint stays.
 _STAYS = 0.2
 
 
 def _draw_drives(
     kind: str, number: int, _subject: str, benches: Mapping[str, Bench], rng: np.random.Generator
 ) -> Trial:
+    """Draw a trial of drives; the poses of its campaigns are drawn by `campaigns_of`."""
     bench = list(benches.values())[number % len(benches)]
     scenario = Scenario(kind, rng, bench, int(rng.integers(2**31 - 8)))
     scenario.settings["without_touches"] = bench.plan | {
@@ -453,13 +465,13 @@ def _draw_drives(
         "position_mm": log_uniform(_DRIVE_POSITION_MM, rng),
         "attitude_rad": log_uniform(ATTITUDE_RAD, rng),
     }
-    # All gears of an arm are alike; where its description states a ratio, they have that.
+    # All gears of an arm have one ratio: the stated one, or else one that is drawn.
     arm = bench.arm
     drawn, stated = drawn_ratio(rng), float(arm.gear_ratio[0])
     ratio = drawn if np.isnan(stated) else stated
     joints = rng.choice(arm.n - 1, int(rng.integers(1, _MOST_JOINTS, endpoint=True)), False) + 1
     for of in (f"joint {joint}" for joint in sorted(joints.tolist())):
-        for name in _ERRS[kind]:
+        for name in _EFFECTS_OF_DRIVES[kind]:
             size = log_uniform(_DRIVE_SIZES, rng)
             parameters = all_effects()[name].at_size(Site(of), size, rng)
             parameters["ratio"] = ratio
@@ -471,9 +483,9 @@ def _draw_drives(
 
 
 def campaigns_of(trial: Trial) -> tuple[SimulateOptions, ...]:
-    """Return the settings of each campaign of a trial of drives, in poses and noise of its own.
+    """Return the settings of each campaign of a trial of drives, with poses and noise of its own.
 
-    The robot is that of the first. Joints go over all turns that they may make; some stay.
+    All have the robot of the first. Positions are drawn from the whole range of each joint.
     """
     bench, plan = STUDIES["drives"][trial.bench], trial.settings.without_touches
     assert plan is not None
@@ -488,7 +500,7 @@ def campaigns_of(trial: Trial) -> tuple[SimulateOptions, ...]:
 
 
 def _commanded(arm: Arm, poses: int, rng: np.random.Generator) -> tuple[tuple[float, ...], ...]:
-    """Return configurations [deg]."""
+    """Return configurations [deg] drawn over the ranges of the joints, some of which stay."""
     low, high = np.degrees(arm.limits_rad.T)
     if np.all(high - low <= 360.0):
         low, high = np.degrees(joint_bounds(arm))

@@ -19,8 +19,9 @@ from pa10cal.files.output import csv_text, whole_file, write_text
 from pa10cal.results.codec import write
 from pa10cal_lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
 from pa10cal_lab.cell.disturbances import disturb
+from pa10cal_lab.cell.mechanism import GRAVITY_M_S2
 from pa10cal_lab.cell.raw_log import RawLog
-from pa10cal_lab.cell.robot import GRAVITY_M_S2, Robot
+from pa10cal_lab.cell.robot import Robot
 from pa10cal_lab.trial_records import (
     TrueDisturbance,
     TrueEffect,

@@ -8,8 +8,9 @@ import pytest
 from made_up_robot import Plain
 from pa10cal.files.arms import load_arm
 from pa10cal_lab.cell.individual import build_robot
+from pa10cal_lab.cell.mechanism import Departures
 from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.robot import Departures, Springs
+from pa10cal_lab.cell.robot import Springs
 
 
 @pytest.fixture(scope="session")

@@ -19,8 +19,8 @@ from pa10cal_lab.cell.effects.structure import (
     SimulatedThermalGrowth,
     SimulatedToolSag,
 )
+from pa10cal_lab.cell.mechanism import Departures
 from pa10cal_lab.cell.options import CellNoiseOptions, SimulateOptions
-from pa10cal_lab.cell.robot import Departures
 
 QUIET = CellNoiseOptions(**dict.fromkeys(CellNoiseOptions.model_fields, 0.0))
 TOUCHES = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])

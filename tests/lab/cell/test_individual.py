@@ -13,8 +13,9 @@ from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.options import Tolerances
 from pa10cal_lab.cell.individual import build_robot, draw_individual
 from pa10cal_lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.mechanism import Departures
 from pa10cal_lab.cell.options import CellNoiseOptions, SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.robot import Departures, Springs, Targets, ring_of_targets
+from pa10cal_lab.cell.robot import Springs, Targets, ring_of_targets
 
 DRAWN = SimulateOptions(built="drawn")
 

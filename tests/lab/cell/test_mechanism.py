@@ -12,14 +12,8 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from made_up_robot import rebuilt
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal_lab.cell.robot import (
-    GRAVITY_M_S2,
-    LOAD_POINT_M,
-    Departures,
-    Mechanism,
-    SimulatedPayload,
-    Strain,
-)
+from pa10cal_lab.cell.mechanism import GRAVITY_M_S2, Departures, Mechanism, SimulatedPayload, Strain
+from pa10cal_lab.cell.robot import LOAD_POINT_M
 
 angles = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 loads = st.sampled_from([0.0, 22.0, 90.0])

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from made_up_robot import nominal_of, rebuilt
 from pa10cal.errors import SimulationError
 from pa10cal_lab.cell.campaign import simulate_campaign
+from pa10cal_lab.cell.mechanism import Departures
 from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions
-from pa10cal_lab.cell.poses import Poses, draw_wide, neighbours_path, place_poses, sweeps
-from pa10cal_lab.cell.robot import Departures
+from pa10cal_lab.cell.poses import Poses, draw_wide, neighbours_path, place_poses
+from pa10cal_lab.cell.schedule import sweeps
 
 LAYOUT = CellPosesOptions()
 

@@ -327,7 +327,10 @@ def test_wrong_statements_are_those_of_trackers():
         assert 1.5 <= max(factor, 1.0 / factor) <= 4.0
     for trial in draw_trials("wrong_mass", 6, 7, "tracked"):
         masses = load_arm(trial.settings.robot).mass_kg
-        assert len(trial.settings.mass_factor) == (0 if masses is None else len(masses))
+        assert masses is not None
+        assert len(trial.settings.mass_factor) == len(masses)
+    with pytest.raises(SettingsError, match="wrong_mass does nothing at any of the benches"):
+        draw_trials("wrong_mass", 1, 7, "tracked", ("irb120-pose",))
 
 
 def test_refuses_benches_at_which_an_effect_does_nothing():

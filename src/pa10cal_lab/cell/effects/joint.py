@@ -332,13 +332,12 @@ class SimulatedMoveSettling(effect.JointsEffect):
         return np.asarray(part[:, None] * motion.move)
 
 
-# Who errs in a drive: the sensor behind the gear, or the gear; and where its motor then stops.
+# Errors of a drive: of the sensor behind the gear, or of the gear itself, and the motor's position.
 #
-# A controller turns the motor until the sensor at the output reads what was commanded, so a
-# sensor's error is one of the true angle, and the motor stands where the gear takes it for that: at
-# its ratio times the true angle. Where the gear errs, the motor stands at its ratio times the angle
-# commanded. Cogging keeps the motor a little off where it should stop, by its own angle, in joints
-# that moved.
+# A controller turns the motor until the sensor at the output reads the commanded angle. An error of
+# the sensor is then one of the true angle, and the motor is at the gear ratio times the true angle.
+# With an error of the gear, the motor is at the gear ratio times the commanded angle. Cogging
+# shifts the motor from its target by an amount that depends on its own angle, in joints that moved.
 
 #: Orders of the band in which such errors lie, and their root mean square over a turn.
 _BAND = (6, 30)

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from pa10cal.arrays import Array
 from pa10cal_lab.cell.effects import effect
 from pa10cal_lab.cell.effects.joint import STIFFNESS_PER_RATED, Harmonic
-from pa10cal_lab.cell.robot import Strain
+from pa10cal_lab.cell.mechanism import Strain
 
 Axis = Annotated[int, Field(ge=0, le=2)]
 

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from pa10cal.arrays import Array
 from pa10cal_lab.cell.effects import effect
-from pa10cal_lab.cell.robot import GRAVITY_M_S2, Strain
+from pa10cal_lab.cell.mechanism import GRAVITY_M_S2, Strain
 
 Waves = Annotated[tuple[effect.Finite, ...], Field(min_length=1)]
 

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from pa10cal.arrays import Array
 from pa10cal_lab.cell.effects import effect
-from pa10cal_lab.cell.robot import GRAVITY_M_S2, Strain
+from pa10cal_lab.cell.mechanism import GRAVITY_M_S2, Strain
 
 SECONDS_PER_HOUR = 3600.0
 #: At how many places of a link its bend is added up: exact for an even beam from two on.

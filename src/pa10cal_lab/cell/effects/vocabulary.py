@@ -1,6 +1,6 @@
-"""The effects the cell knows, by name, and how a settings entry becomes one of them.
+"""All simulated effects by their ids, and their construction from entries of the settings.
 
-An effect is known once its class is in a module of this folder.
+Every class in a module of this folder is found; nothing lists them.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ def nameless() -> dict[str, type[SimulatedEffect]]:
 
 
 def outside() -> dict[str, type[SimulatedEffect]]:
-    """Return those of them that every kind of trial may hide."""
+    """Return those of `nameless` that every kind of trial may hide."""
     return {name: each for name, each in nameless().items() if not each.wild}
 
 
 def make_effects(
     entries: Sequence[HiddenEffectOptions], robot: Robot
 ) -> tuple[SimulatedEffect, ...]:
-    """Turn settings entries into effects of this robot.
+    """Return the effects of a robot by the entries of its settings.
 
     Raises:
         SettingsError: for an unknown effect or parameter (naming the nearest right one), a
-            parameter that is missing or not finite, or a place where the effect cannot sit.
+            parameter that is missing or not finite, or a place where the effect is not possible.
     """
     return tuple(
         _make_effect(entry, robot, f"hidden_effects[{index}]")
@@ -59,7 +59,7 @@ def make_effects(
 
 
 def places_of(names: Sequence[str], robot: Robot, loaded: Sequence[int] = ()) -> list[str]:
-    """Return the places in a robot that entries of `places` or `trial_places` stand for.
+    """Return the places of a robot for entries of `places` or `trial_places`.
 
     Args:
         loaded: joints, from 1, that weights load.
@@ -102,9 +102,9 @@ def _make_effect(entry: HiddenEffectOptions, robot: Robot, where: str) -> Simula
 
 
 def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[int]:
-    """Return the joints, from 1, that turn and are all that some words say of them.
+    """Return the joints, from 1, that have all qualities named by the words before `joint`.
 
-    Of `any joint` those that slide, too, and of `sliding joint` these alone.
+    Only revolute joints are returned, but for the words `any` and `sliding`.
     """
     arm = robot.arm
     qualities = {
@@ -123,18 +123,15 @@ def _joints(words: Sequence[str], robot: Robot, loaded: Sequence[int]) -> list[i
     return (np.flatnonzero(fits) + 1).tolist()
 
 
-# The classes of a kind that the modules of a folder hold, by their id.
-#
-# `classes_in` is in this module on purpose: one that looks through folders depends on every module
-# beside it, of which the workflow then runs the jobs again (`planning.code`).
-
-
 def classes_in(package: ModuleType, kind: Any, key: str = "id") -> dict[str, Any]:
-    """Return every class of a kind that has an id of its own, or another key.
+    """Return every subclass of a kind that defines an id, or another key, by its value.
 
-    They come module by module by name, each in the order of its file: random draws go by it.
+    They are ordered by the name of their module and by their place in it: random draws depend on
+    the order.
     """
-    found = {}
+    # This is the place for it: a module that imports whole folders counts as depending on every
+    # module beside it (`planning.code`), and elsewhere the workflow would repeat more jobs.
+    classes = {}
     for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
         module = import_module(f"{package.__name__}.{name}")
         for each in vars(module).values():
@@ -144,5 +141,5 @@ def classes_in(package: ModuleType, kind: Any, key: str = "id") -> dict[str, Any
                 and each.__module__ == module.__name__
                 and key in vars(each)
             ):
-                found[vars(each)[key]] = each
-    return found
+                classes[vars(each)[key]] = each
+    return classes

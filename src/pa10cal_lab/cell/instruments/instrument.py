@@ -1,4 +1,4 @@
-"""What every simulated instrument has, and what is true of the configurations that it measures."""
+"""Interface of simulated instruments, and the truth of the configurations that they measure."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import SimulationError
 from pa10cal_lab.cell.effects.effect import JointState, Loading, SimulatedEffect, with_added
+from pa10cal_lab.cell.mechanism import Strain
 from pa10cal_lab.cell.options import SimulateOptions
-from pa10cal_lab.cell.poses import Poses, Schedule
-from pa10cal_lab.cell.robot import Robot, Strain
-
-# Where the links of a loaded arm come to rest: springs and structure against gravity.
+from pa10cal_lab.cell.poses import Poses
+from pa10cal_lab.cell.robot import Robot
+from pa10cal_lab.cell.schedule import Schedule
 
 #: The iteration stops when no joint and no link moves by more than this [rad, m].
 TOLERANCE = 1e-13
@@ -43,15 +43,15 @@ def rest_poses(
     warming_K: Array,
     arrival: Array | None = None,
 ) -> Rest:
-    """Find where the robot comes to rest.
+    """Return the equilibrium of springs and structure with gravity.
 
     The torque is that of the deflected posture: tau(q) = k_lin (drive - q) + k_cub (drive - q)^3,
-    equation (1) of the paper. Torque and strain are taken from the last posture, the springs
-    follow by a Newton step; since gravity changes little over a deflection, each round gains about
-    two digits.
+    equation (1) of the paper. Torque and strain are those of the last posture, and the springs
+    follow by a Newton step; since gravity changes little over a deflection, each iteration gains
+    about two digits.
 
     Args:
-        effects: what else moves it; only those that torques or weights bring about matter here.
+        effects: of the robot; only those by torques or weights matter here.
         drive: (P, n) motor positions with what the transmissions add to them [rad, or m].
         load_N: (P,) hanging weights.
         time_s: (P,) times since the start of the campaign.
@@ -138,20 +138,20 @@ class Truth:
         return read
 
     def as_logged(self, tau_Nm: Array, arrival: Array) -> Array:
-        """Return torques (P, n) with what the log adds to them."""
+        """Return torques (P, n) with errors of the log."""
         motion = JointState(np.zeros_like(tau_Nm), arrival, self.robot.arm.gear_ratio, tau_Nm)
         return with_added(tau_Nm, "log", self.effects, motion)
 
 
 class SimulatedInstrument(ABC):
-    """How a robot is brought to its poses and measured there."""
+    """An instrument and the way a robot is moved to its poses and measured."""
 
     kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml
     files: ClassVar[Mapping[str, str]]  # names of the raw files by their key in campaign.yaml
     # purposes of the streams of random numbers; a new one goes to the end, so that the others stay
     # as they are
     streams: ClassVar[tuple[str, ...]]
-    # how many a column has in its file, by the end of its name; others are written as they are
+    # number of decimals of a column in its file, by the end of its name; others are not rounded
     decimals: ClassVar[Mapping[str, int]]
 
     def __init__(self, settings: SimulateOptions) -> None:
@@ -164,11 +164,11 @@ class SimulatedInstrument(ABC):
     @property
     @abstractmethod
     def at_rest_s(self) -> float:
-        """Return the time from setting out for a configuration to its reading."""
+        """Return the time from the start of a move to a configuration until its reading."""
 
     @abstractmethod
     def motors(self, schedule: Schedule, streams: Streams) -> tuple[Array, Array]:
-        """Return motor positions (C, n), and those that drive the links, which no log shows."""
+        """Return motor positions (C, n), and the true ones of the links' drives, not logged."""
 
     @abstractmethod
     def measure(self, truth: Truth, streams: Streams) -> dict[str, pd.DataFrame]:
@@ -180,10 +180,9 @@ class SimulatedInstrument(ABC):
 
 
 def as_written(arm: Arm, q: Array) -> Array:
-    """Return joint positions (N, n) [rad, or m of a prismatic joint] as a file says them."""
+    """Return joint positions (N, n) [rad, or m of a prismatic joint], rounded as in a file."""
     mm, deg = (1e3 * q).round(MM_DECIMALS), np.degrees(q).round(DEG_DECIMALS)
-    written: Array = np.where(arm.prismatic, 1e-3 * mm, np.radians(deg))
-    return written
+    return np.asarray(np.where(arm.prismatic, 1e-3 * mm, np.radians(deg)))
 
 
 def position_columns(arm: Arm, q: Array) -> dict[str, Array]:
@@ -201,8 +200,8 @@ def tool_of(robot: Robot, *, weighed: bool = True, measured: bool = True) -> dic
     """Return `tool` of campaign.yaml.
 
     Args:
-        weighed: whether its mass is stated; a mass of 0 is one that is not.
-        measured: whether it is stated where the targets are.
+        weighed: whether its mass is stated; a mass of 0 means not stated.
+        measured: whether positions of targets are stated.
     """
     payload, targets, known = robot.mechanism.payload, robot.targets, 1.0 if weighed else 0.0
     places_mm = (1e3 * targets.p_ee_stated_m).round(MM_DECIMALS).tolist()

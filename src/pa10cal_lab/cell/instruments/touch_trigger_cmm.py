@@ -11,8 +11,10 @@ import pandas as pd
 from pa10cal.arrays import Array
 from pa10cal_lab.cell.effects.effect import JointState, with_added
 from pa10cal_lab.cell.instruments import instrument
-from pa10cal_lab.cell.poses import Poses, Schedule, place_poses, sweeps
-from pa10cal_lab.cell.robot import BALL_DIAMETER_M, Departures, Mechanism, Robot
+from pa10cal_lab.cell.mechanism import Departures, Mechanism
+from pa10cal_lab.cell.poses import Poses, place_poses
+from pa10cal_lab.cell.robot import BALL_DIAMETER_M, Robot
+from pa10cal_lab.cell.schedule import Schedule, sweeps
 
 #: Measurement uncertainty of the paper's machine over its whole volume, as a campaign states it.
 UNCERTAINTY_MM = 0.0121

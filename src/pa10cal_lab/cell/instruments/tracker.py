@@ -22,8 +22,9 @@ from pa10cal_lab.cell.instruments.instrument import (
     tool_of,
 )
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
-from pa10cal_lab.cell.poses import Schedule, commanded_positions, joint_bounds, one_after_another
+from pa10cal_lab.cell.poses import commanded_positions, joint_bounds
 from pa10cal_lab.cell.robot import Robot
+from pa10cal_lab.cell.schedule import Schedule, one_after_another
 
 _TEMPERATURE_NOISE_C = 0.01
 #: How far targets on the base stand from its axis [m].

@@ -13,8 +13,9 @@ from pa10cal_lab.cell.effects.effect import Site
 from pa10cal_lab.cell.effects.vocabulary import make_effects
 from pa10cal_lab.cell.individual import build_robot
 from pa10cal_lab.cell.instruments.instrument import rest_poses
+from pa10cal_lab.cell.mechanism import Departures, Mechanism
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions
-from pa10cal_lab.cell.robot import Departures, Mechanism, Springs
+from pa10cal_lab.cell.robot import Springs
 
 STROKE = (-1.0, 2.0)
 Q = np.random.default_rng(5).uniform(-1.0, 1.2, (9, 6))

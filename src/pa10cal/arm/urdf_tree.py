@@ -1,0 +1,235 @@
+"""A URDF as a tree of links and joints, and the serial paths through it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import takewhile
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pa10cal.arm.chain import placed
+from pa10cal.arm.description import MOST_ROWS
+from pa10cal.arrays import Array, homogeneous
+from pa10cal.errors import ArmError, remedy_for
+
+#: Types of a joint that moves in a serial arm.
+MOVING = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """One joint as the file has it."""
+
+    name: str
+    kind: str  # its type
+    # parent and child: the links it joins
+    parent: str
+    child: str
+    follows: str  # the joint it mimics; empty for none
+    # its position is `multiplier` times that of the joint it mimics, plus `offset` [rad or m]
+    multiplier: float
+    offset: float
+    # position [m], and roll, pitch and yaw [rad], of its frame in the parent
+    xyz: tuple[float, ...]
+    rpy: tuple[float, ...]
+    axis: tuple[float, ...]  # direction in which it moves, in its own frame
+    limits: tuple[float, float]  # lower and upper [rad or m]; nan where they are not stated
+    effort: float  # rated torque [N m] or force [N]; nan where it is not stated
+
+    def origin_at(self, position: float) -> Array:
+        """Return the pose (4, 4) of its child in its parent at a position [rad or m]."""
+        T = placed(np.array(self.xyz), np.array(self.rpy))
+        along = np.array(self.axis) / max(np.linalg.norm(self.axis), 1e-300) * position
+        if self.kind == "prismatic":
+            return T @ homogeneous(np.eye(3), along)
+        return T @ homogeneous(Rotation.from_rotvec(along).as_matrix(), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Leader:
+    """The joint that another mimics, directly or by way of others, and which itself mimics none."""
+
+    name: str
+    # the follower's position is `multiplier` times the leader's, plus `offset` [rad or m]
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class UrdfLink:
+    """One link as the file has it."""
+
+    name: str
+    mass_kg: float  # its mass; 0 where it is not stated
+    com_m: tuple[float, ...]  # centre of mass in its own frame
+
+
+@dataclass(frozen=True)
+class UrdfTree:
+    """Links and joints of one robot."""
+
+    where: str  # the file
+    links: tuple[UrdfLink, ...]
+    joints: tuple[UrdfJoint, ...]  # all joints, each below another or below the root
+    root: str  # the link that no joint carries
+
+    def path(self, base: str | None, tip: str | None) -> tuple[str, str, tuple[UrdfJoint, ...]]:
+        """Return base and tip and the joints between them, fixed ones too.
+
+        Args:
+            base: link to start from; None for the root.
+            tip: link to end at; None where there is but one.
+
+        Raises:
+            ArmError: for unknown links, several tips, or joints that no chain can follow.
+        """
+        base = self.root if base is None else self._known(base, "--base")
+        # The base may be a side branch: it is one body with all links towards the root that only
+        # fixed joints lie between.
+        fixed = takewhile(lambda joint: joint.kind == "fixed", reversed(self.above(base)))
+        with_base = [base, *(joint.parent for joint in fixed)]
+        tip = self._only_tip(with_base[-1]) if tip is None else self._known(tip, "--tip")
+        from_tip = takewhile(lambda joint: joint.child not in with_base, reversed(self.above(tip)))
+        joints = tuple(from_tip)[::-1]
+        if tip not in with_base and (not joints or joints[0].parent not in with_base):
+            beyond = ", ".join(self._beyond(with_base[-1])) or "none"
+            raise ArmError(
+                "the tip is not beyond the base",
+                where=self.where,
+                value=tip,
+                allowed=f"a link beyond {base}: {beyond}",
+                remedy="name another base or tip",
+            )
+        self._refuse_unless_serial(joints, f"{base} to {tip}")
+        self.leaders(joints)
+        return base, tip, joints
+
+    def leaders(self, path: Sequence[UrdfJoint]) -> dict[str, Leader]:
+        """Return the leader of each joint of a path that mimics another, by the joint's name.
+
+        Raises:
+            ArmError: when one of them mimics a joint that is not on the path, or itself.
+        """
+        on_path = {joint.name: joint for joint in path if joint.kind in MOVING}
+        leaders = {}
+        for joint in on_path.values():
+            leader, seen = joint, {joint.name}
+            multiplier, offset = 1.0, 0.0
+            while leader.follows:
+                offset = offset + multiplier * leader.offset
+                multiplier = multiplier * leader.multiplier
+                if leader.follows in seen or leader.follows not in on_path or multiplier == 0.0:
+                    raise ArmError(
+                        f"the joint follows joint {leader.follows} (mimic)",
+                        where=f"{self.where}: joint {joint.name}",
+                        value=f"multiplier {multiplier:g}" if multiplier == 0.0 else None,
+                        allowed="a joint that moves between base and tip, which it follows by more "
+                        "than nothing",
+                        remedy="name a base beyond this joint, or a tip before it",
+                    )
+                leader = on_path[leader.follows]
+                seen.add(leader.name)
+            if leader is not joint:
+                leaders[joint.name] = Leader(leader.name, multiplier, offset)
+        return leaders
+
+    def above(self, link: str) -> tuple[UrdfJoint, ...]:
+        """Return the joints that carry a link, from the root on."""
+        to_root: list[UrdfJoint] = []
+        while link in self._carriers:
+            to_root.append(self._carriers[link])
+            link = to_root[-1].parent
+        return tuple(reversed(to_root))
+
+    def below(self, link: str) -> Iterator[UrdfJoint]:
+        """Yield the joints beyond a link, each after the one that carries it."""
+        links = [link]
+        while links:
+            for joint in self._carried.get(links.pop(), ()):
+                yield joint
+                links.append(joint.child)
+
+    def _refuse_unless_serial(self, joints: Sequence[UrdfJoint], ends: str) -> None:
+        """Refuse a path, called by its ends, that has too few or too many joints or other types."""
+        moving = sum(joint.kind in MOVING for joint in joints)
+        if not moving:
+            raise ArmError(
+                "no joint moves between base and tip",
+                where=self.where,
+                value=ends,
+                allowed="at least one joint of type revolute, continuous, prismatic",
+                remedy="name another base or tip",
+            )
+        if moving > MOST_ROWS:
+            raise ArmError(
+                "too many joints move between base and tip",
+                where=self.where,
+                value=moving,
+                allowed=f"at most {MOST_ROWS}",
+                remedy="name another base or tip",
+            )
+        for joint in joints:
+            if joint.kind not in (*MOVING, "fixed"):
+                raise ArmError(
+                    "a joint of this type is not in a serial arm",
+                    where=f"{self.where}: joint {joint.name}",
+                    value=joint.kind,
+                    allowed="revolute, continuous, prismatic, fixed",
+                    remedy="name a base beyond this joint with --base",
+                )
+
+    @cached_property
+    def _carriers(self) -> Mapping[str, UrdfJoint]:
+        """Return the joint that carries each link but the root."""
+        return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def _carried(self) -> Mapping[str, list[UrdfJoint]]:
+        """Return the joints that each link carries; links without any are not among the keys."""
+        carried: dict[str, list[UrdfJoint]] = {}
+        for joint in self.joints:
+            carried.setdefault(joint.parent, []).append(joint)
+        return carried
+
+    def _known(self, name: str, option: str) -> str:
+        """Return the name of a link if there is such a link; else refuse it."""
+        names = [link.name for link in self.links]
+        if name not in names:
+            remedy = remedy_for(name, names, f"name one of these links for {option}")
+            raise ArmError(
+                f"{option} names no link",
+                where=self.where,
+                value=name,
+                allowed=", ".join(names),
+                remedy=remedy,
+            )
+        return name
+
+    def _beyond(self, base: str) -> list[str]:
+        """Return the links beyond a link, in the order of the file."""
+        beyond = {joint.child for joint in self.below(base)}
+        return [link.name for link in self.links if link.name in beyond]
+
+    def _only_tip(self, base: str) -> str:
+        """Return the one last link beyond a base that moves against it; the base where none does.
+
+        Raises:
+            ArmError: when there are several.
+        """
+        moves = {base: False}
+        for joint in self.below(base):
+            moves[joint.child] = moves[joint.parent] or joint.kind != "fixed"
+        beyond = (link.name for link in self.links if moves.get(link.name))
+        tips = [link for link in beyond if link not in self._carried]
+        if len(tips) > 1:
+            raise ArmError(
+                "the robot branches, and no tip is named",
+                where=self.where,
+                value=f"{len(tips)} tips",
+                allowed=", ".join(tips),
+                remedy="name the end of the arm with --tip",
+            )
+        return tips[0] if tips else base
