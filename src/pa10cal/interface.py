@@ -42,6 +42,8 @@ def read_campaign(
 ) -> Campaign:
     """Read a measurement campaign: its raw files to single readings, held-out poses marked.
 
+    Zeros that logged torques show beside the weights are taken out of them.
+
     Args:
         folder: the campaign's folder, with `campaign.yaml` and the raw files that it names.
         options: how to ingest; None for the defaults.
@@ -53,10 +55,11 @@ def read_campaign(
         SettingsError: when a key of the description does not fit.
     """
     from pa10cal.campaign.table import as_in_table
+    from pa10cal.fit.weighed_arm import without_torque_zeros
 
     found = read_raw(folder, options, arms=arms)
     every = as_in_table(found.observations, found.arm.prismatic, found.description)
-    return replace(found, observations=every)
+    return replace(found, observations=without_torque_zeros(every, found.arm))
 
 
 def calibrate(

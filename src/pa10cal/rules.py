@@ -343,8 +343,8 @@ class Masses:
     # and explain them better than chance or another cause allows, by so much log evidence [nat]
     # (level)
     needed_nats: float = 12.0
-    # a mass is contradicted by so many standard uncertainties of what is stated and logged together
-    # (level)
+    # a mass is contradicted by so many standard uncertainties of what is stated and logged
+    # together; a zero of logged torques is shown by so many of its own (level)
     differs_errors: float = 4.0
     # scatter about weights of any kind, of the torques logged, above which those are not of weights
     # (chosen)

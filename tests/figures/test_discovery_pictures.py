@@ -91,7 +91,7 @@ class TestTorque:
 
     @pytest.mark.parametrize(
         ("residual", "why"),
-        [(None, "no torques were logged, or the weights are"), (0.0, "none remain")],
+        [(None, "need logged torques, known weights and repeated"), (0.0, "none remain")],
     )
     def test_says_when_no_torques_were_logged_or_none_remain(self, changed, residual, why):
         def without(fit):

@@ -96,7 +96,7 @@ class TestAll:
         source = changed_from(results, "discovery/analysis.json", without_torques)
         drawn = draw_all(of_campaign(source), tmp_path, results.settings.figures)
         assert not old.exists()
-        why = "no torques were logged, or the weights are not known"
+        why = "residual torques need logged torques, known weights and repeated poses"
         assert drawn.omitted["where_torque"] == why
         assert f"where_torque: omitted, {why}" in summary(drawn)
         assert why in (tmp_path / "pictures.json").read_text("utf-8")

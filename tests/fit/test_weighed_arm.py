@@ -8,16 +8,20 @@ import numpy as np
 import pytest
 
 import made_up_sightings
+import pa10cal
 from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import weights_known
+from pa10cal.campaign import read as campaign_read
 from pa10cal.campaign.description import CampaignDescription, Masses
+from pa10cal.campaign.table import write_pose_table
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
 from pa10cal.fit.loads import statics_of
-from pa10cal.fit.weighed_arm import weighed_arm, weights_finding
+from pa10cal.fit.weighed_arm import weighed_arm, weights_finding, without_torque_zeros
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
+from pa10cal.stages.inputs import read_measured
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
 
@@ -167,6 +171,111 @@ def test_links_and_base_carry_what_the_log_has(stated_kg):
     true = moments_Nm(heavier, 1.0)
     off, before = (moments_Nm(of, stated_kg) - true for of in (arm, ARM))
     assert np.sqrt(np.mean(off**2)) < 0.2 * np.sqrt(np.mean(before**2))
+
+
+#: Zeros of the torques of a log; 1 % of the rated torques is usual.
+ZEROS_NM = np.array([5.0, -8.0, 6.0, 1.5, -1.0, 0.4])
+
+
+def with_torques_more(every, more_Nm, **known):
+    states = every.states
+    return every.with_states(replace(states, tau_Nm=states.tau_Nm + more_Nm, **known))
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.9])
+@pytest.mark.parametrize("stated", [ARM, BARE, replace(ARM, mass_kg=1.05 * ARM.mass_kg)])
+def test_zeros_of_logged_torques_are_taken_out_and_the_large_ones_told(stated, gain):
+    plain = readings(gain=gain)
+    log = with_torques_more(plain, ZEROS_NM)
+    arm, as_without = weighed(described(), stated, log), weighed(described(), stated, plain)
+    known, other = weights_known(arm).by_log, weights_known(as_without).by_log
+    np.testing.assert_allclose(known.zero_Nm, ZEROS_NM, atol=0.13)
+    assert all(f"N m at joint {joint}" in known.said for joint in (1, 2, 3, 4, 5))
+    assert "joint 6" not in known.said  # as the zero of any sensor
+    cleared = without_torque_zeros(log, arm)
+    np.testing.assert_allclose(cleared.states.tau_Nm - plain.states.tau_Nm, 0.0, atol=0.13)
+    # Neither masses nor level take up what a zero is.
+    u = np.sqrt(np.diag(other.covariance))
+    np.testing.assert_allclose(known.x, other.x, atol=0.05 * u.max())
+    assert np.all(np.abs(known.x - other.x) <= 0.1 * u)
+
+
+def test_torques_without_zeros_are_left_as_they_are():
+    log = readings()
+    arm = weighed(described(), ARM, log)
+    assert not len(weights_known(arm).by_log.zero_Nm)
+    assert without_torque_zeros(log, arm) is log
+    assert without_torque_zeros(log, ARM) is log
+
+
+@pytest.mark.parametrize("stated", [ARM, BARE])
+def test_zeros_larger_than_the_torques_of_the_weights_are_found(stated):
+    zeros_Nm = 0.2 * ARM.torque_limit_Nm
+    arm = weighed(described(), stated, with_torques_more(readings(), zeros_Nm))
+    np.testing.assert_allclose(weights_known(arm).by_log.zero_Nm, zeros_Nm, atol=0.13)
+
+
+@pytest.mark.parametrize("both_sides", [True, False])
+def test_friction_is_no_zero(both_sides):
+    """What joints that always arrive from one side show may be either, and is not told."""
+    plain = readings()
+    rng = np.random.default_rng(5)
+    arrival = np.sign(rng.standard_normal(plain.states.tau_Nm.shape))
+    arrival = arrival if both_sides else np.ones_like(arrival)
+    friction_Nm = 0.02 * ARM.torque_limit_Nm * arrival
+    log = with_torques_more(plain, friction_Nm, arrival=arrival)
+    assert not len(weights_known(weighed(described(), ARM, log)).by_log.zero_Nm)
+    if both_sides:
+        log = with_torques_more(log, ZEROS_NM)
+        found = weights_known(weighed(described(), ARM, log)).by_log.zero_Nm
+        np.testing.assert_allclose(found, ZEROS_NM, atol=0.13)
+
+
+def test_a_load_of_another_size_is_no_zero():
+    plain = readings()
+    load_N = np.repeat([0.0, 50.0, 100.0], 40)
+    states = replace(plain.states, tau_Nm=np.full_like(plain.states.tau_Nm, np.nan), load_N=load_N)
+    true = replace(states, load_N=np.where(load_N > 60.0, 115.0, load_N))
+    model, payload = Model(Chain.of(ARM), ()), described().payload(ARM)
+    torque_Nm = statics_of(model, np.zeros(0), true, payload).torque_Nm
+    noise_Nm = 0.3 * np.random.default_rng(4).standard_normal(torque_Nm.shape)
+    log = plain.with_states(replace(states, tau_Nm=torque_Nm + noise_Nm))
+    assert not len(weights_known(weighed(described(), ARM, log)).by_log.zero_Nm)
+    log = with_torques_more(log, ZEROS_NM)
+    found = weights_known(weighed(described(), ARM, log)).by_log.zero_Nm
+    np.testing.assert_allclose(found, ZEROS_NM, atol=0.2)
+
+
+def test_zeros_are_kept_with_the_model(tmp_path):
+    arm = weighed(described(), ARM, with_torques_more(readings(), ZEROS_NM))
+    save_model(model_on_springs(arm, 1.0), tmp_path / "model.yaml")
+    back = weights_known(load_model(tmp_path / "model.yaml").arm).by_log
+    np.testing.assert_array_equal(back.zero_Nm, weights_known(arm).by_log.zero_Nm)
+
+
+def test_what_is_read_of_a_campaign_has_no_zeros(tmp_path):
+    """Fit, search and held-out poses take the torques that predictions calculate."""
+    made = made_up_sightings.sighted(tmp_path, "pose", poses=60)
+    campaign = CampaignDescription.model_validate(
+        {key: value for key, value in made.description.items() if key != "schema"}
+    )
+    states = at_rest(made.q)
+    model, payload = Model(Chain.of(ARM), ()), campaign.payload(ARM)
+    torque_Nm = statics_of(model, np.zeros(0), states, payload).torque_Nm
+    logged_Nm = torque_Nm + ZEROS_NM
+    logged_Nm += 0.1 * np.random.default_rng(2).standard_normal(logged_Nm.shape)
+    names = ",".join(f"tau{joint}_Nm" for joint in range(1, 7))
+    torques = [names, *(",".join(f"{each:.4f}" for each in row) for row in logged_Nm)]
+    made.poses = [f"{line},{more}" for line, more in zip(made.poses, torques, strict=True)]
+    folder = made.write()
+    raw = campaign_read.read_campaign(folder)
+    write_pose_table(tmp_path / "poses.parquet", raw.observations, ARM.prismatic, raw.name)
+    _, _, staged = read_measured(folder, tmp_path / "poses.parquet")
+    for every in (staged, pa10cal.read_campaign(folder).observations):
+        left_Nm = (
+            every.states.tau_Nm - statics_of(model, np.zeros(0), every.states, payload).torque_Nm
+        )
+        np.testing.assert_allclose(left_Nm.mean(axis=0), 0.0, atol=0.1)
 
 
 def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():

@@ -63,7 +63,10 @@ class WeighedByLog:
 
     x: Array  # (4 n + 3,) the differences
     covariance: Array  # (4 n + 3, 4 n + 3) of the differences
-    said: str = ""  # which mass the log contradicts, with both numbers; empty for none
+    # which mass the log contradicts, with both numbers, and the zeros of torques; empty for none
+    said: str = ""
+    # (n,) zeros of the logged torques, 0 where not shown; empty where no joint shows one
+    zero_Nm: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)

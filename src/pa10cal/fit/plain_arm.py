@@ -51,7 +51,7 @@ def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
             "why": known.why,
             "mass_u": known.mass.tolist(),
             "com_u_m": known.com_m.tolist(),
-            "by_log": None if known.by_log is None else plain_value(vars(known.by_log)),
+            "by_log": None if known.by_log is None else _by_log_to_plain(known.by_log),
         }
     if (stated := arm.controller) is not None:
         plain["controller"] = {
@@ -60,6 +60,13 @@ def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
             "arm": None if stated.arm is None else arm_to_plain(stated.arm),
         }
     return plain
+
+
+def _by_log_to_plain(by_log: WeighedByLog) -> dict[str, Any]:
+    plain = {"x": by_log.x, "covariance": by_log.covariance, "said": by_log.said}
+    if len(by_log.zero_Nm):
+        plain["zero_Nm"] = by_log.zero_Nm
+    return {name: plain_value(value) for name, value in plain.items()}
 
 
 def arm_from_plain(content: Mapping[str, Any]) -> Arm:
@@ -94,6 +101,8 @@ def arm_from_plain(content: Mapping[str, Any]) -> Arm:
         known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
         if (log := weights.get("by_log")) is not None:
             log = {**log, "x": finite(log["x"], "x"), "covariance": finite(log["covariance"], "")}
+            if "zero_Nm" in log:
+                log["zero_Nm"] = finite(log["zero_Nm"], "zero_Nm")
             known = replace(known, by_log=WeighedByLog(**log))
     return Arm(
         name=str(content["name"]),

@@ -79,6 +79,19 @@ def weighed_arm(
     return corrected if _LoggedTorques.of(corrected, payload, poses).follow_calculated else arm
 
 
+def without_torque_zeros(every: Observations, arm: Arm) -> Observations:
+    """Return readings without the zeros that the weighed arm has of their logged torques.
+
+    A fit takes the zero of a torque, through a spring, as one of the joint. Predictions calculate
+    torques from the weights, which have none.
+    """
+    by_log = weights_known(arm).by_log
+    if by_log is None or not by_log.zero_Nm.any():
+        return every
+    tau_Nm = every.states.tau_Nm - by_log.zero_Nm
+    return every.with_states(replace(every.states, tau_Nm=tau_Nm))
+
+
 def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
     """Return the finding about wrongly stated weights; empty where there is none."""
     known = arm.weights_known
@@ -165,6 +178,15 @@ class _WeightFit(NamedTuple):
     amounts: Array  # (4 n + 3,) deviations from the weights described
     covariance: Array  # (4 n + 3, 4 n + 3) their covariance
     objective: float  # robust sum of squares plus that of the prior
+    errors: Array  # (c,) errors of the log, over their sizes
+    errors_std: Array  # (c,) their standard uncertainties
+
+
+class _ZerosShown(NamedTuple):
+    """Zeros of logged torques that these show."""
+
+    zero_Nm: Array  # (n,), 0 where not shown; empty where no joint shows one
+    said: str  # the large ones, and what to do; empty for none
 
 
 class _Contradiction(NamedTuple):
@@ -186,6 +208,7 @@ class _LoggedTorques:
     residual_Nm: Array  # (P, n) logged minus calculated torques
     by_weights: Array  # (P, n, 4 n + 3) derivative of the calculated ones by `amounts`
     nuisance: Array  # (P, n, c) columns of usual errors of the log, of unit expected size
+    load_N: Array  # (P,) external load of each pose
 
     @classmethod
     def of(cls, arm: Arm, payload: Payload, poses: Observations) -> _LoggedTorques:
@@ -207,6 +230,7 @@ class _LoggedTorques:
             residual_Nm=states.tau_Nm - calculated.torque_Nm,
             by_weights=calculated.static_loads.by_weights,
             nuisance=np.concatenate([usual_errors, load[:, :, None]], axis=2),
+            load_N=states.load_N,
         )
 
     @property
@@ -217,16 +241,19 @@ class _LoggedTorques:
 
     @property
     def follow_calculated(self) -> bool:
-        """Return whether logged torques correlate with those of the weights described."""
+        """Return whether logged torques, less zeros, correlate with those of the weights."""
         calculated_Nm = self.logged_Nm - self.residual_Nm
-        product = float(np.sum(calculated_Nm * self.logged_Nm))
-        size = np.linalg.norm(calculated_Nm) * np.linalg.norm(self.logged_Nm)
+        less_zeros_Nm = (
+            calculated_Nm + self._without(self._zeros_shown(self._any_sizes)).residual_Nm
+        )
+        product = float(np.sum(calculated_Nm * less_zeros_Nm))
+        size = np.linalg.norm(calculated_Nm) * np.linalg.norm(less_zeros_Nm)
         return bool(product > MASSES.follows * size)
 
     def weighed(self) -> Arm:
         """Return the arm, which states no weights, with those fitted to its torques."""
         sizes = weight_sizes(self.arm, self.payload).columns(self.arm)
-        return self._with(self._solve(sizes), weights_known(self.arm).why)
+        return self._with(sizes, weights_known(self.arm).why)
 
     def without_contradiction(self, most: int | None = None) -> Arm:
         """Return the arm with those masses and centres corrected that the torques contradict.
@@ -254,8 +281,7 @@ class _LoggedTorques:
                 "the tool"
             )
             return replace(arm, weights_known=replace(weights_known(arm), why=why))
-        fit = self._solve(freed)
-        corrected = self._with(fit, "")
+        corrected = self._with(freed, "")
         assert corrected.weights_known is not None
         why = "; ".join(_contradiction_text(arm, corrected, each) for each in contradictions)
         return replace(corrected, weights_known=replace(corrected.weights_known, why=why))
@@ -311,10 +337,66 @@ class _LoggedTorques:
                     "predictions go by the log"
                 )
                 freed, most_errors = widened, errors
+        zeros = self._zeros_shown(freed)
         # Springs are fitted to torques with the log's scale errors, and predictions need torques
         # with the same scale: the columns of scale errors, the first n, are left out.
-        fit = replace(self, nuisance=self.nuisance[:, :, arm.n :])._solve(freed)
-        return WeighedByLog(fit.amounts, fit.covariance, text)
+        without_zeros = self._without(zeros)
+        without_gains = replace(without_zeros, nuisance=without_zeros.nuisance[:, :, arm.n :])
+        fit = without_gains._solve(freed)
+        said = "; ".join(filter(None, (text, zeros.said)))
+        return WeighedByLog(fit.amounts, fit.covariance, said, zeros.zero_Nm)
+
+    def _without(self, zeros: _ZerosShown) -> _LoggedTorques:
+        """Return the torques less their zeros."""
+        if not len(zeros.zero_Nm):
+            return self
+        return replace(self, residual_Nm=self.residual_Nm - zeros.zero_Nm)
+
+    def _zeros_shown(self, sizes: Array) -> _ZerosShown:
+        """Return the zeros that the torques show beside weights of these uncertainties (4 n + 3,).
+
+        Zeros no larger than those of usual logs are not told.
+        """
+        zero_Nm, std_Nm = self._zeros(sizes)
+        shown = np.abs(zero_Nm) > MASSES.differs_errors * std_Nm
+        if not shown.any():
+            return _ZerosShown(np.zeros(0), "")
+        each = ", ".join(
+            f"{zero_Nm[j]:+.3g} ± {HALF_WIDTH_95 * std_Nm[j]:.1g} "
+            f"{'N' if self.arm.prismatic[j] else 'N m'} at joint {j + 1}"
+            for j in np.flatnonzero(shown & (np.abs(zero_Nm) > self._usual_zeros_Nm))
+        )
+        text = (
+            f"logged torques have a zero of {each}, which is taken out before the fit: set the "
+            "zeros of the torque sensors"
+        )
+        return _ZerosShown(np.where(shown, zero_Nm, 0.0), text if each else "")
+
+    def _zeros(self, sizes: Array) -> tuple[Array, Array]:
+        """Return the zero (n,) of each joint's logged torque, and its standard uncertainty.
+
+        It is that beside weights, gain, friction of either direction, and every load of its own
+        size; infinitely uncertain where the torques are too few, or of a group, whose campaigns
+        have a zero each.
+        """
+        n, of_load = self.arm.n, self.nuisance[:, :, -1]
+        rated_Nm = self._usual_zeros_Nm / MASSES.zero_share
+        zeros = np.broadcast_to(np.diag(rated_Nm), (*self.logged_Nm.shape, n))
+        of_loads = [of_load * (self.load_N == load)[:, None] for load in np.unique(self.load_N)]
+        usual = self.nuisance[:, :, : 2 * n]
+        nuisance = np.concatenate([usual, np.stack(of_loads, axis=2), zeros], axis=2)
+        spare = self.residual_Nm.size - len(sizes) - nuisance.shape[2]
+        if spare <= 0 or self.payload.of_campaigns:
+            return np.zeros(n), np.full(n, np.inf)
+        fit = replace(self, nuisance=nuisance)._solve(sizes)
+        widened = np.sqrt(self.residual_Nm.size / spare)  # the scatter is of residuals
+        return fit.errors[-n:] * rated_Nm, fit.errors_std[-n:] * rated_Nm * widened
+
+    @property
+    def _usual_zeros_Nm(self) -> Array:
+        """Return the zero (n,) that the torque of each joint may have in any log."""
+        n = self.arm.n
+        return np.asarray(self.nuisance[0, :, 2 * n : 3 * n].diagonal())
 
     def _solve(self, sizes: Array) -> _WeightFit:
         """Fit weights by Huber's loss, with a prior about those described and masses above zero.
@@ -340,7 +422,8 @@ class _LoggedTorques:
         residual = np.clip(data - white @ x, -MASSES.edge, MASSES.edge)
         covariance = rows.covariance[:weight_count, :weight_count] * np.outer(sizes, sizes)
         objective = float(residual @ residual + x @ x)
-        return _WeightFit(x[:weight_count] * sizes, covariance, objective)
+        std = np.sqrt(np.diag(rows.covariance)[weight_count:])
+        return _WeightFit(x[:weight_count] * sizes, covariance, objective, x[weight_count:], std)
 
     def _lower_bounds(self, sizes: Array, column_count: int) -> Array:
         """Return lower bounds of all unknowns over their sizes: every mass stays above zero."""
@@ -351,18 +434,28 @@ class _LoggedTorques:
         return lower
 
     @cached_property
-    def _noise_Nm(self) -> Array:
-        """Return the scatter (n,) of logged torques about a fit by weights of any size."""
+    def _any_sizes(self) -> Array:
+        """Return the sizes (4 n + 3,) of weights of which nothing is stated."""
         bare = replace(self.arm, mass_kg=None, com_m=None, weights_known=None)
         sizes = weight_sizes(with_assumed_weights(bare), self.payload).columns(self.arm)
-        sizes = np.maximum(sizes, MASSES.least_of_largest * sizes.max())
-        columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
+        return np.asarray(np.maximum(sizes, MASSES.least_of_largest * sizes.max()))
+
+    @cached_property
+    def _noise_Nm(self) -> Array:
+        """Return the scatter (n,) of logged torques about a fit by weights of any size."""
+        columns = np.concatenate([self.by_weights * self._any_sizes, self.nuisance], axis=2)
         least_Nm = MASSES.resolved_share * max(float(np.abs(self.logged_Nm).max()), 1.0)
         scaled = MASSES.any_sizes * columns
         return scatter_about(scaled, self.residual_Nm, _REWEIGHTED, least_Nm)[0]
 
-    def _with(self, fit: _WeightFit, why: str) -> Arm:
-        """Return the arm with fitted masses and centres, and their uncertainty."""
+    def _with(self, sizes: Array, why: str) -> Arm:
+        """Return the arm with fitted masses and centres, and their uncertainty.
+
+        Args:
+            sizes: (4 n + 3,) standard uncertainties of the weights before the fit.
+        """
+        zeros = self._zeros_shown(sizes)
+        fit = self._without(zeros)._solve(sizes)
         arm, amounts = self.arm, fit.amounts
         assert arm.mass_kg is not None
         assert arm.com_m is not None
@@ -381,7 +474,12 @@ class _LoggedTorques:
             np.maximum(std[:, 0] / divisor_kg, 0.0),
             np.maximum(std[:, 1:].max(axis=1) / divisor_kg, 0.0),
             why,
-            WeighedByLog(of_tool, to_new_centres @ fit.covariance @ to_new_centres.T),
+            WeighedByLog(
+                of_tool,
+                to_new_centres @ fit.covariance @ to_new_centres.T,
+                zeros.said,
+                zeros.zero_Nm,
+            ),
         )
         return replace(arm, mass_kg=mass_kg, com_m=com_m, weights_known=known)
 

@@ -54,7 +54,7 @@ class JointPart(record.Part):
     arrival: record.Column  # direction of arrival, from -1 to 1
     error_rad: record.Column  # angle error [rad]
     std_rad: record.Column  # its standard uncertainty [rad]
-    # logged minus static torque [N m]; null where torques were not logged
+    # logged minus static torque [N m]; null where torques were not logged or no pose is repeated
     torque_residual_Nm: record.Column | None
     torque_noise_Nm: float | None  # standard deviation of its noise [N m]; null likewise
 

@@ -14,6 +14,7 @@ from pa10cal.campaign.table import arm_of, read_observations
 from pa10cal.discovery.given import Extended
 from pa10cal.fit.covariance_file import covariance_beside
 from pa10cal.fit.fitted_model import FittedModel, model_from_plain, models_of
+from pa10cal.fit.weighed_arm import without_torque_zeros
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
@@ -24,12 +25,15 @@ from pa10cal.settings_reading import parse_section
 def read_measured(folder: Path, poses: Path) -> tuple[CampaignDescription, Arm, Observations]:
     """Read a campaign's description, its arm with weights, and its table of poses.
 
+    Zeros that logged torques show are taken out of these.
+
     Raises:
         Pa10calError: when one of them cannot be used.
     """
     campaign = read_description(folder)
     observations = read_observations(poses, campaign)
-    return campaign, arm_of(campaign, folder, observations), observations
+    arm = arm_of(campaign, folder, observations)
+    return campaign, arm, without_torque_zeros(observations, arm)
 
 
 def read_calibrated(

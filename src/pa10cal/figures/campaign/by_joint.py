@@ -229,7 +229,9 @@ def draw_where_torque(results: ResultsBundle) -> Figure:
     found = results.sound_record(AnalysisRecord)
     joints = found.before.by_joint
     if any(joint.torque_residual_Nm is None for joint in joints):
-        raise NothingToShowError("no torques were logged, or the weights are not known")
+        raise NothingToShowError(
+            "residual torques need logged torques, known weights and repeated poses"
+        )
     limits = [  # how far the torques of any joint reach, and at least their noise
         1.1
         * max(
