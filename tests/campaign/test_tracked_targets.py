@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 
+import pa10cal
 from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.campaign.read import repeatability_mm, wrong_rows
@@ -93,6 +94,49 @@ def test_what_is_stated_beside_the_values_is_taken(tmp_path):
     assert np.isnan(poses.log.q_u[0, :2]).all()
     np.testing.assert_allclose(poses.states.tau_Nm[3], [1.5, 3.0, 4.5, 6.0])
     assert (poses.states.temperature_C == 22.5).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("robot", ["ur10", "gx4_351s"])
+def test_stated_uncertainties_of_joints_are_in_the_covariance(tmp_path, robot, kind):
+    raw, arm = sighted(tmp_path, kind, robot=robot, targets=2), load_arm(robot)
+    before = ingest(raw).observations.measured.stated_covariance
+    stated = {"u_q2_deg": 0.02, "u_q3_mm" if arm.prismatic[2] else "u_q3_deg": 0.05}
+    with_columns(raw.poses, stated)
+    measured = ingest(raw).observations.measured
+    to_end, targets_m = raw.T_instr_base.copy(), raw.p_ee_m.ravel()
+    T_ee_target = raw.T_ee_target if kind == "pose" else np.eye(4)
+    if kind == "distance":
+        to_end, targets_m = np.eye(4), raw.T_ee_target[:3, 3]
+        to_end[:3, 3] = -raw.p_base_point_m
+    # What moves by a small step of each joint, the true frames and targets as they are.
+    step, expected = 1e-6, before.copy()
+    for (name, u), joint in zip(stated.items(), (1, 2), strict=True):
+        q = raw.q + step * (np.arange(arm.n) == joint)
+        T, T_moved = (to_end @ Chain.of(arm).forward(at) @ T_ee_target for at in (raw.q, q))
+        left, left_moved = (measured.compare(at, targets_m).residual for at in (T, T_moved))
+        moved = (left_moved - left) / step
+        u_q = 1e-3 * u if name.endswith("mm") else np.radians(u)
+        expected += u_q**2 * moved[:, :, None] * moved[:, None]
+    atol = 1e-4 * np.abs(expected - before).max()
+    np.testing.assert_allclose(measured.stated_covariance, expected, rtol=0.0, atol=atol)
+
+
+@pytest.mark.parametrize("scatter", ["the same in all repeats", "another in each"])
+def test_repeats_do_not_contradict_stated_uncertainties_of_joints(tmp_path, scatter):
+    raw = sighted(tmp_path, "points", repeats=3, noise_mm=UNCERTAINTY_MM)
+    u_deg, arm = 0.02, load_arm("ur10")
+    with_columns(raw.poses, {f"u_q{joint}_deg": u_deg for joint in range(1, arm.n + 1)})
+    if scatter == "another in each":
+        first = raw.column("q1_deg")
+        off_deg = np.random.default_rng(2).normal(0.0, u_deg, raw.q.shape)
+        for k, by_deg in enumerate(off_deg, start=1):
+            words = raw.poses[k].split(",")
+            for joint, by in enumerate(by_deg.tolist(), start=first):
+                words[joint] = f"{float(words[joint]) + by:.9f}"
+            raw.poses[k] = ",".join(words)
+    found = pa10cal.read_campaign(raw.write())
+    assert pa10cal.calibrate(found).grade in ("good", "few_poses")
 
 
 def test_rows_without_any_target_or_with_part_of_one_are_listed(tmp_path):

@@ -10,6 +10,7 @@ import pa10cal
 from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
+from spoiling import with_columns
 
 POSES, FIRST, NOISE_MM = 130, 70, 0.02
 ARM = load_arm("ur10")
@@ -24,13 +25,15 @@ def other_arm():
 
 #: How much longer all distances from the instrument are read [m].
 RANGE_M = 4e-4
+#: What encoders of few counts round to [deg].
+COUNT_DEG = 0.02
 #: Where the arm stands, seen from the instrument [m].
 NEAR_M, FAR_M = np.array([3.0, 0.5, 0.2]), np.array([300.0, 50.0, 20.0])
 
 
-def seen(tmp_path, targets, change, place_m=NEAR_M):
+def seen(tmp_path, targets, change, place_m=NEAR_M, seed=4):
     """Return a campaign of an arm that errs, its readings changed from one row on."""
-    raw = sighted(tmp_path, "points", poses=POSES, targets=targets, seed=4)
+    raw = sighted(tmp_path, "points", poses=POSES, targets=targets, seed=seed)
     after = np.arange(POSES) >= FIRST
     places_m = np.tile(raw.p_ee_m, (POSES, 1, 1))
     if change == "target":
@@ -60,7 +63,16 @@ def seen(tmp_path, targets, change, place_m=NEAR_M):
     first = raw.column("T1_x_mm")
     for k, line in enumerate(raw.poses[1:]):
         values = [f"{value:.5f}" for value in 1e3 * p_m[k].ravel()]
-        raw.poses[k + 1] = ",".join([*line.split(",")[:first], *values])
+        fields = line.split(",")[:first]
+        if change.startswith("rounded"):
+            joints = slice(first - ARM.n, first)
+            fields[joints] = [
+                f"{COUNT_DEG * round(float(q) / COUNT_DEG):.5f}" for q in fields[joints]
+            ]
+        raw.poses[k + 1] = ",".join([*fields, *values])
+    if change == "rounded, as stated":
+        stated_deg = COUNT_DEG / np.sqrt(12.0)
+        with_columns(raw.poses, {f"u_q{joint}_deg": stated_deg for joint in range(1, ARM.n + 1)})
     found = pa10cal.read_campaign(raw.write())
     return pa10cal.discover(found, pa10cal.calibrate(found))
 
@@ -96,6 +108,21 @@ def test_what_changed_at_a_row_is_called_by_what_it_is(tmp_path, targets, change
 def test_no_step_is_told_where_none_was(tmp_path, change):
     found = seen(tmp_path, 3, change)
     assert found.faults == ()
+
+
+@pytest.mark.slow
+def test_joints_that_are_rounded_are_no_motion(tmp_path):
+    # An error of a joint moves all targets together: it is one error of a pose, not nine.
+    found = seen(tmp_path, 3, "rounded", seed=9)
+    assert found.faults == ()
+    assert not any("wandered" in place.why for place in found.unexplained)
+
+
+@pytest.mark.slow
+def test_joints_that_are_as_uncertain_as_is_stated_leave_nothing(tmp_path):
+    found = seen(tmp_path, 3, "rounded, as stated", seed=9)
+    assert found.verdict == "none"
+    assert found.unexplained == ()
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array
 from pa10cal.calibration.levels import TwoLevelRows
 from pa10cal.calibration.rules import GRADES
@@ -35,7 +36,8 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
         readings: single readings of the poses fitted.
 
     Returns:
-        One entry for each kind; none where too little is repeated, and none of a rounded kind, in
+        One entry for each kind, stated with so much of what is stated of the joints as repeats may
+        show; none where too little is repeated, and none of a rounded kind, in
         which repeats agree in all digits while other kinds differ.
     """
     arrival = np.unique(readings.states.arrival, axis=0, return_inverse=True)[1].ravel()
@@ -47,12 +49,22 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
     poses = model.as_modelled(readings)
     measured = poses.measured
     T_instr_ee = model.T_instr_base @ model.model.predict(poses.states, model.x)
-    residual = measured.compare(T_instr_ee, model.targets_m).residual
+    compared = measured.compare(T_instr_ee, model.targets_m)
+    residual = compared.residual
     variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
+    without_joints = variance
+    if readings.log is not None and (u := readings.log.q_u_stated).any():
+        chain, R = model.model.chain, model.T_instr_base[:3, :3]
+        at = model.model.chain_coordinates(poses.states, model.x)
+        turned = end_pose_with_screws(chain, at).screws[:, :, chain.joint_columns] * u[:, None]
+        along = np.concatenate([R @ turned[:, :3], R @ turned[:, 3:]], axis=1)
+        of_joints = np.sum((compared.by_end @ along) ** 2, axis=2)
+        without_joints = np.maximum(variance - of_joints, 0.0)
     first, second = order[pairs], order[pairs + 1]
     both = measured.components_seen[first] & measured.components_seen[second]
     difference = residual[second] - residual[first]
     stated_variance = variance[second] + variance[first]
+    least_variance = without_joints[second] + without_joints[first]
     rounded = measured.rounded_kinds(difference, both)
     scatter = []
     for kind, columns in measured.component_kinds:
@@ -63,10 +75,11 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
             continue
         squares, variances = difference[:, columns][seen] ** 2, stated_variance[:, columns][seen]
         stated = float(np.sqrt(0.5 * np.median(variances)))  # of a single reading
-        ratio = float(np.sqrt(np.median(squares / variances) / GRADES.median_square))
-        scatter.append(
-            RepeatScatter(kind=kind, found=ratio * stated, stated=stated, pairs=len(pairs))
-        )
+        least = float(np.sqrt(0.5 * np.median(least_variance[:, columns][seen])))
+        found = float(np.sqrt(np.median(squares / variances) / GRADES.median_square)) * stated
+        # An error of a joint may be the same in all repeats, as by rounding, or differ in each.
+        nearest = min(max(found, least), stated)
+        scatter.append(RepeatScatter(kind=kind, found=found, stated=nearest, pairs=len(pairs)))
     return tuple(scatter)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
@@ -29,6 +30,8 @@ from pa10cal.campaign.raw_rows import Exclusions, Ingested, RawRows, quarantined
 from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.tracked_screens import Screen
 from pa10cal.campaign.two_logs import TwoLogs
+from pa10cal.errors import CalibrationError
+from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import RawColumns
 from pa10cal.options import IngestOptions
@@ -76,6 +79,7 @@ def read_tracked(
     screen.quarantine(off, screens.OTHER_COMMAND, screen.found.pose[off])
     refuse_too_many_lost()
     found, base_notes, base_warnings = steadied(screen.found, str(file.path), screen.T_base_ee)
+    found = _uncertain_as_joints(found, Chain.of(arm))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
     notes = [*raw.notes, *instrument_notes, *base_notes]
     if np.isnan(found.states.tau_Nm).all():
@@ -173,6 +177,29 @@ def _read_poses(
         base=base_targets(base_names, raw.numbers_of(on_base), u_base, u_m),
     )
     return raw, readings, measured
+
+
+def _uncertain_as_joints(found: Observations, chain: Chain) -> Observations:
+    """Return readings as uncertain as stated uncertainties of the joint positions make the end.
+
+    The nominal arm says how: it is right enough for a covariance. Readings stay as they are where
+    it does not show where the instrument is.
+    """
+    u = np.zeros((0, 0)) if found.log is None else found.log.q_u_stated
+    if not u.any():
+        return found
+    end = chain.forward_with_screws(found.states.q_rad)
+    try:
+        located = found.measured.locate(end.T, roughly=True)
+    except CalibrationError:
+        return found
+    R, places_m = located.T_instr_base[:3, :3], located.targets(end.T)[..., :3, 3]
+    moved = end.screws[:, :, chain.joint_columns] * u[:, None, :]
+    shift, turn = R @ moved[:, :3], R @ moved[:, 3:]
+    end_m = (located.T_instr_base @ end.T)[:, :3, 3]
+    about_origin = np.concatenate([shift + cross_matrix(end_m) @ turn, turn], axis=1)
+    motion_cov = about_origin @ about_origin.swapaxes(1, 2)
+    return replace(found, measured=found.measured.with_end_uncertain(motion_cov, places_m))
 
 
 def _within_limits(

@@ -9,13 +9,14 @@ the model they give the interval in which a measured pose is expected.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from pa10cal.arrays import Array
 from pa10cal.discovery.linear import by_joints, position_m
+from pa10cal.discovery.noise import PoseWeights, whitener_of
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import NOISE
 from pa10cal.fit.fitted import TOOL_FRAME
@@ -85,6 +86,18 @@ def scatter_of(at: FittedModel, poses: Observations, residual: Array) -> PoseDev
     return PoseDeviations(
         std[: at.arm.n], dict(zip(of_kinds, std[at.arm.n :].tolist(), strict=True))
     )
+
+
+def weights_with_joints(
+    weights: PoseWeights, at: FittedModel, poses: Observations, residual: Array
+) -> PoseWeights:
+    """Return weights of complete poses whose whitener knows what an error of a joint does.
+
+    It moves all components of a pose together: counted one by one, they would show whatever is
+    sought in them too surely. The residual is (P, b).
+    """
+    covariance = scatter_of(at, poses, residual).covariance(at, poses)
+    return replace(weights, whitener=whitener_of(covariance))
 
 
 def share_inside(

@@ -23,6 +23,7 @@ from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term
 from pa10cal.discovery.noise import pose_weights, same_circumstances
 from pa10cal.discovery.nuisances import steps_in_time
+from pa10cal.discovery.pose_scatter import weights_with_joints
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, sought
 from pa10cal.evaluation.model_errors import poses_for_model
 from pa10cal.fit.fitted_model import FittedModel
@@ -84,6 +85,7 @@ def steps_elsewhere(
         residuals = residuals - group_means(residuals, group)[group]
         fitted_count = float(group.max() + 1) * residuals.shape[1]
     noise = pose_weights(residuals, fitted_count, poses.measured)
+    noise = weights_with_joints(noise, with_base, poses, residuals)
     search = in_time_of(
         with_base,
         poses,

@@ -98,6 +98,18 @@ class Instrument(ABC):
         """Return the measurements without the motion that targets on the base show."""
         return self
 
+    def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
+        """Return what was measured, where the end was being less certain than it was.
+
+        All components of a pose are uncertain together by that.
+
+        Args:
+            motion_cov: (P, 6, 6) covariance of a shift [m] and a turn [rad] of the end about the
+                instrument's origin.
+            places_m: (P, B, 3) about where the targets were.
+        """
+        return self
+
     def take(self, rows: Rows) -> Self:
         """Return the measurements of these poses."""
         return take_rows(self, rows, *self._of_all)

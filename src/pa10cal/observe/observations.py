@@ -38,6 +38,14 @@ class JointLog:
     tau_u: Array  # (P, n) standard uncertainty of the mean torque [N m, N], nan where unknown
     samples: NDArray[np.int64]  # (P,) samples averaged; 0 where there is no log
 
+    @property
+    def q_u_stated(self) -> Array:
+        """Return the uncertainty of positions that a file states, (P, n); 0 where it states none.
+
+        That of a dwell of several samples is their scatter, which repeats show as well.
+        """
+        return np.where(self.samples[:, None] <= 1, np.nan_to_num(self.q_u), 0.0)
+
     def take(self, rows: Rows) -> JointLog:
         """Return some of the configurations."""
         return take_rows(self, rows)

@@ -59,8 +59,8 @@ class Points(Instrument):
     # (B, 3) stated positions of the targets in the end-effector frame; None where some are not
     p_ee_stated_m: Array | None
     # (P, 6, 6) covariance of a shift [m] and a turn [rad] about the instrument's origin, common to
-    # all targets of a pose: uncertainty of a motion that targets on the base showed. None for an
-    # instrument that is assumed to stand still
+    # all targets of a pose: uncertainty of a motion that targets on the base showed, and that of
+    # stated joint positions. None for an instrument and for joints that are assumed to be right
     motion_cov: Array | None = None
 
     kind: ClassVar[str] = "points"
@@ -87,7 +87,8 @@ class Points(Instrument):
             self,
             p_instr_m=p_instr_m / share[..., None],
             cov_m2=cov_m2 / (share * readings)[..., None, None],
-            # Readings at nearly the same time have the same error, so that their mean has it too.
+            # Readings at nearly the same time, or of the same joint positions, have the same error,
+            # so that their mean has it too.
             motion_cov=None if self.motion_cov is None else group_means(self.motion_cov, code),
         )
 
@@ -118,6 +119,10 @@ class Points(Instrument):
         T = np.linalg.inv(base.T_moved)
         p_instr_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], self.p_instr_m) + T[:, None, :3, 3]
         return replace(self, p_instr_m=p_instr_m, motion_cov=base.cov_at_origin)
+
+    def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
+        before = 0.0 if self.motion_cov is None else self.motion_cov
+        return replace(self, motion_cov=before + motion_cov)
 
     def in_order(self, order: Sequence[int]) -> Self:
         at = list(order)
@@ -331,6 +336,13 @@ class Distance(Instrument):
         p_instr_m, _ = carried_targets(T_instr_ee, place_m)
         d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
         return Distance(d_m, np.full(len(d_m), stated.uncertainty_m), name, place_m)
+
+    def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
+        away_m = places_m[:, 0] - self.p_instr_point_m
+        along = away_m / np.linalg.norm(away_m, axis=1, keepdims=True)
+        by_motion = (along[:, None] @ rigid_fit.by_small_motion(places_m[:, 0]))[:, 0]
+        variance = np.einsum("pi,pij,pj->p", by_motion, motion_cov, by_motion)
+        return replace(self, u_m=np.sqrt(self.u_m**2 + variance))
 
     def in_frame(self, T: Array) -> Self:
         return replace(self, p_instr_point_m=T[:3, :3] @ self.p_instr_point_m + T[:3, 3])

@@ -81,10 +81,14 @@ class Pose(Instrument):
 
     def steadied(self, base: BaseTargets) -> Self:
         T = np.linalg.inv(base.T_moved) @ self.T_instr_target
-        by_motion = np.tile(np.eye(6), (len(T), 1, 1))
-        by_motion[:, :3, 3:] = -rigid_fit.cross_matrix(T[:, :3, 3])
-        noise = by_motion @ base.cov_at_origin @ by_motion.swapaxes(1, 2)
-        return replace(self, T_instr_target=T, cov=self.cov + noise)
+        still = replace(self, T_instr_target=T)
+        return still.with_end_uncertain(base.cov_at_origin, still.places_m)
+
+    def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
+        by_motion = np.tile(np.eye(6), (len(self), 1, 1))
+        by_motion[:, :3, 3:] = -rigid_fit.cross_matrix(self.T_instr_target[:, :3, 3])
+        noise = by_motion @ motion_cov @ by_motion.swapaxes(1, 2)
+        return replace(self, cov=self.cov + noise)
 
     def ideal(self, T_instr_ee: Array, targets_m: Array) -> Pose:
         return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))

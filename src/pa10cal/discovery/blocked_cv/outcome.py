@@ -41,6 +41,7 @@ from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
+from pa10cal.discovery.pose_scatter import weights_with_joints
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.rules import LINES, MAPS
 from pa10cal.discovery.wobbles import wobbles
@@ -195,8 +196,9 @@ def search_with_motion(survey: Survey) -> SearchWithMotion:
     """Search a survey, again with what moved or changed in time, then for a slow drift."""
     found = _with_lines_and_wobbles(survey)
     survey, fitted = found.rows.survey, found.extended  # the survey begins with what was added
-    whiteners = fitted.weights.whiteners()
     poses, logged = survey.poses, survey.torques_logged
+    left = survey.net_residual(fitted.at)
+    whiteners = weights_with_joints(fitted.weights, fitted.at, poses, left).whiteners()
     effects = tuple(sought(survey.context, survey.baseline.model.terms))
     rivals: Mapping[float, tuple[str, ...]] = {}
     change = change_of(fitted.at, poses, whiteners, effects, logged=logged)
