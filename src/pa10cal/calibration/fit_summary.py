@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import gram
 from pa10cal.calibration.rules import RECORDS
 from pa10cal.fit.identifiability import Identifiability
-from pa10cal.fit.problem import Solution
+from pa10cal.fit.problem import GaussianPrior, Solution
 from pa10cal.numerics.exchange import Information, greedy_order
 from pa10cal.results import calibration as records
 from pa10cal.terms.joint_spring import reported_name, stiffness_by_solved
@@ -38,6 +39,38 @@ class FitSummary:
     hidden: frozenset[str] = frozenset()
     # names of those that contain the mounting of base or tool, and so are no departures of the arm
     of_mounting: frozenset[str] = frozenset()
+    # what another campaign says of the first parameters; None for nothing
+    expected: GaussianPrior | None = None
+
+    @cached_property
+    def known_before(self) -> Array:
+        """Return the precision of the parameters, in their scales, without the poses, (k, k)."""
+        scale = np.array([parameter.scale for parameter in self.parameters])
+        precision = np.eye(len(scale)) / RECORDS.possible_scales**2
+        if self.expected is not None:
+            known = slice(len(self.expected.mean))
+            precision[known, known] += (
+                self.expected.precision * np.outer(scale, scale)[known, known]
+            )
+        return precision
+
+    @cached_property
+    def taken(self) -> float:
+        """Return how many degrees of freedom of the rows the fit took.
+
+        Those of a prior took none: then it is the trace of the matrix from readings to fitted ones.
+        """
+        if self.expected is None:
+            return float(self.identifiability.rank)
+        scale = np.array([parameter.scale for parameter in self.parameters])
+        of_poses = gram(self.white) * np.outer(scale, scale)
+        return float(np.trace(np.linalg.solve(self.known_before + of_poses, of_poses)))
+
+    @property
+    def u_positions_mm(self) -> float:
+        """Return the rms standard uncertainty of positions in the poses fitted, as of any pose."""
+        total_m2 = np.sum(self.covariance * self.position_gram) / len(self.white)
+        return float(1e3 * np.sqrt(max(total_m2, 0.0)))
 
     @property
     def at_bound(self) -> tuple[str, ...]:
@@ -90,7 +123,7 @@ def poses_needed(
     white, scale = ended.white, np.array([parameter.scale for parameter in ended.parameters])
     count, scales = len(white), np.outer(scale, scale)
     pool = np.unique(np.linspace(0, count - 1, min(count, RECORDS.pool)).round().astype(np.intp))
-    information = np.eye(len(scale)) / RECORDS.possible_scales**2
+    information = ended.known_before
 
     candidates = Information(white[pool] * scale * RECORDS.possible_scales)
     order = pool[greedy_order(candidates, min(len(pool), RECORDS.most_chosen))]

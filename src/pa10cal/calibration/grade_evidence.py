@@ -33,6 +33,7 @@ class GradeEvidence:
     noise_is_found: bool = False  # whether `noise_mm` is estimated from repeats, and not stated
     # error by the places of the targets on an apparatus, common to all poses, that the fit leaves
     apparatus_mm: float = 0.0
+    lacks_mm: float = 0.0  # rms of what the model lacks, in the poses fitted
     # scatter of repeats and stated uncertainty, by kind of component
     repeats: tuple[records.RepeatScatter, ...] = ()
     from_touches: bool = False  # whether the instrument touches balls
@@ -67,6 +68,11 @@ class GradeEvidence:
     def u_model_mm(self) -> float:
         """Return the standard uncertainty of a predicted position; inf where not determined."""
         return float("inf") if self.poses.u_model_mm is None else self.poses.u_model_mm
+
+    @property
+    def u_promised_mm(self) -> float:
+        """Return the rms standard uncertainty that predictions state in the poses fitted."""
+        return float(np.hypot(self.ended.u_positions_mm, self.lacks_mm))
 
     @property
     def rank(self) -> int:
@@ -115,7 +121,7 @@ class GradeEvidence:
     @property
     def error_mm(self) -> float:
         """Return the remaining error, corrected for the degrees of freedom that the fit took."""
-        fitted_share = min(self.rank / max(self.rows, 1), GRADES.most_taken_share)
+        fitted_share = min(self.ended.taken / max(self.rows, 1), GRADES.most_taken_share)
         return self.train_rms_mm / float(np.sqrt(1.0 - fitted_share))
 
     @property
@@ -168,7 +174,7 @@ class GradeEvidence:
     def most_over_noise(self) -> float:
         """Return the largest remaining error over the noise that chance explains."""
         own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
-        dof = max(self.rows - self.rank, 1)
+        dof = max(self.rows - self.ended.taken, 1.0)
         limit = GRADES.over_noise * (1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * dof)))
         if not own_mm or reading_mm is None:
             return limit

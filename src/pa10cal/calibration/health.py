@@ -82,7 +82,7 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         return "few_poses", f"{uncertain}; {errors}{remarks}", ()
     if evidence.u_model_mm > GRADES.small_share * evidence.error_mm:
         remarks = (
-            f"; predicted positions have a standard uncertainty of {evidence.u_model_mm:.3f} mm"
+            f"; predicted positions have a standard uncertainty of {evidence.u_promised_mm:.3f} mm"
             f"{remarks}"
         )
     return (
@@ -99,10 +99,18 @@ def _beside_noise(evidence: GradeEvidence) -> str:
     if noise_mm is None:
         return ""
     if over is not None and over > GRADES.noticed_ratio:
-        return f", {over:.2g} times the noise of {noise_mm:.3f} mm"
+        return f", {_compared(evidence)}{over:.2g} times the noise of {noise_mm:.3f} mm"
     if f"{noise_mm:.3f}" == f"{evidence.train_rms_mm:.3f}":
         return ", as the noise explains"
     return f", as the noise of {noise_mm:.3f} mm explains"
+
+
+def _compared(evidence: GradeEvidence) -> str:
+    """Return the error that is compared with the noise, where it is not the one stated before."""
+    noise_mm, over = evidence.own_noise_mm or np.inf, evidence.over_noise or 0.0
+    if f"{evidence.train_rms_mm / noise_mm:.2g}" == f"{over:.2g}":
+        return ""
+    return f"{evidence.error_mm:.3f} mm with the part that the fit absorbed, "
 
 
 def _is_settled(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
@@ -207,8 +215,8 @@ def _lacking(evidence: GradeEvidence) -> str:
     if over is not None and over > evidence.most_over_noise:
         stated = "" if evidence.noise_is_found or evidence.repeats else "stated "
         text = (
-            f"{over:.2g} times the {stated}noise of {evidence.own_noise_mm:.3f} mm: the model is "
-            "missing an effect"
+            f"{_compared(evidence)}{over:.2g} times the {stated}noise of "
+            f"{evidence.own_noise_mm:.3f} mm: the model is missing an effect"
         )
         if stated:
             text += ", or the stated uncertainty is too small"

@@ -16,7 +16,7 @@ from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, UNKNOWNS
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.discrepancy import discrepancy_of
+from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import identify, not_identifiable
@@ -64,20 +64,23 @@ def paper_case(
     cubic = calibrated(cubic=True)
     linear = calibrated(cubic=False) if joints else cubic
     load_N, payload, rigid = grid.states.load_N, case.payload, nominal(arm)
-    model, linear_model = cubic.model(payload), linear.model(payload)
+    model, linear_model = (
+        replace(each, discrepancy=discrepancy_of(each, used))
+        for each in (cubic.model(payload), linear.model(payload))
+    )
     before, from_seed = (
         accuracy.summarise_by_load(FittedModel(rigid, np.zeros(0), T).deviations(grid), load_N)
         for T in (accuracy.align_nominal(rigid, grid), T_instr_base_seed)
     )
     noise = uncertainty.with_own_scatter(used, chosen, model.model, model.x)
     stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
-    evidence = _evidence(case, cubic, noise, stated)
+    evidence = replace(
+        _evidence(case, cubic, noise, stated),
+        lacks_mm=lacking_mm(model.discrepancy, used.states.q_rad),
+    )
     found = health(evidence)
     about = FittedTo.of(used, case.load, found, campaign)
-    model, linear_model = (
-        replace(each, fitted_to=about, discrepancy=discrepancy_of(each, used))
-        for each in (model, linear_model)
-    )
+    model, linear_model = (replace(each, fitted_to=about) for each in (model, linear_model))
     from_seed_frame = np.linalg.inv(T_instr_base_seed) @ cubic.T_instr_base
     cosine = (np.trace(from_seed_frame[:3, :3]) - 1) / 2
     seed_angle_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))

@@ -178,7 +178,9 @@ def _judged(campaign: Prepared, model: FittedModel) -> Verdict:
     A loose target stands for what is unexplained and at no place.
     """
     found = _by_scorer(campaign, model)
-    if not (loose := loose_targets(campaign.trusted)):
+    # A target that slipped once has other distances from then on.
+    slipped = any(fault.kind == "step_in_time" for fault in found.faults_of_rows)
+    if slipped or not (loose := loose_targets(campaign.trusted)):
         return found
     placed = tuple(each for each in found.unexplained if each.of is not None)
     return replace(found, unexplained=(*loose, *placed))

@@ -5,6 +5,8 @@ where poses are predicted that were not fitted (Kennedy and O'Hagan, J. R. Stat.
 Here groups of poses are held out in turn, with the model linear about its fit: poses drawn at
 random, clusters of neighbours, and stretches of time. The squares of their errors, less those by
 noise and parameters, are estimated as a function of the distance to the nearest fitted pose.
+Readings beyond the tails of the others count less, the farther they are: a gross error is no
+property of the model.
 """
 
 from __future__ import annotations
@@ -24,12 +26,13 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted import Fitted
-from pa10cal.fit.problem import Problem, possible_sizes
+from pa10cal.fit.problem import GaussianPrior, Problem, possible_sizes
+from pa10cal.fit.tails import Tails, keep_their_distances
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import along_a_path
-from pa10cal.rules import LACK
+from pa10cal.rules import LACK, SCATTER
 from pa10cal.terms.field import embedded, well_spread
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import base_frame, fixed
@@ -38,13 +41,17 @@ from pa10cal.terms.term import base_frame, fixed
 _TINY, _NO_VARIANCE = 1e-300, 1e-24
 
 
-def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
+def discrepancy_of(
+    model: Fitted, poses: Observations, expected: GaussianPrior | None = None
+) -> Discrepancy | None:
     """Return the discrepancy of a model; None where there are too few poses to hold some out.
 
     Maps of joints stay as they were fitted: their uncertainty is in their covariance.
 
     Args:
         poses: the averaged poses that it was fitted to, as modelled.
+        expected: prior of the model's parameters that its fit had besides these poses; None for
+            none.
     """
     poses = poses.thinned_by_pose(LACK.most_poses)
     _, label = np.unique(poses.pose, return_inverse=True)
@@ -52,13 +59,14 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
     groups = min(LACK.groups, count // LACK.least_in_group)
     if groups < 2:
         return None
-    rows, lever_m = RowsAboutFit.of(model, poses), levers_m(model.model, model.x, poses.states)
+    rows = RowsAboutFit.of(model, poses, expected=expected)
+    lever_m = levers_m(model.model, model.x, poses.states)
     turns = ~model.arm.prismatic
     points = embedded(poses.states.q_rad, lever_m, turns)
     rows = rows.with_noise_of_pairs(points, label, LACK.pair_rad * float(lever_m.max()))
     places = well_spread(points, LACK.most_places)
     rng = np.random.default_rng(0)
-    distance_m, square_mm2 = [], []
+    distance_m, square_mm2, trust = [], [], []
     for number, fold in enumerate(held_out_in_turn(points, label, poses.states, groups, rng)):
         for k in range(groups):
             out = np.flatnonzero(fold == k)
@@ -67,9 +75,12 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
                 continue
             distance_m.append(cKDTree(points[stays]).query(points[out])[0])
             square_mm2.append(rows.beyond_parameters_mm2(out))
+            trust.append(rows.trust[out])
         if number == 0:
             near_m = float(np.quantile(np.concatenate(distance_m), LACK.near_share))
-    steps_m, mean_mm2 = _by_distance(np.concatenate(distance_m), np.concatenate(square_mm2))
+    steps_m, mean_mm2 = _by_distance(
+        np.concatenate(distance_m), np.concatenate(square_mm2), np.concatenate(trust)
+    )
     return Discrepancy(
         q=poses.states.q_rad[places],
         lever_m=lever_m,
@@ -78,6 +89,11 @@ def discrepancy_of(model: Fitted, poses: Observations) -> Discrepancy | None:
         error_mm=np.sqrt(mean_mm2),
         near_m=near_m,
     )
+
+
+def lacking_mm(found: Discrepancy | None, q_rad: Array) -> float:
+    """Return the rms of what a model lacks at joint positions (N, n) [mm]; 0 where not known."""
+    return 0.0 if found is None else float(np.sqrt(np.mean(found.error_at_mm(q_rad) ** 2)))
 
 
 def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
@@ -130,31 +146,61 @@ def stretches_of(time_s: Array, groups: int) -> Index:
     return rank * groups // len(time_s)
 
 
-def _by_distance(distance_m: Array, square_mm2: Array) -> tuple[Array, Array]:
-    """Return mean distances (m,) of steps, ascending, and non-decreasing mean squares there."""
+def _by_distance(distance_m: Array, square_mm2: Array, trust: Array) -> tuple[Array, Array]:
+    """Return mean distances (m,) of steps, ascending, and non-decreasing mean squares there.
+
+    Args:
+        trust: (N,) weight of each error.
+    """
     order = np.argsort(distance_m, kind="stable")
     steps = max(min(LACK.steps, len(order) // LACK.least_errors), 1)
     parts = np.array_split(order, steps)
     means_m = np.array([distance_m[part].mean() for part in parts])
-    means_mm2 = np.array([square_mm2[part].mean() for part in parts])
-    sizes = np.array([len(part) for part in parts])
+    means_mm2 = np.array([np.average(square_mm2[part], weights=trust[part]) for part in parts])
+    sizes = np.array([trust[part].sum() for part in parts])
     return means_m, np.maximum(isotonic_regression(means_mm2, weights=sizes).x, 0.0)
 
 
-def _weights(measured: Instrument, residual: Array, variance: Array) -> Array:
-    """Return root weights of components (P, b): by the larger of stated and observed variance.
-
-    Poses with residuals far outside the scatter get less.
-    """
+def _by_variance(measured: Instrument, residual: Array, variance: Array) -> Array:
+    """Return root weights of components (P, b): by the larger of stated and observed variance."""
     seen, weight = measured.components_seen, np.zeros_like(residual)
     for _, columns in measured.component_kinds:
         of_kind = residual[:, columns][seen[:, columns]]
         observed = np.median(of_kind**2) / LACK.median_square if len(of_kind) else 1.0
         larger = np.maximum(variance[:, columns], max(observed, _NO_VARIANCE))
         weight[:, columns] = np.where(seen[:, columns], 1.0 / np.sqrt(larger), 0.0)
-    size = np.sqrt(((weight * residual) ** 2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
-    weight *= np.minimum(1.0, LACK.far * np.median(size) / np.maximum(size, _TINY))[:, None]
     return weight
+
+
+def _less_far_off(measured: Instrument, white: Array) -> Array:
+    """Return by how much poses count in the fit of the others, (P,), by white residuals (P, b)."""
+    seen = measured.components_seen
+    size = np.sqrt((white**2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
+    return np.asarray(np.minimum(1.0, LACK.far * np.median(size) / np.maximum(size, _TINY)))
+
+
+def _trust(measured: Instrument, white: Array) -> Array:
+    """Return by how much errors of poses count, (P,), by white residuals (P, b).
+
+    Beyond the tails of the others, however heavy these are, by the square of a robust weight, as in
+    the scatter of a fit. Readings whose targets keep their distances are right.
+    """
+    seen, ratio = measured.components_seen, np.ones(len(white))
+    for _, kind in measured.component_kinds:
+        size = np.where(seen[:, kind], np.abs(white[:, kind]), 0.0)
+        limit = Tails.of(size[seen[:, kind]]).largest(SCATTER.tail, 1)
+        ratio = np.maximum(ratio, size.max(axis=1) / max(limit, _TINY))
+    ratio[keep_their_distances(measured.places_m)] = 1.0
+    return np.asarray(ratio**-4.0)
+
+
+def _known(expected: GaussianPrior, x: Array, own: Index, sizes: Array) -> Gaussian:
+    """Return what a prior says of how far x (k,) is off, of the own ones first, in their sizes."""
+    size = np.zeros(len(sizes))
+    size[: len(own)] = sizes[: len(own)]
+    at = np.append(own, np.zeros(len(sizes) - len(own), np.intp))  # of others the size is 0
+    off = expected.precision @ (x - expected.mean)
+    return Gaussian.of_products(expected.precision[np.ix_(at, at)], off[at]).in_sizes(size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +224,8 @@ class RowsAboutFit:
     of_parameters: float
     # factor of a squared error: 3 where only the line-of-sight component is measured, else 1
     components_factor: float
+    trust: Array  # (P,) by how much the error of each pose counts, 1 but for gross errors
+    before: Gaussian  # what was known of the unknowns besides the rows
 
     @property
     def by_unknowns(self) -> Array:
@@ -186,8 +234,8 @@ class RowsAboutFit:
 
     @cached_property
     def every(self) -> Gaussian:
-        """Return the normal equations of all rows."""
-        return Gaussian.of(self.columns, self.data)
+        """Return the normal equations of all rows and of what was known before."""
+        return Gaussian.of(self.columns, self.data) + self.before
 
     def found(self, rows: Gaussian, columns: Array) -> tuple[Array, Array]:
         """Return the unknowns (k,) by some rows, and variances of predictions by columns (…, k).
@@ -201,11 +249,18 @@ class RowsAboutFit:
         return mean, first.variances(columns[..., others]) + then.variances(columns[..., field])
 
     @classmethod
-    def of(cls, model: Fitted, poses: Observations, weight: Array | None = None) -> RowsAboutFit:
+    def of(
+        cls,
+        model: Fitted,
+        poses: Observations,
+        weight: Array | None = None,
+        expected: GaussianPrior | None = None,
+    ) -> RowsAboutFit:
         """Return the rows of averaged poses, as modelled.
 
         Args:
             weight: (P, b) root weights; None for those by the residuals.
+            expected: prior of the model's parameters besides the rows; None for none.
         """
         maps = [term for term in model.model.terms if term.at_knots]
         terms = [
@@ -220,8 +275,10 @@ class RowsAboutFit:
         rows = problem.rows(problem.start(x))
         seen = measured.components_seen
         variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
+        by_variance = _by_variance(measured, rows.residual, variance)
+        white = by_variance * rows.residual
         if weight is None:
-            weight = _weights(measured, rows.residual, variance)
+            weight = by_variance * _less_far_off(measured, white)[:, None]
         sizes = possible_sizes(at, measured if count else None)
         of_field = np.append(at.having("field"), np.zeros(len(sizes) - len(at.parameters), bool))
         without = rows.residual
@@ -239,7 +296,24 @@ class RowsAboutFit:
         )
         noise = (np.where(seen[:, places], variance[:, places], 0.0).sum(axis=1) / times) * 1e6
         single = LACK.components if len(places) == 1 else 1.0
-        found = cls(data, left, weight, columns, sizes, free, of_field, to_mm, noise, 1.0, single)
+        before = Gaussian.none(len(sizes))
+        if expected is not None:
+            before = _known(expected, model.x, free, sizes)
+        found = cls(
+            data=data,
+            left=left,
+            weight=weight,
+            columns=columns,
+            sizes=sizes,
+            own=free,
+            of_field=of_field,
+            to_mm=to_mm,
+            noise_mm2=noise,
+            of_parameters=1.0,
+            components_factor=single,
+            trust=_trust(measured, white),
+            before=before,
+        )
         if model.covariance is None:
             return found
         known = np.append(free, len(model.x) + np.arange(len(BASE)))
@@ -264,7 +338,9 @@ class RowsAboutFit:
             return self
         error_mm = self.to_mm * self.data
         half = 0.5 * ((error_mm - error_mm[other]) ** 2).sum(axis=1)[near]
-        return replace(self, noise_mm2=np.minimum(self.noise_mm2, float(half.mean())))
+        trust = (self.trust * self.trust[other])[near]
+        noise_mm2 = float(np.average(half, weights=trust))
+        return replace(self, noise_mm2=np.minimum(self.noise_mm2, noise_mm2))
 
     def beyond_parameters_mm2(self, out: Index) -> Array:
         """Return squared errors of held-out poses, less those by noise and parameters, (N,)."""

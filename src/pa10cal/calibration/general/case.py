@@ -26,7 +26,7 @@ from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, 
 from pa10cal.calibration.rules import GRADES, RECORDS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
-from pa10cal.fit.discrepancy import discrepancy_of
+from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable
@@ -118,7 +118,7 @@ def general_case(
     if case.prior is not None:
         refuse_own_readings(case.prior, used, case.campaign)
     full, geometry, nominal = _Fits.of(case, used, start)
-    calibrated, load_N = fitted(full), grid.states.load_N
+    calibrated, load_N = with_discrepancy(full), grid.states.load_N
 
     def with_model_torques(poses: Observations) -> Observations:
         states, _ = with_torques(calibrated.model, calibrated.x, poses.states, payload)
@@ -154,6 +154,7 @@ def general_case(
         train_rms_mm=accuracy.summarise(found.take(trusted)).rms_mm,
         held_out=held_out_errors,
         noise_mm=noise_mm,
+        lacks_mm=lacking_mm(calibrated.discrepancy, used.states.q_rad),
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(outliers),
         acquitted=sum(RIGID in outlier.why for outlier in outliers),
@@ -176,9 +177,13 @@ def general_case(
     before = accuracy.summarise_by_load(of_nominal, load_N)
     without_flagged = accuracy.summarise_trusted(of_nominal, found, load_N, flagged)
     by_geometry = accuracy.summarise_by_load(of_geometry, load_N)
+    of_rigid, of_described = (
+        records.Fit(**_general_fit_keys(each, with_discrepancy(each), about))
+        for each in (geometry, nominal)
+    )
     record = records.GeneralCalibrationRecord(
         **case_keys(case, evidence.ended, judged, replace(calibrated, fitted_to=about), grid),
-        **_general_fit_keys(full, about),
+        **_general_fit_keys(full, calibrated, about),
         starts=1,
         starts_agreeing=1,
         redundant=full.redundant,
@@ -193,8 +198,8 @@ def general_case(
             )
             for load, after in accuracy.summarise_by_load(found, load_N).items()
         },
-        geometry=records.Fit(**_general_fit_keys(geometry, about)),
-        nominal=records.Fit(**_general_fit_keys(nominal, about)),
+        geometry=of_rigid,
+        nominal=of_described,
         suspected_outliers=outliers,
         group=group,
         prior=full.prior,
@@ -249,9 +254,10 @@ def _turned_rad(model: FittedModel, poses: Observations) -> float:
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
 
 
-def _general_fit_keys(general: GeneralCalibration, about: FittedTo) -> dict[str, Any]:
-    model = replace(fitted(general), fitted_to=about)
-    model = replace(model, discrepancy=discrepancy_of(model, general.problem.observations))
+def _general_fit_keys(
+    general: GeneralCalibration, model: FittedModel, about: FittedTo
+) -> dict[str, Any]:
+    model = replace(model, fitted_to=about)
     names = [parameter.name for parameter in general.problem.parameters]
     parameters, covariance = _parameters(general, model), general.fit.covariance
     return fit_keys(general.fit, model, parameters, names, covariance)
@@ -337,6 +343,13 @@ def fitted(general: GeneralCalibration) -> FittedModel:
     )
 
 
+def with_discrepancy(general: GeneralCalibration) -> FittedModel:
+    """Return the fitted model with what it lacks."""
+    model = fitted(general)
+    poses, expected = general.problem.observations, general.fit.span.expected
+    return replace(model, discrepancy=discrepancy_of(model, poses, expected))
+
+
 def _fit_summary(general: GeneralCalibration) -> FitSummary:
     fit, problem = general.fit, general.problem
     parameters = problem.parameters
@@ -370,4 +383,5 @@ def _fit_summary(general: GeneralCalibration) -> FitSummary:
         position_gram=position_gram,
         not_identifiable=unidentified,
         hidden=hidden,
+        expected=fit.span.expected,
     )

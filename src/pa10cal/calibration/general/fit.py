@@ -34,7 +34,8 @@ class Span:
 
     bounds: Bounds  # ends of their physical range
     reach: Array  # (k,) standard deviation of the prior about the start
-    known: int  # the first unknowns, so many, have an informative prior in place of the reach
+    # informative prior of the first unknowns in place of the reach; None for none
+    expected: GaussianPrior | None
     centre: Array  # (k,) mean of the prior
     rows: Array  # (k, k) root W of its precision W'W, rows of the known unknowns first
 
@@ -46,12 +47,17 @@ class Span:
             expected: informative prior of the first unknowns; None for none.
         """
         bounds, reach = Bounds.of(problem.parameters), reach_of(problem)
-        centre, rows, known = bounds.clip(x_start), np.diag(1.0 / reach), 0
+        centre, rows = bounds.clip(x_start), np.diag(1.0 / reach)
         if expected is not None:
             known = len(expected.mean)
             centre[:known] = expected.mean
             rows[:known, :known] = np.linalg.cholesky(expected.precision, upper=True)
-        return cls(bounds, reach, known, centre, rows)
+        return cls(bounds, reach, expected, centre, rows)
+
+    @property
+    def known(self) -> int:
+        """Return how many of the first unknowns have an informative prior."""
+        return 0 if self.expected is None else len(self.expected.mean)
 
     @cached_property
     def precision(self) -> Array:
