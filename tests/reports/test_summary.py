@@ -9,6 +9,7 @@ from made_up_records import accuracy, effect, verdict_keys
 from pa10cal.reports.summary import CampaignSummary, notes, paths, table
 from pa10cal.results.evaluation import mean_and_peak
 from pa10cal.results.fleet import ChainRecord
+from pa10cal.results.record import shown_probability
 
 GOOD = CampaignSummary(
     ChainRecord(
@@ -94,6 +95,11 @@ def test_a_verdict_says_what_is_open_beside_its_word():
     )
     assert notes(unsought) == ("not_sought: 45 poses are too few; measure 100",)
     assert notes(verdict_keys("none", ())) == ()
+
+
+def test_what_is_not_yet_sure_is_not_rounded_to_it():
+    shown = [shown_probability(value) for value in (0.9439, 0.9491, 0.95, 0.989999, 0.0)]
+    assert shown == ["0.94", "0.94", "0.95", "0.99", "0.00"]
 
 
 def test_faults_of_the_same_kind_are_one_line():

@@ -22,7 +22,7 @@ from pa10cal.results.discovery import (
 )
 from pa10cal.results.evaluation import Parameter
 from pa10cal.results.maps import FallsBack
-from pa10cal.results.record import CampaignIdentity
+from pa10cal.results.record import CampaignIdentity, shown_probability
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.wording import wrong
 
@@ -141,7 +141,8 @@ def extended_parameters(found: Verdict) -> dict[str, Parameter]:
 def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     """Return what a reader should know before trusting the extended model."""
     found = [
-        f"{effect.id} of {effect.of} has a probability of {effect.probability:.2f}; else it is "
+        f"{effect.id} of {effect.of} has a probability of "
+        f"{shown_probability(effect.probability)}; else it is "
         f"{' or '.join(effect.rivals)}"
         for effect in verdict.effects
         if effect.likely

@@ -21,6 +21,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula
+from pa10cal.results.record import shown_probability
 from pa10cal.terms.wording import done, headline, percent, sentences
 
 #: What each grade means.
@@ -160,9 +161,12 @@ def _effect_rows(results: ResultsBundle, record: VerdictRecord) -> Iterator[tupl
             unbroken(effect.of.replace("_", " ")),
             _size(effect),
             formulas.get((effect.id, effect.of), NOT_KNOWN),
-            f"{effect.probability:.2f}",
+            shown_probability(effect.probability),
             listed(
-                (f"{named(each)} ({each.probability:.2f})" for each in effect.alternatives),
+                (
+                    f"{named(each)} ({shown_probability(each.probability)})"
+                    for each in effect.alternatives
+                ),
                 "nothing else",
             ),
             *map(unbroken, taken_away.get((effect.id, effect.of), ())),

@@ -14,6 +14,7 @@ from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRec
 from pa10cal.results.discovery import NamedEffect, VerdictKeys, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal.results.fleet import ChainRecord
+from pa10cal.results.record import shown_probability
 from pa10cal.terms import wording
 
 _HEAD = ("campaign", "grade", "verdict", "before", "after", "mean error over")
@@ -102,8 +103,10 @@ def notes(verdict: VerdictKeys) -> tuple[str, ...]:
 
 def _with_probabilities(effect: NamedEffect) -> str:
     """Return an effect and its likely alternatives, each with its probability."""
-    first = f"{effect.id} of {effect.of} ({effect.probability:.2f})"
-    others = [f"{each.id} of {each.of} ({each.probability:.2f})" for each in effect.likely]
+    first = f"{effect.id} of {effect.of} ({shown_probability(effect.probability)})"
+    others = [
+        f"{each.id} of {each.of} ({shown_probability(each.probability)})" for each in effect.likely
+    ]
     return " or ".join((first, *others))
 
 

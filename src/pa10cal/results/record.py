@@ -345,6 +345,12 @@ class Name(NamedTuple):
 SURE = 0.95
 
 
+def shown_probability(value: float) -> str:
+    """Return a probability with two decimals: one that is not yet sure is not rounded to it."""
+    rounded = f"{value:.2f}"
+    return f"{SURE - 0.01:.2f}" if value < SURE <= float(rounded) else rounded
+
+
 class EffectName(Part):
     """An effect and where it sits."""
 

@@ -109,14 +109,18 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
 def _effect_line(effect: FoundEffect) -> str:
     """Return an effect with its size, its evidence, its probability and its rivals."""
     from pa10cal.results.discovery import EvidenceOfSag
+    from pa10cal.results.record import shown_probability
     from pa10cal.terms.wording import sag, sized
 
     values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
     parts = [f"{effect.id} of {effect.of}: {values}"]
     if isinstance(effect.evidence, EvidenceOfSag):
         parts.append(sag(effect.evidence))
-    rivals = [f"{rival.id} of {rival.of} ({rival.probability:.2f})" for rival in effect.likely]
-    probability = f"probability {effect.probability:.2f}"
+    rivals = [
+        f"{rival.id} of {rival.of} ({shown_probability(rival.probability)})"
+        for rival in effect.likely
+    ]
+    probability = f"probability {shown_probability(effect.probability)}"
     parts.append(f"{probability}, else {' or '.join(rivals)}" if rivals else probability)
     if effect.witness is not None and (ripple := effect.witness.ripple) is not None:
         low, high = ripple.interval95
