@@ -8,7 +8,7 @@ import pytest
 from pa10cal.errors import SettingsError
 from pa10cal.fleet.arm_status import fleet_csv, fleet_record
 from pa10cal.fleet.campaigns import Listed, campaigns_of, in_order
-from pa10cal.reports.fleet_page import fleet_page_text
+from pa10cal.reports.page import fleet_page_text
 from pa10cal.results.codec import write
 from pa10cal.results.fleet import ChainRecord, FleetArm, FleetCampaign, FleetRecord
 

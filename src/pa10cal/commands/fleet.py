@@ -131,7 +131,7 @@ def fleet_summary(*, campaigns: str, raw_dir: Path, results: Path, out: Path) ->
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.fleet.arm_status import fleet_csv, fleet_record
     from pa10cal.fleet.campaigns import campaigns_of
-    from pa10cal.reports.fleet_page import fleet_page_text
+    from pa10cal.reports.page import fleet_page_text
     from pa10cal.results.codec import write
 
     record = fleet_record(campaigns_of(campaigns, raw_dir), results)

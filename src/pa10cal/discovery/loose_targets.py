@@ -7,13 +7,13 @@ scatter by more than noise and those among the others do not, that target moves 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
 from pa10cal.discovery.rules import LOOSE
+from pa10cal.fit.tails import distances_between
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import Unexplained
@@ -39,8 +39,7 @@ def loose_targets(poses: Observations) -> tuple[Unexplained, ...]:
     cannot be told, nor whether the stated uncertainty is too small.
     """
     measured = poses.measured
-    _, targets, axes = measured.places_m.shape
-    if measured.campaigns or targets < LOOSE.targets or axes != 3:
+    if measured.campaigns or measured.places_m.shape[1] < LOOSE.targets:
         return ()
     distances = list(_distances(measured))
     if not distances:
@@ -74,13 +73,12 @@ def loose_targets(poses: Observations) -> tuple[Unexplained, ...]:
 def _distances(measured: Instrument) -> Iterator[_Distance]:
     """Yield the distances that enough poses show."""
     places_m, covariance = measured.places_m, measured.stated_covariance
-    for pair in combinations(range(places_m.shape[1]), 2):
-        between_m = places_m[:, pair[0]] - places_m[:, pair[1]]
-        length_m = np.linalg.norm(between_m, axis=1)
+    for pair, length_m in distances_between(places_m).items():
         seen = np.flatnonzero(np.isfinite(length_m))
         if len(seen) < LOOSE.least_poses:
             continue
-        along = between_m[seen] / length_m[seen, None]
+        between_m = places_m[seen, pair[0]] - places_m[seen, pair[1]]
+        along = between_m / length_m[seen, None]
         rows = [slice(3 * target, 3 * target + 3) for target in pair]
         by_targets = np.zeros((len(seen), covariance.shape[1]))
         by_targets[:, rows[0]], by_targets[:, rows[1]] = along, -along

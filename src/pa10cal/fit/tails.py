@@ -7,6 +7,7 @@ quantiles of a Student's t distribution), where a few wrong readings have no inf
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -118,19 +119,29 @@ def components_seen(readings: Observations, columns: slice) -> Mask:
     return np.asarray(readings.measured.components_seen[:, columns])
 
 
+def distances_between(places_m: Array) -> dict[tuple[int, int], Array]:
+    """Return the distances (P,) of every two targets at places (P, B, 3), nan where not seen.
+
+    None where distances from the instrument, (P, B, 1), are all that was measured.
+    """
+    if places_m.shape[2] != 3:
+        return {}
+    return {
+        (a, b): np.linalg.norm(places_m[:, a] - places_m[:, b], axis=1)
+        for a, b in combinations(range(places_m.shape[1]), 2)
+    }
+
+
 def keep_their_distances(places_m: Array) -> Mask:
     """Return in which poses the distances between targets (P, B, 3) are as in all poses, (P,).
 
     Readings of such poses are correct, however far they are from a model. False where fewer than
     two targets were seen.
     """
-    count, targets = places_m.shape[:2]
-    pairs = [(a, b) for a in range(targets) for b in range(a)]
-    if not pairs or places_m.shape[2] != 3:
-        return np.zeros(count, dtype=bool)
-    distance_m = np.stack(
-        [np.linalg.norm(places_m[:, a] - places_m[:, b], axis=1) for a, b in pairs]
-    )
+    distances = distances_between(places_m)
+    if not distances:
+        return np.zeros(len(places_m), dtype=bool)
+    distance_m = np.stack([*distances.values()])
     off_m = np.abs(distance_m - np.nanmedian(distance_m, axis=1, keepdims=True))
     sigma_m = MEDIAN_TO_SIGMA * np.nanmedian(off_m, axis=1, keepdims=True)
     seen = np.isfinite(off_m)
