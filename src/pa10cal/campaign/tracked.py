@@ -13,17 +13,18 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.campaign import screens
-from pa10cal.campaign.base_motion import (
-    base_columns,
-    base_target_names,
-    base_targets,
-    refuse_base_targets,
-    steadied,
-)
 from pa10cal.campaign.bounds import labelled, outside_bounds, unwrapped, within_bounds
 from pa10cal.campaign.coupled_logs import arm_of_log, without_turns
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
+from pa10cal.campaign.instrument_motion import (
+    base_columns,
+    base_target_names,
+    base_targets,
+    is_base_column,
+    refuse_base_targets,
+    without_instrument_motion,
+)
 from pa10cal.campaign.joint_positions import in_radians, position_columns, with_labels
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, RawRows, quarantined
@@ -78,16 +79,16 @@ def read_tracked(
     off = screens.off_command(screen.found.pose, screen.found.states.q_rad, arm.prismatic)
     screen.quarantine(off, screens.OTHER_COMMAND, screen.found.pose[off])
     refuse_too_many_lost()
-    found, base_notes, base_warnings = steadied(screen.found, str(file.path), screen.T_base_ee)
-    found = _uncertain_as_joints(found, Chain.of(arm))
+    corrected = without_instrument_motion(screen.found, str(file.path), screen.T_base_ee)
+    found = _uncertain_as_joints(corrected.readings, Chain.of(arm))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
-    notes = [*raw.notes, *instrument_notes, *base_notes]
+    notes = [*raw.notes, *instrument_notes, *corrected.notes]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
     warnings = [
         *screens.count_warnings(description.configurations, logged_count, raw.file),
         *screen.warnings,
-        *base_warnings,
+        *corrected.warnings,
         *file.words.contradicted_units(raw.file),
     ]
     absent = sorted(set(description.tool.balls_mm) - set(found.measured.target_names))
@@ -114,7 +115,7 @@ def _read_poses(
     base_names = base_target_names(file.names)
     refuse_base_targets(description, file.path, file.words, base_names)
     on_base = base_columns(base_names)
-    measured = instrument.raw_columns([n for n in file.names if base_target_names([n]) == ()])
+    measured = instrument.raw_columns([name for name in file.names if not is_base_column(name)])
     q, coupling = position_columns(arm.axes_slide), arm.coupling
     tau = [f"tau{axis}_Nm" for axis in range(1, len(q) + 1)]
     labelling = ["pose", "load_N", "repeat", *(["kind"] if description.holdout is None else [])]

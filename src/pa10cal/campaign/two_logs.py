@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
-from pa10cal.campaign.base_motion import base_target_names
 from pa10cal.campaign.bounds import LEAST_U, unwrapped
 from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
@@ -33,6 +32,7 @@ from pa10cal.campaign.dwells import (
     offset_ranges,
     stations_of,
 )
+from pa10cal.campaign.instrument_motion import is_base_column
 from pa10cal.campaign.joint_positions import as_joints, as_logged, in_radians, position_columns
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows
@@ -210,7 +210,7 @@ class TwoLogs:
     @property
     def measured_columns(self) -> RawColumns:
         """Return the columns that hold what was measured."""
-        names = [name for name in self.readings.names if base_target_names([name]) == ()]
+        names = [name for name in self.readings.names if not is_base_column(name)]
         return self.campaign.instrument.type.raw_columns(names)
 
     @property

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arrays import Array
 from pa10cal.campaign.column_map import ColumnMap
@@ -16,6 +18,7 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, common_motion
+from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.observe.base_targets import BaseTargets, Knocked, Misread, MotionFound
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.kinds import instruments
@@ -24,21 +27,35 @@ from pa10cal.observe.observations import Observations
 _COLUMN = re.compile(r"(?:u_)?(base\d+)_[xyz]_mm")
 #: Two base targets nearer than this in every configuration are one.
 _SAME_M = 1e-3
-#: A motion of this size or more means that the instrument was set up anew.
-_LARGEST_M, _LARGEST_RAD = 0.02, 5e-3
+#: Ranges of shift and turn over a campaign from which the instrument was set up anew.
+_NEW_SETUP_M, _NEW_SETUP_RAD = 0.02, 5e-3
 #: Wrong readings further off than this many stated uncertainties cause a warning.
-_GROSS = 20.0
-#: The arm fits worse if the mean misfit grows by so many standard errors, by the scatter of so many
-#: blocks of successive rows.
-_SURELY, _BLOCKS = 4.0, 10
+_WARNED_SIGMAS = 20.0
+#: The arm fits worse where the mean gain of the correction is more than so many standard errors
+#: below zero. They come from means over blocks of rows, because neighbouring rows are correlated.
+_SURELY = 4.0
+_BLOCKS = 10
 #: Configurations that a motion needs.
 _LEAST_ROWS = 20
+
+
+class Corrected(NamedTuple):
+    """Readings as of an instrument at rest, and what the user should know of the correction."""
+
+    readings: Observations
+    notes: tuple[str, ...] = ()  # one clause each
+    warnings: tuple[str, ...] = ()  # one sentence each
 
 
 def base_target_names(header: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the base targets of which a file has any column, in order."""
     matches = map(_COLUMN.fullmatch, header)
     return tuple(dict.fromkeys(match[1] for match in matches if match))
+
+
+def is_base_column(name: str) -> bool:
+    """Return whether a column holds a coordinate of a base target, or its uncertainty."""
+    return _COLUMN.fullmatch(name) is not None
 
 
 def base_columns(names: Sequence[str]) -> list[str]:
@@ -87,63 +104,36 @@ def base_targets(names: tuple[str, ...], values: Array, u: Array, u_m: float) ->
     return BaseTargets.read(names, p_m, np.where(np.isnan(u), u_m, 1e-3 * u).reshape(shape))
 
 
-def steadied(
-    every: Observations, where: str, T_base_ee: Array
-) -> tuple[Observations, tuple[str, ...], tuple[str, ...]]:
+def without_instrument_motion(readings: Observations, where: str, T_base_ee: Array) -> Corrected:
     """Remove the motion of the instrument that base targets show from readings in order of time.
 
     The motion is not removed where the nominal arm, at T_base_ee (P, 4, 4), fits worse without it.
 
-    Returns:
-        The readings as of an instrument at rest; notes; and warnings.
-
     Raises:
         RawDataError: when two base targets are one, or the instrument was set up anew.
     """
-    base = every.base
+    base = readings.base
     if base is None:
-        return every, (), ()
+        return Corrected(readings)
     _refuse_same_targets(base, where)
-    time_s = every.states.time_s
     if np.isfinite(base.p_instr_m[..., 0]).any(axis=1).sum() < _LEAST_ROWS:
         note = f"targets on the base are seen in fewer than {_LEAST_ROWS} configurations: not used"
-        return replace(every, base=None), (note,), ()
-    moved = common_motion(time_s, base.p_instr_m, base.u_m)
-    shift_m = float(np.linalg.norm(moved.motion[:, :3], axis=1).max())
-    turn_rad = float(np.linalg.norm(moved.motion[:, 3:], axis=1).max())
-    if shift_m >= _LARGEST_M or turn_rad >= _LARGEST_RAD:
-        step = np.linalg.norm(np.diff(moved.motion[:, :3], axis=0), axis=1)
-        value = (
-            f"targets on the base moved by {1e3 * shift_m:.1f} mm and {1e3 * turn_rad:.2f} mrad; "
-            f"most of it before pose {every.pose[int(step.argmax()) + 1]}"
-        )
-        raise RawDataError(
-            "the instrument was set up anew during the campaign",
-            where=where,
-            value=value,
-            allowed=f"up to {1e3 * _LARGEST_M:g} mm and {1e3 * _LARGEST_RAD:g} mrad",
-            remedy="make a campaign of each set-up",
-        )
-    found = _motion_found(base, moved, every)
+        return Corrected(replace(readings, base=None), (note,))
+    moved = common_motion(readings.states.time_s, base.p_instr_m, base.u_m)
+    _refuse_new_setup(moved.motion, readings.pose, where)
+    found = _motion_found(base, moved, readings)
     base = replace(base, motion=moved.motion, motion_cov=moved.cov, found=found)
-    measured = every.measured if found.form == "still" else every.measured.steadied(base)
-    names = ", ".join(base.names)
-    if found.form != "still" and _fits_worse(every.measured, measured, T_base_ee):
-        warning = (
-            f"targets on the base ({names}) move, and the readings of the arm do not move with "
-            "them: they are not used; check what they are fixed to"
-        )
-        return replace(every, base=None), (), (warning,)
-    gross_mm = 1e3 * _GROSS * float(np.nanmedian(base.u_m))
-    warnings = [
-        f"a target on the base moved: {target}; it is not used" for target in found.knocked
-    ] + [
-        f"a target on the base was read wrongly: {target}; such readings are not used"
-        for target in found.misread
-        if target.off_mm > gross_mm
-    ]
-    note = _note(base, found, 1e3 * shift_m, 1e3 * turn_rad)
-    return replace(every, base=base, measured=measured), (note,), tuple(warnings)
+    measured = readings.measured
+    if found.form != "still":
+        measured = measured.steadied(base)
+        if _fits_worse(readings.measured, measured, T_base_ee):
+            warning = (
+                f"targets on the base ({', '.join(base.names)}) move, and the readings of the arm "
+                "do not move with them: they are not used; check what they are fixed to"
+            )
+            return Corrected(replace(readings, base=None), warnings=(warning,))
+    corrected = replace(readings, base=base, measured=measured)
+    return Corrected(corrected, (_note(base, found),), _warnings_of(found, base))
 
 
 def _refuse_same_targets(base: BaseTargets, where: str) -> None:
@@ -159,60 +149,108 @@ def _refuse_same_targets(base: BaseTargets, where: str) -> None:
             )
 
 
-def _motion_found(base: BaseTargets, moved: BaseMotion, every: Observations) -> MotionFound:
+def _refuse_new_setup(motion: Array, pose: NDArray[np.str_], where: str) -> None:
+    """Refuse motions (P, 6) of the size of a new set-up of the instrument, at poses (P,)."""
+    extent = np.ptp(motion, axis=0)
+    shift_m, turn_rad = float(np.linalg.norm(extent[:3])), float(np.linalg.norm(extent[3:]))
+    if shift_m < _NEW_SETUP_M and turn_rad < _NEW_SETUP_RAD:
+        return
+    steps = np.diff(motion, axis=0) / np.repeat([_NEW_SETUP_M, _NEW_SETUP_RAD], 3)
+    largest = int(np.linalg.norm(steps, axis=1).argmax())
+    raise RawDataError(
+        "the instrument was set up anew during the campaign",
+        where=where,
+        value=f"targets on the base moved by {1e3 * shift_m:.1f} mm and {1e3 * turn_rad:.2f} mrad; "
+        f"most of it before pose {pose[largest + 1]}",
+        allowed=f"up to {1e3 * _NEW_SETUP_M:g} mm and {1e3 * _NEW_SETUP_RAD:g} mrad",
+        remedy="make a campaign of each set-up",
+    )
+
+
+def _warnings_of(found: MotionFound, base: BaseTargets) -> tuple[str, ...]:
+    """Return warnings of targets that were knocked, or read far off."""
+    warned_above_mm = 1e3 * _WARNED_SIGMAS * float(np.nanmedian(base.u_m))
+    knocked = [f"a target on the base moved: {target}; it is not used" for target in found.knocked]
+    misread = [
+        f"a target on the base was read wrongly: {target}; such readings are not used"
+        for target in found.misread
+        if target.off_mm > warned_above_mm
+    ]
+    return (*knocked, *misread)
+
+
+def _motion_found(base: BaseTargets, moved: BaseMotion, readings: Observations) -> MotionFound:
     """Return the motion, with targets that were knocked or misread, as results record it."""
     knocked = tuple(
         Knocked(
             tuple(base.names[k] for k in knock.targets),
-            str(every.pose[knock.row]),
-            float(every.states.time_s[knock.row]),
+            str(readings.pose[knock.row]),
+            float(readings.states.time_s[knock.row]),
             1e3 * knock.shift_m,
         )
         for knock in moved.knocked
     )
     x, y, z = (1e3 * moved.about_m).tolist()
-    misread = _misread(base, moved, every)
-    without = int((~moved.used.any(axis=1)).sum())
-    return MotionFound(moved.form, (x, y, z), moved.turns, moved.noise, knocked, misread, without)
+    return MotionFound(
+        form=moved.form,
+        about_mm=(x, y, z),
+        turns=moved.turns,
+        noise=moved.noise,
+        knocked=knocked,
+        misread=_misread(base, moved, readings),
+        without=int((~moved.used.any(axis=1)).sum()),
+    )
 
 
-def _note(base: BaseTargets, found: MotionFound, shift_mm: float, turn_mrad: float) -> str:
+def _note(base: BaseTargets, found: MotionFound) -> str:
     """Return in words what was removed from the readings."""
-    names = ", ".join(base.names)
+    targets = f"targets on the base ({', '.join(base.names)})"
     if found.form == "still":
-        return f"targets on the base ({names}) did not move: the readings are not corrected"
-    turned, unknown_turn = f" and {turn_mrad:.3f} mrad", ""
-    if not found.turns:
-        unknown_mrad = 1e3 * np.sqrt(base.motion_cov[:, 3:, 3:].max())
-        turned = ""
-        unknown_turn = f"; a turn does not show, uncertain by {unknown_mrad:.3f} mrad"
+        return f"{targets} did not move: the readings are not corrected"
+    shift_mm = 1e3 * np.linalg.norm(base.motion[:, :3], axis=1).max()
     by = "smoothed in time" if found.form == "walk" else "configuration by configuration"
-    lost = f", {found.without} configurations without them" if found.without else ""
+    if found.without:
+        by += f", {found.without} configurations without them"
+    if found.turns:
+        turn_mrad = 1e3 * np.linalg.norm(base.motion[:, 3:], axis=1).max()
+        return (
+            f"{targets} move together by up to {shift_mm:.3f} mm and {turn_mrad:.3f} mrad "
+            f"about their mean: taken out of the readings, {by}"
+        )
+    unknown_mrad = 1e3 * np.sqrt(base.motion_cov[:, 3:, 3:].max())
     return (
-        f"targets on the base ({names}) move together by up to {shift_mm:.3f} mm{turned} "
-        f"about their mean: taken out of the readings, {by}{lost}{unknown_turn}"
+        f"{targets} move together by up to {shift_mm:.3f} mm about their mean: taken out of the "
+        f"readings, {by}; a turn does not show, uncertain by {unknown_mrad:.3f} mrad"
     )
 
 
 def _fits_worse(before: Instrument, after: Instrument, T_base_ee: Array) -> bool:
-    """Return whether the nominal arm, base and target fitted, fits significantly worse `after`."""
+    """Return whether the nominal arm, base and target fitted, fits significantly worse `after`.
+
+    In every row a target of the arm was observed.
+    """
     uncorrected, corrected = misfit_of(before, T_base_ee), misfit_of(after, T_base_ee)
     if uncorrected is None or corrected is None:
         return False
+    # Positive where the correction helps.
     gain_m = np.nanmean(uncorrected.length_m - corrected.length_m, axis=1)
     blocks = np.array([block.mean() for block in np.array_split(gain_m, _BLOCKS)])
     return bool(blocks.mean() < -_SURELY * blocks.std(ddof=1) / np.sqrt(_BLOCKS))
 
 
-def _misread(base: BaseTargets, moved: BaseMotion, every: Observations) -> tuple[Misread, ...]:
+def _misread(base: BaseTargets, moved: BaseMotion, readings: Observations) -> tuple[Misread, ...]:
     """Return the targets with wrong readings, each with their number and the furthest of them."""
     misread = []
     for k in np.flatnonzero(moved.wrong.any(axis=0)):
-        used = moved.used[:, k] | ~moved.used[:, k].any()
-        place_m = np.nanmedian(base.p_instr_m[used, k], axis=0)
-        off_m = np.linalg.norm(base.p_instr_m[:, k] - place_m, axis=1)
-        off_m[~moved.wrong[:, k]] = 0.0
-        furthest, count = int(off_m.argmax()), int(moved.wrong[:, k].sum())
-        pose, off_mm = str(every.pose[furthest]), 1e3 * float(off_m[furthest])
-        misread.append(Misread(base.names[k], count, pose, off_mm))
+        p_m = base.p_instr_m[:, k]
+        by_motion = by_small_motion(np.nanmedian(p_m, axis=0) - moved.about_m)
+        p_at_rest_m = p_m - moved.motion @ by_motion.T
+        used = moved.used[:, k]
+        # Without a reading that was used, all of them show best where the target is.
+        place_m = np.nanmedian(p_at_rest_m[used] if used.any() else p_at_rest_m, axis=0)
+        wrong = np.flatnonzero(moved.wrong[:, k])
+        off_m = np.linalg.norm(p_at_rest_m[wrong] - place_m, axis=1)
+        furthest = int(off_m.argmax())
+        pose = str(readings.pose[wrong[furthest]])
+        misread.append(Misread(base.names[k], len(wrong), pose, 1e3 * float(off_m[furthest])))
     return tuple(misread)

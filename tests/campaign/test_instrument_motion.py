@@ -176,6 +176,24 @@ def test_another_target_read_by_mistake_is_warned_of_and_changes_nothing_else(tm
     np.testing.assert_allclose(measured.stated_covariance, cov, atol=(5e-6) ** 2)
 
 
+def test_a_wrong_reading_is_off_by_its_error_and_not_by_the_drift_too(tmp_path):
+    drift = ({"id": "random_walk", "parameters": {"size_mm": 2.0, "turn_mrad": 0.01}},)
+    raw = written(tmp_path / "c", base=4, disturbances=drift)
+
+    def wrong(table):
+        table.loc[60, "base3_x_mm"] += 0.15  # less than 20 stated uncertainties: no warning
+        return table
+
+    spoil(raw, wrong)
+    campaign = read_campaign(raw)
+    base = campaign.observations.base
+    assert 1e3 * np.abs(base.motion[60, :3]).max() > 0.5
+    (misread,) = base.found.misread
+    assert (misread.target, misread.pose) == ("base3", "P061")
+    assert misread.off_mm == pytest.approx(0.15, abs=0.05)
+    assert campaign.warnings == ()
+
+
 def test_of_two_targets_a_turn_is_uncertain_and_the_note_says_so(tmp_path):
     raw = written(tmp_path / "c", base=2)
     campaign = read_campaign(raw)
@@ -250,14 +268,30 @@ def _twice(table):
 
 def _anew(table):
     columns = [name for name in table if name.endswith("_x_mm") and not name.startswith("u_")]
-    table.loc[table.index >= 90, columns] += 60.0
+    table.loc[table.index >= 90, columns] += 30.0
+    return table
+
+
+def _turned(table):
+    """Turn the instrument about z by 8 mrad at row 120, after a shift of 3 mm at row 40."""
+    targets = [name.removesuffix("_x_mm") for name in table if name.endswith("_x_mm")]
+    targets = [name for name in targets if not name.startswith("u_")]
+    table.loc[table.index >= 40, [f"{name}_z_mm" for name in targets]] += 3.0
+    centre = [table[[f"{name}_{axis}_mm" for name in BASE]].to_numpy().mean() for axis in "xy"]
+    after = table.index >= 120
+    for name in targets:
+        x, y = f"{name}_x_mm", f"{name}_y_mm"
+        arm_x, arm_y = table.loc[after, x] - centre[0], table.loc[after, y] - centre[1]
+        table.loc[after, x] -= 8e-3 * arm_y
+        table.loc[after, y] += 8e-3 * arm_x
     return table
 
 
 BAD = [
     (lambda t: t.drop(columns="base2_y_mm"), "points", "base2_y_mm"),
     (_twice, "points", "base1 and base3 are the same target"),
-    (_anew, "points", "the instrument was set up anew"),
+    (_anew, "points", r"set up anew during the campaign .*moved by 30\..* before pose P091"),
+    (_turned, "points", r"set up anew during the campaign .*8\.\d\d mrad.* before pose P121"),
     (lambda t: t, "distance", "distance does not see targets on the base"),
 ]
 
