@@ -164,7 +164,7 @@ operator = each_line(lambda k, line: line + (",JH" if k else ",operator"), "cmm"
 
 def apart(reason, touches):
     """A configuration lost: its other touches, and the samples of its dwell."""
-    return {reason: touches, "a dwell whose configuration is quarantined": DWELL}
+    return {reason: touches, "a dwell whose touches are quarantined": DWELL}
 
 
 OUTLIER = {"suspected outlier": 1}
@@ -214,6 +214,12 @@ SURVIVED = {
         {IDLE: DWELL},
         "dwells without touches: 1",
     ),
+    "touch in a dwell of its own": (
+        both(deleted("P04 22 1"), late("P03 22 1 C", 45.0, 4, 5)),
+        33,
+        {"another dwell": 1, "a dwell whose touches are quarantined": DWELL},
+        None,
+    ),
     "pose only in cmm log": (pose_only_in_cmm_log, 33, {"outside any dwell": TOUCHES}, None),
     "sample time twice": (sample_time_twice, 34, {"another sample has this time": 1}, None),
     "wrong label": (label, 33, apart("joint angles are not those", TOUCHES), None),
@@ -252,6 +258,21 @@ def test_lists_the_physical_lines_and_the_value(raw_campaign):
     ingested = ingest(raw_campaign)
     found = [(row.file, row.line, row.value) for row in ingested.quarantined]
     assert found == [("cmm.csv", 42, "y_mm = '12.x'"), ("cmm.csv", len(raw_campaign.cmm), "")]
+
+
+def test_a_configuration_lost_whole_at_reading_is_not_missing(raw_campaign):
+    raw_campaign.description["configurations"] = CONFIGURATIONS
+    first = row_of(raw_campaign.cmm, "P03", "22", "1", "A")
+    for index in range(first, first + TOUCHES):
+        replace(raw_campaign.cmm, index, "z_mm", "-")
+    # A configuration with a wrong word in one touch is not counted twice, either.
+    replace(raw_campaign.cmm, row_of(raw_campaign.cmm, "P04", "22", "1", "A") + 2, "kind", "gird")
+    ingested = ingest(raw_campaign)
+    assert len(ingested.observations) == CONFIGURATIONS - 1
+    assert ingested.warnings == ()
+    delete(raw_campaign.cmm, "P03", "22", "1")
+    (warning,) = ingest(raw_campaign).warnings
+    assert "has 33 of the 34 configurations" in warning
 
 
 def test_a_outlier_is_the_very_touch_that_was_moved(raw_campaign):

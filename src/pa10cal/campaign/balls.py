@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array, Index, Mask
+from pa10cal.arrays import Array, Index, Mask, Rows, take_rows
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.target_labels import exchange_text, stated_shape
@@ -43,6 +43,10 @@ class LocatedBalls:
     used: Mask  # (C, B, T) touches used
     outlier: Mask  # (C, B, T) touches suspected to be outliers
     reason: NDArray[np.object_]  # (C,) why a configuration cannot be used; "" where it can
+
+    def take(self, rows: Rows) -> LocatedBalls:
+        """Return the balls of these configurations."""
+        return take_rows(self, rows)
 
 
 def locate_balls(

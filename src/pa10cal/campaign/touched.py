@@ -17,6 +17,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign import balls, screens
 from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
+from pa10cal.campaign.column_map import ColumnMap
 from pa10cal.campaign.coupled_logs import coupling_that_fits
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
@@ -33,17 +34,17 @@ from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Misfit
 from pa10cal.options import IngestOptions
 
-#: Part of the touches that may lie outside dwells before the clocks are suspected. A clock offset
-#: is to blame if under it no more than `OFFSET_LEAVES` of those remain outside.
+#: Part of the touches that may lie outside dwells before the clocks are suspected.
 FEW_OUTSIDE = 0.05
-OFFSET_LEAVES = 0.2
+#: A clock offset is to blame if at most this part of the touches outside stays outside under it.
+STAYS_OUTSIDE = 0.2
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 
 OUTSIDE = "touched outside any dwell: the arm moved, or the clocks differ"
 OTHER_DWELL = "touched in another dwell than the rest of its configuration"
 NOT_TOUCHED = "a dwell in which nothing was touched"
-LOST = "a dwell whose configuration is quarantined"
+LOST = "a dwell whose touches are quarantined"
 
 
 def read_touched(
@@ -57,74 +58,93 @@ def read_touched(
     cmm, resolver = (
         RawFile.of(campaign, folder, key, arm.axes_slide) for key in ("cmm", "resolver")
     )
-    names = campaign.ball_names
-    touches = _read_touches(cmm, names, arm, exclusions_of(campaign, folder))
+    names, words = campaign.ball_names, words_of(campaign, arm.axes_slide)
+    touches_read, logged_count = _read_touches(cmm, names, arm, exclusions_of(campaign, folder))
     samples, log = _read_samples(resolver, arm)
-    logged_count = len(np.unique(touches.configurations))
-    listed: list[Quarantined] = []
-    words = words_of(campaign, arm.axes_slide)
 
-    def all_quarantined() -> tuple[Quarantined, ...]:
-        return (*touches.quarantined, *log.quarantined, *listed)
+    def refuse_too_many_lost(rows: tuple[Quarantined, ...]) -> None:
+        totals = {**touches_read.totals, **log.totals}
+        refuse_too_many(rows, totals, settings.max_quarantined_fraction, words)
 
-    def refuse_too_many_lost() -> None:
-        totals = {**touches.totals, **log.totals}
-        refuse_too_many(all_quarantined(), totals, settings.max_quarantined_fraction, words)
+    refuse_too_many_lost((*touches_read.quarantined, *log.quarantined))
+    _refuse_wrong_angle_unit(touches_read, samples, campaign, arm, str(resolver.path), words)
+    dwells = find_dwells(samples, settings.still_speed_deg_s)
+    dwell_of_touch = dwells.at(touches_read["time_s"])
+    touched = np.isin(np.arange(len(dwells)), dwell_of_touch)
+    log_s = float(samples.time_s[0]), float(samples.time_s[-1])
+    _check_clocks(touches_read, dwell_of_touch, dwells, log_s, str(cmm.path), str(resolver.path))
+    touches = _in_one_dwell(touches_read, dwell_of_touch)
+    quarantined_rows = (*touches.quarantined, *log.quarantined)
+    refuse_too_many_lost(quarantined_rows)
 
-    refuse_too_many_lost()
-    last_column = f"q{len(arm.axes_slide)}_deg"
-    # The joints' motion is compared with that of one ball, the one touched most.
+    groups = balls.group_touches(touches, len(names))
+    p_instr_mm = touches.numbers_of(_PLACE)[groups.row]
+    located = balls.locate_balls(
+        p_instr_mm, groups.valid, campaign, settings.stray_touch_sigma, str(cmm.path)
+    )
+    configurations = touches.at(groups.first)  # (C,) by the first touch of each
+    q_rad = np.radians(dwells.q_deg[configurations["dwell"]])
+    reason = _why_unusable(located, configurations, arm, q_rad, names)
+    quarantined_rows += _unused_touches(touches, groups, located, reason, settings)
+    refuse_too_many_lost(quarantined_rows)
+
+    usable = np.flatnonzero(reason == "")
+    used = configurations.at(usable)
+    poses = _observations(
+        campaign,
+        used,
+        q_rad[usable],
+        dwells,
+        located.take(usable),
+        touches["time_s"][groups.row[usable]],
+    )
+    # Samples of idle dwells are listed after the last refusal: an arm that waits spoils no log.
+    quarantined_rows += _unused_samples(samples, log.file, dwells, touched, used["dwell"])
+    idle_notes, idle_warnings = _remarks_on_idle_dwells(touched, touches.file)
+    of_count = screens.count_warnings(campaign.configurations, logged_count, touches.file)
+    notes = (*touches.notes, *log.notes, *idle_notes)
+    return Ingested(poses, quarantined_rows, notes, (*of_count, *idle_warnings))
+
+
+def _refuse_wrong_angle_unit(
+    touches: RawRows,
+    samples: Samples,
+    campaign: CampaignDescription,
+    arm: Arm,
+    where_log: str,
+    words: ColumnMap,
+) -> None:
+    """Refuse joint positions in another unit than degrees, by the motion of one ball.
+
+    It is the ball with the most touches. The positions are compared as the log has them, before
+    coupled joints are separated, since the message is about its columns.
+    """
     of_one_ball = touches["ball"] == np.bincount(touches["ball"]).argmax()
+    last_column = f"q{len(arm.axes_slide)}_deg"
     screens.refuse_wrong_angle_unit(
         (samples.time_s, as_logged(samples.q_deg, arm)),
         (touches["time_s"][of_one_ball], touches.numbers_of(_PLACE)[of_one_ball]),
         arm,
         float(np.linalg.norm(campaign.p_ee_balls_mm, axis=1).max()),
-        f"{resolver.path}: {words.column('q1_deg')} … {words.column(last_column)}",
+        f"{where_log}: {words.column('q1_deg')} … {words.column(last_column)}",
         words,
     )
 
-    dwells = find_dwells(samples, settings.still_speed_deg_s)
-    dwell_of_touch = dwells.at(touches["time_s"])
-    log_s = float(samples.time_s[0]), float(samples.time_s[-1])
-    _check_clocks(touches, dwell_of_touch, dwells, log_s, str(cmm.path), str(resolver.path))
-    touches = _in_one_dwell(touches, dwell_of_touch)
-    refuse_too_many_lost()
 
-    groups = balls.group_touches(touches, len(names))
-    located = balls.locate_balls(
-        touches.numbers_of(_PLACE)[groups.row],
-        groups.valid,
-        campaign,
-        settings.stray_touch_sigma,
-        str(cmm.path),
-    )
-    configurations = touches.at(groups.first)
-    q_rad = np.radians(dwells.q_deg[configurations["dwell"]])
-    off = screens.off_command(configurations.text_of("pose"), q_rad, arm.prismatic)
-    reason = np.where((located.reason == "") & off, screens.OTHER_COMMAND, located.reason)
-    reason = _off_the_arm(reason, located, arm, q_rad, configurations["kind"] == "holdout", names)
-    listed += _unused_touches(touches, groups, located, reason, settings)
-    refuse_too_many_lost()
-
-    usable = np.flatnonzero(reason == "")
-    configurations = configurations.at(usable)
-    touch_s = touches["time_s"][groups.row[usable]]
-    poses = _observations(campaign, configurations, q_rad[usable], dwells, located, usable, touch_s)
-    touched = np.zeros(len(dwells), dtype=bool)
-    touched[dwell_of_touch[dwell_of_touch >= 0]] = True
-    listed += _unused_samples(samples, log.file, dwells, touched, configurations["dwell"])
-    notes, warnings = [*touches.notes, *log.notes], []
+def _remarks_on_idle_dwells(touched: Mask, file: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return notes and warnings of dwells (K,) in which nothing was `touched` in a file."""
     idle_count = int((~touched).sum())
-    if idle_count:
-        notes.append(f"dwells without touches: {idle_count}")
-    if 3 * idle_count > len(dwells):
-        warnings.append(
-            f"nothing was touched in {idle_count} of the {len(dwells)} dwells of the log: "
-            f"{touches.file} seems cut short, {idle_count} configurations are missing"
-        )
-    of_count = screens.count_warnings(campaign.configurations, logged_count, touches.file)
-    return Ingested(poses, all_quarantined(), tuple(notes), (*of_count, *warnings))
+    if not idle_count:
+        return (), ()
+    notes = (f"dwells without touches: {idle_count}",)
+    if 3 * idle_count <= len(touched):
+        return notes, ()
+    warning = (
+        f"nothing was touched in {idle_count} of the {len(touched)} dwells of the log: {file} "
+        f"seems cut short, with up to {idle_count} configurations missing, unless the arm only "
+        "waited there"
+    )
+    return notes, (warning,)
 
 
 def _observations(
@@ -133,15 +153,14 @@ def _observations(
     q_rad: Array,
     dwells: Stations,
     located: balls.LocatedBalls,
-    usable: Index,
     touch_s: Array,
 ) -> Observations:
     """Return U configurations as readings.
 
     `configurations` is the first touch of each, at joint positions `q_rad` (U, n); its balls are
-    rows `usable` of `located`, touched at `touch_s` (U, B, T).
+    `located` (U, B), touched at `touch_s` (U, B, T).
     """
-    used, dwell = located.used[usable], configurations["dwell"]
+    used, dwell = located.used, configurations["dwell"]
     begin_s = np.where(used, touch_s, np.inf).min(axis=(1, 2), initial=np.inf)
     end_s = np.where(used, touch_s, -np.inf).max(axis=(1, 2), initial=-np.inf)
     return Observations(
@@ -157,13 +176,13 @@ def _observations(
         measured=Touched.of_balls(
             campaign.ball_names,
             campaign.p_ee_balls_mm,
-            located.p_instr_mm[usable],
-            located.cov_mm2[usable],
+            located.p_instr_mm,
+            located.cov_mm2,
             used.sum(axis=2),
         ),
         kind=configurations.text_of("kind"),
         repeat=configurations["repeat"],
-        readings=np.ones(len(usable), dtype=np.int64),
+        readings=np.ones(len(configurations), dtype=np.int64),
         log=JointLog(
             np.radians(dwells.q_u_deg[dwell]), dwells.tau_u_Nm[dwell], dwells.samples[dwell]
         ),
@@ -190,16 +209,25 @@ def _unused_samples(
 
 def _read_touches(
     file: RawFile, ball_names: tuple[str, ...], arm: Arm, exclusions: Exclusions
-) -> RawRows:
-    """Read the touches in order of time, each with the number of its ball."""
+) -> tuple[RawRows, int]:
+    """Read the touches in order of time, each with the number of its ball.
+
+    Numbers of touches are only validated; touches of a ball are known by their times.
+
+    Returns:
+        The touches, and the number of configurations in the file, those without a usable touch
+        included.
+    """
     raw = file.read(["time_s", "kind", "pose", "load_N", "repeat", "ball", "touch", *_PLACE])
+    of_known_configuration = labelled(raw.choices("kind", KINDS).finite(["load_N"]), arm)
+    logged_count = len(np.unique(of_known_configuration.configurations))
     raw = exclusions.labels(exclusions.lines(raw))
     raw = raw.choices("kind", KINDS).choices("ball", ball_names)
     raw = raw.finite(["time_s", "load_N", *_PLACE])
     raw = within_bounds(raw, ["time_s", *_PLACE], arm)
     raw = labelled(whole(raw, "touch", arm), arm)
     ball = np.argmax(raw.text_of("ball")[:, None] == np.array(ball_names), axis=1)
-    return raw.with_columns({"ball": ball}).in_time()
+    return raw.with_columns({"ball": ball}).in_time(), logged_count
 
 
 def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
@@ -214,9 +242,10 @@ def _read_samples(file: RawFile, arm: Arm) -> tuple[Samples, RawRows]:
     raw = within_bounds(unwrapped(file.read(names).finite(names), q, arm), names, arm)
     time_s = raw["time_s"]
     order = np.argsort(time_s, kind="stable")
-    first = np.ones(len(time_s), dtype=bool)
-    first[order[1:]] = np.diff(time_s[order]) > 0.0
-    raw = raw.take(first, "another sample has this time", [f"{t:g} s" for t in time_s[~first]])
+    is_new_time = np.ones(len(time_s), dtype=bool)
+    is_new_time[order[1:]] = np.diff(time_s[order]) > 0.0
+    repeated = [f"{t:g} s" for t in time_s[~is_new_time]]
+    raw = raw.take(is_new_time, "another sample has this time", repeated)
     raw = raw.in_time()
     q_deg = as_joints(raw.numbers_of(q), arm)
     tau_Nm = arm.coupling.beside_joints(raw.numbers_of(tau))
@@ -255,10 +284,23 @@ def _check_clocks(
     outside, time_s = dwell_of_touch < 0, touches["time_s"]
     if outside.mean() <= FEW_OUTSIDE:
         return
+
+    def many_outside(remedy: str) -> RawDataError:
+        return RawDataError(
+            f"{outside.sum()} of {len(touches)} touches lie outside any dwell of the arm",
+            where=f"{where}:{touches.line[np.argmax(outside)]}",
+            allowed="touches while the arm is at rest, on the clock of the resolver log",
+            remedy=remedy,
+        )
+
     offset_s, inside = best_clock_offset(time_s, dwells)
-    explained = 1.0 - inside <= OFFSET_LEAVES * outside.mean()
+    if 1.0 - inside <= STAYS_OUTSIDE * outside.mean():
+        raise many_outside(
+            f"the clocks seem to differ: adding {offset_s:+.1f} s to time_s of {touches.file} "
+            f"would bring {inside:.0%} of the touches into dwells"
+        )
     beyond = (time_s < log_s[0]) | (time_s > log_s[1])
-    if not explained and (outside & ~beyond).sum() <= FEW_OUTSIDE * len(touches):
+    if (outside & ~beyond).sum() <= FEW_OUTSIDE * len(touches):
         numbers = touches.configurations
         value = (
             f"{len(np.unique(numbers[beyond]))} of {len(np.unique(numbers))} configurations were "
@@ -271,32 +313,42 @@ def _check_clocks(
             allowed=f"a log from {time_s[0]:g} to {time_s[-1]:g} s",
             remedy="export the whole log, or leave out the touches that it does not cover",
         )
-    if 2 * outside.sum() > len(touches) or explained:
-        remedy = (
+    if 2 * outside.sum() > len(touches):
+        raise many_outside(
             "check both clocks and ingest.still_speed_deg_s; no constant offset matches"
-            if not explained
-            else f"the clocks seem to differ: adding {offset_s:+.1f} s to time_s would bring "
-            f"{inside:.0%} of the touches into dwells"
-        )
-        raise RawDataError(
-            f"{outside.sum()} of {len(touches)} touches lie outside any dwell of the arm",
-            where=f"{where}:{touches.line[np.argmax(outside)]}",
-            allowed="touches while the arm is at rest, on the clock of the resolver log",
-            remedy=remedy,
         )
 
 
 def _in_one_dwell(touches: RawRows, dwell_of_touch: Index) -> RawRows:
     """Keep the touches of each configuration that were made in its dwell with most touches."""
-    touches = touches.with_columns({"dwell": dwell_of_touch})
 
-    def without(off: Mask, why: str) -> RawRows:
+    def without(touches: RawRows, off: Mask, why: str) -> RawRows:
         return touches.take(~off, why, [f"time_s = {value:g}" for value in touches["time_s"][off]])
 
-    touches = without(dwell_of_touch < 0, OUTSIDE)
-    configuration = touches.configurations
+    touches = touches.with_columns({"dwell": dwell_of_touch})
+    touches = without(touches, dwell_of_touch < 0, OUTSIDE)
+    configuration = touches.configurations  # numbered anew: some may have no touch in a dwell
     commonest = balls.commonest(configuration, touches["dwell"])[configuration]
-    return without(touches["dwell"] != commonest, OTHER_DWELL)
+    return without(touches, touches["dwell"] != commonest, OTHER_DWELL)
+
+
+def _why_unusable(
+    located: balls.LocatedBalls,
+    configurations: RawRows,
+    arm: Arm,
+    q_rad: Array,
+    names: tuple[str, ...],
+) -> NDArray[np.object_]:
+    """Return why configurations (C,) at joint positions (C, n) cannot be used; "" where they can.
+
+    Their balls were not located, their joints are not at the command of their label, or the arm
+    cannot have put the balls there.
+    """
+    not_at_command = screens.off_command(configurations.text_of("pose"), q_rad, arm.prismatic)
+    reason = np.where(
+        (located.reason == "") & not_at_command, screens.OTHER_COMMAND, located.reason
+    )
+    return _off_the_arm(reason, located, arm, q_rad, configurations["kind"] == "holdout", names)
 
 
 def _off_the_arm(
@@ -308,21 +360,21 @@ def _off_the_arm(
     names: tuple[str, ...],
 ) -> NDArray[np.object_]:
     """Return the reasons (C,), with those of exchanged labels and of places far off the arm."""
-    usable = np.isfinite(located.p_instr_mm).all(axis=(1, 2))
-    usable &= (located.used.sum(axis=2) >= balls.LEAST_TOUCHES).all(axis=1)
-    rows = np.flatnonzero(usable)
+    all_located = np.isfinite(located.p_instr_mm).all(axis=(1, 2))
+    all_located &= (located.used.sum(axis=2) >= balls.LEAST_TOUCHES).all(axis=1)
+    rows = np.flatnonzero(all_located)
     p_m, reason = 1e-3 * located.p_instr_mm[rows], reason.copy()
     modelled = nominal_places(Chain.of(arm).forward(q_rad[rows]), p_m)
     if modelled is None:
         return reason
     misfit = Misfit(1e-3 * misfit_mm(p_m, modelled)[:, None], np.zeros(len(rows)))
-    off = screens.off_model(misfit, held_out[rows])[:, 0]
-    if off.any():
+    misplaced = screens.off_model(misfit, held_out[rows])[:, 0]
+    if misplaced.any():
         centres = Points(names, p_m, np.full((*p_m.shape, 3), np.nan), None)
         coupled = coupling_that_fits(arm, arm.coupling.to_axes(q_rad[rows]), centres)
         if coupled is not None:  # rows that fit with other coupled joints are right
-            off &= screens.off_model(coupled[1], held_out[rows]).any(axis=1)
-    reason[rows[off & (reason[rows] == "")]] = screens.OFF_MODEL
+            misplaced &= screens.off_model(coupled[1], held_out[rows]).any(axis=1)
+    reason[rows[misplaced & (reason[rows] == "")]] = screens.OFF_MODEL
     for row, order in zip(rows, exchanged(p_m, modelled), strict=True):
         if order is not None:
             reason[row] = f"{EXCHANGED}: {exchange_text(order, names)}"
@@ -342,8 +394,10 @@ def _unused_touches(
     parts = (touches.text_of("pose"), touches["load_N"], touches["repeat"])
     words = [f"{pose} at {load:g} N, repeat {k}" for pose, load, k in zip(*parts, strict=True)]
     label = np.array(words, dtype=object)
-    why = f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
-    rows = quarantined(touches.file, touches.line[outlier], why, label[outlier])
+    outlier_reason = (
+        f"suspected outlier: more than {settings.stray_touch_sigma:g} sigmas off its ball"
+    )
+    rows = quarantined(touches.file, touches.line[outlier], outlier_reason, label[outlier])
     why_unused = np.where(outlier, "", reason[groups.of_touch]).astype(str)
     for why in np.unique(why_unused[why_unused != ""]).tolist():
         unused = why_unused == why
