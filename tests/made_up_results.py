@@ -12,7 +12,7 @@ from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import Fault, VerdictRecord
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.explained import ProposedEvidence, ProposedFormula
-from pa10cal.results.fleet import ChainRecord
+from pa10cal.results.outcomes import ChainRecord
 
 NAME = "small"
 PLAN = {"robot": "ur10", "without_touches": {"instrument": "pose", "poses": 40}}

@@ -20,7 +20,7 @@ from built_once import built_once
 from made_up_results import NAME, small_results
 from pa10cal.files.output import from_csv_cell
 from pa10cal.results.codec import write
-from pa10cal.results.fleet import PicturesRecord
+from pa10cal.results.outcomes import PicturesRecord
 
 # The harness itself: what it must notice.
 

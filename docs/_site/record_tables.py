@@ -32,7 +32,7 @@ _MODULES = (
     "pa10cal.results.analysis",
     "pa10cal.results.comparison",
     "pa10cal.results.plan",
-    "pa10cal.results.fleet",
+    "pa10cal.results.outcomes",
     "pa10cal_lab.coverage_records",
     "pa10cal_curve.records",
     "pa10cal.results.montecarlo",

@@ -11,7 +11,7 @@ from PIL import Image
 from pa10cal.commands.command_line import run_command
 from pa10cal.reports.theme import BLUE
 from pa10cal.results.codec import write
-from pa10cal.results.fleet import Caption, PicturesRecord
+from pa10cal.results.outcomes import Caption, PicturesRecord
 
 SIZES = {"wide": (1280, 900, False), "dark": (1280, 900, True), "narrow": (380, 800, False)}
 MOST_BYTES = 5e6

@@ -27,7 +27,7 @@ from pa10cal.datasets.measured import (
 )
 from pa10cal.datasets.measured import main as write_page
 from pa10cal.results.codec import read
-from pa10cal.results.fleet import (
+from pa10cal.results.outcomes import (
     Carried,
     ChainRecord,
     HeldOutError,

@@ -28,7 +28,7 @@ from pa10cal.fleet.campaigns import Listed
 from pa10cal.reports import page, summary
 from pa10cal.reports.summary import CampaignSummary
 from pa10cal.results.codec import read, write
-from pa10cal.results.fleet import ChainRecord, FleetRecord
+from pa10cal.results.outcomes import ChainRecord, FleetRecord
 from pa10cal.running import workflow
 from pa10cal.stages import readings
 

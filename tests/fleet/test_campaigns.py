@@ -10,7 +10,7 @@ from pa10cal.fleet.arm_status import fleet_csv, fleet_record
 from pa10cal.fleet.campaigns import Listed, campaigns_of, in_order
 from pa10cal.reports.page import fleet_page_text
 from pa10cal.results.codec import write
-from pa10cal.results.fleet import ChainRecord, FleetArm, FleetCampaign, FleetRecord
+from pa10cal.results.outcomes import ChainRecord, FleetArm, FleetCampaign, FleetRecord
 
 
 @pytest.fixture
@@ -211,4 +211,4 @@ RECORD = fleet_of(
 
 
 def test_the_last_campaigns_of_arms_stand_in_order_of_their_error():
-    assert [each.campaign for each in RECORD.by_accuracy] == ["b-1", "a-2"]
+    assert [each.campaign for each in RECORD.last_by_accuracy] == ["b-1", "a-2"]

@@ -48,7 +48,7 @@ def chain(
     from functools import partial
 
     from pa10cal.planning.campaign import check_prior
-    from pa10cal.results.fleet import ChainRecord
+    from pa10cal.results.outcomes import ChainRecord
     from pa10cal.running.child import in_child
 
     if bool(dataset) != bool(source) or (dataset and len(campaign_dir) > 1):
@@ -108,7 +108,7 @@ def _run_stages(
     from pa10cal.commands.data import import_data
     from pa10cal.reports.summary import summarise
     from pa10cal.results.codec import write
-    from pa10cal.results.fleet import ChainRecord
+    from pa10cal.results.outcomes import ChainRecord
     from pa10cal.stages.pipeline import stages
 
     outcome: dict[str, Any] = {"status": "done"}

@@ -14,7 +14,7 @@ from pa10cal.running.failure import StageError
 from pa10cal.running.run_lock import run_lock
 
 if TYPE_CHECKING:
-    from pa10cal.results.fleet import FleetRecord
+    from pa10cal.results.outcomes import FleetRecord
 
 #: Names that a message lists; of more only the first are shown.
 _MOST_NAMES = 10
@@ -53,7 +53,7 @@ def fleet(
     from pa10cal.fleet.arm_status import forget_ended
     from pa10cal.fleet.campaigns import campaigns_of
     from pa10cal.results.codec import read
-    from pa10cal.results.fleet import FleetRecord
+    from pa10cal.results.outcomes import FleetRecord
 
     raw_dir, out = raw_dir.absolute(), out.absolute()
     if campaigns.endswith(".csv"):

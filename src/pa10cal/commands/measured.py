@@ -31,7 +31,7 @@ def measured(
     from pa10cal.errors import OutputError, Pa10calError, SettingsError
     from pa10cal.files.output import whole_files, write_text
     from pa10cal.results.codec import read, write
-    from pa10cal.results.fleet import ChainRecord
+    from pa10cal.results.outcomes import ChainRecord
     from pa10cal.stages.evaluate import transfer
 
     if not campaign_dir:

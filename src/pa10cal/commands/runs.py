@@ -81,7 +81,7 @@ def run(
     if beside_raw_files:
         print(f"pa10cal run: results go to {out}, beside the raw files", file=sys.stderr)
 
-    from pa10cal.results.fleet import ChainRecord
+    from pa10cal.results.outcomes import ChainRecord
 
     with run_lock(out, [name]) as work, closing(RunDisplay(lines=False)) as display:
         raw_dir = work / "raw_dirs" / name

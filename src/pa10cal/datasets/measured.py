@@ -17,7 +17,7 @@ from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_text, markdown_cell, write_text
 from pa10cal.input_files import is_file
-from pa10cal.results import fleet
+from pa10cal.results import outcomes
 from pa10cal.results.calibration import CalibrationRecord
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import VerdictRecord
@@ -98,7 +98,7 @@ def files_of(hand: AtHand) -> Iterator[Path]:
 # python -m pa10cal.datasets.measured [RECORD] [PAGE] (from the root of the repository) puts
 # the table of RECORD (results/measured/measured.json) into PAGE (docs/measured.md).
 
-MODELS: tuple[fleet.MeasuredModel, ...] = ("nominal", "geometry", "springs", "effects")
+MODELS: tuple[outcomes.MeasuredModel, ...] = ("nominal", "geometry", "springs", "effects")
 RECORD, PAGE = Path("results/measured/measured.json"), Path("docs/measured.md")
 BEGIN = "<!-- From here to the next mark generated: python -m pa10cal.datasets.measured -->"
 END = "<!-- End of what is generated. -->"
@@ -109,7 +109,7 @@ def measured_record(
     results: Path,
     calibration: str,
     carried: Mapping[tuple[str, str], Path | str],
-) -> fleet.MeasuredRobotsRecord:
+) -> outcomes.MeasuredRobotsRecord:
     """Return the table of the campaigns at hand and of the groups that they make.
 
     Each has a folder of results. `carried` has by source and target the errors of a model that was
@@ -120,14 +120,14 @@ def measured_record(
     """
     rows = [_robot(name, folder, results, calibration, carried) for name, folder in folders.items()]
     for name, members in groups_of(folders).items():
-        if not (results / name / fleet.ChainRecord.FILE).is_file():
+        if not (results / name / outcomes.ChainRecord.FILE).is_file():
             continue
         row = _robot(name, folders[members[0]], results, calibration, {})
         instruments = dict.fromkeys(CAMPAIGNS[member].instrument for member in members)
         together = {"members": members, "instrument": "; ".join(instruments), "published": None}
         last = max(k for k, each in enumerate(rows) if each.campaign in members)
         rows.insert(last + 1, row.model_copy(update=together))
-    return fleet.MeasuredRobotsRecord(robots=tuple(rows))
+    return outcomes.MeasuredRobotsRecord(robots=tuple(rows))
 
 
 def _robot(
@@ -136,10 +136,10 @@ def _robot(
     results: Path,
     calibration: str,
     carried: Mapping[tuple[str, str], Path | str],
-) -> fleet.MeasuredRobot:
+) -> outcomes.MeasuredRobot:
     """Return the row of a campaign; what its stages did not come to is not in it."""
     folder, known = results / name, CAMPAIGNS.get(name)
-    outcome = read(fleet.ChainRecord, folder / fleet.ChainRecord.FILE, within=folder)
+    outcome = read(outcomes.ChainRecord, folder / outcomes.ChainRecord.FILE, within=folder)
     robot, kind = None, None
     with suppress(Pa10calError):  # where they can be read
         campaign = read_description(raw)
@@ -152,7 +152,7 @@ def _robot(
         "published": (known.published or None) if known else None,
     }
     if outcome.status != "done":
-        return fleet.MeasuredRobot(
+        return outcomes.MeasuredRobot(
             **common,
             message=_without_folders(f"{outcome.stage}: {outcome.message}", raw, results),
             names=(),
@@ -164,7 +164,7 @@ def _robot(
     verdict = read(VerdictRecord, folder / "discovery/verdict.json", within=folder)
     held_out = read(HoldoutRecord, folder / HoldoutRecord.FILE, within=folder)
     calibrated = sum(each.after.configurations for each in fitted.errors.values())
-    return fleet.MeasuredRobot(
+    return outcomes.MeasuredRobot(
         **common,
         poses=calibrated + held_out.configurations,
         held_out=held_out.configurations,
@@ -186,7 +186,7 @@ def _without_folders(message: str, *folders: Path) -> str:
 
 def errors_by_model(
     models: Mapping[str, HeldOutModel], *, springs: bool
-) -> dict[fleet.MeasuredModel, fleet.HeldOutError]:
+) -> dict[outcomes.MeasuredModel, outcomes.HeldOutError]:
     """Return errors by the models of the table; without springs `linear` is the geometry alone.
 
     Of rows along a path those at unseen stretches.
@@ -199,7 +199,7 @@ def errors_by_model(
     }
     first = {name: next(iter(model.by_place.values())) for name, model in models.items()}
     return {
-        model: fleet.HeldOutError(
+        model: outcomes.HeldOutError(
             mean_mm=first[named[model]].mean_mm, rms_mm=first[named[model]].rms_mm
         )
         for model in MODELS
@@ -209,25 +209,25 @@ def errors_by_model(
 
 def _carried(
     name: str, folder: Path, springs: bool, carried: Mapping[tuple[str, str], Path | str]
-) -> Iterator[fleet.Carried]:
+) -> Iterator[outcomes.Carried]:
     """Yield the models of other campaigns in this one."""
     for (source, target), found in carried.items():
         if target != name:
             continue
         if isinstance(found, str):
             message = _without_folders(found, folder.parent)
-            yield fleet.Carried(source=source, message=message, errors={})
+            yield outcomes.Carried(source=source, message=message, errors={})
         else:
             models = read(TransferRecord, found).models
             errors = errors_by_model(models, springs=springs or "geometry" in models)
-            yield fleet.Carried(source=source, errors=errors)
+            yield outcomes.Carried(source=source, errors=errors)
 
 
-def robots_csv(record: fleet.MeasuredRobotsRecord) -> str:
+def robots_csv(record: outcomes.MeasuredRobotsRecord) -> str:
     """Return the table as CSV, a row a campaign and a row a model carried to it."""
     kinds = [(model, kind) for model in MODELS for kind in ("mean_mm", "rms_mm")]
 
-    def numbers(errors: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str | None]:
+    def numbers(errors: Mapping[outcomes.MeasuredModel, outcomes.HeldOutError]) -> list[str | None]:
         return [f"{getattr(errors[m], kind):.4f}" if m in errors else None for m, kind in kinds]
 
     header = (
@@ -248,7 +248,7 @@ def robots_csv(record: fleet.MeasuredRobotsRecord) -> str:
     return csv_text(header, lines)
 
 
-def markdown(record: fleet.MeasuredRobotsRecord) -> str:
+def markdown(record: outcomes.MeasuredRobotsRecord) -> str:
     """Return the tables of the page."""
 
     def line(cells: Sequence[str]) -> str:
@@ -257,7 +257,7 @@ def markdown(record: fleet.MeasuredRobotsRecord) -> str:
     def header(*titles: str) -> list[str]:
         return [line(titles), line(["---"] * len(titles))]
 
-    def errors(of: Mapping[fleet.MeasuredModel, fleet.HeldOutError]) -> list[str]:
+    def errors(of: Mapping[outcomes.MeasuredModel, outcomes.HeldOutError]) -> list[str]:
         pairs = [of.get(model) for model in MODELS]
         return [f"{pair.mean_mm:.3f} / {pair.rms_mm:.3f}" if pair else "" for pair in pairs]
 
@@ -286,7 +286,7 @@ def markdown(record: fleet.MeasuredRobotsRecord) -> str:
     return "\n".join(lines) + "\n"
 
 
-def page_text(now: str, record: fleet.MeasuredRobotsRecord) -> str:
+def page_text(now: str, record: outcomes.MeasuredRobotsRecord) -> str:
     """Return the page with its generated part renewed."""
     part = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
     return part.sub(lambda _: f"{BEGIN}\n\n{markdown(record)}\n{END}", now)
@@ -296,7 +296,7 @@ def main(words: Sequence[str]) -> None:
     """Put the table of a record into the page."""
     record, page = (Path(word) for word in (*words, *map(str, (RECORD, PAGE)[len(words) :])))
     text = page.read_text(encoding="utf-8")
-    write_text(page, page_text(text, read(fleet.MeasuredRobotsRecord, record)))
+    write_text(page, page_text(text, read(outcomes.MeasuredRobotsRecord, record)))
 
 
 if __name__ == "__main__":

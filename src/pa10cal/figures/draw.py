@@ -23,7 +23,7 @@ from pa10cal.reports.theme import BLUE, GREY, VERMILLION
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import write
 from pa10cal.results.comparison import DriftRecord
-from pa10cal.results.fleet import Caption, PicturesRecord
+from pa10cal.results.outcomes import Caption, PicturesRecord
 
 #: Folder of the files of a picture, by what it is.
 _PLACES = {"figure": "figures", "table": "tables", "film": "figures"}

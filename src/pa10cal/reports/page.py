@@ -25,7 +25,7 @@ from pa10cal.reports.results_bundle import REFUSED, ResultsBundle, is_synthetic,
 from pa10cal.reports.trust import missing, next_poses, trust
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import BETWEEN
-from pa10cal.results.fleet import FleetCampaign, FleetRecord, PicturesRecord
+from pa10cal.results.outcomes import FleetCampaign, FleetRecord, PicturesRecord
 
 #: Larger files are no tables that were written here [bytes].
 _MOST_TABLE_BYTES = 4_000_000
@@ -202,11 +202,11 @@ def fleet_page_text(fleet: FleetRecord) -> str:
         rows = [(arm.arm, arm.last, ATTENTION[arm.attention], arm.why) for arm in urgent]
         attention = grid("The most urgent first", "arm | last campaign | attention | why", rows)
     sections = [PageSection("attention", "Arms that need attention", (attention,))]
-    if fleet.by_accuracy:
-        drawing = fleet_drawing(fleet.by_accuracy)
+    if fleet.last_by_accuracy:
+        drawing = fleet_drawing(fleet.last_by_accuracy)
         sections.append(PageSection("errors", "Errors before and after", (drawing,)))
         before_mm, after_mm = (
-            median(getattr(campaign.became, name) for campaign in fleet.by_accuracy)
+            median(getattr(campaign.became, name) for campaign in fleet.last_by_accuracy)
             for name in ("before_mm", "after_mm")
         )
         glances.append(

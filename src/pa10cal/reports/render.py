@@ -17,7 +17,7 @@ from pa10cal.errors import RecordError
 from pa10cal.input_files import read_file, reason
 from pa10cal.reports.blocks import Beside, Drawing, Folded, Image, PageBlock
 from pa10cal.reports.theme import packed_figure, packed_library
-from pa10cal.results.fleet import PicturesRecord
+from pa10cal.results.outcomes import PicturesRecord
 
 #: Larger files are no pictures that were drawn here [bytes].
 _MOST_PICTURE_BYTES = 64_000_000

@@ -29,8 +29,8 @@ from pa10cal.results.calibration import (
 from pa10cal.results.codec import read
 from pa10cal.results.discovery import ExtendedRecord, VerdictRecord
 from pa10cal.results.evaluation import HoldoutRecord, Iso9283Record
-from pa10cal.results.fleet import PicturesRecord
 from pa10cal.results.montecarlo import PlaneRecord
+from pa10cal.results.outcomes import PicturesRecord
 from pa10cal.results.record import CampaignRecord, MeasuredRecord, Record
 
 if TYPE_CHECKING:

@@ -1,21 +1,24 @@
-"""Many campaigns of many arms: what became of each, and of the fleet."""
+"""Outcomes in short: of a campaign, of a fleet, of measured robots; and the pictures drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
+from pa10cal.results.calibration import Grade
+from pa10cal.results.discovery import Verdict
 from pa10cal.results.record import CampaignRecord, Key, Part, Record, filed, optional
 
 #: What became of a campaign.
 ChainStatus = Literal["done", "refused", "fault", "ended"]
-#: Why an arm needs attention, the most urgent first.
+#: Why an arm needs attention. The order of these words is the order of urgency, by which arms are
+#: sorted.
 Attention = Literal["no_result", "input", "moved", "incomplete", "none"]
 
 
 @filed("pa10cal-chain/1", "chain.json", by="chain")
 class ChainRecord(CampaignRecord):
-    """What became of one campaign of many: done, or where it ended and why."""
+    """What became of a campaign in its chain of stages: done, or where it ended and why."""
 
     # `done`; `refused` where a stage refused its input; `fault` where one failed; `ended` where the
     # machine ended it, such as by a signal or for want of memory: a next run begins it anew
@@ -24,9 +27,9 @@ class ChainRecord(CampaignRecord):
     message: str | None = optional()  # what it said
     robot: str | None = optional()  # the arm's description
     provenance: str | None = optional()  # where its data come from, in its own words
-    grade: str | None = optional()  # of the calibration
+    grade: Grade | None = optional()  # of the calibration
     line: str | None = optional()  # the sentence of the grade
-    verdict: str | None = optional()  # of the search for missing effects
+    verdict: Verdict | None = optional()  # of the search for missing effects
     # effects, faults and what is unexplained, a line each
     notes: tuple[str, ...] | None = optional()
     before_mm: float | None = optional()  # mean position error of the uncalibrated arm [mm]
@@ -43,7 +46,8 @@ class FleetCampaign(Part):
     measured: str | None = optional()  # when it was measured, as the table of campaigns says
     became: ChainRecord  # its `chain.json`
     agrees: bool | None = optional()  # whether its model agrees with the arm's campaign before it
-    # which parameters moved since the arm's campaign before it, and by how much its model differs
+    # which parameters moved since the arm's campaign before it, and by how much its model differs;
+    # or why they could not be compared
     moved: str | None = optional()
 
 
@@ -70,17 +74,18 @@ class FleetRecord(Record):
     campaigns: tuple[FleetCampaign, ...]  # every campaign, in the table's order
 
     @property
-    def by_accuracy(self) -> list[FleetCampaign]:
-        """Return the last campaign of every arm of which errors are known, most accurate first."""
+    def last_by_accuracy(self) -> list[FleetCampaign]:
+        """Return the last campaign of every arm of which errors are known, most accurate first.
+
+        Errors of held-out and of fitted poses (`over`) are ranked together.
+        """
         last = {each.last for each in self.arms}
         known = [
-            (each.became.after_mm, each.campaign, each)
+            each
             for each in self.campaigns
-            if each.campaign in last
-            and each.became.before_mm is not None
-            and each.became.after_mm is not None
+            if each.campaign in last and None not in (each.became.before_mm, each.became.after_mm)
         ]
-        return [each for *_, each in sorted(known, key=lambda row: row[:2])]
+        return sorted(known, key=lambda each: (each.became.after_mm or 0.0, each.campaign))
 
 
 # `measured/measured.json`: the campaigns of real robots that are at hand, in one table.
@@ -116,10 +121,10 @@ class MeasuredRobot(Part):
     instrument: str | None = optional()  # what measured it
     status: ChainStatus  # what became of it, as in `chain.json`
     message: str | None = optional()  # stage and message, where it was refused or failed
-    poses: int | None = optional()  # configurations fitted and held out
-    held_out: int | None = optional()  # configurations held out
-    grade: str | None = optional()  # of the calibration
-    verdict: str | None = optional()  # of the search for missing effects
+    poses: int | None = optional()  # number of configurations, held-out ones included
+    held_out: int | None = optional()  # number of held-out configurations
+    grade: Grade | None = optional()  # of the calibration
+    verdict: Verdict | None = optional()  # of the search for missing effects
     names: tuple[str, ...]  # effects named, each with its alternatives
     faults: tuple[str, ...]  # faults of the log, kind and place
     # held-out errors by model: `nominal`, base and tool fitted; `geometry`; `springs` too;
@@ -132,12 +137,12 @@ class MeasuredRobot(Part):
 
 @filed("pa10cal-measured-robots/1", "measured/measured.json", by="measured")
 class MeasuredRobotsRecord(Record):
-    """`measured/measured.json`."""
+    """Campaigns of real robots at hand, with their errors by model."""
 
     robots: tuple[MeasuredRobot, ...]  # every campaign and group at hand
 
 
-# `pictures.json`: which pictures and tables were drawn, and why the others were not.
+# `pictures.json`: the pictures and tables of a campaign or study.
 
 
 class Caption(Part):
@@ -150,7 +155,7 @@ class Caption(Part):
 
 @filed("pa10cal-pictures/1", "pictures.json", by="figures")
 class PicturesRecord(Record):
-    """`pictures.json` of a campaign or study."""
+    """Pictures and tables of a campaign or study: which were drawn, and why others were not."""
 
     campaign: str | None = optional()  # name of the campaign, where they are of one
     drawn: tuple[str, ...]  # names of the pictures and tables drawn
