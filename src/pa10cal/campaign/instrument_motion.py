@@ -150,7 +150,11 @@ def _refuse_same_targets(base: BaseTargets, where: str) -> None:
 
 
 def _refuse_new_setup(motion: Array, pose: NDArray[np.str_], where: str) -> None:
-    """Refuse motions (P, 6) of the size of a new set-up of the instrument, at poses (P,)."""
+    """Refuse motions (P, 6), at poses (P,), that range as far as after a new set-up.
+
+    A range is the diagonal of the box that holds all motions: of one jump its size, wherever in the
+    campaign it is.
+    """
     extent = np.ptp(motion, axis=0)
     shift_m, turn_rad = float(np.linalg.norm(extent[:3])), float(np.linalg.norm(extent[3:]))
     if shift_m < _NEW_SETUP_M and turn_rad < _NEW_SETUP_RAD:
