@@ -103,10 +103,9 @@ def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] 
 
 def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which names that fail are replaced by alternatives, or withdrawn."""
-    for finding in found.effects:
-        if not is_named(finding.effect):
-            continue
-        reasons = (*unfit(finding, found.model, found.states), *of_order(finding, found.prepared))
+    for effect in [finding.effect for finding in found.effects if is_named(finding.effect)]:
+        (finding,) = (finding for finding in found.effects if finding.effect == effect)
+        reasons = _reasons_against(found, finding)
         if not reasons:
             found = _of_the_robot(found, finding)
             continue
@@ -117,12 +116,28 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
         if commanded and stops not in finding.alternatives:
             finding = replace(finding, alternatives=(stops, *finding.alternatives))
             found = replace(found, findings=instead(found, finding))
-        found = (
-            _alternative(found, finding)
-            or _taken_up(found, finding, reasons)
-            or without_names(found, {finding: "; ".join(reasons)})
-        )
+        found = _alternative(found, finding) or _withdrawn(found, finding, reasons)
+    return _still_passing(found)
+
+
+def _still_passing(found: Verdict[S]) -> Verdict[S]:
+    """Return a verdict without names that fail since others were replaced or withdrawn."""
+    names = [finding for finding in found.effects if is_named(finding.effect)]
+    for finding in names:
+        if reasons := _reasons_against(found, finding):
+            return _still_passing(_withdrawn(found, finding, reasons))
     return found
+
+
+def _reasons_against(found: Verdict[S], finding: Finding) -> tuple[str, ...]:
+    """Return why a finding of a verdict cannot be named; empty where it can."""
+    by_fit = unfit(finding, found.model, found.states)
+    return (*by_fit, *of_order(finding, found.prepared))
+
+
+def _withdrawn(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Verdict[S]:
+    """Return the verdict without a name, its part taken up by the model or else unexplained."""
+    return _taken_up(found, finding, reasons) or without_names(found, {finding: "; ".join(reasons)})
 
 
 def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Verdict[S] | None:

@@ -10,6 +10,7 @@ parameters nor the scatter. No pose is omitted.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,11 +142,16 @@ def _limit(problem: Problem, distance: Array, least_factor: float) -> Array:
     the limit is lowered in proportion, by `least_factor` at the most.
     """
     counts, at = problem.distinct_numbers_seen
-    dof = np.maximum(counts, 1)
-    limits = np.sqrt(np.asarray(chdtri(dof, SCATTER.tail)))
-    medians = np.asarray(chdtri(dof, 0.5))
+    limits, medians = _chi_quantiles(tuple(counts.tolist()))
     typical = np.sqrt(_median(distance**2 / medians[at]))
     return np.asarray(limits[at] * min(1.0, max(typical, least_factor)))
+
+
+@cache
+def _chi_quantiles(counts: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return largest likely distances, and median squared ones, by numbers of components seen."""
+    dof = np.maximum(counts, 1)
+    return np.sqrt(np.asarray(chdtri(dof, SCATTER.tail))), np.asarray(chdtri(dof, 0.5))
 
 
 def _median(values: Array) -> float:

@@ -321,8 +321,9 @@ def _best(
     for start in starts:
         if not (directional and any(_leads_to(start, end.guess) for end in ends)):
             ends.append(refined(few, start, roughly=True, most_steps=_FIRST_STEPS))
-    best_ends = sorted(ends, key=lambda end: end.problem.cost)[:_MOST_STARTS]
-    ends = [refined(few, end.guess, roughly=True, most_steps=_MORE_STEPS) for end in best_ends]
+    ends = sorted(ends, key=lambda end: end.problem.cost)[:_MOST_STARTS]
+    if len(ends) > 1 or few is not problem or roughly:  # else the last refinement does this as well
+        ends = [refined(few, end.guess, roughly=True, most_steps=_MORE_STEPS) for end in ends]
     guess, linearised, split = min(ends, key=lambda end: end.problem.cost)
     if split.unidentified.size:
         guess = replace(guess, p_ee_m=problem.p_ee_stated_m)

@@ -6,7 +6,7 @@ import re
 from abc import abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import ClassVar, Literal, Protocol, TypeGuard
 
 import numpy as np
@@ -299,7 +299,7 @@ class Offsets(Traits):
     def stays_with_arm(self) -> bool:
         return self.of == "links"
 
-    @property
+    @cached_property
     def roles(self) -> tuple[Role, ...]:
         return tuple(_ROLES.get(_KIND.split(name)[0], "link") for name in self.coordinates)
 

@@ -31,6 +31,7 @@ from pa10cal.results.discovery import (
     Tried,
     Unexplained,
 )
+from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.effect import Effect
 
 
@@ -297,7 +298,8 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
         f"parameters give {remaining.expected_mm:.3f} mm, and nothing that was tried significantly "
         "predicts it"
     )
-    if others:
+    # What predicts as much by chance would send a reader after a name.
+    if others and others[0].gain > HALF_WIDTH_95 * others[0].gain_std:
         nearest = others[0]
         why += (
             f"; the nearest is {nearest.id} of {nearest.of}, "
