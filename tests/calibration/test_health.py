@@ -191,6 +191,7 @@ ZERO = InputFinding(
     where="joint 3",
     remedy="set joint_offsets_deg: [0, 0, 2.1]",
     kind="joint_zero",
+    would_leave_mm=0.03,
 )
 
 
@@ -216,7 +217,11 @@ def test_departures_that_held_out_poses_confirm_are_what_was_found():
     alone = health(mastered(np.radians(-1.99)), errors(held_out=None))
     assert alone.grade == "suspect_input"
     assert alone.departures == ()
-    # So is a zero that a check of the input found, and nothing else that one finds.
+    # So is a zero that a check of the input found, alone or beside it, and nothing else.
+    both = health(mastered(np.radians(-1.99)), errors(findings=(ZERO,)))
+    assert (both.grade, both.departures) == ("good", (zero,))
+    contradiction = ZERO.model_copy(update={"would_leave_mm": None})
+    assert health(ended(), errors(findings=(contradiction,))).grade == "suspect_input"
     assert health(ended(), errors(findings=(ZERO,))).departures == (ZERO,)
     assert health(ended(), errors(findings=(ZERO,))).grade == "good"
     assert health(ended(), errors(findings=(GUESS,))).grade == "good"  # it leaves 0.02 mm

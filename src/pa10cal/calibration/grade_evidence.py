@@ -135,7 +135,8 @@ class GradeEvidence:
         """Return the noise of the poses fitted: as repeats show it, else as stated."""
         if self.noise_mm is None or self.noise_is_found or not self.repeats:
             return self.noise_mm
-        return self.noise_mm * self.repeats[0].ratio
+        ratios = [scatter.ratio for scatter in self.repeats if not scatter.is_of_attitude]
+        return self.noise_mm * ratios[0] if ratios else self.noise_mm
 
     @cached_property
     def departures(self) -> tuple[records.InputFinding, ...]:
@@ -143,10 +144,20 @@ class GradeEvidence:
 
         A zero that the checks of the input found counts where the fit shows no such departure.
         """
-        if not self.confirmed:
-            return ()
-        zeros = tuple(finding for finding in self.findings if finding.kind == "joint_zero")
-        return self.large_departures or zeros
+        return (self.large_departures or self.zeros_off) if self.confirmed else ()
+
+    @property
+    def zeros_off(self) -> tuple[records.InputFinding, ...]:
+        """Return the zeros of joints that the checks of the input found to be off.
+
+        Campaigns that contradict each other in a zero are another matter: these were not tried
+        without it.
+        """
+        return tuple(
+            finding
+            for finding in self.findings
+            if finding.kind == "joint_zero" and finding.would_leave_mm is not None
+        )
 
     @property
     def large_departures(self) -> tuple[records.InputFinding, ...]:
@@ -213,26 +224,26 @@ def large_departures(
         arm: as described; None where that is not known.
         over_noise: remaining error over the noise, by which standard uncertainties are multiplied.
     """
-    std = np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
+    std = over_noise * np.sqrt(np.maximum(np.diag(ended.covariance), 0.0))
     excluded = ended.not_identifiable | ended.of_mounting
     found = []
-    for parameter, value, sigma in zip(ended.parameters, ended.solution.x, std, strict=True):
+    for parameter, value, u in zip(ended.parameters, ended.solution.x.tolist(), std, strict=True):
         if not parameter.tolerance or parameter.name in excluded:
             continue
-        surely = abs(value) - GRADES.chance_errors * over_noise * sigma
+        tolerances = abs(value) / parameter.tolerance
+        surely = abs(value) - GRADES.chance_errors * u
         if surely > GRADES.far_off_ratio * parameter.tolerance:
-            tolerances = abs(float(value)) / parameter.tolerance
-            found.append((tolerances, _finding(ended, arm, parameter, float(value), tolerances)))
+            coordinate = ended.departures.get(parameter.name, "")
+            as_built = GRADES.chance_errors * float(np.hypot(u, parameter.tolerance))
+            text = _departure_text(parameter, coordinate, value, tolerances)
+            text += _looks_like(arm, coordinate, value, as_built)
+            found.append((tolerances, _departure(parameter, text)))
     return tuple(finding for _, finding in sorted(found, key=lambda pair: -pair[0]))
 
 
-def _finding(
-    ended: FitSummary, arm: Arm | None, parameter: TermParameter, value: float, tolerances: float
-) -> InputFinding:
-    coordinate = ended.departures.get(parameter.name, "")
-    text = _departure_text(parameter, coordinate, value, tolerances)
+def _departure(parameter: TermParameter, text: str) -> InputFinding:
     return InputFinding(
-        what=text + _looks_like(arm, coordinate, value),
+        what=text,
         where=parameter.name,
         remedy="check this value in the description of the arm, and the zero of its joint in "
         "the log",
@@ -257,8 +268,12 @@ def _departure_text(
     return f"{off} from nominal ({tolerances:.0f} tolerances)"
 
 
-def _looks_like(arm: Arm | None, coordinate: str, value: float) -> str:
-    """Return what a departure looks like: whole turns of a motor, or the wrong sign of a length."""
+def _looks_like(arm: Arm | None, coordinate: str, value: float, as_built: float) -> str:
+    """Return what a departure looks like: whole turns of a motor, or the wrong sign of a length.
+
+    Args:
+        as_built: departure that the build of the arm and its uncertainty make [rad, m].
+    """
     kind, _, number = coordinate.rpartition("_")
     if arm is None or kind not in ("theta", "a", "d"):
         return ""
@@ -268,8 +283,11 @@ def _looks_like(arm: Arm | None, coordinate: str, value: float) -> str:
         reversed_ = abs(value + 2.0 * length) < GRADES.of_a_length * abs(length)
         return f": as if the sign of its {1e3 * length:.4g} mm were wrong" if reversed_ else ""
     ratio = abs(float(arm.gear_ratio[row]))
-    turns = abs(value) * ratio / (2.0 * np.pi)
+    per_rad = ratio / (2.0 * np.pi)
+    turns = abs(value) * per_rad
     whole = round(turns) if np.isfinite(turns) else 0
-    if ratio <= 1.0 or not whole or abs(turns - whole) > GRADES.of_a_turn:
+    # Any departure is near some number of turns: it has to be as near as the build allows.
+    near = min(GRADES.of_a_turn, as_built * per_rad)
+    if ratio <= 1.0 or not whole or abs(turns - whole) > near:
         return ""
     return f": {whole} turn{'s' * (whole > 1)} of a motor of ratio {ratio:g}"

@@ -121,7 +121,7 @@ def _is_settled(finding: records.InputFinding, evidence: GradeEvidence) -> bool:
     """
     if not evidence.confirmed:
         return False
-    if finding in evidence.departures:
+    if finding in evidence.zeros_off:
         return True
     left_mm = finding.would_leave_mm
     return finding.kind in _OF_JOINTS and left_mm is not None and left_mm > evidence.train_rms_mm
@@ -174,7 +174,7 @@ def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
 def _stated(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return where the stated uncertainty disagrees with repeats, or with the remaining error."""
     for scatter in evidence.repeats:
-        attitude = scatter.kind.startswith("attitude")
+        attitude = scatter.is_of_attitude
         unit, ratio = ("mrad", GRADES.attitude_ratio) if attitude else ("mm", GRADES.stated_ratio)
         # Readings of the joints scatter, too.
         joints = GRADES.joint_rad * (1.0 if attitude else 1e-3 * evidence.spread_mm)

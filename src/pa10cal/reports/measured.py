@@ -155,7 +155,7 @@ def _instrument(results: ResultsBundle) -> str:
         stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
     elif results.calibration is not None:
         repeats = results.calibration.health.repeats
-        stated_m = [each.stated for each in repeats if not each.kind.startswith("attitude")]
+        stated_m = [each.stated for each in repeats if not each.is_of_attitude]
         if stated_m:
             stated = f"; stated standard uncertainty of a reading {mm(1e3 * stated_m[0])} mm"
     return f"{'not known' if results.words is None else results.words.instrument}{stated}"

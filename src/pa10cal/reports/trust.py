@@ -101,7 +101,7 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
         error = f"{mm(health.held_out_rms_mm)} mm rms; fitted {fitted}"
         yield check, error, health.held_out_over_expected is None
     for scatter in health.repeats:
-        unit = "mrad" if scatter.kind.startswith("attitude") else "mm"
+        unit = "mrad" if scatter.is_of_attitude else "mm"
         yield (
             f"scatter of repeats agrees with the stated uncertainty, {scatter.kind}",
             f"{1e3 * scatter.found:.4f} {unit}, stated {1e3 * scatter.stated:.4f} {unit}",

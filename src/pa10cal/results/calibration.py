@@ -47,6 +47,11 @@ class RepeatScatter(record.Part):
     pairs: int  # pairs of successive readings behind it
 
     @property
+    def is_of_attitude(self) -> bool:
+        """Return whether it is of orientations, in rad; else it is of positions or distances."""
+        return self.kind.startswith("attitude")
+
+    @property
     def ratio(self) -> float:
         """Return the scatter found over the one stated."""
         return self.found / self.stated
