@@ -147,6 +147,54 @@ def test_between_robot_and_instrument_it_is_the_robot():
     assert [each.id for each in gated(one).effects[0].alternatives] == ["cmm_squareness"]
 
 
+def beside(made, *others):
+    """Return the verdict of a campaign with further names before its own, the model fitted anew."""
+    found = made.discovery
+    (own,) = found.effects
+    effects = tuple(made.effect(*other) for other in others)
+    known = replace(found, findings=(replace(own, alternatives=effects),))
+    more = [replace(own, effect=effect, alternatives=()) for effect in effects]
+    return with_findings(known, (*more, own))
+
+
+def test_every_name_that_is_not_significant_goes(wave):
+    """Each withdrawal fits the model anew, so that the findings after it are others."""
+    three = beside(wave, ("gear_ratio_error", "joint 4"), ("gear_ratio_error", "joint 5"))
+    assert len(three.effects) == 3
+    after = gated(three)
+    assert names(after) == names(wave.discovery)
+    assert after.unexplained == ()
+
+
+def test_a_name_that_no_longer_passes_goes(monkeypatch, wave):
+    """What passes beside another name may fail without it."""
+    two = beside(wave, ("gear_ratio_error", "joint 4"))
+    first, own = two.effects
+
+    def fails(finding, model, _states=None):
+        if finding.effect == first.effect:
+            return iter(["it is made up"])
+        return iter([] if first.effect in model.model.terms else ["it is alone"])
+
+    monkeypatch.setattr(gates, "unfit", fails)
+    after = gated(replace(two, findings=(own, first)))
+    assert after.effects == ()
+    assert "it is made up" in why(after)
+    assert "it is alone" in why(after)
+
+
+def test_an_effect_of_the_instrument_is_no_better_than_another(wave):
+    """Only the robot's stands in for one that passes."""
+    own, square, scales = (
+        wave.discovery.effects[0],
+        wave.effect("cmm_squareness", "instrument"),
+        wave.effect("scale", "instrument"),
+    )
+    either = replace(own, effect=square, alternatives=(scales,))
+    found = replace(wave.discovery, findings=(either,))
+    assert gates._of_the_robot(found, either) is found
+
+
 def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):
     """Any term that is there stands for uncertain weights; here the effect lowers the error."""
     assert "the weights may differ from the description" not in "".join(

@@ -116,7 +116,8 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
         if commanded and stops not in finding.alternatives:
             finding = replace(finding, alternatives=(stops, *finding.alternatives))
             found = replace(found, findings=instead(found, finding))
-        found = _alternative(found, finding) or _withdrawn(found, finding, reasons)
+        stands_in = _alternative(found, finding, finding.alternatives)
+        found = stands_in or _withdrawn(found, finding, reasons)
     return _still_passing(found)
 
 
@@ -148,7 +149,8 @@ def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Ve
     """
     if set(reasons) - set(holds_zero(finding.effect, found.model)):
         return None
-    without = with_findings(found, [other for other in found.findings if other != finding])
+    rest = [other for other in found.findings if other.effect != finding.effect]
+    without = with_findings(found, rest)
     most_mm = NAMES.worse_ratio * found.train.after.rms_mm
     if without.train.after.rms_mm > most_mm or harmed(without.holdout, found.holdout):
         return None
@@ -230,16 +232,24 @@ def with_pulls(found: Verdict[S]) -> Verdict[S]:
     return found
 
 
-def _alternative(found: Verdict[S], finding: Finding) -> Verdict[S] | None:
-    """Return the verdict with the first alternative that passes in a finding's place, or None."""
+def _alternative(
+    found: Verdict[S],
+    finding: Finding,
+    tried: Sequence[Effect],
+    also_listed: Sequence[Effect] = (),
+) -> Verdict[S] | None:
+    """Return the verdict with the first effect that passes in a finding's place, or None.
+
+    The others become its alternatives, and those that are `also_listed`.
+    """
     held = {other.effect for other in found.findings}
-    for other in finding.alternatives[: NAMES.most_alternatives]:
-        if not is_named(other) or other in held:
+    for effect in tried[: NAMES.most_alternatives]:
+        if not is_named(effect) or effect in held:
             continue
-        rest = tuple(effect for effect in finding.alternatives if effect != other)
-        stands_in = replace(finding, effect=other, alternatives=rest)
-        if (tried := fitted_instead(found, finding, stands_in)) is not None:
-            return tried
+        rest = tuple(other for other in (*tried, *also_listed) if other != effect)
+        stands_in = replace(finding, effect=effect, alternatives=rest)
+        if (fitted := fitted_instead(found, finding, stands_in)) is not None:
+            return fitted
     return None
 
 
@@ -251,10 +261,10 @@ def _of_the_robot(found: Verdict[S], finding: Finding) -> Verdict[S]:
     """
     if not finding.effect.falsifies_readings:
         return found
-    robots = [effect for effect in finding.alternatives if not effect.falsifies_readings]
-    others = [effect for effect in finding.alternatives if effect not in robots]
-    first = replace(finding, alternatives=(*robots, *others, finding.effect))
-    return _alternative(found, first) or found
+    robots = tuple(effect for effect in finding.alternatives if not effect.falsifies_readings)
+    others = tuple(effect for effect in finding.alternatives if effect.falsifies_readings)
+    listed = (*others, finding.effect)
+    return _alternative(found, finding, robots, listed) or found
 
 
 def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Effects at joints that slide: rails and columns that are not straight, and give way."""
+"""Effects at joints that slide: rails that are not straight or give way, leads that are off."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pa10cal.arm.chain import TOOL, Chain, bend_coordinates, frames, link_spans_
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.terms.effects.effect import AtJoint, CandidateContext, static_loads_in
+from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, static_loads_in
 from pa10cal.terms.effects.structure import Compliance, moment_of_arm_Nm
 from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 
@@ -193,6 +193,44 @@ class SlideBending(Compliance, AtSlide):
         turn = out * (moment_Nm + of_force_Nm / 2.0)
         shift = out * np.cross(moment_Nm / 2.0 + of_force_Nm / 3.0, way_m)
         return np.hstack([shift + np.cross(turn, to_end_m), turn])
+
+
+@dataclass(frozen=True)
+class SlideScale(Effect):
+    """All joints that slide move (1 + s) times as far as their positions say, s without unit.
+
+    As of the screws, racks or glass scales of a gantry at one temperature. The wrong lead of one
+    axis is its `gear_ratio_error`. Where lengths of the arm are parameters, a scale of the
+    instrument has the same effect.
+    """
+
+    joints: tuple[int, ...]  # those that slide, from 1
+    id = "slide_scale"
+    clauses = ("the leads of all axes that slide are off by one factor",)
+    sits = "arm"
+    reported = (TermParameter("s", "1", 1e-5, plausible=1e-4),)
+
+    @property
+    def in_sets(self) -> bool:
+        # The scale of the instrument is in no set.
+        return False
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        slides = tuple((np.flatnonzero(context.arm.prismatic) + 1).tolist())
+        return (slides,) if len(slides) > 1 else None
+
+    @property
+    def formula(self) -> str:
+        terms = (f"d_{joint} += s q_{joint}" for joint in self.joints)
+        return ", ".join(terms)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return tuple(f"d_{joint}" for joint in self.joints)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        return states.q_rad[:, np.array(self.joints) - 1]
 
 
 def _stroke_axis(arm: Arm, joint: int) -> tuple[float, float, float]:
