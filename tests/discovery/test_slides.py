@@ -1,7 +1,9 @@
-"""An arm on a rail that is not straight: what is hidden is found, given and saved."""
+"""Joints that slide: a rail that is not straight, leads of a gantry that are off."""
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 import pa10cal
 from mended import write_simulated
@@ -67,3 +69,89 @@ def test_given_it_leaves_the_noise_and_comes_back_from_a_file(on_rail, tmp_path)
     model.save(tmp_path / "model.yaml")
     again, q_rad = pa10cal.load_model(tmp_path / "model.yaml"), rest.states.q_rad
     np.testing.assert_allclose(again.predict(q_rad).T, model.predict(q_rad).T, atol=1e-12)
+
+
+# A gantry with a wrist under a tracker, written down here: three reflectors on the tool.
+
+GANTRY = """
+name: gantry
+rows:
+- {prismatic: true, alpha_deg: -90, limits_m: [0, 4]}
+- {theta_deg: -90, prismatic: true, alpha_deg: -90, limits_m: [0, 2]}
+- {prismatic: true, limits_m: [0, 1]}
+- {d_m: 0.3, alpha_deg: -90, limits_deg: [-180, 180]}
+- {alpha_deg: 90, limits_deg: [-110, 110]}
+- {d_m: 0.2, limits_deg: [-300, 300]}
+"""
+CAMPAIGN = """
+schema: pa10cal-campaign/1
+name: gantry
+provenance: synthetic
+robot: gantry
+instrument: {kind: points, uncertainty_mm: 0.02}
+tool:
+  mass_kg: 2
+  com_mm: [0, 0, 60]
+  load_point_mm: [0, 0, 80]
+  balls_mm: {T1: [100, 0, 100], T2: [-50, 87, 140], T3: [-50, -87, 100]}
+gravity_m_s2: [0, 0, -9.81]
+reference_temperature_C: 20
+files: {poses: poses.csv}
+holdout: {every: 5}
+"""
+_THETA_DEG, _ALPHA_DEG = [0, -90, 0, 0, 0, 0], [-90, -90, 0, -90, 90, 0]
+_D_M = [0.0, 0.0, 0.0, 0.3, 0.0, 0.2]
+_TARGETS_M = 1e-3 * np.array([[100, 0, 100], [-50, 87, 140], [-50, -87, 100]])
+
+
+def gantry_seen_m(q, leads):
+    """Targets (P, 3, 3) in the base frame, slides moved by (1 + leads) times their positions."""
+    R, p_m = Rotation.identity(len(q)), np.zeros((len(q), 3))
+    for joint in range(6):
+        slides = joint < 3
+        d_m = _D_M[joint] + (q[:, joint] * (1.0 + leads[joint]) if slides else 0.0)
+        theta = np.radians(_THETA_DEG[joint]) + (0.0 if slides else q[:, joint])
+        theta = np.broadcast_to(theta, len(q))
+        p_m = p_m + R.apply(np.outer(np.broadcast_to(d_m, len(q)), [0.0, 0.0, 1.0]))
+        R = R * Rotation.from_euler("z", theta[:, None])
+        R = R * Rotation.from_euler("x", _ALPHA_DEG[joint], degrees=True)
+    return p_m[:, None] + np.einsum("pij,tj->pti", R.as_matrix(), _TARGETS_M)
+
+
+def gantry_off_by(leads_ppm, folder):
+    """A campaign of 150 poses of a gantry with these errors of its leads."""
+    rng = np.random.default_rng(11)
+    low, high = np.array([[0.1, 0.1, 0.05, -3, -1.8, -3], [3.9, 1.9, 0.95, 3, 1.8, 3]])
+    q = rng.uniform(low, high, (150, 6))
+    p_mm = 1e3 * gantry_seen_m(q, 1e-6 * np.array(leads_ppm))
+    p_mm = Rotation.from_euler("z", 0.4).apply(p_mm.reshape(-1, 3)) + np.array([2e3, -500.0, 300.0])
+    p_mm = p_mm.reshape(-1, 9) + rng.normal(0.0, 0.02, (150, 9))
+    columns = {"time_s": 30.0 * np.arange(150), "kind": "grid", "load_N": 0, "repeat": 1}
+    columns["pose"] = [f"P{k:03d}" for k in range(150)]
+    columns |= {f"q{k + 1}_mm": 1e3 * q[:, k] for k in range(3)}
+    columns |= {f"q{k + 1}_deg": np.degrees(q[:, k]) for k in range(3, 6)}
+    names = [f"T{target}_{axis}_mm" for target in (1, 2, 3) for axis in "xyz"]
+    columns |= dict(zip(names, p_mm.T, strict=True))
+    pd.DataFrame(columns).to_csv(folder / "poses.csv", index=False)
+    (folder / "gantry.yaml").write_text(GANTRY)
+    (folder / "campaign.yaml").write_text(CAMPAIGN)
+    return pa10cal.read_campaign(folder)
+
+
+@pytest.mark.slow
+def test_equal_leads_are_as_likely_as_the_scale_of_the_instrument(tmp_path):
+    campaign = gantry_off_by([60, 60, 60], tmp_path)
+    found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+    (name,) = found.effects
+    assert (name.id, [other.id for other in name.alternatives]) == ("slide_scale", ["scale"])
+    assert name.explanations.of(name.effect) == pytest.approx(0.5, abs=0.02)
+    assert name.parameters["s"].value == pytest.approx(60e-6, abs=4e-6)
+    assert found.holdout.after.rms_mm < 1.1 * 0.02 * np.sqrt(3.0)
+
+
+@pytest.mark.slow
+def test_leads_of_single_axes_are_told_axis_by_axis(tmp_path):
+    campaign = gantry_off_by([80, -40, 120], tmp_path)
+    found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+    eps = {name.of: name.parameters["eps"].value for name in found.effects}
+    assert eps == pytest.approx({"joint 1": 80e-6, "joint 2": -40e-6, "joint 3": 120e-6}, abs=6e-6)

@@ -35,7 +35,7 @@ ON_RAIL = "on a rail: "
 def contexts(robot, seed):
     rng, arm = np.random.default_rng(seed), load_arm(robot.removeprefix(ON_RAIL))
     if robot.startswith(ON_RAIL):
-        arm = replace(arm, prismatic=np.arange(arm.n) == 0)
+        arm = replace(arm, prismatic=arm.prismatic | (np.arange(arm.n) == 0))
     low = rng.uniform(-3.0, 0.0, arm.n)
     return context_of(
         arm,
@@ -65,8 +65,9 @@ def test_every_effect_at_every_place_comes_back_equal(robot, seed):
 
 
 def test_the_whole_vocabulary_was_there():
-    # The second is described without masses; a joint of the third slides, of the last the first.
-    arms = "pa10_6ce", "irb120", "gx4_351s", f"{ON_RAIL}pa10_6ce"
+    # The second is described without masses; a joint of the third slides, of the next the first,
+    # of the last both.
+    arms = "pa10_6ce", "irb120", "gx4_351s", f"{ON_RAIL}pa10_6ce", f"{ON_RAIL}gx4_351s"
     found = {effect.id for arm in arms for effect in candidates(contexts(arm, 1))}
     assert found == {kind.id for kind in every_effect() if kind.sought}
     assert found <= set(term_kinds())

@@ -57,7 +57,9 @@ AGAINST_NONE_BY_REPEATS = (*AGAINST_NONE, "incomplete")
 
 def gated(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict with names that pass the checks, or a `none` that passes its own."""
-    found = _without_unlikely_names(_with_likeliest_names(_with_names_that_pass(found)))
+    found = _with_names_that_pass(found)
+    found = _with_one_kind(_with_likeliest_names(found))
+    found = _without_unlikely_names(found)
     found = _without_names_that_move_nothing(with_pulls(found))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
@@ -88,6 +90,25 @@ def _with_likeliest_names(found: Verdict[S]) -> Verdict[S]:
         most_mm = NAMES.worse_ratio * found.train.after.rms_mm
         if tried is not None and tried.train.after.rms_mm <= most_mm:
             found = tried
+    return found
+
+
+def _with_one_kind(found: Verdict[S]) -> Verdict[S]:
+    """Return a verdict in which names are of a kind that was found elsewhere, if as likely.
+
+    Wrong leads of three axes are also those of two and one factor for all: three effects of one
+    kind are told.
+    """
+    for effect in [finding.effect for finding in found.effects if is_named(finding.effect)]:
+        (finding,) = (finding for finding in found.effects if finding.effect == effect)
+        held = {other.effect for other in found.effects}
+        kinds = {other.id for other in found.effects if other.effect != effect}
+        known = in_doubt(found, finding).explanations
+        least = NAMES.as_likely * known.of(effect)
+        as_likely = [other for other, probability in known.named if probability >= least]
+        of_a_kind = [other for other in as_likely if other.id in kinds and other not in held]
+        if effect.id not in kinds and of_a_kind and is_named(of_a_kind[0]):
+            found = fitted_instead(found, finding, finding.about(of_a_kind[0])) or found
     return found
 
 

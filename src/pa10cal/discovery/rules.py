@@ -233,6 +233,7 @@ class Names:
     # factor from which on larger held-out errors are worse, significant or not (trials)
     worse_ratio: float = 1.02
     likelier: float = 2.0  # odds against a name from which on a rival replaces it (level)
+    as_likely: float = 0.99  # odds from which on a rival cannot be told from a name (computing)
     much_worse_ratio: float = 1.05  # factor from which on they speak against a name (trials)
     # factor up to which larger held-out errors do not count, even if significant (trials)
     trifling_ratio: float = 1.005

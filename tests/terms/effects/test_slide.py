@@ -128,3 +128,19 @@ def test_what_geometry_takes_up_is_left_out(axis, states):
     wanted = np.hstack([np.outer(u, R @ turned), np.zeros((len(u), 3))]).ravel()
     left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
     assert np.linalg.norm(left) == pytest.approx(np.linalg.norm(wanted), rel=1e-3, abs=1e-11)
+
+
+def test_one_factor_of_all_leads_is_the_sum_of_their_errors(states):
+    """There is none where a single joint slides: it is the error of that joint's lead."""
+
+    def of(arm, id_):
+        return [e for e in candidates(context_of(arm)) if e.id == id_]
+
+    assert of(FIRST, "slide_scale") == []
+    two = replace(FIRST, prismatic=np.arange(6) < 2)
+    (every,) = of(two, "slide_scale")
+    leads = [e for e in of(two, "gear_ratio_error") if e.slides]
+    assert every.coordinates == ("d_1", "d_2")
+    x = np.array([1e-4])
+    of_each = sum(moved(lead, two, states, x) for lead in leads)
+    np.testing.assert_allclose(moved(every, two, states, x), of_each, atol=1e-15)
