@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_up_pair import campaign, shifted
+from made_up_pair import campaign, parts, shifted
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.two_models import drift
 from pa10cal.figures.draw import write_drift
+from pa10cal.terms.of_campaign import OfCampaign
+from pa10cal.terms.term import base_frame, tool_frame
 
 NAMES = ("june", "july", "august")
 
@@ -26,6 +28,15 @@ def test_every_parameter_is_there_with_its_interval_and_what_moved_is_told():
     assert found.line.startswith("july to august: joint zero moved: the zero of joint 3")
     assert not set(rows.of) & {"tool", "base"}
     assert drift([campaign(1), campaign(2)], NAMES[:2]).line == "unchanged over 2 campaigns"
+
+
+def test_bases_and_tools_of_the_campaigns_of_a_group_are_not_of_the_arm():
+    def of_group(arm):
+        of_second = (OfCampaign(frame, 1, "second") for frame in (base_frame(), tool_frame()))
+        return (*parts(arm), *of_second)
+
+    found = drift([campaign(k, terms=of_group) for k in (1, 2)], NAMES[:2])
+    assert not {of.partition("@")[0] for of in found.parameters.of} & {"tool", "base"}
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from made_up_pair import campaign, parts, shifted
 from mended import write_simulated
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
-from pa10cal.fit.angles_seen import AngleCoverage
+from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.options import Tolerances
 from pa10cal.terms.term import link_departures
@@ -96,6 +96,38 @@ def test_only_angles_that_both_have_seen_are_compared():
     fallen = replace(other, falls_back=FallBack(seen(-0.5, 0.5), away))
     assert pa10cal.compare(one, fallen).agree
     assert pa10cal.compare(one, replace(other, seen=None)).agree
+
+
+def seen_in(low, high):
+    return AngleCoverage((np.array([[low, high]]),) * 6, (False,) * 6)
+
+
+def test_a_joint_held_at_one_angle_in_both_campaigns_is_compared_there():
+    held = AngleCoverage(
+        (np.array([[0.123, 0.123]]), *seen_in(-1.0, 1.0).intervals[1:]), (False,) * 6
+    )
+    one, other = replace(campaign(1), seen=held), replace(campaign(2), seen=held)
+    found = pa10cal.compare(one, other)
+    assert found.postures == two_models.POSTURES
+    assert found.agree
+    # Of angles modulo a turn, too, in whichever turn the limits allow.
+    modulo = replace(held, intervals=(held.intervals[0] + 2 * np.pi - 0.5,) * 6, turns=(True,) * 6)
+    q = two_models._postures(replace(one, seen=modulo), replace(other, seen=modulo))
+    np.testing.assert_allclose(q, 0.123 - 0.5, atol=1e-12)
+
+
+def test_where_effects_hold_nowhere_the_calibrated_models_are_compared(tmp_path):
+    one, calibrated_model = campaign(1), campaign(2)
+    # An effect that holds nowhere, whatever it says, is of no account.
+    outer = shifted(calibrated_model, delta_theta_2=0.1)
+    nowhere = FallBack(nothing_seen(one.arm.n), calibrated_model)
+    other = replace(outer, falls_back=nowhere)
+    found, expected = pa10cal.compare(one, other), pa10cal.compare(one, calibrated_model)
+    assert found.agree
+    assert found.frames == expected.frames
+    moved = replace(other, falls_back=replace(nowhere, model=shifted(outer, delta_theta_3=0.01)))
+    moved.save(tmp_path / "model.yaml")  # without the covariance of the calibrated model
+    assert pa10cal.compare(one, pa10cal.load_model(tmp_path / "model.yaml")).agree is False
 
 
 def test_without_a_covariance_it_is_not_judged_and_a_doubtful_grade_is_said():

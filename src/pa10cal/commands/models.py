@@ -101,8 +101,7 @@ def assumptions(model: FittedModel, conditions: PoseConditions) -> Iterator[str]
     """Yield what is assumed where a model depends on a condition that some rows do not state."""
     import numpy as np
 
-    fallback = model.falls_back
-    used = fallback.model if fallback is not None and fallback.within.nowhere else model
+    used = model.predicting
     for term in used.model.terms:
         if term.depends_on is None:
             continue

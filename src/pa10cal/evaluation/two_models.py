@@ -9,7 +9,7 @@ one of the tool are fitted and removed first. Over several campaigns this is dri
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,12 +17,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
+from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.what_moved import what_moved
-from pa10cal.fit.fitted import FLANGE, TOOL_FRAME
+from pa10cal.fit.angles_seen import overlaps
+from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, states_at
 from pa10cal.frame.rigid_fit import cross_matrix
@@ -30,6 +32,7 @@ from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.rules import COMPARED
+from pa10cal.terms.term import Term
 
 #: Fields of an arm that define its rigid kinematics: rows, constant frames; and the other fields.
 _LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
@@ -37,8 +40,6 @@ _FRAMES = ("T_base_row1", "T_row_n_ee")
 _OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
 #: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
-#: Steps along the range of a joint in which angles seen by both are looked for (computing).
-_STEPS = 3601
 #: Gauss-Newton steps of the fit of base and tool (computing).
 _REFINED = 6
 
@@ -53,15 +54,16 @@ def compare_models(
             weights that load them.
     """
     refuse_other_layout(first.arm, second.arm, names)
-    q = _postures(first, second)
+    predicting = _predicting(first), _predicting(second)
+    q = _postures(*predicting)
     # Postures alternate between no load and the heaviest that both models have been fitted to.
     heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
     most_N = min(heaviest) if len(heaviest) == 2 else 0.0
     loads_N = (0.0, most_N) if most_N > 0.0 else (0.0,)
     load_N = np.resize(loads_N, len(q))
     compared = (FLANGE, TOOL_FRAME) if len(q) else ()
-    frames = {frame: _compared_frame(first, second, frame, q, load_N) for frame in compared}
-    agree, line = _judged(frames, (first, second), names)
+    frames = {frame: _compared_frame(*predicting, frame, q, load_N) for frame in compared}
+    agree, line = _judged(frames, predicting, names)
     return results.ComparisonRecord(
         first=_about(first, second, names[0]),
         second=_about(second, first, names[1]),
@@ -201,7 +203,7 @@ def _estimates(model: FittedModel) -> dict[tuple[str, str, str, str], _Estimate]
 
 def _judged(
     frames: Mapping[str, results.ComparedFrame],
-    models: tuple[FittedModel, FittedModel],
+    models: tuple[Fitted, Fitted],
     names: tuple[str, str],
 ) -> tuple[bool | None, str]:
     """Return whether two models agree, and the sentence that says so."""
@@ -243,29 +245,64 @@ def _judged(
 # Differences in the predicted poses of a frame, and those expected of the covariances.
 
 
-def _postures(first: FittedModel, second: FittedModel) -> Array:
-    """Return postures (P, n) drawn from the joint angles at which both models are valid.
+def _predicting(model: FittedModel) -> Fitted:
+    """Return the model that predicts, with a covariance if it can be known; see `Fitted`."""
+    used = model.predicting
+    if used is model:
+        return model
+    covariance = used.covariance
+    if covariance is None and model.covariance is not None:
+        covariance = _covariance_of_shared(model, used)
+    return replace(used, covariance=covariance, fitted_to=model.fitted_to)
 
-    Empty where there is a joint of which they have seen no common angles.
+
+def _covariance_of_shared(model: FittedModel, away: Fitted) -> Array | None:
+    """Return the covariance of a model (k + 6, k + 6) from one that has its parameters, and more.
+
+    The file of a model has no covariance of the one that it falls back to. That of the parameters
+    fitted together with effects is used: it is the larger one. None where parameters are missing.
     """
-    arm = first.arm
-    low, high = np.nan_to_num(arm.joint_ranges_rad, posinf=2 * np.pi, neginf=-2 * np.pi).T
-    grid = np.linspace(low, high, _STEPS)
-    common = np.ones_like(grid, dtype=bool)
-    for model in (first, second):
-        for where in (model.seen, model.falls_back.within if model.falls_back else None):
-            common &= True if where is None else where.covers(grid)
-    if not common.any(axis=0).all():
-        return np.zeros((0, arm.n))
+    assert model.covariance is not None
+    index = {parameter.name: k for k, parameter in enumerate(model.model.parameters)}
+    names = [parameter.name for parameter in away.model.parameters]
+    if not index.keys() >= set(names):
+        return None
+    at = np.append([index[name] for name in names], len(index) + np.arange(len(BASE))).astype(int)
+    return np.asarray(model.covariance[np.ix_(at, at)])
+
+
+def _postures(first: Fitted, second: Fitted) -> Array:
+    """Return postures (P, n) drawn from the joint positions at which both models are valid.
+
+    Coverage is known joint by joint, so the joints are drawn independently. Empty where there is a
+    joint of which they have seen no common positions.
+    """
+    ranges = np.nan_to_num(first.arm.joint_ranges_rad, posinf=2 * np.pi, neginf=-2 * np.pi)
     rng = np.random.default_rng(SEED)
-    drawn = [
-        rng.choice(angles[seen], POSTURES) for angles, seen in zip(grid.T, common.T, strict=True)
-    ]
+    drawn = []
+    for joint, joint_range in enumerate(ranges):
+        common = joint_range[None]
+        for model in (first, second):
+            for coverage in (model.seen, model.falls_back.within if model.falls_back else None):
+                if coverage is not None:
+                    common = overlaps(common, coverage.intervals_within(joint, *joint_range))
+        if not len(common):
+            return np.zeros((0, first.arm.n))
+        drawn.append(_drawn_from(common, rng))
     return np.column_stack(drawn)
 
 
+def _drawn_from(intervals: Array, rng: np.random.Generator) -> Array:
+    """Return positions (P,) drawn uniformly from intervals (m, 2), or from points if all are."""
+    lengths = intervals[:, 1] - intervals[:, 0]
+    total = lengths.sum()
+    chances = lengths / total if total > 0.0 else None
+    chosen = rng.choice(len(intervals), POSTURES, p=chances)
+    return np.asarray(intervals[chosen, 0] + rng.random(POSTURES) * lengths[chosen])
+
+
 def _predicted(
-    model: FittedModel, frame: str, q: Array, load_N: Array, temperature_C: float | None
+    model: Fitted, frame: str, q: Array, load_N: Array, temperature_C: float | None
 ) -> tuple[Array, Array | None]:
     """Predict a frame in P postures.
 
@@ -284,7 +321,7 @@ def _predicted(
 
 
 def _compared_frame(
-    first: FittedModel, second: FittedModel, frame: str, q: Array, load_N: Array
+    first: Fitted, second: Fitted, frame: str, q: Array, load_N: Array
 ) -> results.ComparedFrame:
     """Compare one frame in postures (P, n) under loads (P,)."""
     # Both are predicted at the mean of the temperatures of their fits.
@@ -462,8 +499,11 @@ def _parameter_rows(models: Sequence[FittedModel], names: Sequence[str]) -> resu
         }
         for model, name in zip(models, names, strict=True)
         for term, parameter, value, std in model.every_reported()
-        if std > 0.0
-        and len(term.parameters) <= COMPARED.most_parameters
-        and (term.holds == "campaign" or {"base", "tool", "weight"}.isdisjoint(term.roles))
+        if std > 0.0 and len(term.parameters) <= COMPARED.most_parameters and _belongs_to_arm(term)
     ]
     return results.DriftRows.model_validate(rows)
+
+
+def _belongs_to_arm(term: Term) -> bool:
+    """Return whether a term is of links, springs or effects: not of a base, tool or weight."""
+    return {"base", "tool", "weight"}.isdisjoint(term.roles)

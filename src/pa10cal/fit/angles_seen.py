@@ -54,6 +54,17 @@ class AngleCoverage:
             covered[:, j] = (number >= 0) & (position <= last[number])
         return covered
 
+    def intervals_within(self, joint: int, low: float, high: float) -> Array:
+        """Return the covered intervals (m, 2) of a joint, from 0, between two positions.
+
+        Those of angles modulo a turn are repeated turn by turn.
+        """
+        intervals = self.intervals[joint]
+        if self.turns[joint]:
+            turns = np.arange(np.floor(low / _TURN), np.floor(high / _TURN) + 1.0)
+            intervals = (_TURN * turns[:, None, None] + intervals).reshape(-1, 2)
+        return overlaps(np.array([[low, high]]), intervals)
+
     @property
     def record(self) -> tuple[maps.AnglesSeen, ...]:
         """Return the intervals joint by joint, as results hold them."""
@@ -76,6 +87,14 @@ class AngleCoverage:
             tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
             tuple(bool(joint["turns"]) for joint in content),
         )
+
+
+def overlaps(intervals: Array, others: Array) -> Array:
+    """Return where intervals (m, 2) and other intervals (k, 2) overlap, (o, 2), if in one point."""
+    low = np.maximum.outer(intervals[:, 0], others[:, 0])
+    high = np.minimum.outer(intervals[:, 1], others[:, 1])
+    both = low <= high
+    return np.column_stack([low[both], high[both]])
 
 
 def span_visited(q_rad: Array) -> AngleCoverage:

@@ -266,6 +266,12 @@ class Fitted:
         return "" if self.fitted_to is None else self.fitted_to.grade
 
     @property
+    def predicting(self) -> Fitted:
+        """Return the model that predicts: where its effects hold nowhere, what it falls back to."""
+        away = self.falls_back
+        return away.model if away is not None and away.within.nowhere else self
+
+    @property
     def arm(self) -> Arm:
         """Return the nominal arm."""
         return self.model.chain.arm
