@@ -13,7 +13,11 @@ from by_commands import calibrated as calibrated_baseline
 from by_commands import read_json as read
 from made_up_arm import Missing, at_joint, harmonic, measure
 from pa10cal.commands.command_line import REFUSED
+from pa10cal.files.arms import load_arm
+from pa10cal.fit.angles_seen import nothing_seen
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
+from pa10cal.terms.field import Field
+from pa10cal.terms.plain import term_to_plain
 
 NAME = "small"
 SETTINGS = {
@@ -118,6 +122,11 @@ class TestVerdict:
             assert again[key] == verdict[key]
 
 
+def rows_of(path):
+    with path.open(encoding="utf-8", newline="") as table:
+        return list(csv.DictReader(table))
+
+
 class TestExtendedModel:
     def test_held_out_errors_are_those_of_the_verdict(self, work, found, verdict, tmp_path):
         out = tmp_path / "holdout.json"
@@ -150,6 +159,27 @@ class TestExtendedModel:
         model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
         calibrated = read(work / "combined.json")["fitted_model"]
         assert [term["x"] for term in model["terms"]] == [t["x"] for t in calibrated["terms"]]
+
+    def test_what_is_predicted_without_a_name_is_exported_if_effects_hold_nowhere(
+        self, work, found, tmp_path
+    ):
+        calibrated, record = read(work / "combined.json"), read(found / "extended.json")
+        n = load_arm(record["robot"]).n
+        field = Field(((0.0,) * n,), (1.0,) * n, (True,) * n, length_m=0.5, size_m=1e-4)
+        plain = term_to_plain(field) | {"x": [1e-4, 0.0, 0.0]}
+        away = calibrated["fitted_model"] | {"field": plain}
+        nowhere = {"within": nothing_seen(n).to_plain(), "model": away}
+        record["fitted_model"]["falls_back"] = nowhere
+        path = tmp_path / "extended.json"
+        path.write_text(json.dumps(record | {"named": []}), "utf-8")
+        assert export(work, tmp_path, extended=path, dh=tmp_path / "dh.csv") == 0
+        model = yaml.safe_load((tmp_path / "model.yaml").read_text("utf-8"))
+        assert model["falls_back"]["model"]["field"]["x"] == plain["x"]
+        # The rows are those of the model that predicts.
+        assert export(work, tmp_path, extended=None, dh=tmp_path / "calibrated.csv") == 0
+        rows, expected = (rows_of(tmp_path / name) for name in ("dh.csv", "calibrated.csv"))
+        for name in ("theta_calibrated_deg", "d_calibrated_mm"):
+            assert [row[name] for row in rows] == [row[name] for row in expected]
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ one of the tool are fitted and removed first. Over several campaigns this is dri
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,7 +17,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
-from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
@@ -54,7 +53,7 @@ def compare_models(
             weights that load them.
     """
     refuse_other_layout(first.arm, second.arm, names)
-    predicting = _predicting(first), _predicting(second)
+    predicting = first.predicting, second.predicting
     q = _postures(*predicting)
     # Postures alternate between no load and the heaviest that both models have been fitted to.
     heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
@@ -243,32 +242,6 @@ def _judged(
 
 
 # Differences in the predicted poses of a frame, and those expected of the covariances.
-
-
-def _predicting(model: FittedModel) -> Fitted:
-    """Return the model that predicts, with a covariance if it can be known; see `Fitted`."""
-    used = model.predicting
-    if used is model:
-        return model
-    covariance = used.covariance
-    if covariance is None and model.covariance is not None:
-        covariance = _covariance_of_shared(model, used)
-    return replace(used, covariance=covariance, fitted_to=model.fitted_to)
-
-
-def _covariance_of_shared(model: FittedModel, away: Fitted) -> Array | None:
-    """Return the covariance of a model (k + 6, k + 6) from one that has its parameters, and more.
-
-    The file of a model has no covariance of the one that it falls back to. That of the parameters
-    fitted together with effects is used: it is the larger one. None where parameters are missing.
-    """
-    assert model.covariance is not None
-    index = {parameter.name: k for k, parameter in enumerate(model.model.parameters)}
-    names = [parameter.name for parameter in away.model.parameters]
-    if not index.keys() >= set(names):
-        return None
-    at = np.append([index[name] for name in names], len(index) + np.arange(len(BASE))).astype(int)
-    return np.asarray(model.covariance[np.ix_(at, at)])
 
 
 def _postures(first: Fitted, second: Fitted) -> Array:

@@ -267,9 +267,28 @@ class Fitted:
 
     @property
     def predicting(self) -> Fitted:
-        """Return the model that predicts: where its effects hold nowhere, what it falls back to."""
-        away = self.falls_back
-        return away.model if away is not None and away.within.nowhere else self
+        """Return the model that predicts: where its effects hold nowhere, what it falls back to.
+
+        The file of a model has no covariance of the other one. That of the same parameters, fitted
+        together with the effects, stands for it: it is the larger one.
+        """
+        if self.falls_back is None or not self.falls_back.within.nowhere:
+            return self
+        away = self.falls_back.model
+        covariance = self._covariance_of(away) if away.covariance is None else away.covariance
+        return replace(away, covariance=covariance, fitted_to=self.fitted_to)
+
+    def _covariance_of(self, other: Fitted) -> Array | None:
+        """Return its covariance of the parameters of another model and of the base, (k + 6, k + 6).
+
+        None where it is not known of all.
+        """
+        index = {parameter.name: k for k, parameter in enumerate(self.model.parameters)}
+        names = [parameter.name for parameter in other.model.parameters]
+        if self.covariance is None or not index.keys() >= set(names):
+            return None
+        at = [*(index[name] for name in names), *range(len(self.x), len(self.x) + len(BASE))]
+        return np.asarray(self.covariance[np.ix_(at, at)])
 
     @property
     def arm(self) -> Arm:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
     from pa10cal.arm.exports import UrdfSource
+    from pa10cal.fit.fitted import Fitted
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.fit.rigid import RigidError, RigidPart
     from pa10cal.observe.observations import Observations
@@ -62,7 +63,8 @@ def export(
     record, models, _ = read_calibrated(calibration)
     *_, calibrated = models.values()
     withheld = _is_withheld(record, calibration, force=force)
-    fitted, warnings = _exported_model(calibrated, record, extended)
+    exported, warnings = _exported_model(calibrated, record, extended)
+    fitted = exported.predicting  # tables and URDF are of the model that is used
     grade = f"{record.health.grade}: {record.health.line}"
     forced = f"exported with --force; {grade}" if withheld else None
     mark = f"forced {record.health.grade}" if withheld else record.health.grade  # in tables
@@ -110,7 +112,7 @@ def export(
             path.unlink(missing_ok=True)
         else:
             write_text(path, text)
-    save_model(fitted, model, forced=forced, warnings=list(warnings))
+    save_model(exported, model, forced=forced, warnings=list(warnings))
     print(f"{record.campaign}: model and URDF of the {record.load} calibration written")
     for line in lines:
         print(line)
@@ -145,7 +147,8 @@ def _exported_model(
     if extended is not None:
         with_effects = read(ExtendedRecord, extended, record.campaign)
         model = read_extended(extended, record.campaign).model
-        if with_effects.named or model.model.terms_of("field"):
+        # Where effects hold nowhere, the field is in the model that it falls back to.
+        if with_effects.named or model.predicting.model.terms_of("field"):
             # The grade is that of the calibration to export, which may have these effects itself.
             return replace(model, fitted_to=calibrated.fitted_to), with_effects.warnings
     return calibrated, record.warnings
@@ -159,14 +162,14 @@ class _BestRigid(NamedTuple):
     error_of_part: RigidError  # of the model's own rigid part
 
 
-def _best_rigid(fitted: FittedModel, part: RigidPart, observations: Observations) -> _BestRigid:
+def _best_rigid(fitted: Fitted, part: RigidPart, observations: Observations) -> _BestRigid:
     from pa10cal.fit.rigid import best_rigid_model
 
     best = best_rigid_model(fitted, observations)
     return _BestRigid(best, best.error(fitted, observations), part.error(fitted, observations))
 
 
-def _about_best_rigid(fitted: FittedModel, best: _BestRigid) -> str:
+def _about_best_rigid(fitted: Fitted, best: _BestRigid) -> str:
     """Return the comment that the URDF of the best rigid model begins with."""
     from pa10cal.fit.rigid import terms_beyond_rigid
 
