@@ -57,6 +57,18 @@ def test_it_needs_no_library_to_say_that_one_is_missing():
     assert "internal fault" not in done.stderr
 
 
+def test_a_container_allows_less_than_the_machine_has(monkeypatch, tmp_path):
+    monkeypatch.setattr(machine, "CGROUP", tmp_path)
+    unlimited = machine._memory(), machine._cores()
+    (tmp_path / "memory.max").write_text("500000000\n")
+    (tmp_path / "cpu.max").write_text("50000 100000\n")
+    assert machine._memory()[1:3] == ("note", "0.5 GB")
+    assert machine._cores().found == "0.5 may be used"
+    (tmp_path / "memory.max").write_text("max\n")
+    (tmp_path / "cpu.max").write_text("max 100000\n")
+    assert (machine._memory(), machine._cores()) == unlimited
+
+
 def stands_in(monkeypatch, code):
     """Let another program stand where the campaign is calibrated."""
     run = subprocess.run
@@ -76,6 +88,15 @@ out = pathlib.Path(sys.argv[1])
 (out / "model/model.yaml").touch()
 (out / "chain.json").write_text({json.dumps(CHAIN)!r})
 """
+#: The command itself, with something in the place of its stages; a fork of it runs them.
+STAGES = """
+import os, signal, sys
+from pa10cal.__main__ import main
+from pa10cal.commands import chain
+chain._run_stages = lambda *given: {}
+sys.exit(main(["chain", "--campaign-dir", "data/irb120-points", "--results", sys.argv[1]]))
+"""
+FULL = "given[-1]({'no_room': 'No space left on device'})"
 KILLED = "import os, signal; os.kill(os.getpid(), signal.{})"
 
 
@@ -87,6 +108,10 @@ KILLED = "import os, signal; os.kill(os.getpid(), signal.{})"
         (KILLED.format("SIGILL"), "killed by SIGILL", "not built for this processor"),
         (KILLED.format("SIGKILL"), "killed by SIGKILL", "not enough memory"),
         (KILLED.format("SIGSEGV"), "killed by SIGSEGV", "users.lock"),
+        (KILLED.format("SIGRTMIN + 1"), "killed by signal 35", "users.lock"),
+        (STAGES.format("os.kill(os.getpid(), signal.SIGILL)"), "by SIGILL", "this processor"),
+        (STAGES.format("os.kill(os.getpid(), signal.SIGKILL)"), "by SIGKILL", "enough memory"),
+        (STAGES.format(FULL), "No space left on device", "set TMPDIR"),
         ("import time; time.sleep(60)", "not done in 0.5 s", "it hangs"),
         (WRITES, "0.2 mm at held-out poses in place of 0.0841 mm", "numbers of this machine"),
         (WRITES.replace("model.yaml", "other"), "no model was written", "users.lock"),

@@ -7,7 +7,6 @@ import os
 import platform
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -20,21 +19,31 @@ from typing import Literal, NamedTuple
 
 import pa10cal
 from pa10cal.errors import EXTRAS, Pa10calError, SettingsError, how_to_install
+from pa10cal.files.output import MAKE_ROOM
+from pa10cal.running.child import KILLED_BY, signal_name
 from pa10cal.running.workflow import workflow_folder
 
 LEAST_PYTHON = (3, 11)
-#: A run of the largest campaigns needs less memory than this, and leaves less on the disk [bytes].
-MEMORY, DISK = 2e9, 1e9
-#: The campaign that is calibrated, in the folder of the rules, and the time that it may take; on an
-#: idle machine it takes three seconds.
-CAMPAIGN, LIMIT_S = Path("examples/irb120-points"), 30
-#: Its mean error over held-out poses, and how far from it rounding may lead [mm].
-KNOWN_MM, NEAR_MM = 0.0841, 0.001
+#: Memory that a run of the largest campaigns needs at most [bytes].
+MEMORY_BYTES = 2e9
+#: Room on the disk that the results of such a run need at most [bytes].
+DISK_BYTES = 1e9
+#: Limits of a container on memory and cores (Linux, control groups version 2).
+CGROUP = Path("/sys/fs/cgroup")
+#: The campaign that is calibrated, in the folder of the rules.
+CAMPAIGN = Path("examples/irb120-points")
+#: Time that its calibration may take [s]; on an idle machine it takes three seconds.
+LIMIT_S = 30
+#: Its mean error over held-out poses [mm].
+KNOWN_MM = 0.0841
+#: How far from it rounding may lead [mm].
+NEAR_MM = 0.001
 LOCKED = "pip install --require-hashes --requirement users.lock installs versions that work"
-#: What a signal that kills a process is likely to mean.
-DEATHS = {
-    signal.SIGILL: "a library is not built for this processor: install it for this kind of machine",
-    signal.SIGKILL: "there was likely not enough memory: make room, or allow this process more",
+FREE_SPACE = "make room, or set TMPDIR to a folder that may be written to"
+#: What a signal that kills a process most often means.
+REMEDY_BY_SIGNAL = {
+    "SIGILL": "a library is not built for this processor: install it for this kind of machine",
+    "SIGKILL": "there was likely not enough memory: make room, or allow this process more",
 }
 #: What each library is for, by the name of its distribution and of its module; those that come with
 #: an extra are needed by some commands alone.
@@ -60,10 +69,16 @@ class Check(NamedTuple):
     """The result of one check."""
 
     name: str  # what was checked
-    # `ok`, `missing` where something that is needed is not there, `failed` where it does not work
+    # `ok`; `missing` where something that is needed is not there; `failed` where it does not work;
+    # `note` where only some commands are affected, or it could not be checked
     state: Literal["ok", "missing", "failed", "note"]
     found: str  # what was found
     remedy: str = ""  # what to do; empty where nothing is to be done
+
+    @property
+    def is_bad(self) -> bool:
+        """Return whether pa10cal does not run because of it."""
+        return self.state in ("missing", "failed")
 
 
 def doctor() -> None:
@@ -78,17 +93,16 @@ def doctor() -> None:
     checks = list(examine())
     width = max(len(check.name) for check in checks)
     for check in checks:
-        bad = check.state in ("missing", "failed")
-        mark = check.state.upper() if bad else check.state
+        mark = check.state.upper() if check.is_bad else check.state
         print(f"{mark:<7} {check.name:<{width}}  {check.found}")
         if check.remedy:
             print(f"{'':<7} {'':<{width}}  → {check.remedy}")
-    missing = [check.name for check in checks if check.state in ("missing", "failed")]
-    if missing:
+    bad = [check.name for check in checks if check.is_bad]
+    if bad:
         raise SettingsError(
-            f"{len(missing)} of {len(checks)} checks failed",
+            f"{len(bad)} of {len(checks)} checks failed",
             where="this machine",
-            value=", ".join(missing),
+            value=", ".join(bad),
             allowed="all of them passed",
             remedy="see the arrows above",
         )
@@ -115,39 +129,59 @@ def _requirements() -> Iterator[Check]:
         yield Check("Python", "missing", python, f"install Python {least} or newer")
     else:
         yield Check("Python", "ok", f"{python}, {sys.executable}")
-    yield from (_library(name, *what) for name, what in LIBRARIES.items())
+    for name, (module, purpose) in LIBRARIES.items():
+        yield _library(name, module, purpose)
     yield from _versions()
     try:
         yield Check("workflow", "ok", str(workflow_folder()))
     except Pa10calError as error:
         yield Check("workflow", "missing", error.what, error.remedy)
-    shell, why = shutil.which("bash"), "not found; Snakemake runs the stages in it"
-    yield Check("bash", "ok", shell) if shell else Check("bash", "missing", why, "install bash")
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if memory < MEMORY:
-        remedy = "large campaigns may need more; use --cores 1"
-        yield Check("memory", "note", f"{memory / 1e9:.1f} GB", remedy)
+    if shell := shutil.which("bash"):
+        yield Check("bash", "ok", shell)
     else:
-        yield Check("memory", "ok", f"{memory / 1e9:.1f} GB")
+        why = "not found; Snakemake runs the stages in it"
+        yield Check("bash", "missing", why, "install bash")
+    yield _memory()
     yield _disk(Path.cwd())
-    yield Check("cores", "ok", f"{len(os.sched_getaffinity(0))} may be used")
-    yield Check("threads", "ok", "one for BLAS in each process, as the commands set it")
+    yield _cores()
 
 
-def _library(name: str, module: str, used: str) -> Check:
+def _memory() -> Check:
+    size = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    with suppress(OSError, ValueError):  # no container, or `max`: no limit
+        size = min(size, float(int((CGROUP / "memory.max").read_text("ascii"))))
+    if size < MEMORY_BYTES:
+        remedy = "large campaigns may need more; use --cores 1"
+        return Check("memory", "note", f"{size / 1e9:.1f} GB", remedy)
+    return Check("memory", "ok", f"{size / 1e9:.1f} GB")
+
+
+def _cores() -> Check:
+    cores = float(len(os.sched_getaffinity(0)))
+    with suppress(OSError, ValueError):  # no container, or `max`: no limit
+        quota_us, period_us = (CGROUP / "cpu.max").read_text("ascii").split()
+        cores = min(cores, int(quota_us) / int(period_us))
+    return Check("cores", "ok", f"{cores:g} may be used")
+
+
+def _library(name: str, module: str, purpose: str) -> Check:
     try:
         if find_spec(module) is None:
             raise PackageNotFoundError(name)
-        return Check(name, "ok", f"{version(name)}, for {used}")
+        return Check(name, "ok", f"{version(name)}, for {purpose}")
     except PackageNotFoundError:
-        why = f"not installed; it is for {used}"
+        why = f"not installed; it is for {purpose}"
         if module in EXTRAS:
             return Check(name, "note", why, how_to_install(module))
         return Check(name, "missing", why, f"pip install {name}")
 
 
 def _versions() -> Iterator[Check]:
-    """Compare what is installed with requirements.lock, where there is one beside the package."""
+    """Compare what is installed with requirements.lock, where there is one beside the package.
+
+    Only a copy of the repository has it: developers reproduce results to the last digit by it.
+    `users.lock`, which remedies name, has what users install.
+    """
     lock = Path(__file__).parents[3] / "requirements.lock"
     if not lock.is_file():
         return
@@ -177,7 +211,7 @@ def _disk(here: Path) -> Check:
     except OSError as error:
         remedy = "work in a folder that may be written to, or give one with --out"
         return Check("disk", "note", f"{here} cannot be written to: {error.strerror}", remedy)
-    if free < DISK:
+    if free < DISK_BYTES:
         return Check("disk", "note", f"{free / 1e9:.1f} GB free in {here}", "make room")
     return Check("disk", "ok", f"{free / 1e9:.0f} GB free in {here}")
 
@@ -203,12 +237,13 @@ def _calibration() -> Check:
                 timeout=LIMIT_S,
                 check=False,
             )
-            if done.returncode < 0:
-                died = signal.Signals(-done.returncode)
-                return failed(f"{CAMPAIGN.name}: killed by {died.name}", DEATHS.get(died, LOCKED))
+            if name := _killed_by(done.returncode, Path(results, "chain.json")):
+                remedy = REMEDY_BY_SIGNAL.get(name, LOCKED)
+                return failed(f"{CAMPAIGN.name}: killed by {name}", remedy)
             if done.returncode:
                 lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-                return failed(f"{CAMPAIGN.name}: {lines[-1][:300]}", LOCKED)
+                remedy = FREE_SPACE if lines[-1].endswith(MAKE_ROOM) else LOCKED
+                return failed(f"{CAMPAIGN.name}: {lines[-1][:300]}", remedy)
             outcome = json.loads(Path(results, "chain.json").read_text("utf-8"))
             if not Path(results, "model/model.yaml").is_file():
                 return failed(f"{CAMPAIGN.name}: no model was written", LOCKED)
@@ -218,11 +253,26 @@ def _calibration() -> Check:
             return Check("calibration", "note", why, "other programs take all cores: try again")
         return failed(why, f"it hangs, or this machine is very slow: {LOCKED}")
     except OSError as error:
-        remedy = "make room, or set TMPDIR to a folder that may be written to"
-        return failed(f"no temporary files: {error.strerror}", remedy)
+        return failed(f"no temporary files: {error.strerror}", FREE_SPACE)
     error_mm = outcome["after_mm"]
     if error_mm is None or not abs(error_mm - KNOWN_MM) < NEAR_MM:
         why = f"{CAMPAIGN.name}: {error_mm} mm at held-out poses in place of {KNOWN_MM} mm"
         return failed(why, f"the numbers of this machine are wrong: {LOCKED}")
     what = f"{error_mm:.3f} mm at held-out poses, as it should be"
     return Check("calibration", "ok", f"{CAMPAIGN.name}, raw files to model: {what}")
+
+
+def _killed_by(code: int, outcome: Path) -> str:
+    """Return the signal that killed `chain`, or the child in which it runs stages; else nothing.
+
+    Args:
+        code: its exit code, minus the number of a signal.
+        outcome: `chain.json`, whose message has the signal that killed the child.
+    """
+    if code < 0:
+        return signal_name(-code)
+    with suppress(OSError, ValueError, AttributeError):  # none was written
+        record = json.loads(outcome.read_text("utf-8"))
+        if record.get("status") == "ended" and (found := KILLED_BY.search(record["message"])):
+            return signal_name(int(found[1]))
+    return ""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import signal
 import sys
@@ -36,6 +37,9 @@ _USUAL_CAUSES = {
     "SIGXCPU": ", a limit on time that this machine sets",
 }
 
+#: Finds the number of the signal in `Child.why`.
+KILLED_BY = re.compile(r"killed by signal (\d+)")
+
 #: Sends the parent a mapping that JSON can hold; keys sent again overwrite the earlier ones.
 Say = Callable[[Mapping[str, Any]], None]
 
@@ -52,16 +56,23 @@ class Child:
         """Return in words what ended a child that did not succeed."""
         if self.code >= 0:
             return f"its process ended with exit code {self.code} before it could say why"
-        killed = f"its process was killed by signal {-self.code}"
-        name = {number.value: number.name for number in signal.Signals}.get(-self.code)
-        return killed if name is None else f"{killed} ({name}){_USUAL_CAUSES.get(name, '')}"
+        killed, name = f"its process was killed by signal {-self.code}", signal_name(-self.code)
+        if not name.startswith("SIG"):
+            return killed
+        return f"{killed} ({name}){_USUAL_CAUSES.get(name, '')}"
+
+
+def signal_name(number: int) -> str:
+    """Return the name of a signal, or its number in words: real-time signals have no names."""
+    names = {each.value: each.name for each in signal.Signals}
+    return names.get(number, f"signal {number}")
 
 
 def in_child(work: Callable[[Say], None]) -> Child:
     """Do some work in a child process, which ends with this one, and return how the child ended.
 
-    Fork copies locks that other threads hold: call this before libraries such as numpy, which start
-    threads, are imported.
+    Fork copies locks that other threads hold: call this while no library runs any. numpy starts
+    none where BLAS is limited to one thread, as in every command (`limit_threads`).
 
     Args:
         work: gets the function by which it sends mappings to the parent.
