@@ -7,6 +7,7 @@ import pytest
 
 from made_up_survey import POSITION_M, observe
 from pa10cal.discovery.blocked_cv.by_blocks import discover_by_blocks
+from pa10cal.discovery.blocked_cv.interleaved_check import SquaresByBlock, slow_drift
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.fit.fitted_model import model_from_plain, model_to_plain
 
@@ -69,3 +70,18 @@ def test_it_is_held_where_nothing_is_known_of_it(drifted):
 def test_its_model_is_saved_and_restored(drifted):
     back = model_from_plain(model_to_plain(drifted.model), where="model.yaml")
     assert back.model.terms == drifted.model.model.terms
+
+
+def test_a_constant_drift_is_no_alternative_of_a_slow_one(nothing_hidden):
+    class AllAlike:
+        """A check by which anything helps, and all as much."""
+
+        def squares(self, effects=(), *, lag=True):
+            return SquaresByBlock(np.full((2, 10), 1.0 if effects else 2.0), 0.1)
+
+        def gains_a_share(self, before, after):
+            return True
+
+    (judged,) = slow_drift(nothing_hidden.discovery.scorer.survey, AllAlike(), ())
+    assert judged.effect.waves > 0
+    assert judged.effect.id not in {each.id for each in judged.alternatives}

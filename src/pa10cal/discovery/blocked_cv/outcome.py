@@ -23,8 +23,8 @@ from pa10cal.discovery.blocked_cv.block_rows import (
 )
 from pa10cal.discovery.blocked_cv.effect_set import Columns
 from pa10cal.discovery.blocked_cv.family import below_detection_limit, computable_shapes, family
-from pa10cal.discovery.blocked_cv.holdout_check import (
-    HoldoutCheck,
+from pa10cal.discovery.blocked_cv.interleaved_check import (
+    InterleavedCheck,
     arrivals,
     by_arrival,
     slow_drift,
@@ -80,9 +80,9 @@ class SearchOutcome:
         return refit(self.survey, effects, starts, self.rows.weights, widening)
 
     @property
-    def holdout_check(self) -> HoldoutCheck:
+    def interleaved_check(self) -> InterleavedCheck:
         """Return the check by every tenth pose, about the fitted model and with its weights."""
-        return HoldoutCheck(self.survey, self.extended, self.least_gain)
+        return InterleavedCheck(self.survey, self.extended, self.least_gain)
 
 
 def search_survey(survey: Survey) -> SearchOutcome:
@@ -91,15 +91,15 @@ def search_survey(survey: Survey) -> SearchOutcome:
     found = _searched(weighted_rows(survey, shaped, MAPS.spacings[-1][0]))
     found = _with_nuisance_amounts(replace(found, hidden=(*unknown, *found.hidden)))
     if survey.context.commanded:
-        added = arrivals(survey, found.holdout_check, found.extended.effects)
+        added = arrivals(survey, found.interleaved_check, found.extended.effects)
         found = with_effects_added(found, added)
     bands = in_bands(found.rows, found.linear_fit)
     if bands is not None:
         found = replace(found, linear_fit=bands.fit, bands=bands)
     found = _with_nuisance_amounts(found)
     if survey.lag is not None:
-        check = found.holdout_check
-        if not check.helps(check.squares(lag=False), check.squares()):
+        check = found.interleaved_check
+        if not check.gains_a_share(check.squares(lag=False), check.squares()):
             found = replace(found, survey=replace(found.survey, lag=None))
     return found
 
@@ -215,7 +215,7 @@ def search_with_motion(survey: Survey) -> SearchWithMotion:
         if in_time.wander is not None:
             rivals = rivals_of_steps(in_time.wander, still, poses, whiteners)
             found = search_survey(survey.moving(in_time.wander))
-    drift = slow_drift(found.survey, found.holdout_check, found.extended.effects)
+    drift = slow_drift(found.survey, found.interleaved_check, found.extended.effects)
     return SearchWithMotion(with_effects_added(found, drift), in_time, rivals)
 
 
