@@ -13,6 +13,8 @@ from calibrated import calibrated
 from made_up_model import fitted
 from made_up_pair import campaign, parts, shifted
 from mended import write_simulated
+from pa10cal.arm.coupling import CoupledJoint
+from pa10cal.arm.description import Controller
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
 from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
@@ -188,6 +190,16 @@ def test_descriptions_that_differ_otherwise_are_told():
     one, other = campaign(1), campaign(2)
     heavier = replace(other, payload=replace(other.payload, mass_kg=3.0))
     assert pa10cal.compare(one, heavier).described_otherwise == ("payload.mass_kg",)
+    for changed in (
+        {"controller": Controller(compensation=True, known=False)},
+        {"coupled": (CoupledJoint(3, 2, 1.0),)},
+    ):
+        model, chain = other.model, other.model.chain
+        arm = replace(other.arm, **changed)
+        described = replace(other, model=replace(model, chain=replace(chain, arm=arm)))
+        (name,) = changed
+        expected = {"coupled": "coupling"}.get(name, name)
+        assert pa10cal.compare(one, described).described_otherwise == (expected,)
     unknown = replace(fitted("ur10", 3, lambda arm: (link_departures(arm, Tolerances()),)))
     found = pa10cal.compare(unknown, replace(unknown, payload=None))
     assert found.described_otherwise == ("payload",)

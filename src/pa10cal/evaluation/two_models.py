@@ -26,6 +26,7 @@ from pa10cal.fit.angles_seen import overlaps
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, states_at
+from pa10cal.fit.plain_arm import arm_to_plain
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
@@ -33,9 +34,13 @@ from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.rules import COMPARED
 from pa10cal.terms.term import Term
 
-#: Fields of an arm that define its rigid kinematics: rows, constant frames; and the other fields.
+#: Fields of an arm that define its rigid kinematics: those of each row.
 _LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
+#: Its constant frames.
 _FRAMES = ("T_base_row1", "T_row_n_ee")
+#: Keys of an arm's description, as a model's file has it, that are compared as they are written.
+_WRITTEN = ("coupling", "controller")
+#: Other fields of an arm, which may differ between two models.
 _OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
 #: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
@@ -107,6 +112,8 @@ def refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:
     """Return the fields of arm and payload that differ between the models' descriptions."""
     pairs = {name: (getattr(first.arm, name), getattr(second.arm, name)) for name in _OTHERS}
+    plain = [arm_to_plain(model.arm) for model in (first, second)]
+    written = [name for name in _WRITTEN if plain[0].get(name) != plain[1].get(name)]
     payloads = first.payload, second.payload
     if None in payloads:
         pairs["payload"] = payloads
@@ -114,7 +121,7 @@ def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, 
         # For a group, the payload of its first campaign is compared.
         names = [field.name for field in fields(Payload) if field.name != "of_campaigns"]
         pairs |= {f"payload.{name}": tuple(getattr(p, name) for p in payloads) for name in names}
-    return tuple(name for name, pair in pairs.items() if not _same(*pair))
+    return (*(name for name, pair in pairs.items() if not _same(*pair)), *written)
 
 
 def _same(mine: object, theirs: object) -> bool:

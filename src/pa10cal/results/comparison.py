@@ -97,7 +97,7 @@ class ComparisonRecord(record.Record):
     first: ComparedModel  # the first model
     second: ComparedModel  # the second model
     # what the two descriptions of the arm say differently beside the layout: limits, masses, gears,
-    # payload
+    # payload, coupling of joints, controller
     described_otherwise: tuple[str, ...]
     parameters: ParameterRows  # every parameter of either model
     postures: int  # postures compared, drawn from the joint angles that both fits have seen
