@@ -9,7 +9,7 @@ import pytest
 
 from made_up_pair import campaign, parts, shifted
 from pa10cal.errors import ModelError
-from pa10cal.evaluation.two_models import drift
+from pa10cal.evaluation.drift import drift
 from pa10cal.figures.draw import write_drift
 from pa10cal.terms.of_campaign import OfCampaign
 from pa10cal.terms.term import base_frame, tool_frame

@@ -3,14 +3,13 @@
 Parameters of a calibration are correlated: two good models may differ by many standard
 uncertainties in some of them and yet predict the same poses. So models are judged by their
 predictions. Base and target sit differently in every campaign: one constant motion of the base and
-one of the tool are fitted and removed first. Over several campaigns this is drift.
+one of the tool are fitted and removed first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,9 +29,7 @@ from pa10cal.fit.plain_arm import arm_to_plain
 from pa10cal.frame.rigid_fit import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
-from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.rules import COMPARED
-from pa10cal.terms.term import Term
 
 #: Fields of an arm that define its rigid kinematics: those of each row.
 _LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
@@ -44,8 +41,8 @@ _WRITTEN = ("coupling", "controller")
 _OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
 #: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
-#: Gauss-Newton steps of the fit of base and tool (computing).
-_REFINED = 6
+#: Steps of the fit of base and tool (computing).
+_GAUSS_NEWTON_STEPS = 6
 
 
 def compare_models(
@@ -62,9 +59,9 @@ def compare_models(
     q = _postures(*predicting)
     # Postures alternate between no load and the heaviest that both models have been fitted to.
     heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]
-    most_N = min(heaviest) if len(heaviest) == 2 else 0.0
-    loads_N = (0.0, most_N) if most_N > 0.0 else (0.0,)
-    load_N = np.resize(loads_N, len(q))
+    common_load_N = min(heaviest) if len(heaviest) == 2 else 0.0
+    loads_N = (0.0, common_load_N) if common_load_N > 0.0 else (0.0,)
+    load_N = np.resize(loads_N, len(q))  # repeats them in turn
     compared = (FLANGE, TOOL_FRAME) if len(q) else ()
     frames = {frame: _compared_frame(*predicting, frame, q, load_N) for frame in compared}
     agree, line = _judged(frames, predicting, names)
@@ -257,7 +254,9 @@ def _postures(first: Fitted, second: Fitted) -> Array:
     Coverage is known joint by joint, so the joints are drawn independently. Empty where there is a
     joint of which they have seen no common positions.
     """
-    ranges = np.nan_to_num(first.arm.joint_ranges_rad, posinf=2 * np.pi, neginf=-2 * np.pi)
+    ranges = first.arm.joint_ranges_rad
+    # The file of a model may lack limits: then a turn to either side.
+    ranges = np.where(np.isfinite(ranges), ranges, [-2.0 * np.pi, 2.0 * np.pi])
     rng = np.random.default_rng(SEED)
     drawn = []
     for joint, joint_range in enumerate(ranges):
@@ -287,37 +286,40 @@ def _predicted(
     """Predict a frame in P postures.
 
     Returns:
-        Its poses (P, 4, 4) [m]; a root (P, 6, k) of their covariance, the motions by k independent
-        errors of unit variance, or None where the covariance is not known.
+        Its poses (P, 4, 4) [m]; the error modes (P, 6, k), motions of the frame by k independent
+        errors of unit variance, whose outer product is the covariance, or None where that is not
+        known.
     """
     forward = Forward.of(model, frame)
     states = forward.states(states_at(model, q, load_N, temperature_C=temperature_C))
     end = forward.end(states)
-    root = None
+    error_modes = None
     if model.covariance is not None:
         variances, axes = np.linalg.eigh(forward.covariance)
-        root = forward.by_parameters(states, end) @ (axes * np.sqrt(np.maximum(variances, 0.0)))
-    return end.T @ forward.T_end_frame, root
+        independent = axes * np.sqrt(np.maximum(variances, 0.0))
+        error_modes = forward.by_parameters(states, end) @ independent
+    return end.T @ forward.T_end_frame, error_modes
 
 
 def _compared_frame(
     first: Fitted, second: Fitted, frame: str, q: Array, load_N: Array
 ) -> results.ComparedFrame:
     """Compare one frame in postures (P, n) under loads (P,)."""
-    # Both are predicted at the mean of the temperatures of their fits.
+    # At the mean of the temperatures of both fits; where only one knows its temperature, each at
+    # that of its own fit.
     of_fits = [m.fitted_to.temperature_C for m in (first, second) if m.fitted_to]
     known_C = [each for each in of_fits if each is not None]
     temperature_C = None if len(known_C) < 2 else float(np.mean(known_C))
-    T_one, root_one = _predicted(first, frame, q, load_N, temperature_C)
-    T_other, root_other = _predicted(second, frame, q, load_N, temperature_C)
+    T_one, modes_one = _predicted(first, frame, q, load_N, temperature_C)
+    T_other, modes_other = _predicted(second, frame, q, load_N, temperature_C)
     apart_mm, apart_deg = _apart(T_one, T_other)
-    moved = _base_and_tool_fitted(T_other, T_one)
+    moved = _moved_onto(T_other, T_one)
     remaining_mm, remaining_deg = _apart(T_one, moved)
-    explained_mm, _ = _apart(moved, T_other)
+    explained_mm, _ = _apart(moved, T_other)  # the part by which base and tool moved it
     expected_mm = expected_deg = chance = None
-    if root_one is not None and root_other is not None:
-        root = np.concatenate([root_one, root_other], axis=2)
-        of_positions, of_rotations = _without_base_and_tool(root, T_one)
+    if modes_one is not None and modes_other is not None:
+        modes = np.concatenate([modes_one, modes_other], axis=2)
+        of_positions, of_rotations = _without_base_and_tool(modes, T_one)
         expected_m, chance_m = _expected(of_positions, 1e-3 * remaining_mm)
         expected_rad, chance_rad = _expected(of_rotations, np.radians(remaining_deg))
         expected_mm, expected_deg = 1e3 * expected_m, float(np.degrees(expected_rad))
@@ -348,12 +350,12 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _base_and_tool_fitted(T: Array, T_wanted: Array) -> Array:
+def _moved_onto(T: Array, T_wanted: Array) -> Array:
     """Return poses moved to others by one motion of the base and one of the tool, least squares.
 
     Positions determine the base and the tool's offset, then orientations the tool's rotation.
     """
-    for _ in range(_REFINED):
+    for _ in range(_GAUSS_NEWTON_STEPS):
         step, *_ = np.linalg.lstsq(_by_base_and_tool(T), (T_wanted - T)[:, :3, 3].ravel())
         base, offset = np.eye(4), np.eye(4)
         base[:3, :3] = Rotation.from_rotvec(step[3:6]).as_matrix()
@@ -376,7 +378,7 @@ def _by_base_and_tool(T: Array) -> Array:
 def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
     """Return residuals of motions (P, 6, k) after a fit of base and tool.
 
-    Of positions and of orientations, (3 P, k) each; see `_base_and_tool_fitted`.
+    Of positions and of orientations, (3 P, k) each; see `_moved_onto`.
     """
     count = motions.shape[2]
     positions = motions[:, :3].reshape(-1, count)
@@ -388,102 +390,18 @@ def _without_base_and_tool(motions: Array, T: Array) -> tuple[Array, Array]:
     return positions - columns @ fitted, rotations.reshape(-1, count)
 
 
-def _expected(root: Array, remaining: Array) -> tuple[float, float]:
+def _expected(error_modes: Array, remaining: Array) -> tuple[float, float]:
     """Return the expected rms of differences, and the probability of larger ones than these (P,).
 
-    `root` (3 P, k) is a root of their covariance C. Their sum of squares S is a weighted sum of
-    chi-square variables with mean tr C and variance 2 tr C²; S tr C / tr C² is taken as chi-square
-    with (tr C)² / tr C² degrees of freedom (Satterthwaite).
+    The outer product of `error_modes` (3 P, k) is their covariance C. Their sum of squares S is a
+    weighted sum of chi-square variables with mean tr C and variance 2 tr C²; S tr C / tr C² is
+    taken as chi-square with (tr C)² / tr C² degrees of freedom (Satterthwaite).
     """
-    square = root.T @ root  # with the traces of C
-    mean, half_variance = float(np.trace(square)), float(np.sum(square**2))
+    inner = error_modes.T @ error_modes  # it has the traces of C
+    trace, trace_of_square = float(np.trace(inner)), float(np.sum(inner**2))
     sum_of_squares = float(np.sum(remaining**2))
-    expected = float(np.sqrt(mean / len(remaining)))
-    if half_variance == 0.0:
+    expected = float(np.sqrt(trace / len(remaining)))
+    if trace_of_square == 0.0:
         return expected, float(sum_of_squares == 0.0)
-    dof, scaled = mean**2 / half_variance, sum_of_squares * mean / half_variance
+    dof, scaled = trace**2 / trace_of_square, sum_of_squares * trace / trace_of_square
     return expected, float(chdtrc(dof, scaled))
-
-
-# The parameters of one arm over campaigns, and what moved from each to the next.
-
-
-def drift(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRecord:
-    """Return the parameters of an arm over two campaigns or more, in order of time.
-
-    Raises:
-        ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not
-            known.
-    """
-    _refuse_models(models, names)
-    steps = []
-    for (first, before), (second, after) in pairwise(zip(models, names, strict=True)):
-        refuse_other_layout(first.arm, second.arm, (before, after))
-        moved = what_moved(first, second)
-        assert moved is not None
-        steps.append(results.DriftStep(first=before, second=after, what_moved=moved))
-    changes = [
-        f"{step.first} to {step.second}: {step.what_moved.line}"
-        for step in steps
-        if step.what_moved.verdict != "unchanged"
-    ]
-    return results.DriftRecord(
-        robot=models[0].arm.name,
-        campaigns=tuple(names),
-        parameters=_parameter_rows(models, names),
-        steps=tuple(steps),
-        line="; ".join(changes) or f"unchanged over {len(models)} campaigns",
-    )
-
-
-def _refuse_models(models: Sequence[FittedModel], names: Sequence[str]) -> None:
-    if len(models) < 2:
-        raise ModelError(
-            "drift over a single model",
-            where="models",
-            value=len(models),
-            allowed="two models or more, in order of time",
-            remedy="give the models of further campaigns",
-        )
-    for model, name in zip(models, names, strict=True):
-        if model.covariance is None:
-            raise ModelError(
-                "the covariance of a model is not known",
-                where=name,
-                allowed="models with the file of their covariance beside them",
-                remedy="copy model.covariance.npz together with model.yaml, or export it again",
-            )
-    if len(set(names)) < len(names):
-        raise ModelError(
-            "two models of the same name",
-            where="models",
-            value=list(names),
-            allowed="a name for each",
-            remedy="give each campaign once",
-        )
-
-
-def _parameter_rows(models: Sequence[FittedModel], names: Sequence[str]) -> results.DriftRows:
-    """Return the parameters of links, springs and effects of all models, with 95 % intervals."""
-    rows = [
-        {
-            "campaign": name,
-            "term": term.id,
-            "of": term.of,
-            "parameter": parameter.name,
-            "unit": parameter.unit,
-            "value": value,
-            "std": std,
-            "low": value - HALF_WIDTH_95 * std,
-            "high": value + HALF_WIDTH_95 * std,
-        }
-        for model, name in zip(models, names, strict=True)
-        for term, parameter, value, std in model.every_reported()
-        if std > 0.0 and len(term.parameters) <= COMPARED.most_parameters and _belongs_to_arm(term)
-    ]
-    return results.DriftRows.model_validate(rows)
-
-
-def _belongs_to_arm(term: Term) -> bool:
-    """Return whether a term is of links, springs or effects: not of a base, tool or weight."""
-    return {"base", "tool", "weight"}.isdisjoint(term.roles)
