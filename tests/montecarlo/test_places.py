@@ -24,14 +24,14 @@ def places(pa10_chain, reference):
 
 
 def test_uniform_by_area_and_fewer_places_are_the_first_of_more(pa10_chain, reference, places):
-    radius = np.hypot(*places.p_base_m.T)
-    azimuth = np.arctan2(*places.p_base_m.T[::-1])
+    radius = np.hypot(*places.place_base_m.T)
+    azimuth = np.arctan2(*places.place_base_m.T[::-1])
     near, far = np.square(REACH)
     edge = np.radians(177)
     assert kstest(radius**2, "uniform", args=(near, far - near)).pvalue > 1e-3
     assert kstest(azimuth, "uniform", args=(-edge, 2 * edge)).pvalue > 1e-3
     few = draw_places(pa10_chain, reference, REACH, 30, stream(1, 300, None))
-    np.testing.assert_array_equal(few.p_base_m, places.p_base_m[:30])
+    np.testing.assert_array_equal(few.place_base_m, places.place_base_m[:30])
 
 
 def test_rejected_places_are_counted(places):
@@ -47,10 +47,10 @@ def test_grid_holds_every_reachable_point(pa10_chain, reference):
     along = 0.1 * np.arange(-8, 9)
     radius = np.hypot(*np.meshgrid(along, along))
     inside = (radius >= REACH[0]) & (radius <= REACH[1])
-    assert len(grid.p_base_m) + grid.rejected == inside.sum()
+    assert len(grid.place_base_m) + grid.rejected == inside.sum()
     assert grid.rejected == 4  # on the negative x axis, behind joint 1's limits: 0.5 to 0.8 m
-    assert len({tuple(point) for point in grid.p_base_m.round(6)}) == len(grid.p_base_m)
-    assert grid_places(pa10_chain, reference, REACH, 3.0).p_base_m.shape == (0, 2)
+    assert len({tuple(point) for point in grid.place_base_m.round(6)}) == len(grid.place_base_m)
+    assert grid_places(pa10_chain, reference, REACH, 3.0).place_base_m.shape == (0, 2)
 
 
 def test_what_cannot_be_drawn_is_refused(pa10_chain, reference):

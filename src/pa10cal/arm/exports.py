@@ -106,9 +106,12 @@ class UrdfSource:
     def joints(self) -> tuple[str, ...]:
         """Return the names of the arm's moving joints that mimic no other, in order."""
         tree = read_tree(self.text, self.where)
-        joints = tree.path(self.base, self.tip)[2]
-        followers = tree.leaders(joints)
-        return tuple(j.name for j in joints if j.kind in MOVING and j.name not in followers)
+        path = tree.path(self.base, self.tip)
+        return tuple(
+            joint.name
+            for joint in path.joints
+            if joint.kind in MOVING and joint.name not in path.leaders
+        )
 
 
 def patched_urdf(
@@ -131,19 +134,19 @@ def patched_urdf(
         ArmError: when the URDF cannot be read, or is of another arm.
     """
     tree = read_tree(source.text, source.where)
-    _, _, path = tree.path(source.base, source.tip)
+    path = tree.path(source.base, source.tip)
     # With all axes at zero a joint that mimics another is at the offset of its mimicry.
-    at_zero = {name: leader.offset for name, leader in tree.leaders(path).items()}
+    at_zero = {name: leader.offset for name, leader in path.leaders.items()}
     T_base = _link_poses(tree, source.base, at_zero)
-    joints = [joint for joint in path if joint.kind in MOVING]
+    joints = [joint for joint in path.joints if joint.kind in MOVING]
     T_base_joints = np.array([T_base[joint.child] for joint in joints])
     _refuse_another_arm(source, chain, joints, T_base_joints, T_base[source.tip])
     moved, T_base_flange = moved_frames(chain, coordinates, T_base_joints)
     wanted = {joint.child: T for joint, T in zip(joints, moved, strict=True)}
-    if path[-1].kind == "fixed":
-        wanted[path[-1].child] = T_base_flange
-    origins, T = {}, T_base[path[0].parent]
-    for joint in path:
+    if path.joints[-1].kind == "fixed":
+        wanted[path.joints[-1].child] = T_base_flange
+    origins, T = {}, T_base[path.joints[0].parent]
+    for joint in path.joints:
         if joint.child in wanted:
             position = at_zero.get(joint.name, 0.0)
             motion = np.linalg.inv(joint.origin_at(0.0)) @ joint.origin_at(position)

@@ -60,10 +60,9 @@ def arm_from_urdf_text(
         ArmError: when the URDF cannot be used, or forward kinematics would differ by over 1e-9.
     """
     tree = read_tree(text, where)
-    base, tip, path = tree.path(base, tip)
-    joints = [joint for joint in path if joint.kind in MOVING]
-    leaders = tree.leaders(path)
-    model = _PinocchioArm(tree, joints, base, tip, leaders)
+    path = tree.path(base, tip)
+    joints, leaders = [joint for joint in path.joints if joint.kind in MOVING], path.leaders
+    model = _PinocchioArm(tree, joints, path.base, path.tip, leaders)
     T_base_joints, axes = model.at_zero(joints)
     rows = rows_through(T_base_joints[:, :3, 3], axes, model.T_base_ee(np.zeros(len(joints))))
     limits, notes = _limits(joints, where, leaders)
@@ -102,8 +101,8 @@ def arm_from_urdf_text(
             allowed=f"{_TOLERANCE:g} m and rad",
             remedy="report it with the file; describe the arm by hand meanwhile",
         )
-    notes += [*_omitted(tree, path, arm), *_one_motor(arm, names, leaders)]
-    return ImportedArm(arm, base, tip, tuple(names), off_m, off_rad, tuple(notes))
+    notes += [*_omitted(tree, path.joints, arm), *_one_motor(arm, names, leaders)]
+    return ImportedArm(arm, path.base, path.tip, tuple(names), off_m, off_rad, tuple(notes))
 
 
 class _PinocchioArm:

@@ -68,6 +68,17 @@ class UrdfLink:
 
 
 @dataclass(frozen=True)
+class SerialPath:
+    """What lies between two links of a robot."""
+
+    # base and tip: the links at its ends
+    base: str
+    tip: str
+    joints: tuple[UrdfJoint, ...]  # from the base on, fixed ones too
+    leaders: Mapping[str, Leader]  # of each joint that mimics another, by the joint's name
+
+
+@dataclass(frozen=True)
 class UrdfTree:
     """Links and joints of one robot."""
 
@@ -76,8 +87,8 @@ class UrdfTree:
     joints: tuple[UrdfJoint, ...]  # all joints, each below another or below the root
     root: str  # the link that no joint carries
 
-    def path(self, base: str | None, tip: str | None) -> tuple[str, str, tuple[UrdfJoint, ...]]:
-        """Return base and tip and the joints between them, fixed ones too.
+    def path(self, base: str | None, tip: str | None) -> SerialPath:
+        """Return the path between two links.
 
         Args:
             base: link to start from; None for the root.
@@ -90,12 +101,14 @@ class UrdfTree:
         # The base may be a side branch: it is one body with all links towards the root that only
         # fixed joints lie between.
         fixed = takewhile(lambda joint: joint.kind == "fixed", reversed(self.above(base)))
-        with_base = [base, *(joint.parent for joint in fixed)]
-        tip = self._only_tip(with_base[-1]) if tip is None else self._known(tip, "--tip")
-        from_tip = takewhile(lambda joint: joint.child not in with_base, reversed(self.above(tip)))
+        base_body = [base, *(joint.parent for joint in fixed)]
+        base_body_top = base_body[-1]
+        tip = self._only_tip(base_body_top) if tip is None else self._known(tip, "--tip")
+        from_tip = takewhile(lambda joint: joint.child not in base_body, reversed(self.above(tip)))
         joints = tuple(from_tip)[::-1]
-        if tip not in with_base and (not joints or joints[0].parent not in with_base):
-            beyond = ", ".join(self._beyond(with_base[-1])) or "none"
+        begins_at = joints[0].parent if joints else tip
+        if begins_at not in base_body:
+            beyond = ", ".join(self._beyond(base_body_top)) or "none"
             raise ArmError(
                 "the tip is not beyond the base",
                 where=self.where,
@@ -104,10 +117,9 @@ class UrdfTree:
                 remedy="name another base or tip",
             )
         self._refuse_unless_serial(joints, f"{base} to {tip}")
-        self.leaders(joints)
-        return base, tip, joints
+        return SerialPath(base, tip, joints, self._leaders(joints))
 
-    def leaders(self, path: Sequence[UrdfJoint]) -> dict[str, Leader]:
+    def _leaders(self, path: Sequence[UrdfJoint]) -> dict[str, Leader]:
         """Return the leader of each joint of a path that mimics another, by the joint's name.
 
         Raises:
@@ -119,13 +131,21 @@ class UrdfTree:
             leader, seen = joint, {joint.name}
             multiplier, offset = 1.0, 0.0
             while leader.follows:
+                # q = m (m' q' + o') + o = (m m') q' + (o + m o'), where q' is of the next leader.
                 offset = offset + multiplier * leader.offset
                 multiplier = multiplier * leader.multiplier
-                if leader.follows in seen or leader.follows not in on_path or multiplier == 0.0:
+                cause = None
+                if leader.follows in seen:
+                    cause = "in a circle"
+                elif leader.follows not in on_path:
+                    cause = f"{leader.follows} does not move between base and tip"
+                elif multiplier == 0.0:
+                    cause = "multiplier 0"
+                if cause is not None:
                     raise ArmError(
                         f"the joint follows joint {leader.follows} (mimic)",
                         where=f"{self.where}: joint {joint.name}",
-                        value=f"multiplier {multiplier:g}" if multiplier == 0.0 else None,
+                        value=cause,
                         allowed="a joint that moves between base and tip, which it follows by more "
                         "than nothing",
                         remedy="name a base beyond this joint, or a tip before it",
@@ -219,6 +239,7 @@ class UrdfTree:
         Raises:
             ArmError: when there are several.
         """
+        # Floating and planar joints move too: the path to such a tip is refused, not the tip.
         moves = {base: False}
         for joint in self.below(base):
             moves[joint.child] = moves[joint.parent] or joint.kind != "fixed"

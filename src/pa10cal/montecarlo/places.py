@@ -1,14 +1,14 @@
-"""Positions of the flange in a plane, and joint positions for them in one posture.
+"""Places of the flange in a plane, and joint positions for them in one posture.
 
 Reach is the distance of the flange from the base z axis. The flange points straight down everywhere
 and turns about the base axis with its azimuth. The posture (elbow up or down, wrist turned or not)
-is chosen once, nearest to the middle of all joint ranges. Every position is then approached from
-there along azimuth and radius, so that the posture does not change. A position that is not reached
-in this way within the joint limits counts as out of reach.
+is chosen once, nearest to the middle of all joint ranges. Every place is then approached from there
+along azimuth and radius, so that the posture does not change. A place that is not reached in this
+way within the joint limits counts as out of reach.
 
 By this interpretation of the paper's "uniformly selected end-effector positions in a given plane"
 the nominal arm reproduces its 0.197 ± 0.096 mm at z = 500 mm within 5 %, where ± is the standard
-deviation within a position.
+deviation within a place.
 """
 
 from __future__ import annotations
@@ -23,79 +23,101 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arrays import Array
 from pa10cal.errors import SettingsError
 
-#: Number of positions computed at once.
+#: Number of places computed at once.
 _BATCH = 500
-#: A plane is refused if fewer than one position in so many can be reached.
-_MOST_REJECTED = 50
-#: Largest number of positions of a map.
+#: A plane is refused if more places than these are drawn for each that is reached.
+_MOST_DRAWN = 50
+#: Largest number of places of a map.
 _MOST_MAP_PLACES = 20_000
 
-#: Search of the posture: number of starts and of steps; weight of the distance from the middle of a
-#: joint's range, over half of that range, against metres and radians.
+# Search of the posture.
+
+#: Number of starts.
 _STARTS = 48
+#: Number of steps from each start.
 _SEARCH_STEPS = 120
+#: Weight of the distance from the middle of a joint's range, over half of that range, against
+#: metres and radians.
 _CENTRING = 1e-3
 
-#: Way from the posture to a position: number of way points, of steps at each and at the last;
-#: damping; longest step of a joint; largest error of a position that is reached [m, rad].
+# Way from the posture to a place.
+
+#: Number of way points.
 _PATH_STEPS = 24
+#: Steps at each way point.
 _STEPS_ON_THE_WAY = 2
+#: Steps at the last one.
 _STEPS_AT_THE_END = 12
+#: Damping of the normal equations.
 _DAMPING = 1e-9
+#: Longest step of a joint.
 _LONGEST_STEP_RAD = 0.3
-_ARRIVED = 1e-10
+#: Largest component of the motion that is missing to a place that is reached [m, rad].
+_REACHED_WITHIN = 1e-10
 
 
 @dataclass(frozen=True)
-class PlanePositions:
-    """Reachable positions in a plane."""
+class PlacesInPlane:
+    """Reachable places of the flange in a plane."""
 
-    p_base_m: Array  # (P, 2) x and y of the flange in the base frame
+    place_base_m: Array  # (P, 2) x and y of the flange in the base frame
     q_rad: Array  # (P, n) joint positions
-    rejected: int  # number of positions that the arm cannot reach
+    rejected: int  # number of places that the arm cannot reach
+
+
+@dataclass(frozen=True)
+class ReferencePosture:
+    """The chosen posture, at one place of the plane."""
+
+    q_rad: Array  # (n,) joint positions
+    radius_m: float  # distance of the flange from the base axis; its azimuth is zero
+    height_m: float  # height of the flange above the base
+    R_base_ee: Array  # (3, 3) orientation of the flange
 
 
 def draw_places(
     chain: Chain,
-    reference: Reference,
+    reference: ReferencePosture,
     reach_m: tuple[float, float],
     count: int,
-    source: np.random.Generator,
-) -> PlanePositions:
-    """Draw positions uniformly by area between two reaches until `count` can be reached.
+    rng: np.random.Generator,
+) -> PlacesInPlane:
+    """Draw places uniformly by area between two reaches until `count` can be reached.
 
     Raises:
-        SettingsError: when hardly any position can be reached.
+        SettingsError: when hardly any place can be reached.
     """
     near, far = reach_m
     batches = []
     drawn = reached_count = 0
     while reached_count < count:
-        if drawn > _MOST_REJECTED * count + _BATCH:
+        if drawn > _MOST_DRAWN * count + _BATCH:
             what = f"{chain.arm.name} reaches hardly any position of this plane"
             raise SettingsError(
                 f"{what}: {reached_count} of {drawn}",
                 where="montecarlo.reach_m",
                 value=reach_m,
-                allowed=f"a reach of which at least 1 in {_MOST_REJECTED} positions can be reached",
+                allowed=f"a reach of which at least 1 in {_MOST_DRAWN} positions can be reached",
                 remedy="narrow the reach, or choose another plane",
             )
-        parts = source.random((_BATCH, 2))
-        radius = np.sqrt(near**2 + (far**2 - near**2) * parts[:, 0])
-        azimuth = np.pi * (2.0 * parts[:, 1] - 1.0)
+        uniform = rng.random((_BATCH, 2))
+        radius = np.sqrt(near**2 + (far**2 - near**2) * uniform[:, 0])
+        azimuth = np.pi * (2.0 * uniform[:, 1] - 1.0)
         points = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
         batches.append((points, *follow(chain, reference, radius, azimuth)))
         drawn += _BATCH
         reached_count += int(batches[-1][2].sum())
-    p_m, q_rad, reached = map(np.concatenate, zip(*batches, strict=True))
+    place_base_m, q_rad, reached = map(np.concatenate, zip(*batches, strict=True))
     kept = np.flatnonzero(reached)[:count]
-    return PlanePositions(p_m[kept], q_rad[kept], rejected=int(kept[-1]) + 1 - count)
+    # What was drawn after the last that is kept depends on the size of a batch: it is not counted.
+    rejected = int(kept[-1]) + 1 - count
+    return PlacesInPlane(place_base_m[kept], q_rad[kept], rejected)
 
 
 def grid_places(
-    chain: Chain, reference: Reference, reach_m: tuple[float, float], spacing_m: float
-) -> PlanePositions:
-    """Return the reachable positions of a square grid through the base axis.
+    chain: Chain, reference: ReferencePosture, reach_m: tuple[float, float], spacing_m: float
+) -> PlacesInPlane:
+    """Return the reachable places of a square grid through the base axis.
 
     Raises:
         SettingsError: when the grid is finer than any map needs.
@@ -114,52 +136,45 @@ def grid_places(
     points = np.stack(np.meshgrid(along, along, indexing="ij"), axis=2).reshape(-1, 2)
     radius = np.hypot(*points.T)
     points = points[(radius >= near) & (radius <= far)]
-    parts = np.array_split(points, len(points) // _BATCH + 1)
+    batches = np.array_split(points, len(points) // _BATCH + 1)
     followed = [
-        follow(chain, reference, np.hypot(*part.T), np.arctan2(part[:, 1], part[:, 0]))
-        for part in parts
+        follow(chain, reference, np.hypot(*batch.T), np.arctan2(batch[:, 1], batch[:, 0]))
+        for batch in batches
     ]
     q_rad, reached = map(np.concatenate, zip(*followed, strict=True))
-    return PlanePositions(points[reached], q_rad[reached], rejected=int((~reached).sum()))
+    return PlacesInPlane(points[reached], q_rad[reached], rejected=int((~reached).sum()))
 
 
-@dataclass(frozen=True)
-class Reference:
-    """The chosen posture, at one position of the plane."""
-
-    q_rad: Array  # (n,) joint positions
-    radius_m: float  # distance of the flange from the base axis; its azimuth is zero
-    height_m: float  # height of the flange above the base
-    R_base_ee: Array  # (3, 3) orientation of the flange
-
-
-def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, float]) -> Reference:
+def reference_in_plane(
+    chain: Chain, height_m: float, reach_m: tuple[float, float]
+) -> ReferencePosture:
     """Search the posture for a plane, at azimuth zero and as near to the middle reach as possible.
 
-    Searches start all over the joint ranges. Their residual is the distance from the position and,
+    Searches start all over the joint ranges. Their residual is the distance from the place and,
     with little weight, from the middle of the ranges; the least is chosen.
 
     Raises:
-        SettingsError: when no position of the plane can be reached.
+        SettingsError: when no place of the plane can be reached.
     """
     low, high = chain.arm.joint_ranges_rad.T
     starts = np.random.default_rng(0).uniform(low, high, (_STARTS, chain.arm.n))
     starts[0] = (low + high) / 2.0
     near, far = reach_m
     for radius_m in near + (far - near) * np.array([0.5, 0.25, 0.75, 0.0, 1.0]):
-        place = np.array([radius_m, 0.0, height_m])
+        place_m = np.array([radius_m, 0.0, height_m])
         q_rad = starts
         for _ in range(_SEARCH_STEPS):
-            residual, jacobian = _search_residual(chain, q_rad, place)
+            residual, jacobian = _search_residual(chain, q_rad, place_m)
             q_rad = _step(q_rad, residual, jacobian, low, high)
-        residual, _ = _search_residual(chain, q_rad, place)
+        residual, _ = _search_residual(chain, q_rad, place_m)
         best = int(np.argmin(np.linalg.norm(residual, axis=1)))
-        # The flange's axis exactly down, its heading unchanged.
+        # The search weighs down against the middle of the ranges, so the flange's axis is off by a
+        # little. It is turned exactly down, its heading unchanged: all places have its orientation.
         x = chain.forward(q_rad[best : best + 1])[0, :3, 0] * [1.0, 1.0, 0.0]
         x /= np.linalg.norm(x)
         z = np.array([0.0, 0.0, -1.0])
         down = np.stack([x, np.cross(z, x), z], axis=1)
-        rough = Reference(q_rad[best], float(radius_m), height_m, down)
+        rough = ReferencePosture(q_rad[best], float(radius_m), height_m, down)
         (exact_rad,), reached = follow(chain, rough, np.array([radius_m]), np.array([0.0]))
         if reached[0]:
             return replace(rough, q_rad=exact_rad)
@@ -173,9 +188,9 @@ def reference_in_plane(chain: Chain, height_m: float, reach_m: tuple[float, floa
 
 
 def follow(
-    chain: Chain, reference: Reference, radius_m: Array, azimuth_rad: Array
+    chain: Chain, reference: ReferencePosture, radius_m: Array, azimuth_rad: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Move from the reference to P positions at its height, given by radius and azimuth.
+    """Move from the reference to P places at its height, given by radius and azimuth.
 
     Returns:
         Joint positions (P, n), and which of them are reached within the limits, (P,); the others
@@ -187,29 +202,39 @@ def follow(
     for share in np.linspace(0.0, 1.0, _PATH_STEPS + 1)[1:]:
         radius = reference.radius_m + share * (radius_m - reference.radius_m)
         turned = Rotation.from_rotvec(share * azimuth_rad[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-        place = np.column_stack([radius[:, None] * turned[:, :2, 0], height])
-        attitude = turned @ reference.R_base_ee
+        target_m = np.column_stack([radius[:, None] * turned[:, :2, 0], height])
+        R_target = turned @ reference.R_base_ee
         for _ in range(_STEPS_AT_THE_END if share == 1.0 else _STEPS_ON_THE_WAY):
-            residual, jacobian = _residual(chain, q_rad, place, attitude)
+            residual, jacobian = _motion_missing(chain, q_rad, target_m, R_target)
             q_rad = _step(q_rad, residual, jacobian, low, high)
-    residual, _ = _residual(chain, q_rad, place, attitude)
-    return q_rad, np.abs(residual).max(axis=1) < _ARRIVED
+    residual, _ = _motion_missing(chain, q_rad, target_m, R_target)
+    return q_rad, np.abs(residual).max(axis=1) < _REACHED_WITHIN
 
 
-def _residual(chain: Chain, q_rad: Array, place: Array, attitude: Array) -> tuple[Array, Array]:
+def flange_with_screws(chain: Chain, q_rad: Array) -> tuple[Array, Array]:
+    """Return poses of the flange and its motion by each joint at joint positions (P, n).
+
+    Returns:
+        T_base_ee (P, 4, 4) [m]; velocity [m/rad] over axis of each joint, in the base, (P, 6, n).
+    """
+    end = chain.forward_with_screws(q_rad)
+    return end.T, end.screws[:, :, chain.joint_columns]
+
+
+def _motion_missing(
+    chain: Chain, q_rad: Array, target_m: Array, R_target: Array
+) -> tuple[Array, Array]:
     """Return the motion (P, 6) missing to a target, and the flange's derivative (P, 6, n).
 
     The rotation is half the sum of the cross products of both frames' axes: the rotation vector if
     it is small.
     """
-    end = chain.forward_with_screws(q_rad)
-    R_base_ee = end.T[:, :3, :3]
-    missing = 0.5 * np.cross(R_base_ee, attitude, axis=1).sum(axis=2)
-    residual = np.concatenate([place - end.T[:, :3, 3], missing], axis=1)
-    return residual, end.screws[:, :, chain.joint_columns]
+    T_base_ee, screws = flange_with_screws(chain, q_rad)
+    rotation = 0.5 * np.cross(T_base_ee[:, :3, :3], R_target, axis=1).sum(axis=2)
+    return np.concatenate([target_m - T_base_ee[:, :3, 3], rotation], axis=1), screws
 
 
-def _search_residual(chain: Chain, q_rad: Array, place: Array) -> tuple[Array, Array]:
+def _search_residual(chain: Chain, q_rad: Array, place_m: Array) -> tuple[Array, Array]:
     """Return residuals (P, 6 + n) of the search, and the derivative (P, 6 + n, n).
 
     Residuals are those of position, of the downward axis and, with little weight, of the middle of
@@ -217,12 +242,11 @@ def _search_residual(chain: Chain, q_rad: Array, place: Array) -> tuple[Array, A
     """
     low, high = chain.arm.joint_ranges_rad.T
     half_range = (high - low) / 2.0
-    end = chain.forward_with_screws(q_rad)
-    screws = end.screws[:, :, chain.joint_columns]
-    axis = end.T[:, :3, 2]
+    T_base_ee, screws = flange_with_screws(chain, q_rad)
+    position_m, axis = T_base_ee[:, :3, 3], T_base_ee[:, :3, 2]
     tilting = np.cross(screws[:, 3:], axis[:, :, None], axis=1)
     centred = _CENTRING * ((low + high) / 2.0 - q_rad) / half_range
-    residual = np.concatenate([place - end.T[:, :3, 3], [0.0, 0.0, -1.0] - axis, centred], axis=1)
+    residual = np.concatenate([place_m - position_m, [0.0, 0.0, -1.0] - axis, centred], axis=1)
     centring = np.tile(np.diag(_CENTRING / half_range), (len(q_rad), 1, 1))
     return residual, np.concatenate([screws[:, :3], tilting, centring], axis=1)
 

@@ -45,7 +45,12 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
 from pa10cal.errors import ArmError
-from pa10cal.montecarlo.places import draw_places, grid_places, reference_in_plane
+from pa10cal.montecarlo.places import (
+    draw_places,
+    flange_with_screws,
+    grid_places,
+    reference_in_plane,
+)
 from pa10cal.options import MonteCarloOptions
 from pa10cal.results.montecarlo import Convergence, PlaneMap, PlaneRecord
 from pa10cal.results.montecarlo import Places as PlacesDrawn
@@ -90,7 +95,7 @@ def joint_screws(chain: Chain, q_rad: Array) -> Array:
 
     It is the flange's velocity [m/rad], then the unit vector of the joint's axis, in the base.
     """
-    return chain.forward_with_screws(q_rad).screws[:, :, chain.joint_columns]
+    return flange_with_screws(chain, q_rad)[1]
 
 
 @dataclass(frozen=True)
@@ -375,7 +380,7 @@ def study_plane(
     expected_m, expected_std_m = expected_error(screws[:, :3], sigma_rad)
     on_map_m, _ = expected_error(joint_screws(chain, on_map.q_rad)[:, :3], sigma_rad)
     mean_m, variance = (of_counts[:, -1] for of_counts in moments(sums))
-    per_place = [places.p_base_m, mean_m, np.sqrt(variance), expected_m]
+    per_place = [places.place_base_m, mean_m, np.sqrt(variance), expected_m]
     return PlaneRecord(
         campaign=campaign,
         robot=robot,
@@ -400,7 +405,7 @@ def study_plane(
             spacing_mm=settings.map_spacing_mm,
             unreachable_points=on_map.rejected,
             columns=("x_mm", "y_mm", "closed_form_mean_mm"),
-            rows=_mm_each(np.column_stack([on_map.p_base_m, on_map_m])),
+            rows=_mm_each(np.column_stack([on_map.place_base_m, on_map_m])),
         ),
         **drawn_keys(sums),
     )
