@@ -101,7 +101,9 @@ def assumptions(model: FittedModel, conditions: PoseConditions) -> Iterator[str]
     """Yield what is assumed where a model depends on a condition that some rows do not state."""
     import numpy as np
 
-    used = model.predicting
+    from pa10cal.fit.fitted import predicting_model
+
+    used = predicting_model(model)
     for term in used.model.terms:
         if term.depends_on is None:
             continue

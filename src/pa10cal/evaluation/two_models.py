@@ -22,7 +22,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.angles_seen import overlaps
-from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted
+from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted, predicting_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, states_at
 from pa10cal.fit.plain_arm import arm_to_plain
@@ -55,7 +55,7 @@ def compare_models(
             weights that load them.
     """
     refuse_other_layout(first.arm, second.arm, names)
-    predicting = first.predicting, second.predicting
+    predicting = predicting_model(first), predicting_model(second)
     q = _postures(*predicting)
     # Postures alternate between no load and the heaviest that both models have been fitted to.
     heaviest = [max(m.fitted_to.loads_N, default=0.0) for m in (first, second) if m.fitted_to]

@@ -266,31 +266,6 @@ class Fitted:
         return "" if self.fitted_to is None else self.fitted_to.grade
 
     @property
-    def predicting(self) -> Fitted:
-        """Return the model that predicts: where its effects hold nowhere, what it falls back to.
-
-        The file of a model has no covariance of the other one. That of the same parameters, fitted
-        together with the effects, stands for it: it is the larger one.
-        """
-        if self.falls_back is None or not self.falls_back.within.nowhere:
-            return self
-        away = self.falls_back.model
-        covariance = self._covariance_of(away) if away.covariance is None else away.covariance
-        return replace(away, covariance=covariance, fitted_to=self.fitted_to)
-
-    def _covariance_of(self, other: Fitted) -> Array | None:
-        """Return its covariance of the parameters of another model and of the base, (k + 6, k + 6).
-
-        None where it is not known of all.
-        """
-        index = {parameter.name: k for k, parameter in enumerate(self.model.parameters)}
-        names = [parameter.name for parameter in other.model.parameters]
-        if self.covariance is None or not index.keys() >= set(names):
-            return None
-        at = [*(index[name] for name in names), *range(len(self.x), len(self.x) + len(BASE))]
-        return np.asarray(self.covariance[np.ix_(at, at)])
-
-    @property
     def arm(self) -> Arm:
         """Return the nominal arm."""
         return self.model.chain.arm
@@ -460,3 +435,29 @@ class Fitted:
         if self.discrepancy is not None:
             return self.discrepancy.near(q)
         return np.ones(len(q), dtype=bool) if self.seen is None else self.seen.inside(q)
+
+
+def predicting_model(model: Fitted) -> Fitted:
+    """Return the model that predicts: where effects hold nowhere, what a model falls back to.
+
+    The file of a model has no covariance of the other one. That of the same parameters, fitted
+    together with the effects, stands for it: it is the larger one.
+    """
+    if model.falls_back is None or not model.falls_back.within.nowhere:
+        return model
+    away = model.falls_back.model
+    covariance = _covariance_of(model, away) if away.covariance is None else away.covariance
+    return replace(away, covariance=covariance, fitted_to=model.fitted_to)
+
+
+def _covariance_of(model: Fitted, other: Fitted) -> Array | None:
+    """Return a model's covariance of the parameters of another one and of the base, (k + 6, k + 6).
+
+    None where it is not known of all.
+    """
+    index = {parameter.name: k for k, parameter in enumerate(model.model.parameters)}
+    names = [parameter.name for parameter in other.model.parameters]
+    if model.covariance is None or not index.keys() >= set(names):
+        return None
+    at = [*(index[name] for name in names), *range(len(model.x), len(model.x) + len(BASE))]
+    return np.asarray(model.covariance[np.ix_(at, at)])

@@ -56,6 +56,7 @@ def export(
     from pa10cal.files.arms import maker_calibration, urdf_of_arm
     from pa10cal.files.coupling import coupling_in_words
     from pa10cal.files.output import write_text
+    from pa10cal.fit.fitted import predicting_model
     from pa10cal.fit.fitted_model import save_model
     from pa10cal.fit.rigid import beyond_rigid, dh_text, rigid_part
     from pa10cal.stages.inputs import read_calibrated, read_measured
@@ -64,7 +65,7 @@ def export(
     *_, calibrated = models.values()
     withheld = _is_withheld(record, calibration, force=force)
     exported, warnings = _exported_model(calibrated, record, extended)
-    fitted = exported.predicting  # tables and URDF are of the model that is used
+    fitted = predicting_model(exported)  # tables and URDF are of the model that is used
     grade = f"{record.health.grade}: {record.health.line}"
     forced = f"exported with --force; {grade}" if withheld else None
     mark = f"forced {record.health.grade}" if withheld else record.health.grade  # in tables
@@ -140,6 +141,7 @@ def _exported_model(
     calibrated: FittedModel, record: CalibrationRecord, extended: Path | None
 ) -> tuple[FittedModel, Sequence[str]]:
     """Return the model to export, and its warnings: the extended one where it adds anything."""
+    from pa10cal.fit.fitted import predicting_model
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.inputs import read_extended
@@ -148,7 +150,7 @@ def _exported_model(
         with_effects = read(ExtendedRecord, extended, record.campaign)
         model = read_extended(extended, record.campaign).model
         # Where effects hold nowhere, the field is in the model that it falls back to.
-        if with_effects.named or model.predicting.model.terms_of("field"):
+        if with_effects.named or predicting_model(model).model.terms_of("field"):
             # The grade is that of the calibration to export, which may have these effects itself.
             return replace(model, fitted_to=calibrated.fitted_to), with_effects.warnings
     return calibrated, record.warnings
