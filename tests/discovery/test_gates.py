@@ -195,6 +195,14 @@ def test_an_effect_of_the_instrument_is_no_better_than_another(wave):
     assert gates._of_the_robot(found, either) is found
 
 
+def test_an_unlikely_effect_of_the_instrument_goes_whatever_held_out_poses_say(monkeypatch, wave):
+    """Their readings are false as it says, or the base is moved for nothing."""
+    two = beside(wave, ("cmm_squareness", "instrument"))
+    monkeypatch.setattr(gates, "in_doubt", lambda _found, name: replace(name, unknown=0.9))
+    monkeypatch.setattr(gates, "harmed", lambda _after, before=None: before is not None)
+    assert names(gates._without_unlikely_names(two)) == names(wave.discovery)
+
+
 def test_what_uncertain_weights_take_up_is_no_comfort(monkeypatch, wave, nothing_hidden):
     """Any term that is there stands for uncertain weights; here the effect lowers the error."""
     assert "the weights may differ from the description" not in "".join(

@@ -181,7 +181,8 @@ def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Ve
 def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict without names that are less likely than something without a name.
 
-    A name stays if held-out poses are predicted worse without it.
+    A name stays if held-out poses are predicted worse without it. Of an effect of the instrument
+    these readings are no judge: they are false as it says, or the base is moved for nothing.
     """
     names = [in_doubt(found, name) for name in found.findings if is_named(name.effect)]
     for finding in sorted(names, key=lambda name: name.explanations.of(name.effect)):
@@ -194,7 +195,8 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
         (now,) = (other for other in found.findings if other.effect == finding.effect)
         without = without_names(found, {now: why})
         held_out = found.trusted_holdout
-        if harmed(held_out) or not harmed(without.trusted_holdout, held_out):
+        worse_without = not harmed(held_out) and harmed(without.trusted_holdout, held_out)
+        if not worse_without or finding.effect.falsifies_readings:
             found = without
     return found
 
