@@ -55,11 +55,11 @@ def read_campaign(
         SettingsError: when a key of the description does not fit.
     """
     from pa10cal.campaign.table import as_in_table
-    from pa10cal.fit.weighed_arm import without_torque_zeros
+    from pa10cal.fit.weighed_arm import without_torque_errors
 
     found = read_raw(folder, options, arms=arms)
     every = as_in_table(found.observations, found.arm.prismatic, found.description)
-    return replace(found, observations=without_torque_zeros(every, found.arm))
+    return replace(found, observations=without_torque_errors(every, found.arm))
 
 
 def calibrate(

@@ -18,7 +18,7 @@ from pa10cal.campaign.table import write_pose_table
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
 from pa10cal.fit.loads import statics_of
-from pa10cal.fit.weighed_arm import weighed_arm, weights_finding, without_torque_zeros
+from pa10cal.fit.weighed_arm import weighed_arm, weights_finding, without_torque_errors
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.stages.inputs import read_measured
@@ -192,7 +192,7 @@ def test_zeros_of_logged_torques_are_taken_out_and_the_large_ones_told(stated, g
     np.testing.assert_allclose(known.zero_Nm, ZEROS_NM, atol=0.13)
     assert all(f"N m at joint {joint}" in known.said for joint in (1, 2, 3, 4, 5))
     assert "joint 6" not in known.said  # as the zero of any sensor
-    cleared = without_torque_zeros(log, arm)
+    cleared = without_torque_errors(log, arm)
     np.testing.assert_allclose(cleared.states.tau_Nm - plain.states.tau_Nm, 0.0, atol=0.13)
     # Neither masses nor level take up what a zero is.
     u = np.sqrt(np.diag(other.covariance))
@@ -204,8 +204,8 @@ def test_torques_without_zeros_are_left_as_they_are():
     log = readings()
     arm = weighed(described(), ARM, log)
     assert not len(weights_known(arm).by_log.zero_Nm)
-    assert without_torque_zeros(log, arm) is log
-    assert without_torque_zeros(log, ARM) is log
+    assert without_torque_errors(log, arm) is log
+    assert without_torque_errors(log, ARM) is log
 
 
 @pytest.mark.parametrize("stated", [ARM, BARE])

@@ -63,10 +63,15 @@ class WeighedByLog:
 
     x: Array  # (4 n + 3,) the differences
     covariance: Array  # (4 n + 3, 4 n + 3) of the differences
-    # which mass the log contradicts, with both numbers, and the zeros of torques; empty for none
+    # which mass the log contradicts, with both numbers, zeros and friction of torques; empty for
+    # none
     said: str = ""
     # (n,) zeros of the logged torques, 0 where not shown; empty where no joint shows one
     zero_Nm: Array = field(default_factory=lambda: np.zeros(0))
+    # (n,) friction that they hold by the direction of arrival, 0 where not shown, and its standard
+    # uncertainty; empty where no joint shows any
+    friction_Nm: Array = field(default_factory=lambda: np.zeros(0))
+    u_friction_Nm: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)

@@ -62,10 +62,13 @@ def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
     return plain
 
 
+#: Errors of logged torques, which a file has where some joint shows one.
+_OF_LOG = ("zero_Nm", "friction_Nm", "u_friction_Nm")
+
+
 def _by_log_to_plain(by_log: WeighedByLog) -> dict[str, Any]:
     plain = {"x": by_log.x, "covariance": by_log.covariance, "said": by_log.said}
-    if len(by_log.zero_Nm):
-        plain["zero_Nm"] = by_log.zero_Nm
+    plain |= {name: errors for name in _OF_LOG if len(errors := getattr(by_log, name))}
     return {name: plain_value(value) for name, value in plain.items()}
 
 
@@ -101,8 +104,7 @@ def arm_from_plain(content: Mapping[str, Any]) -> Arm:
         known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
         if (log := weights.get("by_log")) is not None:
             log = {**log, "x": finite(log["x"], "x"), "covariance": finite(log["covariance"], "")}
-            if "zero_Nm" in log:
-                log["zero_Nm"] = finite(log["zero_Nm"], "zero_Nm")
+            log |= {name: finite(log[name], name) for name in _OF_LOG if name in log}
             known = replace(known, by_log=WeighedByLog(**log))
     return Arm(
         name=str(content["name"]),

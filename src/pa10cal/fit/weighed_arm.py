@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
@@ -24,6 +25,7 @@ from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, spread
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
 from pa10cal.results.record import HALF_WIDTH_95
@@ -55,14 +57,15 @@ def weighed_arm(
     if why and arm.weights_known is not None:
         arm = replace(arm, weights_known=replace(arm.weights_known, why=why))
     payload = payload_of(arm)
-    grid = every.of_kind("grid")
+    grid = with_arrivals(every, arm)[0].of_kind("grid")
     if payload is None or not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
         return arm
     if not np.linalg.norm(payload.gravity_m_s2):
         return arm
     poses = average_repeats(grid)
+    repeated = len(grid) - len(poses) > MASSES.repeated_share * len(grid)
     poses = poses.take(np.unique(spread(len(poses), MASSES.most_poses)))
-    torques = _LoggedTorques.of(arm, payload, poses)
+    torques = _LoggedTorques.of(arm, payload, poses, repeated=repeated)
     if not torques.are_of_weights:
         return arm
     if arm.weights_known is not None:
@@ -76,19 +79,24 @@ def weighed_arm(
     # One link may be stated so wrongly. If it takes more, the signs of the torques or the direction
     # of gravity are as likely.
     corrected = torques.without_contradiction(most=1)
-    return corrected if _LoggedTorques.of(corrected, payload, poses).follow_calculated else arm
+    of_corrected = _LoggedTorques.of(corrected, payload, poses, repeated=repeated)
+    return corrected if of_corrected.follow_calculated else arm
 
 
-def without_torque_zeros(every: Observations, arm: Arm) -> Observations:
-    """Return readings without the zeros that the weighed arm has of their logged torques.
+def without_torque_errors(every: Observations, arm: Arm) -> Observations:
+    """Return readings without the zeros and friction that the weighed arm has of their torques.
 
-    A fit takes the zero of a torque, through a spring, as one of the joint. Predictions calculate
-    torques from the weights, which have none.
+    A fit takes the zero of a torque, through a spring, as one of the joint, and friction of a motor
+    as lost motion. Predictions calculate torques from the weights, which have neither.
     """
     by_log = weights_known(arm).by_log
-    if by_log is None or not by_log.zero_Nm.any():
+    if by_log is None or not (by_log.zero_Nm.any() or by_log.friction_Nm.any()):
         return every
-    tau_Nm = every.states.tau_Nm - by_log.zero_Nm
+    tau_Nm = every.states.tau_Nm
+    if len(by_log.zero_Nm):
+        tau_Nm = tau_Nm - by_log.zero_Nm
+    if len(by_log.friction_Nm):
+        tau_Nm = tau_Nm - by_log.friction_Nm * with_arrivals(every, arm)[0].states.arrival
     return every.with_states(replace(every.states, tau_Nm=tau_Nm))
 
 
@@ -182,11 +190,13 @@ class _WeightFit(NamedTuple):
     errors_std: Array  # (c,) their standard uncertainties
 
 
-class _ZerosShown(NamedTuple):
-    """Zeros of logged torques that these show."""
+class _ErrorsShown(NamedTuple):
+    """Zeros and friction that logged torques show."""
 
-    zero_Nm: Array  # (n,), 0 where not shown; empty where no joint shows one
-    said: str  # the large ones, and what to do; empty for none
+    zero_Nm: Array = np.zeros(0)  # (n,), 0 where not shown; empty where no joint shows one
+    friction_Nm: Array = np.zeros(0)  # the same, by the direction of arrival
+    u_friction_Nm: Array = np.zeros(0)  # its standard uncertainty
+    said: str = ""  # the large ones, and what to do; empty for none
 
 
 class _Contradiction(NamedTuple):
@@ -209,9 +219,13 @@ class _LoggedTorques:
     by_weights: Array  # (P, n, 4 n + 3) derivative of the calculated ones by `amounts`
     nuisance: Array  # (P, n, c) columns of usual errors of the log, of unit expected size
     load_N: Array  # (P,) external load of each pose
+    arrival: Array  # (P, n) direction in which each joint arrived
+    repeated: bool  # whether many of the poses are averages of readings
 
     @classmethod
-    def of(cls, arm: Arm, payload: Payload, poses: Observations) -> _LoggedTorques:
+    def of(
+        cls, arm: Arm, payload: Payload, poses: Observations, *, repeated: bool
+    ) -> _LoggedTorques:
         states, described = poses.states, arm
         if arm.weights_known is not None:
             known = replace(arm.weights_known, by_log=None)
@@ -231,6 +245,8 @@ class _LoggedTorques:
             by_weights=calculated.static_loads.by_weights,
             nuisance=np.concatenate([usual_errors, load[:, :, None]], axis=2),
             load_N=states.load_N,
+            arrival=states.arrival,
+            repeated=repeated,
         )
 
     @property
@@ -244,7 +260,7 @@ class _LoggedTorques:
         """Return whether logged torques, less zeros, correlate with those of the weights."""
         calculated_Nm = self.logged_Nm - self.residual_Nm
         less_zeros_Nm = (
-            calculated_Nm + self._without(self._zeros_shown(self._any_sizes)).residual_Nm
+            calculated_Nm + self._without(self._errors_shown(self._any_sizes)).residual_Nm
         )
         product = float(np.sum(calculated_Nm * less_zeros_Nm))
         size = np.linalg.norm(calculated_Nm) * np.linalg.norm(less_zeros_Nm)
@@ -337,60 +353,82 @@ class _LoggedTorques:
                     "predictions go by the log"
                 )
                 freed, most_errors = widened, errors
-        zeros = self._zeros_shown(freed)
+        of_log = self._errors_shown(freed)
         # Springs are fitted to torques with the log's scale errors, and predictions need torques
         # with the same scale: the columns of scale errors, the first n, are left out.
-        without_zeros = self._without(zeros)
-        without_gains = replace(without_zeros, nuisance=without_zeros.nuisance[:, :, arm.n :])
-        fit = without_gains._solve(freed)
-        said = "; ".join(filter(None, (text, zeros.said)))
-        return WeighedByLog(fit.amounts, fit.covariance, said, zeros.zero_Nm)
+        without = self._without(of_log)
+        fit = replace(without, nuisance=without.nuisance[:, :, arm.n :])._solve(freed)
+        said = "; ".join(filter(None, (text, of_log.said)))
+        return WeighedByLog(fit.amounts, fit.covariance, said, *of_log[:3])
 
-    def _without(self, zeros: _ZerosShown) -> _LoggedTorques:
-        """Return the torques less their zeros."""
-        if not len(zeros.zero_Nm):
-            return self
-        return replace(self, residual_Nm=self.residual_Nm - zeros.zero_Nm)
+    def _without(self, errors: _ErrorsShown) -> _LoggedTorques:
+        """Return the torques less their zeros and friction."""
+        residual_Nm = self.residual_Nm
+        if len(errors.zero_Nm):
+            residual_Nm = residual_Nm - errors.zero_Nm
+        if len(errors.friction_Nm):
+            residual_Nm = residual_Nm - errors.friction_Nm * self.arrival
+        return replace(self, residual_Nm=residual_Nm)
 
-    def _zeros_shown(self, sizes: Array) -> _ZerosShown:
-        """Return the zeros that the torques show beside weights of these uncertainties (4 n + 3,).
+    def _errors_shown(self, sizes: Array) -> _ErrorsShown:
+        """Return what the torques show beside weights of these uncertainties (4 n + 3,).
 
-        Zeros no larger than those of usual logs are not told.
+        Zeros no larger than those of usual logs are not told. Friction is that of motors and gears,
+        which act before the spring of a joint: sensors at the joint show hardly any, so that as
+        small a part is left in. Where poses are repeated, friction is sought as an effect.
         """
-        zero_Nm, std_Nm = self._zeros(sizes)
-        shown = np.abs(zero_Nm) > MASSES.differs_errors * std_Nm
-        if not shown.any():
-            return _ZerosShown(np.zeros(0), "")
-        each = ", ".join(
-            f"{zero_Nm[j]:+.3g} ± {HALF_WIDTH_95 * std_Nm[j]:.1g} "
+        friction_Nm, zero_Nm, u_friction_Nm, u_zero_Nm = self._friction_and_zeros(sizes)
+        zero_shown = np.abs(zero_Nm) > MASSES.differs_errors * u_zero_Nm
+        of_motor_Nm = MASSES.friction_of_motor * self._usual_zeros_Nm / MASSES.zero_share
+        least_Nm = np.maximum(MASSES.differs_errors * u_friction_Nm, of_motor_Nm)
+        friction_shown = (friction_Nm > least_Nm) & (not self.repeated)
+        told = zero_shown & (np.abs(zero_Nm) > self._usual_zeros_Nm)
+        said = []
+        if told.any():
+            said.append(
+                f"logged torques have a zero of {self._listed(zero_Nm, u_zero_Nm, told)}, which is "
+                "taken out before the fit: set the zeros of the torque sensors"
+            )
+        if friction_shown.any():
+            each = self._listed(friction_Nm, u_friction_Nm, friction_shown)
+            said.append(f"logged torques hold friction, {each}, which is taken out before the fit")
+        none = np.zeros(0)
+        return _ErrorsShown(
+            np.where(zero_shown, zero_Nm, 0.0) if zero_shown.any() else none,
+            np.where(friction_shown, friction_Nm, 0.0) if friction_shown.any() else none,
+            np.where(friction_shown, u_friction_Nm, 0.0) if friction_shown.any() else none,
+            "; ".join(said),
+        )
+
+    def _listed(self, torque_Nm: Array, u_Nm: Array, told: NDArray[np.bool_]) -> str:
+        """Return torques (n,) with their intervals in words, of the joints that are told (n,)."""
+        return ", ".join(
+            f"{torque_Nm[j]:+.3g} ± {HALF_WIDTH_95 * u_Nm[j]:.1g} "
             f"{'N' if self.arm.prismatic[j] else 'N m'} at joint {j + 1}"
-            for j in np.flatnonzero(shown & (np.abs(zero_Nm) > self._usual_zeros_Nm))
+            for j in np.flatnonzero(told)
         )
-        text = (
-            f"logged torques have a zero of {each}, which is taken out before the fit: set the "
-            "zeros of the torque sensors"
-        )
-        return _ZerosShown(np.where(shown, zero_Nm, 0.0), text if each else "")
 
-    def _zeros(self, sizes: Array) -> tuple[Array, Array]:
-        """Return the zero (n,) of each joint's logged torque, and its standard uncertainty.
+    def _friction_and_zeros(self, sizes: Array) -> tuple[Array, Array, Array, Array]:
+        """Return friction and zero (n,) of each joint's logged torque, then their uncertainties.
 
-        It is that beside weights, gain, friction of either direction, and every load of its own
-        size; infinitely uncertain where the torques are too few, or of a group, whose campaigns
-        have a zero each.
+        They are those beside weights, gain, and every load of its own size; infinitely uncertain
+        where the torques are too few, or of a group, whose campaigns have a zero each.
         """
         n, of_load = self.arm.n, self.nuisance[:, :, -1]
         rated_Nm = self._usual_zeros_Nm / MASSES.zero_share
         zeros = np.broadcast_to(np.diag(rated_Nm), (*self.logged_Nm.shape, n))
+        friction = zeros * self.arrival[:, None, :]
         of_loads = [of_load * (self.load_N == load)[:, None] for load in np.unique(self.load_N)]
-        usual = self.nuisance[:, :, : 2 * n]
-        nuisance = np.concatenate([usual, np.stack(of_loads, axis=2), zeros], axis=2)
+        gains = self.nuisance[:, :, :n]
+        nuisance = np.concatenate([gains, np.stack(of_loads, axis=2), friction, zeros], axis=2)
         spare = self.residual_Nm.size - len(sizes) - nuisance.shape[2]
         if spare <= 0 or self.payload.of_campaigns:
-            return np.zeros(n), np.full(n, np.inf)
+            none, unknown = np.zeros(n), np.full(n, np.inf)
+            return none, none, unknown, unknown
         fit = replace(self, nuisance=nuisance)._solve(sizes)
         widened = np.sqrt(self.residual_Nm.size / spare)  # the scatter is of residuals
-        return fit.errors[-n:] * rated_Nm, fit.errors_std[-n:] * rated_Nm * widened
+        found, u = (each[-2 * n :] * np.tile(rated_Nm, 2) for each in (fit.errors, fit.errors_std))
+        return found[:n], found[n:], widened * u[:n], widened * u[n:]
 
     @property
     def _usual_zeros_Nm(self) -> Array:
@@ -454,8 +492,8 @@ class _LoggedTorques:
         Args:
             sizes: (4 n + 3,) standard uncertainties of the weights before the fit.
         """
-        zeros = self._zeros_shown(sizes)
-        fit = self._without(zeros)._solve(sizes)
+        errors = self._errors_shown(sizes)
+        fit = self._without(errors)._solve(sizes)
         arm, amounts = self.arm, fit.amounts
         assert arm.mass_kg is not None
         assert arm.com_m is not None
@@ -477,8 +515,8 @@ class _LoggedTorques:
             WeighedByLog(
                 of_tool,
                 to_new_centres @ fit.covariance @ to_new_centres.T,
-                zeros.said,
-                zeros.zero_Nm,
+                errors.said,
+                *errors[:3],
             ),
         )
         return replace(arm, mass_kg=mass_kg, com_m=com_m, weights_known=known)
