@@ -208,6 +208,46 @@ def test_torques_without_zeros_are_left_as_they_are():
     assert without_torque_errors(log, ARM) is log
 
 
+FRICTION_NM = np.array([9.0, 8.0, 4.0, 1.5, 0.02, 0.0])
+
+
+def with_friction(every, repeats=1):
+    """Return readings whose torques hold friction, in a random order, each that often."""
+    every = every.take(np.repeat(np.arange(len(every)), repeats))
+    rng = np.random.default_rng(8)
+    arrival = np.where(rng.uniform(size=every.states.tau_Nm.shape) < 0.5, -1.0, 1.0)
+    return with_torques_more(every, FRICTION_NM * arrival, arrival=arrival)
+
+
+@pytest.mark.parametrize("stated", [ARM, BARE])
+def test_friction_of_motors_is_taken_out_and_that_of_sensors_left(stated):
+    plain = readings()
+    log = with_friction(plain)
+    arm = weighed(described(), stated, log)
+    known = weights_known(arm).by_log
+    of_motors = FRICTION_NM > 1.0
+    np.testing.assert_array_equal(known.friction_Nm > 0.0, of_motors)
+    off_Nm = (known.friction_Nm - FRICTION_NM)[of_motors]
+    assert np.all(np.abs(off_Nm) < 4.0 * known.u_friction_Nm[of_motors])
+    assert np.all(known.u_friction_Nm[of_motors] < 0.1)
+    assert "logged torques hold friction at 4 joints, at the most +9" in known.said
+    cleared_Nm = without_torque_errors(log, arm).states.tau_Nm
+    np.testing.assert_allclose(cleared_Nm - plain.states.tau_Nm, 0.0, atol=0.3)
+
+
+def test_friction_is_an_effect_to_be_sought_where_poses_are_repeated():
+    log = with_friction(readings(), repeats=2)
+    arm = weighed(described(), ARM, log)
+    assert not len(weights_known(arm).by_log.friction_Nm)
+    assert without_torque_errors(log, arm) is log
+
+
+def test_friction_against_the_direction_of_arrival_is_none():
+    log = with_friction(readings())
+    reversed_ = log.with_states(replace(log.states, arrival=-log.states.arrival))
+    assert not len(weights_known(weighed(described(), ARM, reversed_)).by_log.friction_Nm)
+
+
 @pytest.mark.parametrize("stated", [ARM, BARE])
 def test_zeros_larger_than_the_torques_of_the_weights_are_found(stated):
     zeros_Nm = 0.2 * ARM.torque_limit_Nm

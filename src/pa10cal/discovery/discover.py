@@ -29,7 +29,7 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, 
 from pa10cal.discovery.proposals import with_lines_named, with_proposals
 from pa10cal.discovery.row_faults import influential_pose, of_wrong_row
 from pa10cal.discovery.rules import JUDGING, NOISE
-from pa10cal.discovery.torque_faults import stated_wrongly
+from pa10cal.discovery.torque_faults import stated_wrongly, with_friction_of_log
 from pa10cal.discovery.verdict import (
     Basis,
     Predicted,
@@ -82,7 +82,7 @@ def discover(
     found = _without_influential_poses(_judged(campaign, model), model)
     if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
-    return with_likely(with_predicted(with_compliance(found)))
+    return with_friction_of_log(with_likely(with_predicted(with_compliance(found))))
 
 
 def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:

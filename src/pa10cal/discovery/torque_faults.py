@@ -1,4 +1,4 @@
-"""Loads and tool that the log states wrongly, found by logged torques.
+"""Loads and tool that the log states wrongly, found by logged torques; friction that these hold.
 
 Where effects are judged by blocks of poses, logged torques are no rows of the search: springs take
 them from the log as they are, and a wrong load moves no pose. It shows in the torques alone.
@@ -7,23 +7,28 @@ them from the log as they are, and a wrong load moves no pose. It shows in the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from typing_extensions import override
 
+from pa10cal.arm.description import weights_known
 from pa10cal.arrays import Array, Index
-from pa10cal.discovery.finding import DiagnosedFault, fault_of
+from pa10cal.discovery.finding import DiagnosedFault, Finding, Proof, fault_of
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.discovery.rules import TORQUES
+from pa10cal.discovery.verdict import Verdict, is_sought
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.fit.weighed_arm import errors_of_logs, scatter_about
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
+from pa10cal.results.discovery import EvidenceByTorques
 from pa10cal.rules import MASSES
 from pa10cal.terms.effects.effect import CandidateContext
+from pa10cal.terms.effects.joint import FrictionTorque
 from pa10cal.terms.weights import WeightStated, fault_candidates
 
 
@@ -48,6 +53,39 @@ def stated_wrongly(
         if np.abs(x).max() > TORQUES.least_sizes:
             found.append(fault_of(faults[k], x * sizes, covariance * np.outer(sizes, sizes), gain))
     return tuple(found)
+
+
+class InTorques(EvidenceByTorques, Proof):
+    """The statistics that decided about friction in a log."""
+
+    @property
+    @override
+    def evidence(self) -> EvidenceByTorques:
+        return self
+
+
+def with_friction_of_log(found: Verdict) -> Verdict:
+    """Return a verdict that tells the friction which was taken out of its logged torques."""
+    arm = found.baseline.arm
+    by_log = weights_known(arm).by_log
+    if not is_sought(found) or by_log is None or not by_log.friction_Nm.any():
+        return found
+    rated_Nm = arm.rated_Nm(np.abs(found.train.poses.states.tau_Nm).max(axis=0))
+    findings = []
+    for joint in np.flatnonzero(by_log.friction_Nm):
+        tau_Nm, u_Nm = float(by_log.friction_Nm[joint]), float(by_log.u_friction_Nm[joint])
+        findings.append(
+            Finding(
+                effect=FrictionTorque(f"joint {joint + 1}", float(rated_Nm[joint])),
+                x=np.array([tau_Nm]),
+                covariance=np.array([[u_Nm**2]]),
+                alternatives=(),
+                proof=InTorques(
+                    standard_uncertainties=tau_Nm / u_Nm, of_rated=tau_Nm / float(rated_Nm[joint])
+                ),
+            )
+        )
+    return replace(found, in_log=tuple(findings))
 
 
 @dataclass(frozen=True)

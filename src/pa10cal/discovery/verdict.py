@@ -240,6 +240,7 @@ class Verdict(Generic[S]):
     # joints that give way under weights that are not stated; their springs are in the calibrated
     # model already
     gives_way: tuple[Finding[GivesWay], ...] = ()
+    in_log: tuple[Finding, ...] = ()  # friction of logged torques, which was taken out of them
     why: str | None = None  # why effects cannot be sought; None where they were sought
     remedy: str | None = None  # what to do about that
 
@@ -263,7 +264,7 @@ class Verdict(Generic[S]):
         """Return the verdict in a word."""
         if self.why is not None:
             return "not_sought"
-        named = (*self.gives_way, *self.effects)
+        named = (*self.gives_way, *self.in_log, *self.effects)
         if to_check(self.faults, effects=bool(named)):
             return "check_the_log"
         return word_of(named, self.unexplained)
@@ -413,7 +414,7 @@ class Verdict(Generic[S]):
         weights that are not stated are in the calibrated model already: errors before are those of
         the geometry alone.
         """
-        nothing = self.verdict == "none" and self.predicted is None
+        nothing = word_of(self.effects, self.unexplained) == "none" and self.predicted is None
         if (self.method is None or nothing) and not self.gives_way:
             return None
         over: Literal["held-out poses", "fitted poses"] = "held-out poses"

@@ -45,7 +45,7 @@ def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
         explained=found.explained,
         effects=tuple(
             finding.record(scorer.witness(finding.effect))
-            for finding in (*found.gives_way, *found.effects)
+            for finding in (*found.gives_way, *found.in_log, *found.effects)
         ),
         faults=found.faults,
         unexplained=AllUnexplained(**dict(places[0]), all=places) if places else None,

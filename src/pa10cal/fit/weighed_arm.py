@@ -390,8 +390,12 @@ class _LoggedTorques:
                 "taken out before the fit: set the zeros of the torque sensors"
             )
         if friction_shown.any():
-            each = self._listed(friction_Nm, u_friction_Nm, friction_shown)
-            said.append(f"logged torques hold friction, {each}, which is taken out before the fit")
+            most = friction_shown & (friction_Nm == friction_Nm[friction_shown].max())
+            said.append(
+                f"logged torques hold friction at {friction_shown.sum()} joints, at the most "
+                f"{self._listed(friction_Nm, u_friction_Nm, most)}, which is taken out before the "
+                "fit"
+            )
         none = np.zeros(0)
         return _ErrorsShown(
             np.where(zero_shown, zero_Nm, 0.0) if zero_shown.any() else none,

@@ -137,6 +137,11 @@ def _evidence(effect: discovery.FoundEffect) -> str:
             f"rms of {which}, as it is {elastic_mm:.3f} mm; log evidence "
             f"{evidence.lost_without_it_nats:.3g} nats, {evidence.needed_nats:.3g} needed"
         )
+    if isinstance(evidence, discovery.EvidenceByTorques):
+        return (
+            f"logged torques show {100.0 * evidence.of_rated:.1f} % of the rated torque, "
+            f"{evidence.standard_uncertainties:.0f} standard uncertainties; it is taken out of them"
+        )
     if isinstance(evidence, discovery.EvidenceByBlocks):
         blocks = evidence.cross_validation_over_blocks
         return (

@@ -76,8 +76,15 @@ class EvidenceOfSag(record.Part):
     all_rigid_mm: float
 
 
+class EvidenceByTorques(record.Part):
+    """Statistics that decided about friction that logged torques show by themselves."""
+
+    standard_uncertainties: float  # its size in standard uncertainties
+    of_rated: float  # its size over the rated torque of the joint
+
+
 #: Statistics that decided about an effect, by who judged.
-Evidence = EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag
+Evidence = EvidenceByRepeats | EvidenceByBlocks | EvidenceOfSag | EvidenceByTorques
 
 
 class Alternative(record.EffectName):

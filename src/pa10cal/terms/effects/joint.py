@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from pa10cal.arm.description import Arm, neighbouring_axes
+from pa10cal.arm.description import Arm, neighbouring_axes, weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import CalibrationError
@@ -402,6 +402,14 @@ class FrictionTorque(FalseTorque):
     )
     words = "logged tau_{0.joint} = tau_{0.joint} + tau_c s_{0.joint}"
     positive = True
+
+    @classmethod
+    def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        """Return its fields; None also where it was taken out of the log."""
+        by_log = weights_known(context.arm).by_log
+        if by_log is not None and by_log.friction_Nm[joint - 1 : joint].any():
+            return None
+        return super().fields_at(context, joint)
 
     @property
     def reported(self) -> tuple[TermParameter, ...]:
