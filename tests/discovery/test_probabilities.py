@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pa10cal.discovery import verdict
 from pa10cal.discovery.finding import Explanations, Finding, Rival, UnknownBeside
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
@@ -181,3 +182,15 @@ def test_another_name_in_its_place_makes_nothing_more_probable(nats, other, weig
     for effect in (BACKLASH, GEAR, ELSEWHERE):
         assert after.of(effect) == pytest.approx(before.of(effect), abs=1e-9)
     assert after.none_of_these == pytest.approx(before.none_of_these, abs=1e-9)
+
+
+def test_an_effect_that_is_larger_than_such_effects_are_is_in_doubt(monkeypatch, wave):
+    (finding,) = wave.discovery.findings
+    assert 0.3 < verdict._plausible_sizes(wave.discovery, finding.effect) < 1.0
+    unknown = []
+    for size in (0.5, 2.0, 4.0, 8.0):
+        monkeypatch.setattr(verdict, "_plausible_sizes", lambda *_, size=size: size)
+        unknown.append(verdict.in_doubt(wave.discovery, finding).unknown)
+    assert unknown[0] == unknown[1] == pytest.approx(PROBABILITIES.unknown)
+    odds = [each / (1.0 - each) for each in unknown]
+    assert np.divide(odds, odds[0]) == pytest.approx([1.0, 1.0, 8.0, 64.0])

@@ -525,12 +525,27 @@ def with_likely(found: Verdict) -> Verdict:
 def in_doubt(found: Verdict, finding: F) -> F:
     """Return a finding with the probability that something else causes it which was not tried.
 
-    It is larger where more than noise remains without a name.
+    It is larger where more than noise remains without a name, and where the effect is larger than
+    such effects are: then another cause looks like it.
     """
     if (by_errors := finding.proof.unknown) is not None:
-        return replace(finding, unknown=by_errors.probability(found.noise_floor_mm))
-    left = bool(found.unexplained) or found.over_noise
-    return replace(finding, unknown=PROBABILITIES.unknown_beside if left else PROBABILITIES.unknown)
+        unknown = by_errors.probability(found.noise_floor_mm)
+    elif found.unexplained or found.over_noise:
+        unknown = PROBABILITIES.unknown_beside
+    else:
+        unknown = PROBABILITIES.unknown
+    size = _plausible_sizes(found, finding.effect) / PROBABILITIES.usual_sizes
+    doubt = max(1.0, size) ** PROBABILITIES.size_power
+    return replace(finding, unknown=doubt * unknown / (1.0 - unknown + doubt * unknown))
+
+
+def _plausible_sizes(found: Verdict, effect: Effect) -> float:
+    """Return how many plausible sizes an effect of the model has; 0 where physics limits it."""
+    limited = effect.possible is not None or effect.most_rad is not None
+    extended = found.scorer.extended
+    if limited or not is_named(effect) or effect not in extended.effects:
+        return 0.0
+    return effect.size(extended.of(effect)[: effect.linear])
 
 
 def smooth_unknown(effect: Effect, left_mm: float, what: str) -> Unexplained:
