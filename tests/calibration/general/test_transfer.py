@@ -14,6 +14,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.general.placed import refit_frames, with_tool_of
+from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
@@ -157,3 +158,15 @@ def test_what_frames_take_up_is_uncertain_no_more(model, see):
     assert ratio == pytest.approx(1.0, abs=0.25)
     before = model.predict(every.states.q_rad).u_mm
     assert np.mean(expected) < np.mean(before**2)
+
+
+# Frames that the poses do not identify.
+
+
+@pytest.mark.parametrize("kind", ["pose", "points"])
+@pytest.mark.parametrize("distinct", [1, 2])
+def test_poses_that_do_not_identify_the_frames_are_refused(model, see, kind, distinct):
+    readings = see("ur10", kind, count=12, size=0.0, noise_m=1e-5)
+    few = readings.take(np.repeat(np.arange(1, 1 + distinct), 5))
+    with pytest.raises(CalibrationError, match=r"do not identify .*further apart"):
+        refit_frames(model, few)

@@ -94,14 +94,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         return problem, x_start, fit(problem, x_start)
 
     problem, _, found = about_known_arm(unknowns, start, placed)
-    if not found.converged:
-        raise CalibrationError(
-            "base and tool could not be fitted",
-            where="grid poses",
-            value=found.reason,
-            allowed="poses that identify base and tool",
-            remedy="measure more poses, with orientations further apart",
-        )
+    _check_identified(problem, found)
     of_model = problem.of_model(found.x)
     away = model.falls_back
     terms = (*arm_terms, *own_frames)
@@ -126,6 +119,31 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         falls_back=None
         if away is None
         else FallBack(away.within, refit_frames(away.model, observations, cuts_s)),
+    )
+
+
+def _check_identified(problem: Problem, found: GeneralSolution) -> None:
+    """Refuse a fit of frames that did not converge, or whose poses do not identify the frames.
+
+    Along a direction that no reading determines the fit stays at its start, by the prior of the
+    unknowns, so it converges all the same.
+
+    Raises:
+        CalibrationError: with the number of directions that are identified.
+    """
+    rank, count = found.identifiability.rank, len(problem.parameters)
+    if found.converged and rank == count:
+        return
+    what, value = "base and tool could not be fitted", found.reason
+    if found.converged:
+        what = "the poses do not identify base and tool"
+        value = f"{rank} of {count} directions of their parameters"
+    raise CalibrationError(
+        what,
+        where="grid poses",
+        value=value,
+        allowed="poses that identify base and tool",
+        remedy="measure more poses, with orientations further apart",
     )
 
 
