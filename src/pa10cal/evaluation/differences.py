@@ -6,7 +6,7 @@ departure that one model holds at zero is held in the other too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -16,8 +16,11 @@ from pa10cal.arm.chain import TOOL
 from pa10cal.arrays import Array, Index
 from pa10cal.calibration.general.placed import is_tool
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.terms.of_campaign import small_motion
+from pa10cal.terms.of_campaign import motion_of_base, small_motion
 from pa10cal.terms.term import Term, TermParameter
+
+#: Least share of a variance along a direction that counts as not zero (computing).
+_NO_VARIANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,18 +57,21 @@ class _TermDifference:
 
 def differences(first: FittedModel, second: FittedModel) -> Differences:
     """Return what two models differ by."""
+    first, second = (
+        _with_zero(first, _held_in(second, first)),
+        _with_zero(second, _held_in(first, second)),
+    )
+    assert first.covariance is not None
+    assert second.covariance is not None
     of_arm = _arm_differences(first, second)
-    arm_1 = np.concatenate([each.indices_1 for each in of_arm])
-    arm_2 = np.concatenate([each.indices_2 for each in of_arm])
+    none = np.zeros(0, dtype=np.intp)
+    arm_1 = np.concatenate([none, *(each.indices_1 for each in of_arm)])
+    arm_2 = np.concatenate([none, *(each.indices_2 for each in of_arm)])
     tool_by, tool_1, tool_2 = _tool_difference(first, second)
     base_1, base_2 = len(first.x) + np.arange(6), len(second.x) + np.arange(6)
     base_by = small_motion(np.linalg.inv(first.T_instr_base) @ second.T_instr_base)
-    C_1 = _conditional_covariance(
-        first, np.concatenate([arm_1, tool_1, base_1]), _held_in(second, first)
-    )
-    C_2 = _conditional_covariance(
-        second, np.concatenate([arm_2, tool_2, base_2]), _held_in(first, second)
-    )
+    in_1, in_2 = np.concatenate([arm_1, tool_1, base_1]), np.concatenate([arm_2, tool_2, base_2])
+    C_1, C_2 = first.covariance[np.ix_(in_1, in_1)], second.covariance[np.ix_(in_2, in_2)]
     restated = block_diag(*(each.restated for each in of_arm), np.eye(len(C_2) - len(arm_2)))
     covariance = C_1 + restated @ C_2 @ restated.T
     targets_m = np.zeros(0) if len(tool_by) else _target_differences(first, second)
@@ -115,19 +121,30 @@ def _held_in(other: FittedModel, model: FittedModel) -> Index:
     return np.flatnonzero(model.model.having("link", "zero", "tilt") & np.array(held, bool))
 
 
-def _conditional_covariance(model: FittedModel, at: Index, held: Index) -> Array:
-    """Return the covariance of the parameters `at`, conditional on those that are held."""
-    assert model.covariance is not None
+def _with_zero(model: FittedModel, held: Index) -> FittedModel:
+    """Return a model on condition that its departures `held` (h,) are zero.
+
+    Of the normal distribution of its parameters and of the base's motions: with covariance C the
+    others move by -C_oh C_hh^-1 x_h, and their covariance becomes C_oo - C_oh C_hh^-1 C_ho. A
+    departure without variance stays as it is.
+    """
     covariance = model.covariance
-    marginal = covariance[np.ix_(at, at)]
+    assert covariance is not None
     held = held[np.diag(covariance)[held] > 0.0]
     if not len(held):
-        return marginal
-    across = covariance[np.ix_(at, held)]
-    conditional: Array = marginal - across @ np.linalg.solve(
-        covariance[np.ix_(held, held)], across.T
+        return model
+    size = np.sqrt(np.diag(covariance)[held])
+    correlation = covariance[np.ix_(held, held)] / np.outer(size, size)
+    # Some of them may be functions of others: along these directions the condition is none.
+    inverse = np.linalg.pinv(correlation, rcond=_NO_VARIANCE, hermitian=True)
+    follow = covariance[:, held] @ (inverse / np.outer(size, size))
+    step = -follow @ model.x[held]
+    return replace(
+        model,
+        x=model.x + step[: len(model.x)],
+        T_instr_base=model.T_instr_base @ motion_of_base(step[len(model.x) :]),
+        covariance=covariance - follow @ covariance[held],
     )
-    return conditional
 
 
 def _tool_difference(first: FittedModel, second: FittedModel) -> tuple[Array, Index, Index]:
