@@ -248,6 +248,7 @@ def import_arm(
         pa10cal import_arm calibration.conf --robot ur10 --out my_ur10.yaml
     """
     from pa10cal.errors import ArmError
+    from pa10cal.files.known_arms import XACRO
     from pa10cal.files.ur_calibration import ENDINGS
 
     if out.suffix != ".yaml":
@@ -258,19 +259,50 @@ def import_arm(
             allowed="a name that ends in .yaml",
             remedy="rename it",
         )
-    if file.suffix in ENDINGS:
+    is_calibration = file.suffix in ENDINGS
+    for option, value, needed, of_file in (
+        ("--base", base, not is_calibration, "a URDF"),
+        ("--tip", tip, not is_calibration, "a URDF"),
+        ("--xacro", " ".join(xacro), file.suffix == XACRO, f"a file that ends in {XACRO}"),
+        ("--robot", robot, is_calibration, f"a calibration ({', '.join(ENDINGS)})"),
+    ):
+        if value and not needed:
+            raise ArmError(
+                f"{file.name} is imported without this option",
+                where=option,
+                value=value,
+                allowed=f"only with {of_file}",
+                remedy="remove the option, or give the file that it is meant for",
+            )
+    if is_calibration:
         _import_ur_calibration(file, out, robot)
-        return
-    arguments = dict(each.partition(":=")[::2] for each in xacro if ":=" in each)
-    if len(arguments) < len(xacro):
-        raise ArmError(
-            "an argument of xacro has no value, or is stated twice",
-            where="--xacro",
-            value=" ".join(xacro),
-            allowed="NAME:=VALUE, each name once",
-            remedy="correct it",
-        )
-    _import_urdf(file, out, base, tip, arguments)
+    else:
+        _import_urdf(file, out, base, tip, _xacro_arguments(xacro))
+
+
+def _xacro_arguments(stated: tuple[str, ...]) -> dict[str, str]:
+    """Return the values of a xacro file's arguments by name.
+
+    Raises:
+        ArmError: when one has no value, or is stated twice.
+    """
+    from pa10cal.errors import ArmError
+
+    arguments: dict[str, str] = {}
+    for each in stated:
+        name, mark, value = each.partition(":=")
+        if not mark or name in arguments:
+            raise ArmError(
+                "an argument of xacro is stated twice"
+                if mark
+                else "an argument of xacro has no value",
+                where="--xacro",
+                value=each,
+                allowed="NAME:=VALUE, each name once",
+                remedy="correct it",
+            )
+        arguments[name] = value
+    return arguments
 
 
 def _import_urdf(
@@ -287,7 +319,8 @@ def _import_urdf(
     from pa10cal.files.output import whole_files
     from pa10cal.yaml_file import parse_yaml
 
-    known = None if file.suffix or file.exists() else known_urdf(str(file))
+    # A file goes before a robot of its name; a name with an ending is that of a file.
+    known = None if file.suffix or file.is_file() else known_urdf(str(file))
     if known is None:
         text, where, origin = read_urdf(file, arguments), str(file), file.name
     else:
