@@ -214,5 +214,8 @@ def covariance_of(
     scale: Array = MM_RAD_TO_SI,
 ) -> Array:
     """Return the covariances in columns as of `columns_of_covariance` (KeyError without them)."""
-    elements = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]
+    every = range(len(labels))
+    elements = [
+        [columns[name.format(labels[min(i, j)], labels[max(i, j)])] for j in every] for i in every
+    ]
     return np.ascontiguousarray(np.moveaxis(np.array(elements), 2, 0)) * np.outer(scale, scale)
