@@ -170,3 +170,31 @@ def test_poses_that_do_not_identify_the_frames_are_refused(model, see, kind, dis
     few = readings.take(np.repeat(np.arange(1, 1 + distinct), 5))
     with pytest.raises(CalibrationError, match=r"do not identify .*further apart"):
         refit_frames(model, few)
+
+
+# Noise that is larger than the instrument states.
+
+
+def test_frames_are_as_uncertain_as_the_scatter_of_the_readings(see):
+    chain = Model(Chain.of(ARM), ())
+    known = FittedModel(chain, np.zeros(0), np.eye(4), covariance=np.zeros((6, 6)))
+    exact = see("ur10", "pose", count=30, size=0.0)
+    measured, q_rad = exact.measured, exact.states.q_rad
+
+    def placed(T_instr_target):
+        readings = replace(exact, measured=replace(measured, T_instr_target=T_instr_target))
+        found = refit_frames(known, readings)
+        predicted = found.predict(q_rad, frame="tool")
+        return 1e3 * (found.T_instr_base @ predicted.T)[:, :3, 3], predicted.u_mm
+
+    true_mm, _ = placed(measured.T_instr_target)
+    squares, expected = [], []
+    for seed in range(20):
+        rng, seen = np.random.default_rng(seed), measured.T_instr_target.copy()
+        turns = Rotation.from_rotvec(1e-3 * rng.standard_normal((30, 3))).as_matrix()
+        seen[:, :3, :3] = turns @ seen[:, :3, :3]
+        seen[:, :3, 3] += 1e-4 * rng.standard_normal((30, 3))
+        found_mm, u_mm = placed(seen)
+        squares.append(np.sum((found_mm - true_mm) ** 2, axis=1))
+        expected.append(u_mm**2)
+    assert np.mean(squares) == pytest.approx(np.mean(expected), rel=0.2)

@@ -105,7 +105,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         opened = replace(problem, model=Model(chain, (*terms, unknowns.base)))
         own = model.covariance[np.ix_(of_arm, of_arm)]
         x = np.concatenate([model.x[of_arm], found.x])
-        covariance = _with_frames(opened, x, own, unknowns.base.coordinates)
+        covariance = _with_frames(opened, x, found, own, unknowns.base.coordinates)
     x_terms = np.concatenate([model.x[of_arm], of_model[:frames]])
     return replace(
         model,
@@ -214,16 +214,21 @@ def _of_link(
     return kept, rest_variance
 
 
-def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...]) -> Array:
+def _with_frames(
+    problem: Problem, x: Array, found: GeneralSolution, of_arm: Array, base: tuple[str, ...]
+) -> Array:
     """Return the joint covariance of the arm, of refitted frames, and of the base's six motions.
 
     With d the error of the arm's parameters the refitted frames err by -N^-1 C d, where N is the
     normal matrix of the frames and C its block by the arm: what frames can take up of an error of
-    the arm is no error of predictions any more. Their noise adds N^-1.
+    the arm is no error of predictions any more. Their noise adds N^-1. Rows have the weights that
+    the fit ended with, so that noise beyond what the instrument states is part of it; errors of the
+    arm that frames cannot take up are in that scatter too.
 
     Args:
         problem: with the terms of the arm, those of the frames and of the base as unknowns.
         x: (k,) its unknowns, those of the arm first.
+        found: the fit of the frames.
         of_arm: (a, a) covariance of the arm's parameters.
         base: coordinates of the base that were unknowns.
     """
@@ -234,15 +239,16 @@ def _with_frames(problem: Problem, x: Array, of_arm: Array, base: tuple[str, ...
     for first in range(0, poses, every * GROUPS.at_once):
         rows = np.arange(first, min(first + every * GROUPS.at_once, poses), every)
         part = replace(problem, observations=problem.observations.take(rows))
-        root = np.linalg.inv(np.linalg.cholesky(part.stated_covariance))
-        white = (root @ part.rows(x).jacobian).reshape(-1, len(x))
+        root = np.sqrt(found.weights[rows])[:, None, None]
+        white = (root * found.whitener[rows] @ part.rows(x).jacobian).reshape(-1, len(x))
         normal += every * white[:, own:].T @ white
     of_frames = normal[:, own:]
     scale = 1.0 / np.sqrt(np.diag(of_frames))
     inverse = np.linalg.pinv(of_frames * np.outer(scale, scale)) * np.outer(scale, scale)
     follow = -inverse @ normal[:, :own]
     across = follow @ of_arm
-    whole = np.block([[of_arm, across.T], [across, across @ follow.T + inverse]])
+    noise = found.widening**2 * inverse
+    whole = np.block([[of_arm, across.T], [across, across @ follow.T + noise]])
     terms = len(problem.model.parameters) - len(base)
     found = np.zeros((terms + len(BASE),) * 2)
     at = np.concatenate([np.arange(terms), terms + np.array([BASE.index(name) for name in base])])
