@@ -198,3 +198,10 @@ def test_frames_are_as_uncertain_as_the_scatter_of_the_readings(see):
         squares.append(np.sum((found_mm - true_mm) ** 2, axis=1))
         expected.append(u_mm**2)
     assert np.mean(squares) == pytest.approx(np.mean(expected), rel=0.2)
+
+
+def test_poses_without_what_the_model_reads_are_refused(found):
+    _, poses = found
+    springy = on_springs("ur10", STIFFNESS, FIRST, {"delta_a_2"})
+    with pytest.raises(CalibrationError, match=r"80 of 80 poses.*log the torques"):
+        refit_frames(springy, poses)

@@ -65,13 +65,16 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
 
     Args:
         model: the calibrated model; everything in it but base, tool and targets stays.
-        observations: P poses of the arm, with what its terms need.
+        observations: P poses of the arm; their states hold all that the terms of the model read,
+            such as the torques that load its springs (`evaluation.model_errors.poses_for_model`).
         cuts_s: times at which the base moved: each part between has a base of its own; the tool is
             the same in all.
 
     Raises:
-        CalibrationError: when the fit does not converge, or the poses do not identify the frames.
+        CalibrationError: when the states lack something, the fit does not converge, or the poses do
+            not identify the frames.
     """
+    _check_complete(model, observations)
     arm = model.model.chain.arm
     start = calibrate.find_start(arm, observations)
     unknowns = choose_unknowns(arm, Tolerances(), observations.measured, start)
@@ -120,6 +123,20 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         if away is None
         else FallBack(away.within, refit_frames(away.model, observations, cuts_s)),
     )
+
+
+def _check_complete(model: Fitted, observations: Observations) -> None:
+    """Refuse poses whose states lack something that the terms of a model read."""
+    predicted = model.model.predict(observations.states, model.x)
+    incomplete = int(np.count_nonzero(~np.isfinite(predicted).all(axis=(1, 2))))
+    if incomplete:
+        raise CalibrationError(
+            "poses lack torques, temperatures or times that the model needs",
+            where="grid poses",
+            value=f"{incomplete} of {len(observations)} poses",
+            allowed="poses with all that its springs and effects depend on",
+            remedy="log the torques, or describe the masses of the arm",
+        )
 
 
 def _check_identified(problem: Problem, found: GeneralSolution) -> None:
@@ -250,11 +267,11 @@ def _with_frames(
     noise = found.widening**2 * inverse
     whole = np.block([[of_arm, across.T], [across, across @ follow.T + noise]])
     terms = len(problem.model.parameters) - len(base)
-    found = np.zeros((terms + len(BASE),) * 2)
+    covariance = np.zeros((terms + len(BASE),) * 2)
     at = np.concatenate([np.arange(terms), terms + np.array([BASE.index(name) for name in base])])
     kept = slice(0, len(problem.model.parameters))
-    found[np.ix_(at, at)] = whole[kept, kept]
-    return found
+    covariance[np.ix_(at, at)] = whole[kept, kept]
+    return covariance
 
 
 def is_tool(term: Term) -> bool:
