@@ -12,7 +12,7 @@ from made_up_pair import campaign, shifted
 from made_up_poses import context_of
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
-from pa10cal.evaluation.differences import differences
+from pa10cal.evaluation.parameter_differences import differences
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.structure import LinkTorsion, ToolSag
@@ -204,7 +204,7 @@ def test_a_fit_differs_by_nothing_from_itself_with_departures_held_at_zero():
     for first, second in ((free, held), (held, free)):
         found = differences(first, second)
         size = np.sqrt(np.diag(found.covariance))
-        assert np.abs(found.by / size).max() < 1e-4
+        assert np.abs(found.values / size).max() < 1e-4
         assert np.allclose(found.covariance, differences(held, held).covariance)
 
 
@@ -231,5 +231,5 @@ def test_of_models_without_a_common_term_of_the_arm_only_base_and_tool_differ():
     model = campaign(1)
     frames = model.only(*(term for term in model.model.terms if "tool" in term.roles))
     found = differences(model, frames)
-    assert (found.terms, len(found.x), len(found.by)) == ((), 0, 12)
+    assert (found.terms, len(found.x), len(found.values)) == ((), 0, 12)
     assert what_moved(frames, frames).verdict == "unchanged"
