@@ -16,10 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arrays import Array, Index
-from pa10cal.calibration.general.placed import is_tool
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.terms.of_campaign import motion_of_base, small_motion
-from pa10cal.terms.term import Term, TermParameter
+from pa10cal.terms.term import Term, TermParameter, is_tool
 
 #: Least share of a variance along a direction that counts as not zero (computing).
 _NO_VARIANCE = 1e-12

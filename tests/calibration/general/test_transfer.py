@@ -13,7 +13,7 @@ from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.general.placed import refit_frames, with_tool_of
+from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel

@@ -101,15 +101,10 @@ def general_problem(
 
 
 def _heaviest_tool(weights: Weights, payload: Payload) -> Array:
-    """Return the unknown weights (w,) with the tool as heavy, and as far out, as it may well be.
-
-    Column 4 j of the weights is the mass of link j, the next three are its first moment; column 4 n
-    is the mass of the tool, and tilts of gravity follow.
-    """
-    beyond = np.array(weights.columns) - 4 * weights.n
-    of_tool = (beyond == 0) & weights.unknown_tool
-    if payload.com_u_m is not None:  # the first moment of the last link holds that of the tool
-        of_tool |= (beyond > -4) & (beyond < 0)
+    """Return the unknown weights (w,) with the tool as heavy, and as far out, as it may well be."""
+    of_tool = weights.of_tool_mass & weights.unknown_tool
+    if payload.com_u_m is not None:
+        of_tool |= weights.of_last_moment
     return np.where(of_tool, weights.sizes, 0.0)
 
 
