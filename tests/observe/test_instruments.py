@@ -20,7 +20,7 @@ from pa10cal.observe.joined import Joined
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose, Touched
-from pa10cal.observe.quantities import Stated, columns_of_covariance, covariance_of
+from pa10cal.observe.quantities import StatedByCampaign, columns_of_covariance, covariance_of
 from pa10cal.settings_reading import parse_section
 from pa10cal_lab.cell.campaign import instrument_kinds, instrument_of, robot_of
 from pa10cal_lab.cell.instruments.instrument import Truth
@@ -78,7 +78,7 @@ def simulated(kind, T_instr_ee, rng):
         np.column_stack([read[name][k] + np.zeros(len(poses)) for name in columns.names])
         for k in (0, 1)
     )
-    found = instruments()[kind].from_raw(columns, values, u, Stated(1e-8, {}))
+    found = instruments()[kind].from_raw(columns, values, u, StatedByCampaign(1e-8, {}))
     return found, robot.targets.p_ee_m.ravel()[: len(found.target_parameters)]
 
 
@@ -129,7 +129,7 @@ def test_columns_of_the_table_bring_everything_back(kind, seed):
     rng = np.random.default_rng(seed)
     found, _ = measured(kind, frames(rng, 5), rng)
     columns = found.to_columns() | {"time_s": np.arange(5.0)}
-    stated = Stated(1e-5, dict(zip("ABC", TARGETS_M, strict=True)))
+    stated = StatedByCampaign(1e-5, dict(zip("ABC", TARGETS_M, strict=True)))
     assert_same(type(found).from_columns(columns, stated), found)
 
 

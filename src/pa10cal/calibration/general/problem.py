@@ -176,7 +176,7 @@ def _start_of(frame: Term, start: Start) -> list[float]:
     """Return the start of the coordinates of a frame: places of tools [m], else zero."""
     p_ee_target_m = start.p_ee_target_m
     if of_one_campaign(frame):
-        p_ee_target_m = start.p_ee_targets_of_m.get(frame.name, p_ee_target_m)
+        p_ee_target_m = start.p_ee_target_by_campaign_m.get(frame.name, p_ee_target_m)
     place_m = dict(zip(TOOL[:3], p_ee_target_m.tolist(), strict=True))
     return [place_m.get(coordinate, 0.0) for coordinate in frame.coordinates]
 
