@@ -63,19 +63,19 @@ def columns(
         robot = robot.removesuffix(".yaml")
         arm = load_arm(robot, folder, arms)
         names = joint_names(robot, folder, arms)
-    label = name or label_of(folder.absolute())
+    label, robot_name = name or label_of(folder.absolute()), robot or "my_arm"
     sniffed = [sniff(file) for file in files]
     if len(files) == 2:
         logs, paths = (sniffed[0], sniffed[1]), (files[0], files[1])
-        proposal = propose_two_logs(logs, paths, label, robot or "my_arm", arm, names)
+        proposal = propose_two_logs(logs, paths, label, robot_name, arm, names)
     else:
-        proposal = propose(sniffed[0], files[0].name, label, robot or "my_arm", arm, names)
+        proposal = propose(sniffed[0], files[0].name, label, robot_name, arm, names)
         if follows_contract(sniffed[0]):
-            del proposal.content["columns"]
+            del proposal.content["columns"]  # files with the names of our own need none
     text = _yaml_text(proposal.content)
     comments = list(proposal.known)
     if arm is not None:
-        comments += [*arm.remarks, *_reading_comments(files, text, arm)]
+        comments += [*arm.remarks, *_comments_of_a_trial_reading(files, text, arm)]
     comments += [*proposal.read_as, *(f"check {remark}" for remark in proposal.checks)]
     print("\n".join(one_line(f"# {comment}") for comment in comments))
     print(text, end="")
@@ -95,8 +95,8 @@ def _yaml_text(content: object) -> str:
     return text if text == visible(text) else str(yaml.safe_dump(content, **style))
 
 
-def _reading_comments(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
-    """Read files by the text of a campaign.yaml, and return comments on how that went."""
+def _comments_of_a_trial_reading(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
+    """Read copies of files by the text of a campaign.yaml; return comments on how that went."""
     from collections import Counter
     from shutil import copyfile
     from tempfile import TemporaryDirectory
@@ -119,9 +119,11 @@ def _reading_comments(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]
         try:
             campaign = read_campaign(folder)
         except Pa10calError as error:
-            return [f"check all of it: it is refused: {error}".replace(f"{folder}/", "")]
+            without_copies = str(error).replace(f"{folder}/", "")
+            return [f"check all of it: it is refused: {without_copies}"]
     unusable = campaign.quarantined
     reasons = Counter(row.reason for row in unusable).most_common()
+    # Of the notes only those on how logs were joined and joints moved by turns, in their words.
     joined_by = (" joined by ", " by whole turns")
     return [
         f"read so: {len(campaign.observations)} rows can be used, {len(unusable)} cannot",
@@ -132,7 +134,7 @@ def _reading_comments(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]
 
 
 #: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.
-SHOWN = 10
+_MOST_ROWS_SHOWN = 10
 
 
 def import_data(
@@ -179,16 +181,16 @@ def import_data(
         )
     if only:
         campaigns = tuple(campaign for campaign in campaigns if campaign.name in only)
-    for campaign, folder in zip(campaigns, write_campaigns(campaigns, out), strict=True):
+    for campaign, written in zip(campaigns, write_campaigns(campaigns, out), strict=True):
         readings, left_out = campaign.readings, campaign.left_out
         outcome = f"{len(left_out)} rows left out"
         if isinstance(readings, AsItIs):
             outcome = f"{readings.path.name}, read as it is"
-        print(f"{folder}: {'; '.join([outcome, *campaign.notes])}")
-        for row in left_out[:SHOWN]:
+        print(f"{written}: {'; '.join([outcome, *campaign.notes])}")
+        for row in left_out[:_MOST_ROWS_SHOWN]:
             print(f"  left out: {row.file}:{row.line}: {row.reason} {row.value}".rstrip())
-        if len(left_out) > SHOWN:
-            print(f"  … and {len(left_out) - SHOWN} more in {folder / 'left_out.csv'}")
+        if len(left_out) > _MOST_ROWS_SHOWN:
+            print(f"  … and {len(left_out) - _MOST_ROWS_SHOWN} more in {written / 'left_out.csv'}")
 
 
 def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
@@ -210,7 +212,7 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
 
     data_set = dataset_named(dataset)
     print(data_set.published.terms, flush=True)
-    fetched = fetch_files(data_set, out, source or None)
+    fetched = fetch_files(data_set, out, source or None)  # an empty one, of a script, is none
     print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")
 
 
@@ -420,6 +422,7 @@ def effects(*, robot: str = "pa10_6ce") -> None:
         cells = (
             f"`{effect.id}`",
             (type(effect).__doc__ or "").splitlines()[0].removesuffix("."),
+            # `joint 1, 2, 3` in place of `joint 1, joint 2, joint 3`
             ", ".join(each.of for each in effect_at_places).replace(", joint ", ", "),
             f"`{effect.formula}`",
             ", ".join(parameters),
