@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import pa10cal
-from pa10cal.calibration.general.placed import refit_frames
+from pa10cal.calibration.general.refit_frames import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.datasets.importing import import_campaigns, write_campaigns
 from pa10cal.datasets.readers import dataset_named

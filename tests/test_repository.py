@@ -148,7 +148,7 @@ MAY_IMPORT = {
         "arm.imported",
         "arm.exports",
         "arm.ur_calibration",
-        "arm.urdf_chain",
+        "arm.urdf_ends",
         "settings",
     },
     "figures": {

@@ -25,7 +25,7 @@ from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Stated
+from pa10cal.observe.quantities import StatedByCampaign
 from pa10cal.results.calibration import CalibratedParameter
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal_lab.cell.campaign import SimulatedCampaign, measure_campaign
@@ -82,7 +82,7 @@ def observations_of(campaign: SimulatedCampaign) -> Observations:
     targets_m = {
         name: 1e-3 * np.array(p) for name, p in description["tool"].get("balls_mm", {}).items()
     }
-    stated = Stated(1e-3 * description["instrument"]["uncertainty_mm"], targets_m)
+    stated = StatedByCampaign(1e-3 * description["instrument"]["uncertainty_mm"], targets_m)
     seen = kind.from_raw(columns, values, u, stated)
     return Observations.single(table["pose"].to_numpy(dtype=str), states, seen)
 

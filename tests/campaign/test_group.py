@@ -10,7 +10,7 @@ import yaml
 
 import pa10cal
 from made_up_sightings import sighted
-from pa10cal.calibration.general.placed import refit_frames
+from pa10cal.calibration.general.refit_frames import refit_frames
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.description import read_description
 from pa10cal.campaign.table import read_observations

@@ -250,6 +250,12 @@ def test_ends_may_be_named(urdf, tmp_path):
         (["{there}/robot.urdf", "--out", "{there}/a.txt"], "--out: the description is a YAML"),
         (["{there}/robot.urdf", "--tip", "flang", "--out", "{there}/a.yaml"], "'flange'?"),
         (["{there}/bytes.urdf", "--out", "{there}/a.yaml"], "bytes.urdf: the URDF cannot be read"),
+        # Options that this kind of file does not need.
+        (["{there}/robot.urdf", "--robot", "ur10", "--out", "{there}/a.yaml"], "--robot"),
+        (["{there}/robot.urdf", "--xacro", "a:=b", "--out", "{there}/a.yaml"], "--xacro"),
+        (["{there}/ur.conf", "--base", "base", "--out", "{there}/a.yaml"], "--base"),
+        (["{there}/ur.yaml", "--tip", "tool0", "--out", "{there}/a.yaml"], "--tip"),
+        (["{there}/ur.yml", "--xacro", "bad", "--out", "{there}/a.yaml"], "--xacro"),
     ],
 )
 def test_a_refusal_is_one_message_and_writes_nothing(urdf, tmp_path, capsys, words, message):

@@ -29,7 +29,7 @@ def with_errors(found, factor, beyond):
     poses = gap.poses.with_states(replace(states, q_rad=q_rad))
     before = gap.found_before
     worse = replace(before, distance_mm=factor * before.distance_mm)
-    after = gap.found_after.with_others(rows, worse)
+    after = gap.found_after.replaced_where(rows, worse)
     held_out = PairedErrors(poses, before, after, gap.noise_floor_mm)
     return replace(found, holdout=held_out), rows
 
@@ -131,7 +131,7 @@ def as_group(monkeypatch, found, of_second, factor):
     def worse(gap):
         after = replace(gap.found_before, distance_mm=factor * gap.found_before.distance_mm)
         second = of_second(gap.poses.states.q_rad)
-        return replace(gap, found_after=gap.found_after.with_others(second, after))
+        return replace(gap, found_after=gap.found_after.replaced_where(second, after))
 
     return found.with_gaps(worse)
 

@@ -19,6 +19,8 @@ from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.errors import CalibrationError
+from pa10cal.evaluation import in_parts as parts
 from pa10cal.evaluation.holdout import Evaluation, held_out_record, said_of_parts, transfer_record
 from pa10cal.evaluation.in_parts import worth_cutting
 from pa10cal.evaluation.model_errors import constant_tool_twist, held_out_errors
@@ -224,6 +226,21 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
     whole = Evaluation(every, models, None, setup).judge_elsewhere()
     assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
     assert still.by_parts is still.parts is None
+
+
+def test_one_base_is_judged_where_the_poses_of_a_part_do_not_identify_its_own(
+    carried, in_parts, monkeypatch
+):
+    def refit_frames(model, poses, cuts_s):
+        if cuts_s:
+            raise CalibrationError("not identified", where="grid poses", allowed="", remedy="")
+        return refit(model, poses, cuts_s)
+
+    refit = parts.refit_frames
+    monkeypatch.setattr(parts, "refit_frames", refit_frames)
+    found = elsewhere(carried, knocked(carried[1]))
+    assert found.parts is found.one_base is None
+    assert found.models["linear"].rms_mm == in_parts.one_base["linear"].rms_mm
 
 
 @pytest.mark.parametrize(

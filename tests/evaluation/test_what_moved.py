@@ -12,12 +12,14 @@ from made_up_pair import campaign, shifted
 from made_up_poses import context_of
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.case import fitted
+from pa10cal.evaluation.parameter_differences import differences
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.structure import LinkTorsion, ToolSag
 from pa10cal.terms.field import Field
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
+from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal_lab.simulated import measure, observations_of, payload_of_individual
 
 ARM = load_arm("ur10")
@@ -160,3 +162,74 @@ def test_what_moved_is_told_in_a_unit_of_its_own():
     found = what_moved(first, second)
     assert [(each.kind, each.of) for each in found.moved] == [("effect", "link_torsion of forearm")]
     assert "1e-05 rad/(N m)" in found.line
+
+
+# A departure that one model holds at zero.
+
+HELD = ["delta_a_2", "delta_theta_3"]
+
+
+def correlated(model, rank=60):
+    """Return the model with a covariance that correlates all of it, base included."""
+    count = len(model.covariance)
+    root = np.random.default_rng(5).standard_normal((count, rank)) / np.sqrt(rank)
+    size = np.sqrt(np.diag(model.covariance))
+    return replace(model, covariance=np.outer(size, size) * (root @ root.T))
+
+
+def held_at_zero(model, names):
+    """Return the fit of the same readings with some departures held at zero.
+
+    Its parameters minimise the squares of their distance from those fitted, in the information of
+    that fit.
+    """
+    held = np.isin([parameter.name for parameter in model.model.parameters], names)
+    at = np.append(~held, np.ones(6, bool))
+    information = np.linalg.inv(model.covariance)
+    covariance = np.linalg.inv(information[np.ix_(at, at)])
+    step = covariance @ information[np.ix_(at, ~at)] @ model.x[held]
+    kept = {p.name for p, dropped in zip(model.model.parameters, held, strict=True) if not dropped}
+    return replace(
+        model,
+        model=model.model.only(kept),
+        x=model.x[~held] + step[:-6],
+        T_instr_base=model.T_instr_base @ motion_of_base(step[-6:]),
+        covariance=covariance,
+    )
+
+
+def test_a_fit_differs_by_nothing_from_itself_with_departures_held_at_zero():
+    free = correlated(campaign(1))
+    held = held_at_zero(free, HELD)
+    for first, second in ((free, held), (held, free)):
+        found = differences(first, second)
+        size = np.sqrt(np.diag(found.covariance))
+        assert np.abs(found.values / size).max() < 1e-4
+        assert np.allclose(found.covariance, differences(held, held).covariance)
+
+
+def test_departures_held_at_zero_may_be_perfectly_correlated():
+    model = campaign(1)
+    k, other = (
+        [parameter.name for parameter in model.model.parameters].index(name) for name in HELD
+    )
+    covariance = model.covariance.copy()
+    size = np.sqrt(covariance[k, k] * covariance[other, other])
+    covariance[k, other] = covariance[other, k] = size
+    kept = {parameter.name for parameter in model.model.parameters} - set(HELD)
+    at = np.delete(np.arange(len(covariance)), [k, other])
+    held = replace(
+        model,
+        model=model.model.only(kept),
+        x=np.delete(model.x, [k, other]),
+        covariance=model.covariance[np.ix_(at, at)],
+    )
+    assert what_moved(replace(model, covariance=covariance), held).verdict == "unchanged"
+
+
+def test_of_models_without_a_common_term_of_the_arm_only_base_and_tool_differ():
+    model = campaign(1)
+    frames = model.only(*(term for term in model.model.terms if "tool" in term.roles))
+    found = differences(model, frames)
+    assert (found.terms, len(found.x), len(found.values)) == ((), 0, 12)
+    assert what_moved(frames, frames).verdict == "unchanged"

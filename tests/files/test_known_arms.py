@@ -167,6 +167,14 @@ def test_a_description_is_written_of_a_known_arm(stand_ins, tmp_path, capsys):
     assert "From base to link_6, joints 1 to 6" in capsys.readouterr().out
     assert "# Imported from plain of robot_descriptions" in out.read_text("utf-8")
     assert load_arm("mine", tmp_path).n == 6
+    assert main(["import_arm", "plain", "--xacro", "a:=b", "--out", str(out)]) == 2
+    assert "--xacro" in capsys.readouterr().err
+
+
+def test_a_folder_does_not_hide_a_known_arm_of_its_name(stand_ins, tmp_path, monkeypatch):
+    (tmp_path / "plain").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main(["import_arm", "plain", "--out", "mine.yaml"]) == 0
 
 
 def test_a_xacro_file_is_imported_with_its_arguments(stand_ins, tmp_path, capsys):

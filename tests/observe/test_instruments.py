@@ -20,7 +20,7 @@ from pa10cal.observe.joined import Joined
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.points import Distance, Points
 from pa10cal.observe.pose import Pose, Touched
-from pa10cal.observe.quantities import Stated
+from pa10cal.observe.quantities import StatedByCampaign, columns_of_covariance, covariance_of
 from pa10cal.settings_reading import parse_section
 from pa10cal_lab.cell.campaign import instrument_kinds, instrument_of, robot_of
 from pa10cal_lab.cell.instruments.instrument import Truth
@@ -78,7 +78,7 @@ def simulated(kind, T_instr_ee, rng):
         np.column_stack([read[name][k] + np.zeros(len(poses)) for name in columns.names])
         for k in (0, 1)
     )
-    found = instruments()[kind].from_raw(columns, values, u, Stated(1e-8, {}))
+    found = instruments()[kind].from_raw(columns, values, u, StatedByCampaign(1e-8, {}))
     return found, robot.targets.p_ee_m.ravel()[: len(found.target_parameters)]
 
 
@@ -129,7 +129,7 @@ def test_columns_of_the_table_bring_everything_back(kind, seed):
     rng = np.random.default_rng(seed)
     found, _ = measured(kind, frames(rng, 5), rng)
     columns = found.to_columns() | {"time_s": np.arange(5.0)}
-    stated = Stated(1e-5, dict(zip("ABC", TARGETS_M, strict=True)))
+    stated = StatedByCampaign(1e-5, dict(zip("ABC", TARGETS_M, strict=True)))
     assert_same(type(found).from_columns(columns, stated), found)
 
 
@@ -206,3 +206,10 @@ def test_what_repeats_write_with_too_few_digits_shows_no_noise():
     difference[:, 3:] = 0.0
     assert pose.rounded_kinds(difference, seen) == ("attitude",)
     assert pose.rounded_kinds(0.0 * difference, seen) == ()
+
+
+def test_covariances_in_columns_may_have_labels_in_any_order():
+    root = np.random.default_rng(1).standard_normal((4, 3, 3))
+    cov = root @ root.transpose(0, 2, 1)
+    labelled = "cov_{}_{}", "zxy", np.array([1e-3, 1.0, 2.0])
+    assert np.allclose(covariance_of(columns_of_covariance(cov, *labelled), *labelled), cov)

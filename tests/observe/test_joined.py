@@ -9,7 +9,7 @@ from tests.observe.test_instruments import KINDS, about, measured
 from made_up_poses import frames
 from pa10cal.errors import CalibrationError
 from pa10cal.observe.joined import Joined
-from pa10cal.observe.quantities import Stated
+from pa10cal.observe.quantities import StatedByCampaign
 
 PAIRS = [
     ("pose", "pose"),
@@ -111,6 +111,6 @@ def test_positions_are_those_of_every_campaign():
 
 def test_campaigns_are_read_and_planned_one_by_one():
     with pytest.raises(CalibrationError, match="campaign by campaign"):
-        Joined.from_columns({}, Stated(1e-5, {}))
+        Joined.from_columns({}, StatedByCampaign(1e-5, {}))
     with pytest.raises(CalibrationError, match="campaign by campaign"):
-        Joined.foreseen(np.eye(4)[None], Stated(1e-5, {}))
+        Joined.foreseen(np.eye(4)[None], StatedByCampaign(1e-5, {}))

@@ -26,7 +26,7 @@ from pa10cal.files.coupling import StatedCoupling, coupled_joints
 from pa10cal.input_files import is_file, open_file, reason
 from pa10cal.observe.instrument import Instrument as MeasuredBy
 from pa10cal.observe.kinds import InstrumentKind, instruments
-from pa10cal.observe.quantities import Stated
+from pa10cal.observe.quantities import StatedByCampaign
 from pa10cal.options import Section
 from pa10cal.settings_reading import parse_section
 from pa10cal.yaml_file import read_yaml
@@ -220,10 +220,10 @@ class CampaignDescription(Section):
         return tuple(sorted(self.tool.balls_mm))
 
     @property
-    def stated(self) -> Stated:
+    def stated(self) -> StatedByCampaign:
         """Uncertainty and targets of its instrument, as stated."""
         targets_m = {name: 1e-3 * np.array(place) for name, place in self.tool.balls_mm.items()}
-        return Stated(1e-3 * self.instrument.uncertainty_mm, targets_m)
+        return StatedByCampaign(1e-3 * self.instrument.uncertainty_mm, targets_m)
 
     @property
     def p_ee_balls_mm(self) -> Array:

@@ -63,19 +63,19 @@ def columns(
         robot = robot.removesuffix(".yaml")
         arm = load_arm(robot, folder, arms)
         names = joint_names(robot, folder, arms)
-    label = name or label_of(folder.absolute())
+    label, robot_name = name or label_of(folder.absolute()), robot or "my_arm"
     sniffed = [sniff(file) for file in files]
     if len(files) == 2:
         logs, paths = (sniffed[0], sniffed[1]), (files[0], files[1])
-        proposal = propose_two_logs(logs, paths, label, robot or "my_arm", arm, names)
+        proposal = propose_two_logs(logs, paths, label, robot_name, arm, names)
     else:
-        proposal = propose(sniffed[0], files[0].name, label, robot or "my_arm", arm, names)
+        proposal = propose(sniffed[0], files[0].name, label, robot_name, arm, names)
         if follows_contract(sniffed[0]):
-            del proposal.content["columns"]
+            del proposal.content["columns"]  # files with the names of our own need none
     text = _yaml_text(proposal.content)
     comments = list(proposal.known)
     if arm is not None:
-        comments += [*arm.remarks, *_reading_comments(files, text, arm)]
+        comments += [*arm.remarks, *_comments_of_a_trial_reading(files, text, arm)]
     comments += [*proposal.read_as, *(f"check {remark}" for remark in proposal.checks)]
     print("\n".join(one_line(f"# {comment}") for comment in comments))
     print(text, end="")
@@ -95,8 +95,8 @@ def _yaml_text(content: object) -> str:
     return text if text == visible(text) else str(yaml.safe_dump(content, **style))
 
 
-def _reading_comments(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
-    """Read files by the text of a campaign.yaml, and return comments on how that went."""
+def _comments_of_a_trial_reading(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]:
+    """Read copies of files by the text of a campaign.yaml; return comments on how that went."""
     from collections import Counter
     from shutil import copyfile
     from tempfile import TemporaryDirectory
@@ -119,9 +119,11 @@ def _reading_comments(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]
         try:
             campaign = read_campaign(folder)
         except Pa10calError as error:
-            return [f"check all of it: it is refused: {error}".replace(f"{folder}/", "")]
+            without_copies = str(error).replace(f"{folder}/", "")
+            return [f"check all of it: it is refused: {without_copies}"]
     unusable = campaign.quarantined
     reasons = Counter(row.reason for row in unusable).most_common()
+    # Of the notes only those on how logs were joined and joints moved by turns, in their words.
     joined_by = (" joined by ", " by whole turns")
     return [
         f"read so: {len(campaign.observations)} rows can be used, {len(unusable)} cannot",
@@ -132,7 +134,7 @@ def _reading_comments(files: tuple[Path, ...], text: str, arm: Arm) -> list[str]
 
 
 #: Rows left out that are shown one by one; all of them are in the campaign's left_out.csv.
-SHOWN = 10
+_MOST_ROWS_SHOWN = 10
 
 
 def import_data(
@@ -179,16 +181,16 @@ def import_data(
         )
     if only:
         campaigns = tuple(campaign for campaign in campaigns if campaign.name in only)
-    for campaign, folder in zip(campaigns, write_campaigns(campaigns, out), strict=True):
+    for campaign, written in zip(campaigns, write_campaigns(campaigns, out), strict=True):
         readings, left_out = campaign.readings, campaign.left_out
         outcome = f"{len(left_out)} rows left out"
         if isinstance(readings, AsItIs):
             outcome = f"{readings.path.name}, read as it is"
-        print(f"{folder}: {'; '.join([outcome, *campaign.notes])}")
-        for row in left_out[:SHOWN]:
+        print(f"{written}: {'; '.join([outcome, *campaign.notes])}")
+        for row in left_out[:_MOST_ROWS_SHOWN]:
             print(f"  left out: {row.file}:{row.line}: {row.reason} {row.value}".rstrip())
-        if len(left_out) > SHOWN:
-            print(f"  … and {len(left_out) - SHOWN} more in {folder / 'left_out.csv'}")
+        if len(left_out) > _MOST_ROWS_SHOWN:
+            print(f"  … and {len(left_out) - _MOST_ROWS_SHOWN} more in {written / 'left_out.csv'}")
 
 
 def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
@@ -210,7 +212,7 @@ def fetch(dataset: str, *, out: Path, source: str | None = None) -> None:
 
     data_set = dataset_named(dataset)
     print(data_set.published.terms, flush=True)
-    fetched = fetch_files(data_set, out, source or None)
+    fetched = fetch_files(data_set, out, source or None)  # an empty one, of a script, is none
     print(f"{out}: {', '.join(fetched) or 'nothing to fetch'}; all checksums are right")
 
 
@@ -248,6 +250,7 @@ def import_arm(
         pa10cal import_arm calibration.conf --robot ur10 --out my_ur10.yaml
     """
     from pa10cal.errors import ArmError
+    from pa10cal.files.known_arms import XACRO
     from pa10cal.files.ur_calibration import ENDINGS
 
     if out.suffix != ".yaml":
@@ -258,19 +261,50 @@ def import_arm(
             allowed="a name that ends in .yaml",
             remedy="rename it",
         )
-    if file.suffix in ENDINGS:
+    is_calibration = file.suffix in ENDINGS
+    for option, value, needed, of_file in (
+        ("--base", base, not is_calibration, "a URDF"),
+        ("--tip", tip, not is_calibration, "a URDF"),
+        ("--xacro", " ".join(xacro), file.suffix == XACRO, f"a file that ends in {XACRO}"),
+        ("--robot", robot, is_calibration, f"a calibration ({', '.join(ENDINGS)})"),
+    ):
+        if value and not needed:
+            raise ArmError(
+                f"{file.name} is imported without this option",
+                where=option,
+                value=value,
+                allowed=f"only with {of_file}",
+                remedy="remove the option, or give the file that it is meant for",
+            )
+    if is_calibration:
         _import_ur_calibration(file, out, robot)
-        return
-    arguments = dict(each.partition(":=")[::2] for each in xacro if ":=" in each)
-    if len(arguments) < len(xacro):
-        raise ArmError(
-            "an argument of xacro has no value, or is stated twice",
-            where="--xacro",
-            value=" ".join(xacro),
-            allowed="NAME:=VALUE, each name once",
-            remedy="correct it",
-        )
-    _import_urdf(file, out, base, tip, arguments)
+    else:
+        _import_urdf(file, out, base, tip, _xacro_arguments(xacro))
+
+
+def _xacro_arguments(stated: tuple[str, ...]) -> dict[str, str]:
+    """Return the values of a xacro file's arguments by name.
+
+    Raises:
+        ArmError: when one has no value, or is stated twice.
+    """
+    from pa10cal.errors import ArmError
+
+    arguments: dict[str, str] = {}
+    for each in stated:
+        name, mark, value = each.partition(":=")
+        if not mark or name in arguments:
+            raise ArmError(
+                "an argument of xacro is stated twice"
+                if mark
+                else "an argument of xacro has no value",
+                where="--xacro",
+                value=each,
+                allowed="NAME:=VALUE, each name once",
+                remedy="correct it",
+            )
+        arguments[name] = value
+    return arguments
 
 
 def _import_urdf(
@@ -281,13 +315,14 @@ def _import_urdf(
 
     from pa10cal.arm.description import neighbouring_axes
     from pa10cal.arm.imported import arm_from_urdf_text
-    from pa10cal.arm.urdf_chain import ends_of_arm
+    from pa10cal.arm.urdf_ends import ends_of_arm
     from pa10cal.files.arms import arm_text, parse_arm, with_short_limits
     from pa10cal.files.known_arms import known_urdf, read_urdf
     from pa10cal.files.output import whole_files
     from pa10cal.yaml_file import parse_yaml
 
-    known = None if file.suffix or file.exists() else known_urdf(str(file))
+    # A file goes before a robot of its name; a name with an ending is that of a file.
+    known = None if file.suffix or file.is_file() else known_urdf(str(file))
     if known is None:
         text, where, origin = read_urdf(file, arguments), str(file), file.name
     else:
@@ -387,6 +422,7 @@ def effects(*, robot: str = "pa10_6ce") -> None:
         cells = (
             f"`{effect.id}`",
             (type(effect).__doc__ or "").splitlines()[0].removesuffix("."),
+            # `joint 1, 2, 3` in place of `joint 1, joint 2, joint 3`
             ", ".join(each.of for each in effect_at_places).replace(", joint ", ", "),
             f"`{effect.formula}`",
             ", ".join(parameters),

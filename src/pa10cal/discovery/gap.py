@@ -192,7 +192,7 @@ def gap(
 
 def fallen_back(found: PairedErrors, outside: Mask) -> PairedErrors:
     """Return the gap where the calibrated model predicts some of the poses (P,)."""
-    return replace(found, found_after=found.found_after.with_others(outside, found.found_before))
+    return replace(found, found_after=found.found_after.replaced_where(outside, found.found_before))
 
 
 def trusted(found: PairedErrors | None, suspected: Mask | None) -> PairedErrors | None:
@@ -233,7 +233,7 @@ def errors_by_name(
             found = errors_of(model, gap.poses)
             if within is not None:
                 outside = ~within.inside(gap.poses.states.q_rad)
-                found = found.with_others(outside, gap.found_before)
+                found = found.replaced_where(outside, gap.found_before)
             errors.append(found)
         return errors
 

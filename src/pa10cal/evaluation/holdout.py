@@ -6,6 +6,7 @@ In poses of their own campaign, or in another campaign with base and tool fitted
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from pa10cal.calibration.accuracy import align_nominal
 from pa10cal.discovery import preparation
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
+from pa10cal.errors import CalibrationError
 from pa10cal.evaluation.in_parts import Placed, parts_of, placed, steps_elsewhere, worth_cutting
 from pa10cal.evaluation.model_errors import held_out_errors, poses_for_model
 from pa10cal.fit.angles_seen import AngleCoverage
@@ -117,7 +119,11 @@ class Evaluation:
     def judge_in_parts(
         self, cuts_s: Sequence[float]
     ) -> tuple[dict[str, results.HeldOutModel], tuple[results.PartOfCampaign, ...]]:
-        """Judge the models with a base for every part of the campaign; return the parts too."""
+        """Judge the models with a base for every part of the campaign; return the parts too.
+
+        Raises:
+            CalibrationError: when the poses of a part do not identify its base.
+        """
         judged = self.judge_elsewhere(cuts_s)
         return judged, parts_of(*self.best_placed(cuts_s), cuts_s)
 
@@ -166,10 +172,8 @@ def held_out_record(
 ) -> results.HoldoutRecord:
     """Judge models on held-out poses of their own campaign.
 
-    Where the verdict has steps in time, they are judged with a base for every part as well.
-
-    Raises:
-        CalibrationError: when base and tool are not determined by the poses.
+    Where the verdict has steps in time, they are judged with a base for every part as well, if the
+    poses of each identify it.
     """
     judged = evaluation.judge()
     cuts_s: Sequence[float] = ()
@@ -177,8 +181,9 @@ def held_out_record(
         cuts_s = worth_cutting(evaluation.every, evaluation.extended.steps_s)
     parts = by_parts = None
     if cuts_s:
-        in_parts, parts = evaluation.judge_in_parts(cuts_s)
-        by_parts = _overall_errors(in_parts)
+        with suppress(CalibrationError):
+            in_parts, parts = evaluation.judge_in_parts(cuts_s)
+            by_parts = _overall_errors(in_parts)
     return results.HoldoutRecord(
         calibration=calibration,
         parts=parts,
@@ -193,6 +198,8 @@ def transfer_record(
 ) -> results.TransferRecord:
     """Judge models of one campaign in another, part by part where instrument or base moved there.
 
+    With one base for all parts where the poses of one do not identify its own.
+
     `from_` is the name of the models' campaign.
 
     Raises:
@@ -205,8 +212,10 @@ def transfer_record(
         cuts_s = steps_elsewhere(best.model, readings, evaluation.setup)
     parts = one_base = None
     if cuts_s:
-        one_base = _overall_errors(judged)
-        judged, parts = evaluation.judge_in_parts(cuts_s)
+        of_one_base = judged
+        with suppress(CalibrationError):
+            judged, parts = evaluation.judge_in_parts(cuts_s)
+            one_base = _overall_errors(of_one_base)
     return results.TransferRecord(
         from_=from_,
         parts=parts,

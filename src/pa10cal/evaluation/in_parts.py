@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.chain import BASE
 from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.general.placed import refit_frames, with_tool_of
+from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
 from pa10cal.discovery.finding import steps_told
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.linear import residual, with_base_term

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from pa10cal.arrays import Array
-from pa10cal.evaluation.differences import Differences, differences
+from pa10cal.evaluation.parameter_differences import Differences, differences
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
     BASE_MOVED,
@@ -51,7 +51,7 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
     known = np.diag(found.covariance) > 0.0
     precision = np.zeros_like(found.covariance)
     precision[np.ix_(known, known)] = np.linalg.inv(found.covariance[np.ix_(known, known)])
-    disagreement = Gaussian.of_products(precision, precision @ found.by)
+    disagreement = Gaussian.of_products(precision, precision @ found.values)
     moved = sought(disagreement, possible)
     things = tuple(
         _thing(part, moved, possible, disagreement, found)
@@ -79,14 +79,14 @@ def what_moved(first: FittedModel, second: FittedModel) -> WhatMoved | None:
 
 def _possible(first: FittedModel, found: Differences) -> tuple[Hypothesis, ...]:
     """Return the hypotheses: one for every part of the arm, for its base and its tool."""
-    arm_count, count = len(found.x), len(found.by)
+    arm_count, count = len(found.x), len(found.values)
     covariance = found.covariance[:arm_count, :arm_count]
     of_arm = [
         replace(each, directions=np.pad(each.directions, ((0, count - arm_count), (0, 0))))
         for each in hypotheses(first.arm, found.terms, found.x, covariance)
     ]
     frames = []
-    for kind, columns in ((BASE_MOVED, found.base), (TOOL_MOVED, found.tool)):
+    for kind, columns in ((BASE_MOVED, found.base), (TOOL_MOVED, found.tool_or_targets)):
         if len(columns):
             directions = np.zeros((count, len(columns)))
             directions[columns, np.arange(len(columns))] = _UNIT
@@ -114,7 +114,7 @@ def _chi_square(found: Differences) -> tuple[float, int]:
     covariance = found.covariance[:count, :count] / np.outer(scale, scale)
     variances, axes = np.linalg.eigh(covariance)
     identified = (variances > 0.0) & (variances < MOVED.open_scales**2)
-    along = axes[:, identified].T @ (found.by[:count] / scale)
+    along = axes[:, identified].T @ (found.values[:count] / scale)
     return float(np.sum(along**2 / variances[identified])), int(np.count_nonzero(identified))
 
 

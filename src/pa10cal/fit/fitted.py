@@ -395,7 +395,7 @@ class Fitted:
         if self.falls_back is None:
             return deviations
         outside = ~self.falls_back.within.inside(observations.states.q_rad)
-        return deviations.with_others(outside, self.falls_back.model.deviations(observations))
+        return deviations.replaced_where(outside, self.falls_back.model.deviations(observations))
 
     def compared(self, observations: Observations) -> Comparison:
         """Compare predictions with `as_modelled` poses, component by component."""

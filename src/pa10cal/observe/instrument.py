@@ -128,7 +128,7 @@ class Instrument(ABC):
 
     @classmethod
     @abstractmethod
-    def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Instrument:
+    def foreseen(cls, T_instr_ee: Array, stated: quantities.StatedByCampaign) -> Instrument:
         """Return measurements of poses (P, 4, 4) without error, by the stated instrument.
 
         All targets are visible, and uncertainties are as stated.
@@ -177,8 +177,8 @@ class Instrument(ABC):
 
         The pose by erroneous readings is the one whose targets fit them by least squares.
         """
-        p_instr_m, arms = quantities.carried_targets(T_instr_ee, targets_m)
-        by_end, _ = quantities.by_end_and_targets(T_instr_ee, arms)
+        p_instr_m, levers_m = quantities.carried_targets(T_instr_ee, targets_m)
+        by_end, _ = quantities.by_end_and_targets(T_instr_ee, levers_m)
         by_reading = np.linalg.pinv(by_end.reshape(len(T_instr_ee), -1, 6))
         R = T_instr_ee[:, :3, :3].transpose(0, 2, 1)
         return ObservedTargets(
@@ -332,7 +332,9 @@ class Instrument(ABC):
 
     @classmethod
     @abstractmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: quantities.Stated) -> Self:
+    def from_columns(
+        cls, columns: Mapping[str, Array], stated: quantities.StatedByCampaign
+    ) -> Self:
         """Return the measurements in columns (P,) of the table of poses."""
 
     @abstractmethod
@@ -353,7 +355,7 @@ class Instrument(ABC):
 
     @classmethod
     def raw_notes(
-        cls, columns: quantities.RawColumns, stated: quantities.Stated
+        cls, columns: quantities.RawColumns, stated: quantities.StatedByCampaign
     ) -> tuple[str, ...]:
         """Return notes for the user about its columns, one clause each."""
         return ()
@@ -361,7 +363,11 @@ class Instrument(ABC):
     @classmethod
     @abstractmethod
     def from_raw(
-        cls, columns: quantities.RawColumns, values: Array, u: Array, stated: quantities.Stated
+        cls,
+        columns: quantities.RawColumns,
+        values: Array,
+        u: Array,
+        stated: quantities.StatedByCampaign,
     ) -> Instrument:
         """Return the measurements in P rows of `files.poses`.
 

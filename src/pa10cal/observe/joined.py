@@ -290,7 +290,7 @@ class Joined(Instrument):
         return replace(
             starts[self._leading.name],
             targets_m=np.concatenate([start.targets_m for start in starts.values()]),
-            p_ee_targets_of_m={name: start.p_ee_target_m for name, start in starts.items()},
+            p_ee_target_by_campaign_m={name: start.p_ee_target_m for name, start in starts.items()},
         )
 
     def scale(self, T_base_ee: Array) -> float | None:

@@ -25,7 +25,7 @@ from pa10cal.observe.quantities import (
     Deviations,
     Misfit,
     RawColumns,
-    Stated,
+    StatedByCampaign,
     Unusable,
     Words,
     by_end_and_targets,
@@ -98,7 +98,7 @@ class Points(Instrument):
         return replace(self, p_instr_m=p_instr_m, cov_m2=unit, motion_cov=None)
 
     @classmethod
-    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Points:
+    def foreseen(cls, T_instr_ee: Array, stated: StatedByCampaign) -> Points:
         names = tuple(stated.targets_m)
         places_m = np.array([stated.targets_m[name] for name in names])
         p_instr_m, _ = carried_targets(T_instr_ee, places_m.ravel())
@@ -133,9 +133,9 @@ class Points(Instrument):
         return self.names
 
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
+        p_instr_m, levers_m = carried_targets(T_instr_ee, targets_m)
         residual = p_instr_m - self.p_instr_m
-        by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
+        by_end, by_targets = by_end_and_targets(T_instr_ee, levers_m)
         missing = np.isnan(residual)
         for part in (residual, by_end, by_targets):
             part[missing] = 0.0
@@ -209,7 +209,7 @@ class Points(Instrument):
         )
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+    def from_columns(cls, columns: Mapping[str, Array], stated: StatedByCampaign) -> Self:
         names = tuple(match[1] for match in map(_PLACE.fullmatch, columns) if match)
         cov_m2 = [covariance_of(columns, _OF_PLACE.format(name), AXES, _SCALE) for name in names]
         return cls(
@@ -247,14 +247,14 @@ class Points(Instrument):
         blank = np.isnan(values).reshape(len(values), len(columns.targets), 3).sum(axis=2)
         partly_blank = (blank > 0) & (blank < 3)
         incomplete, unseen = partly_blank.any(axis=1), (blank == 3).all(axis=1)
-        named = (", ".join(columns.targets[b]) for b in partly_blank[incomplete].argmax(axis=1))
+        partly = (", ".join(columns.targets[b]) for b in partly_blank[incomplete].argmax(axis=1))
         return (
-            Unusable(incomplete, "a target with some of its coordinates only", named),
-            Unusable(unseen, "no target was observed", [""] * int(unseen.sum())),
+            Unusable(incomplete, "a target with some of its coordinates only", tuple(partly)),
+            Unusable(unseen, "no target was observed", ("",) * int(unseen.sum())),
         )
 
     @classmethod
-    def raw_notes(cls, columns: RawColumns, stated: Stated) -> tuple[str, ...]:
+    def raw_notes(cls, columns: RawColumns, stated: StatedByCampaign) -> tuple[str, ...]:
         names = _names(columns)
         unstated = sorted(set(names) - set(stated.targets_m))
         absent = sorted(set(stated.targets_m) - set(names))
@@ -268,7 +268,9 @@ class Points(Instrument):
         return tuple(notes)
 
     @classmethod
-    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Points:
+    def from_raw(
+        cls, columns: RawColumns, values: Array, u: Array, stated: StatedByCampaign
+    ) -> Points:
         names = _names(columns)
         p_m = MM * values.reshape(len(values), len(names), 3)
         u_m = np.where(np.isnan(u), stated.uncertainty_m, MM * u).reshape(p_m.shape)
@@ -331,7 +333,7 @@ class Distance(Instrument):
         return replace(self, d_m=d_m, u_m=np.ones(len(d_m)))
 
     @classmethod
-    def foreseen(cls, T_instr_ee: Array, stated: Stated) -> Distance:
+    def foreseen(cls, T_instr_ee: Array, stated: StatedByCampaign) -> Distance:
         name, place_m = next(iter(stated.targets_m.items()))
         p_instr_m, _ = carried_targets(T_instr_ee, place_m)
         d_m = np.linalg.norm(p_instr_m[:, 0], axis=1)
@@ -356,9 +358,9 @@ class Distance(Instrument):
         return tuple(TermParameter(f"target_{axis}", "m", 1e-3) for axis in "xyz")
 
     def compare(self, T_instr_ee: Array, targets_m: Array) -> Comparison:
-        p_instr_m, arms = carried_targets(T_instr_ee, targets_m)
+        p_instr_m, levers_m = carried_targets(T_instr_ee, targets_m)
         off_m, along = self._residual_and_sight(p_instr_m)
-        by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
+        by_end, by_targets = by_end_and_targets(T_instr_ee, levers_m)
         return Comparison(
             off_m[:, None],
             np.einsum("pi,pij->pj", along, by_end[:, 0])[:, None],
@@ -411,7 +413,7 @@ class Distance(Instrument):
         return Deviations(1e3 * np.abs(off_m), position_mm, None)
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: Stated) -> Self:
+    def from_columns(cls, columns: Mapping[str, Array], stated: StatedByCampaign) -> Self:
         found = cls(MM * columns["d_mm"], MM * columns["d_u_mm"], *_stated_target(stated))
         if _POINT[0] not in columns:
             return found
@@ -432,15 +434,17 @@ class Distance(Instrument):
     def unusable(cls, columns: RawColumns, values: Array) -> Iterable[Unusable]:
         off = values[:, 0] <= 0.0
         found = (f"{_RAW} = {value:g}" for value in values[off, 0])
-        return (Unusable(off, "the distance is not above zero", found),)
+        return (Unusable(off, "the distance is not above zero", tuple(found)),)
 
     @classmethod
-    def from_raw(cls, columns: RawColumns, values: Array, u: Array, stated: Stated) -> Distance:
+    def from_raw(
+        cls, columns: RawColumns, values: Array, u: Array, stated: StatedByCampaign
+    ) -> Distance:
         u_m = np.where(np.isnan(u[:, 0]), stated.uncertainty_m, MM * u[:, 0])
         return Distance(MM * values[:, 0], u_m, *_stated_target(stated))
 
 
-def _stated_target(stated: Stated) -> tuple[str, Array | None]:
+def _stated_target(stated: StatedByCampaign) -> tuple[str, Array | None]:
     """Return name and position of the target, if exactly one is stated; else no position."""
     if len(stated.targets_m) != 1:
         return _UNNAMED, None

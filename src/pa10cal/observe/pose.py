@@ -94,7 +94,7 @@ class Pose(Instrument):
         return Pose.of(T_instr_ee, np.broadcast_to(np.eye(6), (len(T_instr_ee), 6, 6)))
 
     @classmethod
-    def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Pose:
+    def foreseen(cls, T_instr_ee: Array, stated: quantities.StatedByCampaign) -> Pose:
         """Return the poses of the first stated target; of the end of the chain without one.
 
         The uncertainty of orientations is the stated one, else that by targets some centimetres
@@ -227,7 +227,9 @@ class Pose(Instrument):
         )
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: quantities.Stated) -> Self:
+    def from_columns(
+        cls, columns: Mapping[str, Array], stated: quantities.StatedByCampaign
+    ) -> Self:
         T, cov = pose_of_columns(columns)
         return cls(T, cov, np.zeros((len(T), 6, 0)))
 
@@ -250,11 +252,15 @@ class Pose(Instrument):
         length = np.linalg.norm(values[:, 3:], axis=1)
         off = np.abs(length - 1.0) >= READINGS.of_length
         found = (f"length {value:.4g}" for value in length[off])
-        return (quantities.Unusable(off, "the quaternion is not of unit length", found),)
+        return (quantities.Unusable(off, "the quaternion is not of unit length", tuple(found)),)
 
     @classmethod
     def from_raw(
-        cls, columns: quantities.RawColumns, values: Array, u: Array, stated: quantities.Stated
+        cls,
+        columns: quantities.RawColumns,
+        values: Array,
+        u: Array,
+        stated: quantities.StatedByCampaign,
     ) -> Pose:
         R = Rotation.from_quat(values[:, 3:], scalar_first=True).as_matrix()
         cov = np.zeros((len(values), 6, 6))
@@ -337,7 +343,7 @@ class Touched(Pose):
         return Touched(T, cov, rigid_fit.pose_by_source(T, p_m, cov_m2), balls, touches)
 
     @classmethod
-    def foreseen(cls, T_instr_ee: Array, stated: quantities.Stated) -> Touched:
+    def foreseen(cls, T_instr_ee: Array, stated: quantities.StatedByCampaign) -> Touched:
         """Return the end-effector as measured by the stated balls with the stated uncertainty.
 
         Raises:
@@ -397,7 +403,9 @@ class Touched(Pose):
         return None
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, Array], stated: quantities.Stated) -> Self:
+    def from_columns(
+        cls, columns: Mapping[str, Array], stated: quantities.StatedByCampaign
+    ) -> Self:
         T, cov = pose_of_columns(columns)
         balls = Points.from_columns(columns, stated)
         touches = np.column_stack([columns[f"ball{name}_touches"] for name in balls.names])

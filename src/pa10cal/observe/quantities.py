@@ -1,4 +1,8 @@
-"""Quantities exchanged with instruments: statements, comparisons, starts, table columns."""
+"""Quantities exchanged with instruments: statements, comparisons, starts, table columns.
+
+P is a number of poses, B of targets, b of measured components of a pose, and t of coordinates of
+targets, 3 B. A name `by_x` is that of a derivative by x, here as elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +18,18 @@ from pa10cal.arrays import Array, Mask, Rows, take_rows
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.rules import FRAMES
 
+AXES = "xyz"
+#: A millimetre in metres (unit).
+MM = 1e-3
+#: Factors that convert position [mm] and rotation [rad], as in the table of poses, to m and rad.
+MM_RAD_TO_SI = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
+
+
+# What an instrument is, in words and by its campaign.
+
 
 @dataclass(frozen=True)
-class Stated:
+class StatedByCampaign:
     """Statements of a campaign's description about its instrument."""
 
     uncertainty_m: float  # standard uncertainty of one measured coordinate or distance
@@ -41,16 +54,40 @@ class Words:
     arrows: str  # definition of the arrows that show errors
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Predicted minus measured in P poses of b components; zero where nothing was measured."""
+# Measured columns of a campaign's own files.
 
-    residual: Array  # (P, b) [m], and chord of the orientation [rad] where it is measured
-    # (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along the
-    # instrument's axes
-    by_end: Array
-    # (P, b, t) derivative by coordinates of targets (t = 0 where the tool is part of the chain)
-    by_targets: Array
+
+@dataclass(frozen=True)
+class RawColumns:
+    """Columns of `files.poses` with the measurements of an instrument."""
+
+    # (B,) of each target [mm]: three coordinates or a distance
+    targets: tuple[tuple[str, ...], ...]
+    others: tuple[str, ...] = ()  # further columns, without unit
+    # whether an empty field means that a target was not seen; else it is an error
+    may_be_blank: bool = False
+
+    @property
+    def lengths(self) -> tuple[str, ...]:
+        """Return the columns that are lengths [mm]."""
+        return tuple(name for target in self.targets for name in target)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return all k columns."""
+        return (*self.lengths, *self.others)
+
+
+@dataclass(frozen=True)
+class Unusable:
+    """Rows of readable fields that are no measurement."""
+
+    rows: Mask  # (N,) which rows
+    reason: str
+    values: tuple[str, ...]  # the offending value of each of these rows
+
+
+# Fits of frames and targets, and their errors.
 
 
 @dataclass(frozen=True)
@@ -63,9 +100,43 @@ class Start:
     # (3, 3) orientation of that frame, by which measured orientations are turned, so that the
     # tool's remaining rotation is small
     R_ee_target: Array
-    targets_m: Array  # (t,) positions of targets in the end-effector frame, x, y, z of each
+    # (t,) positions of targets in the end-effector frame, x, y, z of each: flat, as unknowns of the
+    # fit are
+    targets_m: Array
     # (3,) the same as `p_ee_target_m` for each campaign of a group, by name
-    p_ee_targets_of_m: Mapping[str, Array] = field(default_factory=dict)
+    p_ee_target_by_campaign_m: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Predicted minus measured in P poses of b components; zero where nothing was measured."""
+
+    # (P, b) [m], and where an orientation is measured the chord of its difference: axis times
+    # 2 sin(angle / 2) [rad]
+    residual: Array
+    # (P, b, 6) derivative by velocity and angular velocity of the end of the chain, along the
+    # instrument's axes
+    by_end: Array
+    # (P, b, t) derivative by coordinates of targets (t = 0 where the tool is part of the chain)
+    by_targets: Array
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residuals of B targets in P poses about the nominal model, fitted to them."""
+
+    length_m: Array  # (P, B) distances, nan where a target was not seen
+    turn_rad: Array  # (P,) angles between orientations; 0 where not measured
+
+    @property
+    def size_m(self) -> Array:
+        """Return the residual of each pose (P,).
+
+        Root of the sum of squares of the largest distance, and of the angle times a usual lever.
+        """
+        return np.asarray(
+            np.hypot(np.nanmax(self.length_m, axis=1), FRAMES.lever_m * self.turn_rad)
+        )
 
 
 @dataclass(frozen=True)
@@ -92,8 +163,11 @@ class Deviations:
         """Return the deviations of these configurations."""
         return take_rows(self, rows)
 
-    def with_others(self, rows: NDArray[np.bool_], others: Deviations) -> Deviations:
-        """Return the deviations with those of others in some of the configurations (P,)."""
+    def replaced_where(self, rows: Mask, others: Deviations) -> Deviations:
+        """Return the deviations with those of others in some of the configurations (P,).
+
+        Without rotations where one of both has none.
+        """
         rotation = None
         if self.rotation_deg is not None and others.rotation_deg is not None:
             rotation = np.where(rows[:, None], others.rotation_deg, self.rotation_deg)
@@ -104,77 +178,29 @@ class Deviations:
         )
 
 
-@dataclass(frozen=True)
-class RawColumns:
-    """Columns of `files.poses` with the measurements of an instrument."""
-
-    targets: tuple[
-        tuple[str, ...], ...
-    ]  # (B,) of each target [mm]: three coordinates or a distance
-    others: tuple[str, ...] = ()  # further columns, without unit
-    # whether an empty field means that a target was not seen; else it is an error
-    may_be_blank: bool = False
-
-    @property
-    def lengths(self) -> tuple[str, ...]:
-        """Return the columns that are lengths [mm]."""
-        return tuple(name for target in self.targets for name in target)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return all k columns."""
-        return (*self.lengths, *self.others)
-
-
-@dataclass(frozen=True)
-class Unusable:
-    """Rows of readable fields that are no measurement."""
-
-    rows: Mask  # (N,) which rows
-    reason: str
-    values: Iterable[str]  # the offending value of each of these rows
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """Residuals of B targets in P poses about the nominal model, fitted to them."""
-
-    length_m: Array  # (P, B) distances, nan where a target was not seen
-    turn_rad: Array  # (P,) angles between orientations; 0 where not measured
-
-    @property
-    def size_m(self) -> Array:
-        """Return the largest residual of each pose (P,), an angle times the lever of a target."""
-        return np.asarray(
-            np.hypot(np.nanmax(self.length_m, axis=1), FRAMES.lever_m * self.turn_rad)
-        )
-
-
-AXES = "xyz"
-#: A millimetre in metres (unit).
-MM = 1e-3
+# Targets on the chain's end.
 
 
 def carried_targets(T_instr_ee: Array, targets_m: Array) -> tuple[Array, Array]:
     """Return positions of targets (t,) on poses (P, 4, 4), and vectors from the end, (P, B, 3)."""
-    arms = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], targets_m.reshape(-1, 3))
-    return T_instr_ee[:, None, :3, 3] + arms, arms
+    levers_m = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], targets_m.reshape(-1, 3))
+    return T_instr_ee[:, None, :3, 3] + levers_m, levers_m
 
 
-def by_end_and_targets(T_instr_ee: Array, arms: Array) -> tuple[Array, Array]:
-    """Return the derivatives of targets with vectors `arms` (P, B, 3) from the chain's end.
+def by_end_and_targets(T_instr_ee: Array, levers_m: Array) -> tuple[Array, Array]:
+    """Return the derivatives of targets with vectors `levers_m` (P, B, 3) from the chain's end.
 
-    They are by that end (P, B, 3, 6), and by the targets' coordinates on it (P, B, 3, 3 B).
+    They are by a small motion of that end (P, B, 3, 6), and by the targets' coordinates on it
+    (P, B, 3, t).
     """
-    count, targets = arms.shape[:2]
+    count, targets = levers_m.shape[:2]
     by_targets = np.zeros((count, targets, 3, targets, 3))
     for b in range(targets):
         by_targets[:, b, :, b] = T_instr_ee[:, :3, :3]
-    return by_small_motion(arms), by_targets.reshape(count, targets, 3, 3 * targets)
+    return by_small_motion(levers_m), by_targets.reshape(count, targets, 3, 3 * targets)
 
 
-#: Factors that convert position [mm] and rotation [rad], as in the table of poses, to m and rad.
-MM_RAD_TO_SI = np.array([MM, MM, MM, 1.0, 1.0, 1.0])
+# Columns of the table of poses.
 
 
 def columns_of_places(names: Iterable[str], p_m: Array) -> dict[str, NDArray[Any]]:
@@ -193,26 +219,30 @@ def places_of(columns: Mapping[str, NDArray[Any]], names: Iterable[str]) -> Arra
 
 
 def columns_of_covariance(
-    cov: Array, name: str, labels: str = "012345", scale: Array = MM_RAD_TO_SI
+    cov: Array, template: str, labels: str = "012345", scale: Array = MM_RAD_TO_SI
 ) -> dict[str, NDArray[Any]]:
     """Return covariances (P, k, k) as columns of a table of poses.
 
     Args:
-        name: of a column, with two fields for labels.
+        template: name of a column, with two fields `{}` for labels.
         labels: of the k components.
         scale: (k,) factors from the units of the table to metres and radians.
     """
     in_table = cov / np.outer(scale, scale)
     pairs = combinations_with_replacement(range(len(scale)), 2)
-    return {name.format(labels[i], labels[j]): in_table[:, i, j] for i, j in pairs}
+    return {template.format(labels[i], labels[j]): in_table[:, i, j] for i, j in pairs}
 
 
 def covariance_of(
     columns: Mapping[str, NDArray[Any]],
-    name: str,
+    template: str,
     labels: str = "012345",
     scale: Array = MM_RAD_TO_SI,
 ) -> Array:
     """Return the covariances in columns as of `columns_of_covariance` (KeyError without them)."""
-    elements = [[columns[name.format(*sorted((a, b)))] for b in labels] for a in labels]
+    every = range(len(labels))
+    elements = [
+        [columns[template.format(labels[min(i, j)], labels[max(i, j)])] for j in every]
+        for i in every
+    ]
     return np.ascontiguousarray(np.moveaxis(np.array(elements), 2, 0)) * np.outer(scale, scale)

@@ -21,7 +21,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.exchange import covariance_root
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.quantities import Start, Stated, by_end_and_targets, carried_targets
+from pa10cal.observe.quantities import Start, StatedByCampaign, by_end_and_targets, carried_targets
 from pa10cal.pose_plan.setup import MM, PlanSetup
 from pa10cal.terms.effects.effect import Effect, candidates
 from pa10cal.terms.term import TermParameter
@@ -90,7 +90,7 @@ def _foreseen(setup: PlanSetup, q: Array) -> tuple[Observations, Start]:
     count = len(q)
     T_instr_ee = T_instr_base @ Chain.of(setup.arm).forward(q)
     attitude_rad = None if options.attitude_mrad is None else 1e-3 * options.attitude_mrad
-    stated = Stated(MM * options.uncertainty_mm, setup.targets, attitude_rad)
+    stated = StatedByCampaign(MM * options.uncertainty_mm, setup.targets, attitude_rad)
     measured = kind.foreseen(T_instr_ee, stated)
     states = PoseStates(
         q_rad=q,
@@ -121,8 +121,8 @@ def _target_jacobian(general: GeneralProblem) -> Array:
     places_m = problem.places_at(x)
     if not len(places_m):
         return predicted.jacobian[:, :3]
-    _, arms = carried_targets(T_instr_ee, places_m)
-    by_end, by_targets = by_end_and_targets(T_instr_ee, arms)
+    _, levers_m = carried_targets(T_instr_ee, places_m)
+    by_end, by_targets = by_end_and_targets(T_instr_ee, levers_m)
     by_model = by_end[:, 0] @ predicted.jacobian
     return np.concatenate([by_model, by_targets[:, 0][..., problem.places]], axis=2)
 

@@ -366,6 +366,11 @@ def tool_frame() -> Offsets:
     return _small_motions(TOOL, "tool")
 
 
+def is_tool(term: Term) -> bool:
+    """Return whether a term is the mounting of the tool; a tool that sags is another term."""
+    return "tool" in term.roles and set(term.coordinates) <= set(TOOL)
+
+
 def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
     parameters = (
         TermParameter(name.replace(".", "_"), "rad" if ".r" in name else "m", 1e-3)

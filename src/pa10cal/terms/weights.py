@@ -11,7 +11,7 @@ import numpy as np
 
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates, StaticLoads
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError
 from pa10cal.results.record import HALF_WIDTH_95, FaultKind
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
@@ -85,6 +85,21 @@ class Weights(TorqueOnly):
         return cls(arm.n, tuple(chosen), tuple(float(every[k]) for k in chosen))
 
     @property
+    def of_last_moment(self) -> Mask:
+        """Return which columns (k,) are the first moment of the last link, and of the tool."""
+        return self._beyond(-4) & ~self._beyond(-1)
+
+    @property
+    def of_tool_mass(self) -> Mask:
+        """Return which columns (k,) are the mass of the tool, one at most."""
+        return self._beyond(-1) & ~self._beyond(0)
+
+    @property
+    def of_level(self) -> Mask:
+        """Return which columns (k,) are tilts of gravity."""
+        return self._beyond(0)
+
+    @property
     def formula(self) -> str:
         formula = "tau_j = calculated tau_j + derivative of tau_j by masses, moments and level"
         if self.held is None:
@@ -104,7 +119,7 @@ class Weights(TorqueOnly):
         joints; for the derivative (P, n, 4 n + 3) see `StaticLoads.by_weights`.
         """
         grows = np.einsum("pj,pjc->c", torque_Nm, by_weights)[list(self.columns)]
-        has_mass = np.array(self.columns) <= 4 * self.n
+        has_mass = ~self.of_level
         size = np.where(has_mass, np.abs(grows) * self.sizes, 0.0)
         held = int(np.argmax(size))
         if size[held] <= 0.0:
@@ -177,6 +192,10 @@ class Weights(TorqueOnly):
 
     def report(self, x: Array) -> Report:
         return report_as_solved(self.parameters, x)
+
+    def _beyond(self, number: int) -> Mask:
+        """Return which columns (k,) come after a number, counted from the mass of the tool, 0."""
+        return np.array(self.columns, dtype=np.intp) > 4 * self.n + number
 
     def _name(self, column: int) -> tuple[str, str]:
         """Return the name of a column's parameter, and its unit."""

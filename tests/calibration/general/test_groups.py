@@ -74,9 +74,9 @@ def test_a_fit_starts_from_the_same_tools_by_a_seed_as_without(members, kinds):
     found = find_start(ARM, every)
     seed = locate_base(every, ARM, BaseFrameOptions(), "", "group", "synthetic")
     of_seed = start_of(seed, every.measured)
-    assert found.p_ee_targets_of_m.keys() == of_seed.p_ee_targets_of_m.keys()
-    for name, tool_m in found.p_ee_targets_of_m.items():
-        np.testing.assert_allclose(of_seed.p_ee_targets_of_m[name], tool_m, atol=1e-9)
+    assert found.p_ee_target_by_campaign_m.keys() == of_seed.p_ee_target_by_campaign_m.keys()
+    for name, tool_m in found.p_ee_target_by_campaign_m.items():
+        np.testing.assert_allclose(of_seed.p_ee_target_by_campaign_m[name], tool_m, atol=1e-9)
 
 
 def together(members):

@@ -13,7 +13,8 @@ from made_up_poses import at_rest
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.general.placed import refit_frames, with_tool_of
+from pa10cal.calibration.general.refit_frames import refit_frames, with_tool_of
+from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
@@ -157,3 +158,50 @@ def test_what_frames_take_up_is_uncertain_no_more(model, see):
     assert ratio == pytest.approx(1.0, abs=0.25)
     before = model.predict(every.states.q_rad).u_mm
     assert np.mean(expected) < np.mean(before**2)
+
+
+# Frames that the poses do not identify.
+
+
+@pytest.mark.parametrize("kind", ["pose", "points"])
+@pytest.mark.parametrize("distinct", [1, 2])
+def test_poses_that_do_not_identify_the_frames_are_refused(model, see, kind, distinct):
+    readings = see("ur10", kind, count=12, size=0.0, noise_m=1e-5)
+    few = readings.take(np.repeat(np.arange(1, 1 + distinct), 5))
+    with pytest.raises(CalibrationError, match=r"do not identify .*further apart"):
+        refit_frames(model, few)
+
+
+# Noise that is larger than the instrument states.
+
+
+def test_frames_are_as_uncertain_as_the_scatter_of_the_readings(see):
+    chain = Model(Chain.of(ARM), ())
+    known = FittedModel(chain, np.zeros(0), np.eye(4), covariance=np.zeros((6, 6)))
+    exact = see("ur10", "pose", count=30, size=0.0)
+    measured, q_rad = exact.measured, exact.states.q_rad
+
+    def placed(T_instr_target):
+        readings = replace(exact, measured=replace(measured, T_instr_target=T_instr_target))
+        found = refit_frames(known, readings)
+        predicted = found.predict(q_rad, frame="tool")
+        return 1e3 * (found.T_instr_base @ predicted.T)[:, :3, 3], predicted.u_mm
+
+    true_mm, _ = placed(measured.T_instr_target)
+    squares, expected = [], []
+    for seed in range(20):
+        rng, seen = np.random.default_rng(seed), measured.T_instr_target.copy()
+        turns = Rotation.from_rotvec(1e-3 * rng.standard_normal((30, 3))).as_matrix()
+        seen[:, :3, :3] = turns @ seen[:, :3, :3]
+        seen[:, :3, 3] += 1e-4 * rng.standard_normal((30, 3))
+        found_mm, u_mm = placed(seen)
+        squares.append(np.sum((found_mm - true_mm) ** 2, axis=1))
+        expected.append(u_mm**2)
+    assert np.mean(squares) == pytest.approx(np.mean(expected), rel=0.2)
+
+
+def test_poses_without_what_the_model_reads_are_refused(found):
+    _, poses = found
+    springy = on_springs("ur10", STIFFNESS, FIRST, {"delta_a_2"})
+    with pytest.raises(CalibrationError, match=r"80 of 80 poses.*log the torques"):
+        refit_frames(springy, poses)

@@ -20,8 +20,8 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.general import calibrate
 from pa10cal.calibration.general.fit import GeneralSolution, fit
-from pa10cal.calibration.general.placed import Fit, about_known_arm
 from pa10cal.calibration.general.problem import check_enough, with_unknown_frames
+from pa10cal.calibration.general.refit_frames import FrameFit, fit_with_targets_shown
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
@@ -251,12 +251,12 @@ def calibrate_from(
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = observations.with_states(states)
 
-    def of_prior(unknowns: ChosenUnknowns) -> Fit:
+    def of_prior(unknowns: ChosenUnknowns) -> FrameFit:
         problem, x_start = with_unknown_frames(model, expected.mean, unknowns, start, posed)
         check_enough(problem, known=len(expected.mean))
-        return problem, x_start, fitted(problem, x_start, expected=expected)
+        return FrameFit(problem, x_start, fitted(problem, x_start, expected=expected))
 
-    problem, x_start, found = about_known_arm(unknowns, start, of_prior)
+    problem, x_start, found = fit_with_targets_shown(unknowns, start, of_prior)
     possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
     released: tuple[MovedPart, ...] = ()
     anew, frames = everything(possible), len(problem.parameters) - len(expected.mean)

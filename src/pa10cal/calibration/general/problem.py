@@ -101,15 +101,10 @@ def general_problem(
 
 
 def _heaviest_tool(weights: Weights, payload: Payload) -> Array:
-    """Return the unknown weights (w,) with the tool as heavy, and as far out, as it may well be.
-
-    Column 4 j of the weights is the mass of link j, the next three are its first moment; column 4 n
-    is the mass of the tool, and tilts of gravity follow.
-    """
-    beyond = np.array(weights.columns) - 4 * weights.n
-    of_tool = (beyond == 0) & weights.unknown_tool
-    if payload.com_u_m is not None:  # the first moment of the last link holds that of the tool
-        of_tool |= (beyond > -4) & (beyond < 0)
+    """Return the unknown weights (w,) with the tool as heavy, and as far out, as it may well be."""
+    of_tool = weights.of_tool_mass & weights.unknown_tool
+    if payload.com_u_m is not None:
+        of_tool |= weights.of_last_moment
     return np.where(of_tool, weights.sizes, 0.0)
 
 
@@ -181,7 +176,7 @@ def _start_of(frame: Term, start: Start) -> list[float]:
     """Return the start of the coordinates of a frame: places of tools [m], else zero."""
     p_ee_target_m = start.p_ee_target_m
     if of_one_campaign(frame):
-        p_ee_target_m = start.p_ee_targets_of_m.get(frame.name, p_ee_target_m)
+        p_ee_target_m = start.p_ee_target_by_campaign_m.get(frame.name, p_ee_target_m)
     place_m = dict(zip(TOOL[:3], p_ee_target_m.tolist(), strict=True))
     return [place_m.get(coordinate, 0.0) for coordinate in frame.coordinates]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pa10cal.arm.urdf_chain import ends_of_arm
+from pa10cal.arm.urdf_ends import ends_of_arm
 from pa10cal.errors import ArmError
 
 
@@ -62,7 +62,13 @@ SLIDES = ["stand=carriage", "carriage~a1", "a1~a2", "a2=quill", "quill>ee_link"]
         (chain("a", "b", "c"), ("a", "c")),
         ([*chain("base", *"123456"), "3~camera"], ("base", "6")),
         ([*chain("base", *"123456"), *(f"6~{k}" for k in "789")], ("base", "6")),
-        ([*chain("base", *"123456"), *chain("6", "thumb_hand", "t"), "6~f"], ("base", "6")),
+        ([*chain("base", *"123456"), *chain("6", "thumb_hand", "t"), "6~f_hand"], ("base", "6")),
+        ([*chain("base", *"123456"), "6~linkGripper"], ("base", "6")),
+        ([*chain("base", *"123456"), "6=l", "6=r"], ("base", "6")),
+        (chain("base", *(f"handling_link{k}" for k in range(1, 7))), ("base", "handling_link6")),
+        ([*chain("base", *"1234567"), "4~hand_camera"], ("base", "7")),
+        (["foot>Base_Link", "Base_Link>turret", *chain("turret", *"12")], ("Base_Link", "2")),
+        ([*chain("base", "link_06", "link_07"), "link_07>link_08"], ("base", "link_08")),
         (
             [*chain("world", "l1", "l2", "l3"), "l3>link_eef", "link_eef>camera"],
             ("world", "link_eef"),
@@ -86,7 +92,12 @@ def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends
         ],
         [*chain("waist", *"123"), *chain("3", *"abcdefg"), *chain("3", *"hijklmn"), "3~head"],
         [*chain("waist", *"123"), *chain("3", *"abcdefg"), *chain("3", *"hijklmn")],
+        [*chain("waist", *"1234"), *chain("4", *"abc"), *chain("4", *"def")],
+        [*chain("waist", *"12345678"), *chain("8", *"abcdefg"), *chain("8", *"hijklmn")],
         [*chain("base", *"123456"), "4~camera"],
+        [*chain("base", *"123456"), "5~camera"],
+        [*chain("base", *"123456"), "5~hand_camera"],
+        [*chain("base", *"123456"), *chain("5", "hand_camera", "lens")],
         [*chain("palm", "f1", "f2"), *chain("palm", "g1", "g2")],
         ["a>b"],
         ["a~b"],
@@ -95,7 +106,12 @@ def test_the_arm_is_the_long_chain_and_its_ends_are_base_and_flange(joints, ends
         "two arms",
         "torso, arms and head",
         "torso and arms",
+        "long torso and short arms",
+        "longer torso and arms",
         "camera on a link",
+        "camera beside the last joint",
+        "camera called after a hand",
+        "longer camera called after a hand",
         "a hand",
         "nothing moves",
         "one joint",

@@ -1,4 +1,4 @@
-"""Base and tip of the arm in a URDF, where nobody names them.
+"""Finds which links of a URDF are base and tip of the arm, where nobody names them.
 
 Files of known robots hold more than the arm: wheels below it, a gripper at its end, frames of
 cameras, the controller's base beside the first link. The arm is the longest chain of joints; where
@@ -13,65 +13,80 @@ from pa10cal.arm.urdf_reading import read_tree
 from pa10cal.arm.urdf_tree import MOVING, UrdfJoint, UrdfTree
 from pa10cal.errors import ArmError
 
-#: A chain of fewer joints is a gripper, a head or a wheel where there is a longer one beside it.
+#: Where chains branch off, one of fewer joints is a wheel, a head, a camera or a finger; and an
+#: arm has as many joints before its hand.
 _FEWEST_JOINTS = 3
-#: Words in the name of a joint, or of the link that it carries, of a hand: the arm ends before it.
-_OF_A_HAND = re.compile(r"gripper|finger|jaw|hand|knuckle|claw", re.IGNORECASE)
+#: A word in the name of a joint, or of the link that it carries, of a hand: the arm ends before it.
+_OF_A_HAND = re.compile(
+    r"(?<![a-z])(l|r|left|right)?(gripper|finger|jaw|hand|knuckle|claw)s?(?![a-z])"
+)
 #: Usual names of the frame at the end of an arm, the controller's own first.
 _TIPS = (
     re.compile(r"(^|_)tool0$", re.IGNORECASE),
     re.compile(r"(^|_)flange$", re.IGNORECASE),
     re.compile(r"(^|_)(link_?eef?|eef?_link|end_?effector(_link)?)$", re.IGNORECASE),
 )
-#: Usual names of the base; the controller's own, `base`, is preferred to these.
-_BASE = re.compile(r"(^|_)(base|base_?link|link_?base|link_?0)$")
+#: Usual names of the base; the controller's own, `base`, is preferred to the others.
+_BASE = re.compile(r"(^|_)(base|base_?link|link_?base|link_?0)$", re.IGNORECASE)
 
 
 def ends_of_arm(text: str, where: str) -> tuple[str, str]:
     """Return base and tip of the one arm in a URDF; `where` is its name in messages.
 
-    From the root, the longest chain of moving joints is followed: at least two joints longer than
-    any other that branches off, and at least three. It ends where a hand begins. The tip is the
-    link that the last joint carries, or one fixed to it that is called tool0, flange or
-    end-effector. The base is the link that carries the first joint, or one fixed to it towards the
-    root that is called base.
+    From the root the moving joints are followed. Where several chains of them branch off, the
+    longest is the arm's if it has three joints or more, and two more than any other. The arm ends
+    where a hand begins. The tip is the link that the last joint carries, or one fixed to it that is
+    called tool0, flange or end-effector. The base is a link fixed to the one that carries the first
+    joint: one called `base`, or else one towards the root with another usual name of a base; the
+    link that carries the first joint where there is none.
 
     Raises:
         ArmError: when there is no such chain, or there are several, or the text is no URDF.
     """
     tree = read_tree(text, where)
     chain: list[UrdfJoint] = []
-    ahead = _next_moving(tree, tree.root)
-    while ahead and not _begins_a_hand(tree, ahead, len(chain)):
-        lengths = [_length(tree, joint) for joint in ahead]
+    next_joints = _next_moving(tree, tree.root)
+    while next_joints and not _begins_a_hand(tree, next_joints, len(chain)):
+        lengths = [_length(tree, joint) for joint in next_joints]
         if len(lengths) > 1 and lengths[0] < max(lengths[1] + 2, _FEWEST_JOINTS):
-            raise _ambiguous(tree)
-        chain.append(ahead[0])
-        ahead = _next_moving(tree, chain[-1].child)
+            raise _ambiguous(tree, next_joints)
+        chain.append(next_joints[0])
+        next_joints = _next_moving(tree, chain[-1].child)
     if len(chain) < 2:
-        raise _ambiguous(tree)
+        raise _ambiguous(tree, chain)
     return _base(tree, chain[0]), _tip(tree, chain[-1])
 
 
-def _begins_a_hand(tree: UrdfTree, ahead: list[UrdfJoint], arm_joints: int) -> bool:
+def _begins_a_hand(tree: UrdfTree, next_joints: list[UrdfJoint], joints_so_far: int) -> bool:
     """Return whether the next moving joints belong to a hand, after so many joints of the arm.
 
-    They do by their names, or as fingers: several chains of one length, shorter than the arm.
+    They do if the names of all say so; one alone may be a camera called after the hand. They also
+    do as fingers: three short chains or more of one length, or two that slide. Two that turn may be
+    the last joint of the arm and a camera beside it.
     """
-    if arm_joints < _FEWEST_JOINTS:
+    if joints_so_far < _FEWEST_JOINTS:
         return False
-    if any(_OF_A_HAND.search(joint.name) or _OF_A_HAND.search(joint.child) for joint in ahead):
+    if all(_is_of_a_hand(joint) for joint in next_joints):
         return True
-    lengths = {_length(tree, joint) for joint in ahead}
-    return len(ahead) > 1 and len(lengths) == 1 and max(lengths) < arm_joints
+    lengths = {_length(tree, joint) for joint in next_joints}
+    all_slide = all(joint.kind == "prismatic" for joint in next_joints)
+    short = len(lengths) == 1 and max(lengths) < _FEWEST_JOINTS
+    return short and len(next_joints) > (1 if all_slide else 2)
 
 
-def _ambiguous(tree: UrdfTree) -> ArmError:
-    moving = [joint.name for joint in tree.joints if joint.kind in MOVING]
+def _is_of_a_hand(joint: UrdfJoint) -> bool:
+    """Return whether a word in the name of a joint, or of its link, is that of a hand."""
+    words = (re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name) for name in (joint.name, joint.child))
+    return any(_OF_A_HAND.search(name.lower()) for name in words)
+
+
+def _ambiguous(tree: UrdfTree, next_joints: list[UrdfJoint]) -> ArmError:
+    """Return the error that the arm is not clear, with the joints that begin the chains."""
+    chains = ", ".join(f"{_length(tree, joint)} from {joint.name}" for joint in next_joints)
     return ArmError(
         "which joints are the arm is not clear: no chain is longer than all others by two joints",
         where=tree.where,
-        value=", ".join(moving) or "no joint that moves",
+        value=f"number of joints: {chains}" if chains else "no joint that moves",
         allowed="one serial arm, with wheels, head or gripper of fewer joints",
         remedy="name its ends: pa10cal import_arm … --base LINK --tip LINK --out my_arm.yaml, "
         "and use my_arm",
@@ -84,14 +99,14 @@ def _next_moving(tree: UrdfTree, link: str) -> list[UrdfJoint]:
     Chains of equal length are in the order of the file.
     """
     fixed = set(_fixed_beyond(tree, link))
-    ahead = (joint for joint in tree.joints if joint.parent in fixed and joint.kind in MOVING)
-    return sorted(ahead, key=lambda joint: -_length(tree, joint))
+    moving = (joint for joint in tree.joints if joint.parent in fixed and joint.kind in MOVING)
+    return sorted(moving, key=lambda joint: -_length(tree, joint))
 
 
 def _fixed_beyond(tree: UrdfTree, link: str) -> list[str]:
     """Return a link and those fixed to it, each after the one that carries it."""
     links = [link]
-    for joint in tree.below(link):
+    for joint in tree.below(link):  # every joint after the one that carries its parent
         if joint.kind == "fixed" and joint.parent in links:
             links.append(joint.child)
     return links
@@ -112,8 +127,9 @@ def _base(tree: UrdfTree, first: UrdfJoint) -> str:
         if joint.kind != "fixed":
             break
         carriers.append(joint.parent)
-    if "base" in _fixed_beyond(tree, carriers[-1]):
-        return "base"
+    for link in _fixed_beyond(tree, carriers[-1]):
+        if link.lower() == "base":
+            return link
     return next((link for link in carriers if _BASE.search(link)), first.parent)
 
 
@@ -125,7 +141,7 @@ def _tip(tree: UrdfTree, last: UrdfJoint) -> str:
             return named[0]
     # The flange of some arms is the link of the next number: link7 carries link8.
     if number := re.search(r"(\d+)$", last.child):
-        after = f"{last.child[: number.start()]}{int(number[0]) + 1}"
+        after = f"{last.child[: number.start()]}{int(number[0]) + 1:0{len(number[0])}d}"
         if after in carried:
             return after
     return last.child
