@@ -255,9 +255,9 @@ class Probabilities:
     unknown: float = 0.01  # probability that no effect that was tried is present (trials)
     # the same where repeats judge and more than noise is left without a name (trials)
     unknown_beside: float = 0.17
-    # plausible sizes of an effect from which on the odds of something else grow, and the power by
-    # which they do: an encoder 2.4 mrad off its centre was a counterbalance (trials)
+    # plausible sizes of an effect from which on the odds of something else grow (size)
     usual_sizes: float = 2.0
+    # power by which they grow: an encoder 2.4 mrad off its centre was a counterbalance (trials)
     size_power: float = 3.0
     # where blocks judge: odds of an effect that removes as much of the squared error as remains,
     # the power of that ratio in these, and that of remaining error over noise (trials)
