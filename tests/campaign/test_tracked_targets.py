@@ -11,6 +11,7 @@ import pytest
 import pa10cal
 from made_up_sightings import UNCERTAINTY_MM, sighted
 from pa10cal.arm.chain import Chain
+from pa10cal.campaign.joint_positions import rounded_to_counts
 from pa10cal.campaign.read import repeatability_mm, wrong_rows
 from pa10cal.campaign.screens import held_last
 from pa10cal.errors import Pa10calError
@@ -120,6 +121,34 @@ def test_stated_uncertainties_of_joints_are_in_the_covariance(tmp_path, robot, k
         expected += u_q**2 * moved[:, :, None] * moved[:, None]
     atol = 1e-4 * np.abs(expected - before).max()
     np.testing.assert_allclose(measured.stated_covariance, expected, rtol=0.0, atol=atol)
+
+
+def test_whole_counts_of_encoders_are_as_uncertain_as_their_rounding(tmp_path):
+    raw, u_deg = sighted(tmp_path, "points", poses=60), 360.0 / 4096 / np.sqrt(12.0)
+    before = ingest(raw)
+    assert not before.observations.log.q_u_stated.any()
+    first = raw.column("q1_deg")
+    for k in range(1, len(raw.poses)):
+        words = raw.poses[k].split(",")
+        counts = np.round(np.array(words[first : first + 6], dtype=float) * 4096 / 360.0)
+        words[first : first + 6] = [f"{count * 360.0 / 4096:.5f}" for count in counts]
+        raw.poses[k] = ",".join(words)
+    found = ingest(raw)
+    np.testing.assert_allclose(found.observations.log.q_u_stated, np.radians(u_deg))
+    assert any("whole counts of encoders (4096 a turn)" in note for note in found.notes)
+    more = found.observations.measured.stated_covariance
+    assert np.trace(more, axis1=1, axis2=2).mean() > 0.0
+    with_columns(raw.poses, {f"u_q{joint}_deg": 0.01 for joint in range(1, 7)})
+    stated = ingest(raw).observations.log.q_u_stated
+    np.testing.assert_allclose(stated, np.radians(0.01))  # what is stated counts
+
+
+@pytest.mark.parametrize("step_deg", [0.1, 0.5, 11.25, 45.0])
+def test_programmed_positions_in_round_parts_of_a_degree_are_exact(step_deg):
+    positions = step_deg * np.random.default_rng(1).integers(-1000, 1000, 200)
+    assert rounded_to_counts(positions) == 0.0
+    assert rounded_to_counts(360.0 / 1024 * np.arange(200)) == 1024.0
+    assert rounded_to_counts(360.0 / 1024 * np.arange(10)) == 0.0
 
 
 @pytest.mark.parametrize("scatter", ["the same in all repeats", "another in each"])

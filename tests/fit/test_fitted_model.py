@@ -12,7 +12,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from made_up_model import fitted, postures, vocabulary
+from made_up_model import fitted, fitted_to, postures, vocabulary
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import ModelError, TermError
@@ -391,3 +391,20 @@ def test_variances_by_few_splines_are_those_of_all_knots(knots):
     expected = np.einsum("pik,kl,pjl->pij", whole, covariance[np.ix_(order, order)], whole)
     found = position_covariance(covariance, order[:dense], moved, maps)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_uncertain_joint_positions_are_in_the_uncertainty_of_a_prediction(tmp_path):
+    u_rad = (4e-4, 4e-4, 0.0, 2e-4, 0.0, 0.0)
+    exact = replace(fitted("pa10_6ce", 3, lambda _arm: (tool_frame(),)), fitted_to=fitted_to("c1"))
+    uncertain = replace(exact, fitted_to=fitted_to("c1", u_q_rad=u_rad))
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 6))
+    drawn = np.random.default_rng(3).normal(0.0, 1.0, (2000, 6)) * u_rad
+    at, more = exact.predict(q, frame="tool"), uncertain.predict(q, frame="tool")
+    for k in range(len(q)):
+        off_mm = 1e3 * (exact.predict(q[k] + drawn, frame="tool").T - at.T[k])[:, :3, 3]
+        of_joints_mm = np.sqrt(np.mean(np.sum(off_mm**2, axis=1)))
+        assert more.u_mm[k] == pytest.approx(np.hypot(at.u_mm[k], of_joints_mm), rel=0.05)
+    np.testing.assert_array_equal(more.u_parameters_mm, at.u_parameters_mm)
+    uncertain.save(tmp_path / "model.yaml")
+    again = load_model(tmp_path / "model.yaml").predict(q, frame="tool")
+    np.testing.assert_allclose(again.u_mm, more.u_mm, rtol=1e-9)

@@ -34,6 +34,7 @@ class GradeEvidence:
     # error by the places of the targets on an apparatus, common to all poses, that the fit leaves
     apparatus_mm: float = 0.0
     lacks_mm: float = 0.0  # rms of what the model lacks, in the poses fitted
+    joints_mm: float = 0.0  # rms by which stated uncertainties of joint positions put these off
     # scatter of repeats and stated uncertainty, by kind of component
     repeats: tuple[records.RepeatScatter, ...] = ()
     from_touches: bool = False  # whether the instrument touches balls
@@ -72,7 +73,7 @@ class GradeEvidence:
     @property
     def u_promised_mm(self) -> float:
         """Return the rms standard uncertainty that predictions state in the poses fitted."""
-        return float(np.hypot(self.ended.u_positions_mm, self.lacks_mm))
+        return float(np.linalg.norm([self.ended.u_positions_mm, self.lacks_mm, self.joints_mm]))
 
     @property
     def rank(self) -> int:

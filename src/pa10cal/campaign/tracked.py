@@ -25,7 +25,12 @@ from pa10cal.campaign.instrument_motion import (
     refuse_base_targets,
     without_instrument_motion,
 )
-from pa10cal.campaign.joint_positions import in_radians, position_columns, with_labels
+from pa10cal.campaign.joint_positions import (
+    in_radians,
+    position_columns,
+    rounded_to_counts,
+    with_labels,
+)
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Exclusions, Ingested, RawRows, quarantined
 from pa10cal.campaign.screens import refuse_too_many
@@ -160,8 +165,10 @@ def _read_poses(
         temperature_C=numbers("temperature_C"),
         time_s=raw["time_s"],
     )
+    u_q = uncertainties(q)
+    raw = replace(raw, notes=(*raw.notes, *_with_rounding(u_q, raw.numbers_of(q), arm)))
     log = JointLog(
-        coupling.uncertainty(in_radians(uncertainties(q), arm.axes_slide)),
+        coupling.uncertainty(in_radians(u_q, arm.axes_slide)),
         coupling.beside_joints(uncertainties(tau)),
         np.nan_to_num(numbers("dwell_samples")).astype(np.int64),  # 0 without a log of the joints
     )
@@ -178,6 +185,27 @@ def _read_poses(
         base=base_targets(base_names, raw.numbers_of(on_base), u_base, u_m),
     )
     return raw, readings, measured
+
+
+def _with_rounding(u_q: Array, q: Array, arm: Arm) -> list[str]:
+    """Put the uncertainty of rounding into u_q (P, m) where none is stated; return what to note.
+
+    Args:
+        q: (P, m) logged positions of the axes [deg, mm].
+    """
+    counts = {}
+    for k in np.flatnonzero(~arm.axes_slide & np.isnan(u_q).all(axis=0)):
+        if per_turn := rounded_to_counts(q[:, k]):
+            u_q[:, k] = 360.0 / per_turn / np.sqrt(12.0)
+            counts[f"q{k + 1}"] = per_turn
+    if not counts:
+        return []
+    fewest = min(counts.values())
+    axes = ", ".join(counts)
+    return [
+        f"{axes}: positions are whole counts of encoders ({fewest:.0f} a turn), and count as "
+        f"uncertain by that rounding, {360.0 / fewest / np.sqrt(12.0):.2g} deg"
+    ]
 
 
 def _uncertain_as_joints(found: Observations, chain: Chain) -> Observations:

@@ -38,7 +38,7 @@ from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, remedy_for
 from pa10cal.fit.angles_seen import AngleCoverage
-from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
+from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
@@ -157,6 +157,7 @@ def calibrate_with(
         noise_mm=accuracy.position_noise_mm(measured, noise),
         noise_is_found=True,
         lacks_mm=lacking_mm(discrepancy, poses.states.q_rad),
+        joints_mm=by_uncertain_joints_mm(calibrated.model, calibrated.x, poses),
         spread_mm=measured.spread_mm,
         wanted_mm=wanted_mm,
     )

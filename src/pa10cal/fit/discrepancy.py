@@ -96,6 +96,19 @@ def lacking_mm(found: Discrepancy | None, q_rad: Array) -> float:
     return 0.0 if found is None else float(np.sqrt(np.mean(found.error_at_mm(q_rad) ** 2)))
 
 
+def by_uncertain_joints_mm(model: Model, x: Array, poses: Observations) -> float:
+    """Return how far stated uncertainties of joint positions put the end off, rms over poses [mm].
+
+    It is 0 where none is stated.
+    """
+    if poses.log is None or not (u := poses.log.q_u_stated).any():
+        return 0.0
+    chain, columns = model.chain, model.chain.joint_columns.tolist()
+    at = model.chain_coordinates(poses.states, x)
+    moved_m = end_pose_with_screws(chain, at, columns).screws[:, :3, columns] * u[:, None]
+    return 1e3 * float(np.sqrt(np.mean(np.sum(moved_m**2, axis=(1, 2)))))
+
+
 def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
     """Return the motion of the end for a unit of each joint, (n,): root mean square over poses.
 

@@ -55,6 +55,9 @@ class FittedTo(Part):
     loads_N: tuple[float, ...] = ()
     # standard deviation of their temperatures; None where they were not logged
     temperature_std_C: float | None = Field(None, exclude_if=lambda std_C: std_C is None)
+    # (n,) root mean square uncertainty of the joint positions, as stated or by rounding [rad, m];
+    # None where it was neither
+    u_q_rad: tuple[float, ...] | None = Field(None, exclude_if=lambda u: u is None)
     # what is probably wrong in the input
     suspicions: tuple[InputFinding, ...] = Field((), exclude_if=lambda found: not found)
 
@@ -65,6 +68,9 @@ class FittedTo(Part):
         """Return the description of a fit by its poses, its load case and its health."""
         states, temperature_C = poses.states, float(poses.states.temperature_C.mean())
         logged = np.isfinite(temperature_C)
+        u_q_rad = None
+        if poses.log is not None and (u := poses.log.q_u_stated).any():
+            u_q_rad = tuple(np.sqrt(np.mean(u**2, axis=0)).tolist())
         return cls(
             campaign=campaign.name,
             provenance=campaign.provenance,
@@ -74,6 +80,7 @@ class FittedTo(Part):
             temperature_C=temperature_C if logged else None,
             temperature_std_C=float(states.temperature_C.std()) if logged else None,
             time_s=(float(states.time_s.min()), float(states.time_s.max())),
+            u_q_rad=u_q_rad,
             grade=health.grade,
             health=health.line,
             suspicions=health.findings,

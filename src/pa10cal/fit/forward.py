@@ -294,6 +294,17 @@ class Forward:
         u_mm[rows] = 1e3 * 0.5 * np.linalg.norm(places_m[0] - places_m[1], axis=1)
         return u_mm
 
+    def uncertain_joints_mm(self, states: PoseStates) -> Array:
+        """Return the standard uncertainty by that of the joint positions, (N,): as in the fit.
+
+        It is 0 where these were exact, as far as the campaign says.
+        """
+        fitted = self.whole.fitted_to
+        if fitted is None or fitted.u_q_rad is None:
+            return np.zeros(len(states))
+        moved_m = self.by_joints(states, terms=False)[1][:, :3] * np.array(fitted.u_q_rad)
+        return np.asarray(1e3 * np.sqrt(np.sum(moved_m**2, axis=(1, 2))))
+
     def _depends_on_side(self, term: Term, ahead: PoseStates, behind: PoseStates) -> bool:
         """Return whether a term differs between states of either direction of arrival."""
         x = self.x[self.physical.columns_of(term)]
@@ -356,6 +367,7 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     u_mm = u_parameters_mm
     if model.discrepancy is not None:
         u_mm = np.hypot(u_mm, model.discrepancy.error_at_mm(q))
+    u_mm = np.hypot(u_mm, forward.uncertain_joints_mm(states))
     prediction = Prediction(T, u_mm, u_parameters_mm, model.inside(q))
     if model.falls_back is None:
         return prediction

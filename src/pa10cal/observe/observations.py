@@ -61,7 +61,8 @@ class Observations(Generic[M_co]):
     kind: NDArray[np.str_]  # (P,) one of `KINDS`
     repeat: NDArray[np.int64]  # (P,) number of the repeat; of averages that of the first reading
     readings: NDArray[np.int64]  # (P,) number of readings averaged in each row
-    log: JointLog | None = None  # None where not known, and for averages
+    # None where not known; of averages what the file states of joint positions, else None
+    log: JointLog | None = None
     # targets on the base, whose motion is taken out of `measured`; None without, and for averages
     base: BaseTargets | None = None
 
@@ -152,7 +153,16 @@ def average_groups(single: Observations[M], code: Index) -> Observations[M]:
         kind=single.kind[first],
         repeat=single.repeat[first],
         readings=count,
+        log=_stated_of_averages(single.log, code),
     )
+
+
+def _stated_of_averages(log: JointLog | None, code: Index) -> JointLog | None:
+    """Return the stated uncertainties of averages: repeats at one position have the same error."""
+    if log is None or not log.q_u_stated.any():
+        return None
+    q_u = group_means(log.q_u_stated, code)
+    return JointLog(q_u, np.full_like(q_u, np.nan), np.zeros(len(q_u), dtype=np.int64))
 
 
 def poses_of(

@@ -26,7 +26,7 @@ from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, 
 from pa10cal.calibration.rules import GRADES, RECORDS
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.angles_seen import angles_seen
-from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
+from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.identifiability import not_identifiable
@@ -155,6 +155,7 @@ def general_case(
         held_out=held_out_errors,
         noise_mm=noise_mm,
         lacks_mm=lacking_mm(calibrated.discrepancy, used.states.q_rad),
+        joints_mm=by_uncertain_joints_mm(calibrated.model, calibrated.x, used),
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(outliers),
         acquitted=sum(RIGID in outlier.why for outlier in outliers),
