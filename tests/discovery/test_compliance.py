@@ -12,6 +12,7 @@ from mended import write_simulated
 from pa10cal.discovery import compliance
 from pa10cal.discovery.verdict_records import extended_parameters, verdict_keys
 from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.wording import sentences
 from pa10cal_lab.cell.trials import draw_trials
 
@@ -45,6 +46,21 @@ def test_joints_that_give_way_are_named(soft):
     assert named == hidden
     assert campaign.arm.weights_known.origin == "assumed"
     assert "no masses are stated" in model.fitted_to.health
+
+
+@pytest.mark.slow
+def test_where_loads_set_the_scale_a_stiffness_is_that_of_the_model(soft):
+    *_, verdict = soft
+    problem = compliance._LinearProblem.of(verdict)
+    model = problem.at.model
+    terms = [replace(term, u_scale=0.0) if term.u_scale else term for term in model.terms]
+    scaled = replace(problem, at=replace(problem.at, model=replace(model, terms=tuple(terms))))
+    for name in verdict.gives_way:
+        (spring,) = (each for each in terms if is_spring(each) and each.of == name.of)
+        K, relative = scaled.stiffness(spring), problem.stiffness(spring)
+        assert K.Nm_rad == pytest.approx(spring.report(problem.at.values_of(spring)).values[0])
+        assert K.u_Nm_rad < 0.1 * relative.u_Nm_rad
+        assert (K.sag_rad, K.sag_u_rad) == (relative.sag_rad, relative.sag_u_rad)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -85,7 +85,7 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
             all_rigid_mm=linear.rms(all_rigid_mm),
             without_each_mm=rigid.errors_mm(judging),
             all_rigid_each_mm=all_rigid_mm,
-            weights="logged" if found.prepared.torques == "logged" else known.origin,
+            weights=_relative_to(found),
         )
         finding = Finding(
             effect=JointCompliance(spring.of, spring.tau_ref_Nm),
@@ -100,6 +100,15 @@ def with_compliance(found: Verdict[S]) -> Verdict[S]:
         if few and not finding.is_unlikely:
             findings.append(finding)
     return replace(found, gives_way=tuple(findings), unexplained=tuple(unexplained))
+
+
+def _relative_to(found: Verdict) -> Literal["assumed", "total", "logged"] | None:
+    """Return the weights that stiffness is known relative to; None where loads set its scale."""
+    if found.prepared.torques == "logged":
+        return "logged"
+    if not found.extended.model.u_scale:
+        return None
+    return "total" if weights_known(found.baseline.arm).origin == "total" else "assumed"
 
 
 def _sags_too_far(found: Verdict, spring: JointSpring, sag_rad: float, why: str) -> Unexplained:
@@ -263,8 +272,8 @@ class _LinearProblem:
         """Return the stiffness of a joint and its largest sag.
 
         Poses determine the sag. The stiffness is the standard deviation over the poses of the
-        torque by the assumed weights, divided by that of the sag; where nothing sets the scale, it
-        is as uncertain as the arm's total weight.
+        torque by the assumed weights, divided by that of the sag, and as uncertain as the arm's
+        total weight. Where a load of known size sets the scale, it is that of the model.
         """
         model, x = self.at.model, self.at.x
         joint, states = spring.joint - 1, self.poses.states
@@ -275,10 +284,12 @@ class _LinearProblem:
         torque_Nm = model.with_joint_torques(states, x).tau_Nm[:, joint]
         centred_Nm = torque_Nm - torque_Nm.mean()
         spread_Nm = float(np.std(torque_Nm))
-        stiffness = spring.tau_ref_Nm / yielding * float(np.std(states.tau_Nm[:, joint]))
-        stiffness /= spread_Nm
-        stiffness_by_x = -stiffness * (centred_Nm @ torque_by_x)
-        stiffness_by_x /= len(centred_Nm) * spread_Nm**2
+        stiffness = spring.tau_ref_Nm / yielding
+        stiffness_by_x = np.zeros_like(torque_by_x[0])
+        if model.u_scale:
+            stiffness *= float(np.std(states.tau_Nm[:, joint])) / spread_Nm
+            stiffness_by_x = -stiffness * (centred_Nm @ torque_by_x)
+            stiffness_by_x /= len(centred_Nm) * spread_Nm**2
         stiffness_by_x[column] = -stiffness / yielding
         row = int(np.argmax(np.abs(torque_Nm)))
         sag_rad = yielding * float(np.abs(torque_Nm[row])) / spring.tau_ref_Nm

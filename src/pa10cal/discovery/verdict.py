@@ -429,7 +429,7 @@ class Verdict(Generic[S]):
         effects, after_mm = [], named.found_after.distance_mm[rows]
         before_mm = rms(gap.found_before.distance_mm[rows])
         for spring in self.gives_way:
-            proof, assumed = spring.proof, spring.proof.weights != "logged"
+            proof, assumed = spring.proof, spring.proof.weights in ("assumed", "total")
             without_mm = proof.without_each_mm
             effects.append(taken_away(spring, without_mm, after_mm, "assumed" if assumed else None))
             # The model with rigid joints has the effects; without them its error is no less.
