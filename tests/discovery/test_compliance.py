@@ -59,7 +59,7 @@ def test_where_loads_set_the_scale_a_stiffness_is_that_of_the_model(soft):
         (spring,) = (each for each in terms if is_spring(each) and each.of == name.of)
         K, relative = scaled.stiffness(spring), problem.stiffness(spring)
         assert K.Nm_rad == pytest.approx(spring.report(problem.at.values_of(spring)).values[0])
-        assert K.u_Nm_rad < 0.1 * relative.u_Nm_rad
+        assert K.u_Nm_rad < 0.5 * relative.u_Nm_rad
         assert (K.sag_rad, K.sag_u_rad) == (relative.sag_rad, relative.sag_u_rad)
 
 

@@ -129,6 +129,16 @@ def test_effects_are_told_in_words_those_of_one_kind_together(steps, headline, s
         assert said.startswith(begins)
 
 
+def test_what_leaves_the_error_as_it_is_written_is_in_the_record_alone():
+    steps = (("gear_error",), "joint 1", 0.26), (("backlash",), "joint 2", 0.2599)
+    found = chain(*steps)
+    assert [each.of for each in found.of] == ["joint 1", "joint 2"]
+    assert wording.headline(found).endswith("explained: gear of joint 1")
+    assert wording.sentences(found) == ("The gear of joint 1 is uneven: 0.50 mm becomes 0.26 mm.",)
+    alone = chain(steps[1], start_mm=0.26)  # a headline without any name would say nothing
+    assert wording.headline(alone).endswith("backlash of joint 2")
+
+
 def test_springs_of_the_calibration_join_before_the_effects():
     springs = [
         taking(("joint_compliance",), f"joint {joint}", b, a, weights="assumed")

@@ -15,6 +15,7 @@ from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.terms.effects.joint import Backlash, EncoderEccentricity, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.effects.structure import ToolSag
 from pa10cal.terms.field import Field, Nameless
 from pa10cal.terms.model import Model
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
@@ -189,6 +190,25 @@ def test_the_model_beside_which_they_stand_stays_as_it_is(measured, together):
     np.testing.assert_array_equal(model.x[: len(by_names.x)], by_names.x)
     np.testing.assert_array_equal(model.T_instr_base, by_names.T_instr_base)
     np.testing.assert_array_equal(model.targets_m, by_names.targets_m)
+
+
+def test_what_no_reading_shows_makes_no_prediction_less_certain(tmp_path):
+    """Heights of base and targets of a SCARA are one: terms without a name leave both open."""
+    plan = TrackerOptions(instrument="points", flexible_joints=(), poses=120, targets=3)
+    settings = SimulateOptions(robot="gx4_351s", random_seed=5, without_touches=plan)
+    campaign = read_campaign(write_simulated(tmp_path / "robot", settings))
+    model = calibrate(campaign)
+    hidden = with_terms(model, [Nameless(HIDDEN[:1], (1e-3,))])
+    hidden = replace(hidden, x=np.append(model.x, 4e-4))
+    poses = moved(hidden, model.as_modelled(campaign.observations.of_kind("grid")), 0.0)
+    effects = (HIDDEN[0], EncoderEccentricity("joint 1", 1.0), ToolSag("tool"))
+    found = field_of(model, poses, effects)
+    assert [term.id for term in found.terms] == ["nameless"]
+    every = with_field(model, found)
+    without, beside = (
+        each.predict(poses.states.q_rad, frame="tool").u_parameters_mm for each in (model, every)
+    )
+    assert np.all(beside < 5.0 * without)
 
 
 @pytest.mark.slow_but_one_in(3)

@@ -39,10 +39,10 @@ def gear_lines(
         known: places of lines that the model has.
     """
     rows = rows.at_most(LINES.most_poses)
-    at, poses = rows.at, rows.poses
+    at, poses, arm = rows.at, rows.poses, rows.at.arm
     joints = [
         joint
-        for joint in (np.flatnonzero(~at.model.chain.arm.prismatic) + 1).tolist()
+        for joint in (arm.coupling.own[~arm.axes_slide] + 1).tolist()
         if f"joint {joint}" not in known and _angles(poses, joint) >= LINES.least_angles
     ]
     if not joints:

@@ -13,12 +13,16 @@ import numpy as np
 
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arrays import Array, Index, Mask, drawn
+from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.numerics.least_squares import Bounds
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.quantities import Start
+from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base
@@ -346,6 +350,32 @@ def with_base_term(baseline: FittedModel, effects: tuple[Effect, ...] = ()) -> M
     """Return the calibrated model's terms, effects, and small motions of the base."""
     terms = (*baseline.model.terms, *effects, base_frame())
     return Model(baseline.model.chain, terms)
+
+
+def chosen_unknowns(baseline: FittedModel, measured: Instrument) -> ChosenUnknowns:
+    """Return the geometric parameters that calibrations of this arm and instrument identify."""
+    start = Start(
+        baseline.T_instr_base, np.zeros(3), baseline.R_ee_target, targets_m=baseline.targets_m
+    )
+    return choose_unknowns(baseline.arm, Tolerances(), measured, start)
+
+
+def bounds_about(baseline: FittedModel, model: Model, measured: Instrument) -> Bounds:
+    """Return the ranges of a model's parameters and of the targets' coordinates (k + t,).
+
+    Coordinates that the geometry does not identify are held where the calibration has them: with
+    all axes parallel the height of a target is that of the base. Effects that tilt the axes would
+    show it, but no better than they are known themselves.
+    """
+    count = len(baseline.targets_m)
+    bounds = Bounds.of((*model.parameters, *measured.target_parameters[:count]))
+    if not count:
+        return bounds
+    held = np.ones(count, dtype=bool)
+    held[chosen_unknowns(baseline, measured).places] = False
+    at = len(model.parameters) + np.flatnonzero(held)
+    bounds.lower[at] = bounds.upper[at] = baseline.targets_m[held]
+    return bounds
 
 
 def base_shown(measured: Instrument) -> Mask:

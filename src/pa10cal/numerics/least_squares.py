@@ -66,10 +66,15 @@ class Bounds:
         return self.clip(x + step) - (x + step)
 
     def held(self, x: Array, gradient: Array) -> NDArray[np.bool_]:
-        """Return which unknowns are at a bound that lower cost lies beyond, (k,)."""
+        """Return which unknowns are fixed, or at a bound that lower cost lies beyond, (k,)."""
         at_lower = (x <= self.lower) & (gradient > 0.0)
         at_upper = (x >= self.upper) & (gradient < 0.0)
-        return np.asarray(at_lower | at_upper, dtype=np.bool_)
+        return np.asarray(at_lower | at_upper | self.fixed, dtype=np.bool_)
+
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Return which unknowns have a range of a single value, (k,)."""
+        return np.asarray(self.lower == self.upper, dtype=np.bool_)
 
 
 @dataclass(frozen=True)

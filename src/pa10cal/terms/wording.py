@@ -29,7 +29,8 @@ def headline(explained: Explained) -> str:
     """Return how much is explained and by what, in one line without a full stop."""
     if not explained.of or explained.share <= 0.0:
         return "none of the error beyond noise is explained"
-    groups = "; ".join(_short(group) for group in _groups(explained))
+    every = _groups(explained)
+    groups = "; ".join(_short(group) for group in _that_count(every, explained) or every)
     return f"{percent(explained.share)} of the error beyond noise is {done(explained)}: {groups}"
 
 
@@ -39,9 +40,13 @@ def done(explained: Explained) -> str:
 
 
 def sentences(explained: Explained) -> tuple[str, ...]:
-    """Return a sentence for each group of effects: what it does, and the error before and after."""
+    """Return a sentence for each group of effects: what it does, and the error before and after.
+
+    None for a group without which the error would be the same, as it is written.
+    """
     groups = [group for group in _groups(explained) if any(each.share > 0.0 for each in group)]
-    return tuple(_sentence(group, explained.before_mm) for group in groups)
+    told = _that_count(groups, explained)
+    return tuple(_sentence(group, explained.before_mm) for group in told)
 
 
 def percent(share: float) -> str:
@@ -197,11 +202,7 @@ def _joints(numbers: list[str]) -> str:
 
 
 def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
-    """Return what a group does, and the error before and after it.
-
-    Effects of a group are judged one by one: its error before is the root of the error after the
-    last one and all reductions in squares, at most the largest error before any of them.
-    """
+    """Return what a group does, and the error before and after it."""
     here, elsewhere = _candidates(group)
     clauses = [clause_of(each.id, each.at, many=len(group) > 1) for each in here]
     if len(elsewhere) > _MOST_OTHERS:
@@ -212,10 +213,27 @@ def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
     if group[0].weights is not None:
         more = "" if _shared(group)[0] == group[0].ids else "; alternatives are listed"
         sentence += f" (stiffness relative to assumed weights{more})"
+    before, after = _errors(group, whole_mm)
+    return f"{sentence[:1].upper()}{sentence[1:]}: {before} mm becomes {after} mm."
+
+
+def _that_count(
+    groups: list[list[ExplainedEffect]], explained: Explained
+) -> list[list[ExplainedEffect]]:
+    """Return the groups that change the error as it is written."""
+    errors = [_errors(group, explained.before_mm) for group in groups]
+    return [group for group, (before, after) in zip(groups, errors, strict=True) if before != after]
+
+
+def _errors(group: list[ExplainedEffect], whole_mm: float) -> tuple[str, str]:
+    """Return the error before and after a group [mm], with as many digits as it deserves.
+
+    Effects of a group are judged one by one: its error before is the root of the error after the
+    last one and all reductions in squares, at most the largest error before any of them.
+    """
     after_mm = min(each.after_mm for each in group)
     reduction = sum(max(each.before_mm**2 - each.after_mm**2, 0.0) for each in group)
     most_mm = max(whole_mm, *(each.before_mm for each in group))
     before_mm = min((after_mm**2 + reduction) ** 0.5, most_mm)
     places = _DECIMALS - min(int(after_mm >= 0.01) + int(after_mm >= 0.1), _DECIMALS)
-    fall = f"{before_mm:.{places}f} mm becomes {after_mm:.{places}f} mm"
-    return f"{sentence[:1].upper()}{sentence[1:]}: {fall}."
+    return f"{before_mm:.{places}f}", f"{after_mm:.{places}f}"

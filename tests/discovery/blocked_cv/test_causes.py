@@ -126,3 +126,8 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
     assert set(keys.scatter.kinds) == {"position", "attitude"}
     smooth = ShapedEffect(replace(effect, knots=72))
     assert in_bands(rows, replace(rough, members=(smooth,))) is None
+
+
+def test_a_joint_without_a_drive_has_no_cause_and_its_map_stays_a_map():
+    of_follower = JointErrorMap("joint 4", by_blocks.MAPS.fine_knots, FadingPrior(1e-4, 6.0))
+    assert by_blocks.names_by_cause((of_follower,), {}) == ({}, {})

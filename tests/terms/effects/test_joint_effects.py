@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from drawn_examples import examples
 from made_up_poses import context_of, states_of
 from pa10cal.arm.chain import Chain
+from pa10cal.calibration.general.problem import loaded_joints
 from pa10cal.files.arms import load_arm
-from pa10cal.terms.effects.effect import candidates
+from pa10cal.terms.effects.effect import candidates, every_effect
 from pa10cal.terms.effects.joint import GearRatioError, moved_along
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.model import Model
@@ -90,6 +91,50 @@ def test_a_joint_without_a_motor_of_its_own_has_no_coupling_beside_it():
     follows = {"joint": 3, "by": 2, "factor": -1.0, "follows": True}
     rows = industrial(np.random.default_rng(1), 1)
     assert moved_along(described(rows, follows)) == {5: 4, 6: 4}
+
+
+#: What needs a motor, gear or sensor.
+OF_DRIVES = {
+    "arrival_error",
+    "backlash",
+    "encoder_eccentricity",
+    "encoder_ellipticity",
+    "friction_torque",
+    "gear_error",
+    "gear_line",
+    "gear_ratio_error",
+    "joint_compliance",
+    "sensor_error",
+    "soft_windup",
+    "torque_gain",
+    "transmission_error",
+}
+
+
+def test_a_joint_that_only_follows_others_has_no_motor_gear_or_sensor_that_errs():
+    follows = {"joint": 3, "by": 2, "factor": -1.0, "follows": True}
+    arm = described(industrial(np.random.default_rng(1), 1), follows)
+    context = context_of(arm, flexible_joints=())
+    possible = {
+        of: {kind.id for kind in every_effect() if of in {e.of for e in kind.everywhere(context)}}
+        for of in ("joint 2", "joint 3")
+    }
+    assert possible["joint 2"] - possible["joint 3"] == OF_DRIVES
+    assert {"joint_error_map", "periodic_error", "lateral_compliance"} < possible["joint 3"]
+    tau_Nm = np.random.default_rng(2).uniform(-50.0, 50.0, (20, arm.n))
+    assert loaded_joints(arm, tau_Nm, 0.1) == (1, 2, 4, 5, 6)
+
+
+def test_each_stage_of_a_telescope_has_a_pitch_whichever_motor_drives_it():
+    stage = {"prismatic": True, "limits_m": [0.0, 0.13]}
+    follows = {"joint": 3, "by": 2, "factor": 1.0, "follows": True}
+    arm = described([{"d_m": 0.4}, stage, stage], follows)
+    found = GearRatioError.everywhere(context_of(arm))
+    assert [(each.of, each.slides) for each in found] == [
+        ("joint 1", False),
+        ("joint 2", True),
+        ("joint 3", True),
+    ]
 
 
 @examples(25)

@@ -165,9 +165,12 @@ def _springs(
 
 
 def loaded_joints(arm: Arm, tau_Nm: Array, share: float) -> tuple[int, ...]:
-    """Return the revolute joints whose torque varies by more than this share of the largest."""
+    """Return the revolute joints whose torque varies by more than this share of the largest.
+
+    Joints without a motor of their own, which follow others, are not among them.
+    """
     span = np.ptp(tau_Nm, axis=0)
-    revolute = ~arm.prismatic
+    revolute = ~arm.prismatic & np.isin(np.arange(arm.n), arm.coupling.own)
     threshold = max(share * float(np.max(span[revolute], initial=0.0)), SPRINGS.no_torque_Nm)
     return tuple(int(joint) + 1 for joint in np.flatnonzero(revolute & (span > threshold)))
 

@@ -53,7 +53,7 @@ from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.effect import Effect, driven_joints
 from pa10cal.terms.effects.joint_error_map import (
     GearError,
     JointErrorMap,
@@ -500,8 +500,13 @@ _NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": Gear
 
 
 def causes_of(survey: Survey, found: Refit) -> dict[int, JointWitness]:
-    """Return the ripple and the agreement that show the cause of every map, by joint."""
-    joints = [each.joint for each in found.effects if is_error_map(each)]
+    """Return the ripple and the agreement that show the cause of every map, by joint.
+
+    A joint that only follows others has neither sensor nor gear.
+    """
+    driven = driven_joints(survey.context)
+    maps = filter(is_error_map, found.effects)
+    joints = [each.joint for each in maps if each.joint in driven]
     if not joints:
         return {}
     residual, whiteners = survey.net_residual(found.at), found.weights.whiteners()
@@ -527,7 +532,7 @@ def names_by_cause(
     names: dict[Effect, Effect] = {}
     alternatives: dict[Effect, tuple[Effect, ...]] = {}
     for effect in effects:
-        if not is_error_map(effect):
+        if not is_error_map(effect) or effect.joint not in causes:
             continue
         witness = causes[effect.joint]
         by_ripple = None if witness.ripple is None else witness.ripple.likely

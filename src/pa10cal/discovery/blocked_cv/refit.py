@@ -10,7 +10,6 @@ from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.calibration.general.calibrate import shown
-from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.normal_equations import (
     in_map_bases,
@@ -27,8 +26,6 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
-from pa10cal.observe.quantities import Start
-from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
@@ -124,8 +121,7 @@ def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
     links = next((term for term in own.model.terms if term.of == "links"), None)
     if links is None:
         return None
-    about = Start(own.T_instr_base, np.zeros(3), own.R_ee_target, own.targets_m)
-    every = choose_unknowns(own.arm, Tolerances(), measured, about).links
+    every = linear.chosen_unknowns(own, measured).links
     known = {parameter.name for parameter in links.parameters}
     lacking = np.array([parameter.name not in known for parameter in every.parameters])
     tilts = np.array([role == "tilt" for role in every.roles])
@@ -174,7 +170,7 @@ class _NormalFit:
         self.expected[self._targets] = own.targets_m
         self._shown = np.ones(len(sizes), dtype=bool)
         self._shown[count - 6 : count] = linear.base_shown(measured)
-        self.bounds = Bounds.of((*self._model.parameters, *measured.target_parameters))
+        self.bounds = linear.bounds_about(own, self._model, measured)
 
     def model_at(self, x: Array) -> FittedModel:
         """Return the model at unknowns (k,)."""
@@ -211,8 +207,7 @@ class _NormalFit:
         """Return the covariance of all unknowns (k, k), zero of those that are not free.
 
         The base is held where readings do not show it. Coordinates of targets that the poses do
-        not determine are held one by one, as calibrations hold them as stated: with all axes
-        parallel the height of a target is that of the base.
+        not determine are held one by one, as calibrations hold them as stated.
         """
         free = free & self._shown
         covariance = _inverse(normal, self.prior, free)

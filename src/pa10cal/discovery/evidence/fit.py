@@ -14,7 +14,7 @@ from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.numerics.least_squares import Bounds, Equations, minimise
+from pa10cal.numerics.least_squares import Equations, minimise
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import shows_torque
 
@@ -53,8 +53,7 @@ def fit(
     """
     baseline, first = problem.baseline, len(problem.baseline.x)
     model = replace(linear.with_base_term(baseline, effects), kept=problem.kept)
-    targets = problem.cells.measured.target_parameters[: len(baseline.targets_m)]
-    bounds = Bounds.of((*model.parameters, *targets))
+    bounds = linear.bounds_about(baseline, model, problem.cells.measured)
     own = np.concatenate([baseline.x, np.zeros(6), baseline.targets_m])
     known: dict[Effect, Array] = {}
     if start is not None:
@@ -97,12 +96,13 @@ def fit(
 def covariance_of(problem: EvidenceProblem, found: EvidenceFit) -> Array:
     """Return the covariance (k, k) of all parameters, by the data and the expected sizes.
 
-    Zero of the base where readings do not show it.
+    Zero of the base where readings do not show it, and of what fits hold.
     """
     rows = _FitRows(problem, found.effects, found.sizes, found.variances, found.at)
-    free = np.ones(len(found.x), dtype=bool)
+    measured = problem.cells.measured
+    free = ~linear.bounds_about(problem.baseline, found.at.model, measured).fixed
     base = found.at.model.columns_of(found.at.model.terms[-1])
-    free[base] = linear.base_shown(problem.cells.measured)
+    free[base] = linear.base_shown(measured)
     of_free = np.ix_(free, free)
     information = rows.equations(found.x).normal[of_free]
     size = 1.0 / np.sqrt(np.diag(information))

@@ -26,6 +26,7 @@ class ArrivalError(effect.JointEffect):
     # names of the campaigns of a group, each with an amount of its own; none of one
     campaigns: tuple[str, ...] = ()
     id = "arrival_error"
+    of_drive = True
     clauses = (
         "{at} stops in another place for each direction that it comes from",
         "{at} stop in other places for each direction that they come from",

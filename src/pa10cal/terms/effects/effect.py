@@ -119,6 +119,8 @@ class Effect(Traits):
     most_rad: ClassVar[tuple[float, str] | None] = None
     #: Power of the weights that its reported parameters are proportional to: -1 of a compliance.
     weights_power: ClassVar[float] = 0.0
+    #: Whether it is of its joint's motor, gear or sensor; joints that only follow others have none.
+    of_drive: ClassVar[bool] = False
     #: Whether it moves the link before its joint, which has to bend in the chain.
     on_link: ClassVar[bool] = False
     #: Whether it is an error of the instrument's readings, not of the robot.
@@ -138,7 +140,9 @@ class Effect(Traits):
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return the effect at every place where it may sit."""
-        joints = turning_joints(context) if cls.sits == "joint" else (0,)
+        joints: tuple[int, ...] = (0,)
+        if cls.sits == "joint":
+            joints = (driven_joints if cls.of_drive else turning_joints)(context)
         rest = {joint: cls.fields_at(context, joint) for joint in joints}
         return tuple(
             cls(f"joint {joint}" if joint else cls.sits, *fields)
@@ -284,6 +288,12 @@ def is_effect(term: Term) -> TypeGuard[Effect]:
 def turning_joints(context: CandidateContext) -> tuple[int, ...]:
     """Return the joints, from 1, that turn."""
     return tuple(int(joint) for joint in np.flatnonzero(~context.arm.prismatic) + 1)
+
+
+def driven_joints(context: CandidateContext) -> tuple[int, ...]:
+    """Return the joints, from 1, that turn by a motor of their own."""
+    own = context.arm.coupling.own
+    return tuple(joint for joint in turning_joints(context) if joint - 1 in own)
 
 
 def joint_of(place: str) -> int:

@@ -45,6 +45,7 @@ class GearRatioError(effect.JointEffect):
 
     slides: bool = field(default=False, metadata={OPTIONAL: True})  # whether the joint slides
     id = "gear_ratio_error"
+    of_drive = True
     nouns = ("gear ratio", "gear ratios")
     clauses = ("the gear ratio of {at} is off", "the gear ratios of {at} are off")
     words = "{0.coordinates[0]} += eps q_{0.joint}"
@@ -57,8 +58,10 @@ class GearRatioError(effect.JointEffect):
 
     @classmethod
     def everywhere(cls, context: effect.CandidateContext) -> tuple[Self, ...]:
-        slides = context.arm.prismatic.tolist()
-        return tuple(cls(f"joint {k}", each) for k, each in enumerate(slides, start=1))
+        """Return it at joints with a gear, and where a joint slides, be it by another's motor."""
+        sliding = (np.flatnonzero(context.arm.prismatic) + 1).tolist()
+        joints = sorted([*effect.driven_joints(context), *sliding])
+        return tuple(cls(f"joint {joint}", joint in sliding) for joint in joints)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -77,6 +80,7 @@ class Backlash(effect.JointEffect):
     """
 
     id = "backlash"
+    of_drive = True
     clauses = ("{at} has lost motion", "{at} have lost motion")
     positive = True
     # Half of the reversal error. An assumption: makers state up to 15 arcmin for standard planetary
@@ -178,9 +182,10 @@ class WristCoupling(effect.Effect):
 
     @classmethod
     def fields_at(cls, context: effect.CandidateContext, joint: int) -> tuple[Any, ...] | None:
-        """Return the last joint, if it and the one before it turn."""
+        """Return the last joint, if it has a motor and it and the one before it turn."""
         last = context.arm.n
-        return (last,) if {last - 1, last} <= {*effect.turning_joints(context)} else None
+        driven, turning = effect.driven_joints(context), effect.turning_joints(context)
+        return (last,) if last in driven and last - 1 in turning else None
 
     @property
     def by_joint(self) -> int:
@@ -247,6 +252,7 @@ class TransmissionError(JointHarmonic):
     """Kinematic error of a harmonic drive: two cycles a turn of the wave generator."""
 
     id = "transmission_error"
+    of_drive = True
     clauses = (
         "the gear of {at} errs twice a turn of its motor",
         "the gears of {at} err twice a turn of their motors",
@@ -278,6 +284,7 @@ class EncoderEccentricity(JointHarmonic):
     """An encoder disk off its centre: one cycle a turn of the joint."""
 
     id = "encoder_eccentricity"
+    of_drive = True
     clauses = (
         "the position sensor of {at} is off centre",
         "the position sensors of {at} are off centre",
@@ -290,6 +297,7 @@ class EncoderEllipticity(JointHarmonic):
     """An encoder disk out of round: two cycles a turn of the joint."""
 
     id = "encoder_ellipticity"
+    of_drive = True
     clauses = (
         "the position sensor of {at} errs twice a turn",
         "the position sensors of {at} err twice a turn",
@@ -343,6 +351,7 @@ class GearLine(effect.AtJoint):
 
     order: float = 100.0  # order of the line in the spectrum, about which k is fitted
     id = "gear_line"
+    of_drive = True
     clauses = (
         "the gear of {at} errs many times a turn",
         "the gears of {at} err many times a turn",
@@ -388,6 +397,7 @@ class FalseTorque(JointTorqueOnly, effect.JointEffect):
     """An error of one joint's logged torque, with a single parameter; no joint carries it."""
 
     acts_on_joint = False
+    of_drive = True
 
 
 @dataclass(frozen=True)
@@ -451,6 +461,7 @@ class WindsUp(effect.JointEffect):
     """A joint that deflects further under the torque that it carries."""
 
     rated_Nm: float  # rated torque of the joint
+    of_drive = True
     yields = True
     most_rad = WINDS_UP
     positive = True

@@ -190,6 +190,7 @@ class SensorError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "sensor_error"
+    of_drive = True
     nouns = ("sensor", "sensors")
     clauses = (
         "the position sensor of {at} errs with its angle",
@@ -206,6 +207,7 @@ class GearError(JointErrorMap):
     knots: int = FINE
     spectrum: Spectrum | None = TYPICAL
     id = "gear_error"
+    of_drive = True
     nouns = ("gear", "gears")
     clauses = ("the gear of {at} is uneven", "the gears of {at} are uneven")
     sought = False
