@@ -21,7 +21,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula
-from pa10cal.results.record import shown_probability
+from pa10cal.results.record import SURE, shown_probability
 from pa10cal.terms.wording import done, headline, percent, sentences
 
 #: What each grade means.
@@ -209,10 +209,14 @@ def verdict_sentence(record: VerdictRecord) -> str:
 
 
 def _together(effects: tuple[FoundEffect, ...]) -> str:
-    """Return effects as a list within a sentence; one kind at several joints is one entry."""
+    """Return effects as a list within a sentence; one kind at several joints is one entry.
+
+    One that is not all but certain is an entry of its own, with its probability.
+    """
     groups: dict[object, list[FoundEffect]] = {}
     for effect in effects:
-        alone = effect.likely or not effect.of.startswith("joint ")
+        sure = effect.probability >= SURE
+        alone = effect.likely or not sure or not effect.of.startswith("joint ")
         groups.setdefault((effect.id, effect.of if alone else None), []).append(effect)
     names = []
     for first, *others in groups.values():
@@ -220,8 +224,18 @@ def _together(effects: tuple[FoundEffect, ...]) -> str:
             joints = sorted((each.of.removeprefix("joint ") for each in (first, *others)), key=int)
             names.append(f"{first.id.replace('_', ' ')} at joints {listed(joints)}")
         else:
-            names.append(" or ".join(map(named, (first, *first.likely))))
+            names.append(_in_doubt(first))
     return ", and ".join(names) if len(names) == 2 and "and" in names[0] else listed(names)
+
+
+def _in_doubt(effect: FoundEffect) -> str:
+    """Return an effect or what else is likely; with its probability if not sure."""
+    if effect.probability >= SURE:
+        return named(effect)
+    either = (effect, *effect.likely)
+    names = " or ".join(f"{named(each)} ({shown_probability(each.probability)})" for each in either)
+    nameless = effect.none_of_these > max(each.probability for each in either)
+    return f"{names} or, likelier, something without a name" if nameless else names
 
 
 def _size(effect: NamedEffect | ProposedFormula) -> str:

@@ -77,6 +77,7 @@ class Backlash(effect.JointEffect):
     """
 
     id = "backlash"
+    varies_with = "the direction of arrival"
     clauses = ("{at} has lost motion", "{at} have lost motion")
     positive = True
     # Half of the reversal error. An assumption: makers state up to 15 arcmin for standard planetary
@@ -132,6 +133,7 @@ class JointCoupling(effect.AtJoint):
     by: int  # k, the joint that turns, from 1
     slides: bool  # whether the joint that moves does
     id = "joint_coupling"
+    varies_with = "the position of another joint"
     nouns = ("coupling", "couplings")
     clauses = (
         "{at} moves a little as another joint turns",
@@ -171,6 +173,7 @@ class WristCoupling(effect.Effect):
 
     last: int  # the last joint, n
     id = "wrist_coupling"
+    varies_with = "the position of the joint before the last"
     clauses = ("the last joint is turned along by the one before it",)
     sits = "wrist"
     words = "theta_{0.last} += c q_{0.by_joint}"
@@ -396,6 +399,7 @@ class FrictionTorque(FalseTorque):
 
     rated_Nm: float  # rated torque of the joint
     id = "friction_torque"
+    varies_with = "the direction of arrival"
     clauses = (
         "the logged torque of {at} holds friction",
         "the logged torques of {at} hold friction",
@@ -421,6 +425,7 @@ class TorqueGain(FalseTorque):
     """
 
     id = "torque_gain"
+    varies_with = "its logged torque"
     clauses = (
         "the logged torque of {at} is off by a factor",
         "the logged torques of {at} are off by factors",
@@ -443,6 +448,7 @@ class WindsUp(effect.JointEffect):
     """A joint that deflects further under the torque that it carries."""
 
     rated_Nm: float  # rated torque of the joint
+    varies_with = "its torque"
     yields = True
     most_rad = WINDS_UP
     positive = True
