@@ -21,7 +21,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula
-from pa10cal.results.record import SURE, shown_probability
+from pa10cal.results.record import SURE, EffectName, shown_probability
 from pa10cal.terms.wording import done, headline, percent, sentences
 
 #: What each grade means.
@@ -232,9 +232,10 @@ def _in_doubt(effect: FoundEffect) -> str:
     """Return an effect or what else is likely; with its probability if not sure."""
     if effect.probability >= SURE:
         return named(effect)
-    either = (effect, *effect.likely)
-    names = " or ".join(f"{named(each)} ({shown_probability(each.probability)})" for each in either)
-    nameless = effect.none_of_these > max(each.probability for each in either)
+    known: list[tuple[EffectName, float]] = [(effect, effect.probability)]
+    known += [(rival, rival.probability) for rival in effect.likely]
+    names = " or ".join(f"{named(each)} ({shown_probability(p)})" for each, p in known)
+    nameless = effect.none_of_these > max(p for _, p in known)
     return f"{names} or, likelier, something without a name" if nameless else names
 
 
