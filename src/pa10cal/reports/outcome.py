@@ -66,10 +66,17 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     yield Paragraph(grade_sentence(results, case), lead=True)
     yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
     if health.grade not in UNRESERVED:
+        extended, found = results.extended, health.findings
+        departs = bool(found) and all(each.is_departure for each in found)
+        confirmed = departs and extended is not None and extended.grade in UNRESERVED
         yield Callout(
             "warning",
-            "A model of this grade is not to be used. The commands refuse its model without "
-            "--force: mend the input first.",
+            "A model of this grade is not to be used. "
+            + (
+                "That with the effects found is: held-out poses confirm with it what is suspected."
+                if confirmed
+                else "The commands refuse its model without --force: mend the input first."
+            ),
         )
     if better := better_general(results):
         yield Callout("warning", sentence(better))
