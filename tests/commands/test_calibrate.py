@@ -9,7 +9,11 @@ import pytest
 import yaml
 
 from by_commands import calibrate, calibrated, evaluate, export, located, table_of
+from made_up_records import effect
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import load_model
+from pa10cal.results.codec import write
+from pa10cal.results.discovery import ExtendedRecord
 
 RAW = Path(__file__).parents[2] / "data" / "raw"
 
@@ -238,6 +242,34 @@ def test_a_grade_that_is_withheld_takes_force_and_is_marked(
     assert model["forced"] == f"exported with --force; {grade}: joint 6: its sign -- reverse it"
     comment = f"<!-- exported with - -force; {grade}: joint 6: its sign - - reverse it -->"
     assert comment in (tmp_path / "robot.urdf").read_text()
+
+
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_departures_that_the_effects_confirm_withhold_no_export(
+    work, combined, tmp_path, confirmed
+):
+    wrong = {"what": "1 deg off", "where": "delta_theta_3", "remedy": "mend", "kind": "departure"}
+    health = {**combined["health"], "grade": "suspect_input", "findings": [wrong]}
+    plain = combined["fitted_model"]
+    suspected = FittedTo.model_validate(
+        {**plain["fitted_to"], "grade": "suspect_input", "suspicions": [wrong]}
+    )
+    bad, with_effects = tmp_path / "bad.json", tmp_path / "extended.json"
+    content = {**plain, "fitted_to": suspected.model_dump(mode="json")}
+    bad.write_text(json.dumps({**combined, "health": health, "fitted_model": content}))
+    about = suspected.confirmed() if confirmed else suspected
+    found = ExtendedRecord(
+        campaign="cell-null", provenance=combined["provenance"], parameters={},
+        T_instr_base=np.eye(4), robot="pa10_6ce", calibration="combined", verdict="named",
+        fitted_model={**plain, "fitted_to": about.model_dump(mode="json")},
+        arrival_from_order=False, named=(effect("backlash", "joint 1", {}),), warnings=(),
+    )  # fmt: skip
+    write(found, with_effects)
+    given = {"calibration": bad, "extended": with_effects}
+    assert export(work, tmp_path, **given) == (0 if confirmed else 2)
+    if confirmed:
+        model = yaml.safe_load((tmp_path / "model.yaml").read_text())
+        assert (model["grade"], model["forced"]) == ("incomplete", None)
 
 
 def test_a_fit_that_did_not_converge_is_not_exported(work, combined, tmp_path, capsys):

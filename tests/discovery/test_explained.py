@@ -169,8 +169,8 @@ def test_before_is_the_model_without_springs_and_without_effects(calibrated_mm, 
     without, last = left(0.25), left(0.12)
     found = Verdict.explained.fget(
         SimpleNamespace(
-            method="evidence", verdict="named", gives_way=(spring,), findings=(eccentric,),
-            prepared=SimpleNamespace(suspected=None), train=None, predicted=None,
+            method="evidence", effects=(eccentric,), gives_way=(spring,), findings=(eccentric,),
+            prepared=SimpleNamespace(suspected=None), train=None, predicted=None, unexplained=(),
             holdout=SimpleNamespace(
                 poses=range(50), noise_rms_mm=NOISE_MM,
                 found_before=left(calibrated_mm), found_after=last,
@@ -234,7 +234,7 @@ def test_what_is_likelier_than_the_name_that_was_found_is_told_before_it():
     )
     (said,) = wording.sentences(explained_by([found], 0.5, NOISE_MM))
     first = wording.clause_of("joint_compliance", "joint 2")
-    assert said.lower().startswith(first.lower())
+    assert said.startswith(f"It may be that {first} (0.58), or that ")
 
     # As likely as the others, the name that was found stays the first.
     equal = found.model_copy(update={"probability": 0.58})
@@ -256,6 +256,49 @@ def test_a_name_that_is_not_all_but_certain_is_told_with_its_probability():
 def test_joints_that_are_told_together_have_the_range_of_their_probabilities():
     effects = [
         taking(("backlash",), f"joint {joint}", 0.5 - 0.1 * joint, 0.4 - 0.1 * joint, probability=p)
-        for joint, p in ((1, 0.42), (2, 0.28))
+        for joint, p in ((1, 0.82), (2, 0.68))
     ]
-    assert told(*effects).endswith("of joints 1 and 2 (0.28 to 0.42)")
+    assert told(*effects).endswith("of joints 1 and 2 (0.68 to 0.82)")
+
+
+def test_a_sentence_is_as_sure_as_its_name():
+    def lost(joint, probability, *others):
+        ids = ("backlash", *(id_ for id_, _ in others))
+        return taking(
+            ids, f"joint {joint}", 0.4, 0.2, probability=probability,
+            others_probability=tuple(p for _, p in others),
+        )  # fmt: skip
+
+    found = explained_by([lost(2, 0.97), lost(3, 0.85), lost(4, 0.02)], 0.5, NOISE_MM)
+    begins = (
+        "Joint 2 has lost motion: ",
+        "It may be that joint 3 has lost motion (0.85): ",
+        "At joint 4 something without a name depends on the direction of arrival (backlash 0.02): ",
+    )
+    for said, start in zip(wording.sentences(found), begins, strict=True):
+        assert said.startswith(start)
+    assert wording.headline(found).endswith(
+        "is predicted: backlash of joint 2; backlash of joint 3 (0.85); something without a name "
+        "of joint 4, by the direction of arrival (backlash 0.02)"
+    )
+    # A rival that is likelier than none of them names it.
+    found = explained_by([lost(4, 0.02, ("gear_ratio_error", 0.6))], 0.5, NOISE_MM)
+    (said,) = wording.sentences(found)
+    assert said.startswith(
+        "It may be that the gear ratio of joint 4 is off (0.60), or that joint 4 has lost motion "
+        "(0.02): "
+    )
+
+
+@pytest.mark.parametrize(
+    ("joints", "mostly"),
+    [
+        ({"1": 0.2, "2": 0.2, "3": 0.2, "4": 0.2, "5": 0.2}, ""),
+        ({"1": 0.1, "3": 0.5, "4": 0.4}, ", mostly by joints 3 and 4"),
+        ({"1": 1.0}, ", mostly by joint 1"),
+    ],
+)
+def test_joints_are_told_where_few_carry_most(joints, mostly):
+    field = taking(("field",), "without a name, predicted", 0.5, 0.2, joints=joints)
+    (said,) = wording.sentences(explained_by([field], 0.5, NOISE_MM))
+    assert said == f"What has no name is predicted{mostly}: 0.50 mm becomes 0.20 mm."

@@ -1,6 +1,7 @@
 """Faults of a log: when a verdict is `check_the_log`, and a fault of the whole log in words."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 from pa10cal.discovery.finding import DiagnosedFault, fault_of, faults_of_input, to_check
 from pa10cal.discovery.preparation import effects_in
-from pa10cal.discovery.verdict import is_named
+from pa10cal.discovery.verdict import Verdict, is_named
+from pa10cal.fit.fitted import FittedTo
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.effects.over_time import BaseDrift
 from pa10cal.terms.term import TermParameter
@@ -89,3 +91,47 @@ def test_what_the_calibration_finds_wrong_in_the_log_is_a_fault_of_it():
         ("joint_zero", "joint 3", "off"),
         ("joint_sign", "joint 6", "off (0.05 mm rms would remain if that is put right)"),
     ]
+    assert [fault.is_departure for fault in found] == [True, False]
+
+
+DEPARTS = {"kind": "departure", "where": "delta_theta_3", "what": "1 deg off", "remedy": "check"}
+SIGN = {"kind": "joint_sign", "where": "q6", "what": "reversed", "remedy": "negate it"}
+
+
+@pytest.mark.parametrize(
+    ("left_mm", "poses", "effects", "confirmed"),
+    [
+        (0.15, 20, ("lost motion",), True),
+        (0.25, 20, ("lost motion",), False),  # more than the noise is left
+        (0.15, 4, ("lost motion",), False),
+        (0.15, 20, (), False),
+    ],
+)
+def test_departures_are_no_faults_where_held_out_poses_confirm_them(
+    left_mm, poses, effects, confirmed
+):
+    after = SimpleNamespace(configurations=poses, rms_mm=left_mm)
+    verdict = SimpleNamespace(
+        trusted_holdout=SimpleNamespace(after=after, noise_rms_mm=0.1),
+        effects=effects, holds_nowhere=False, findings=(), faults_of_rows=(),
+    )  # fmt: skip
+    verdict.departures_are_confirmed = Verdict.departures_are_confirmed.func(verdict)
+    assert verdict.departures_are_confirmed is confirmed
+    verdict.prepared = SimpleNamespace(
+        faults=faults_of_input([InputFinding(**DEPARTS), InputFinding(**SIGN)])
+    )
+    zero = () if confirmed else ("joint 3",)
+    assert tuple(fault.where for fault in Verdict.faults.fget(verdict)) == (*zero, "joint 6")
+
+
+@pytest.mark.parametrize(("others", "grade"), [((), "incomplete"), ((SIGN,), "suspect_input")])
+def test_a_fit_of_confirmed_departures_is_incomplete(others, grade):
+    about = FittedTo(
+        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
+        temperature_C=None, time_s=(0.0, 1.0), grade="suspect_input", health="check the input",
+        suspicions=tuple(InputFinding(**each) for each in (DEPARTS, *others)),
+    )  # fmt: skip
+    found = about.confirmed()
+    assert found.grade == grade
+    assert (found == about) is bool(others)
+    assert ("1 deg off, as held-out poses confirm" in found.health) is not bool(others)

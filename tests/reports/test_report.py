@@ -113,8 +113,8 @@ def test_the_documentation_lists_the_sections_in_this_order():
 LEADS = {
     "none": "Nothing is missing: model and measurement agree within the repeatability.",
     "named": "The calibrated model lacks encoder eccentricity at joint 2.",
-    "ambiguous": "The calibrated model lacks encoder eccentricity at joint 2 or gear ratio error "
-    "at joint 2.",
+    "ambiguous": "The calibrated model lacks encoder eccentricity at joint 2 (0.49) or gear ratio "
+    "error at joint 2 (0.49).",
     "unexplained": "An error remains at joint 3 that no effect of the vocabulary explains.",
     "check_the_log": "Check the log first: joint sign (q3_deg). Independent of that, the "
     "calibrated model lacks encoder eccentricity at joint 2.",

@@ -154,11 +154,7 @@ class GradeEvidence:
         Campaigns that contradict each other in a zero are another matter: these were not tried
         without it.
         """
-        return tuple(
-            finding
-            for finding in self.findings
-            if finding.kind == "joint_zero" and finding.would_leave_mm is not None
-        )
+        return tuple(finding for finding in self.findings if finding.is_departure)
 
     @property
     def large_departures(self) -> tuple[records.InputFinding, ...]:

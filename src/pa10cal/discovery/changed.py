@@ -28,8 +28,9 @@ from pa10cal.observe.order import like_a_scan, measured_again, partings, spread_
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Offsets
 
-Kind = Literal["base", "beam", "target", "tool", "model"]
-_WORDS: dict[Kind, str] = {
+#: `zero` is that of a joint, see `joint_steps`.
+Kind = Literal["base", "beam", "target", "tool", "model", "zero"]
+WORDS: dict[Kind, str] = {
     "base": "a motion of the instrument or the base",
     "beam": "another size of the reflector",
     "target": "a target that slipped",
@@ -59,10 +60,10 @@ class Change(Nuisance):
     @override
     def columns(self, at: FittedModel, poses: Observations) -> Array:
         after = poses.states.time_s > self.time_s
-        of_kind = _columns(self.kind, self.target, at, poses)
+        of_kind = change_columns(self.kind, self.target, at, poses)
         return np.asarray(self.scale * of_kind * after[:, None, None])
 
-    def fault(self, at: FittedModel, poses: Observations) -> DiagnosedFault:
+    def faults(self, at: FittedModel, poses: Observations) -> tuple[DiagnosedFault, ...]:
         """Return the change as a fault of the log."""
         later = poses.take(np.flatnonzero(poses.states.time_s > self.time_s))
         size_mm = linear.rms(linear.error_mm(later.measured, self.shift(at, later)))
@@ -97,10 +98,10 @@ class Change(Nuisance):
         if self.rivals:
             what += f"; {' or '.join(self.rivals)} would explain it as well"
         where = between_rows(poses, self.before_s, self.after_s)
-        return DiagnosedFault(kind="step_in_time", where=where, what=what, remedy=remedy)
+        return (DiagnosedFault(kind="step_in_time", where=where, what=what, remedy=remedy),)
 
 
-class _Step(NamedTuple):
+class Step(NamedTuple):
     """The step in some columns with the largest gain in log evidence."""
 
     gain: float  # of log evidence [nat]
@@ -126,8 +127,8 @@ def change_of(
         return None
     shown = spread_over_time(poses, MOTION.most_readings)
     poses, whitener = poses.take(shown), whitener[shown]
-    rows, kinds = _StepRows(at, poses, whitener), _kinds(at)
-    steps = {kind: rows.best(_columns(*kind, at, poses)) for kind in kinds}
+    rows, kinds = StepRows(at, poses, whitener), kinds_of_change(at)
+    steps = {kind: rows.best(change_columns(*kind, at, poses)) for kind in kinds}
     changed = max(kinds, key=lambda kind: steps[kind].gain)
     (kind, target), best, of_base = changed, steps[changed], steps["base", 0]
     needed = float(np.log(len(poses) * len(kinds) * len(CHANGE.scales) / CHANGE.false_rate))
@@ -139,23 +140,20 @@ def change_of(
         partings(poses.states, middle_s, at.model.chain.arm.prismatic)
     ):
         return None
-    columns = _columns(kind, target, at, poses)
+    columns = change_columns(kind, target, at, poses)
     # Beside smooth functions of the pose it must take up as much; and it must also gain beside the
     # same change coming on gradually, which takes up most of a step, too.
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     row = np.array([best.row])
-    beside = _StepRows(at, poses, whitener, *smooth).best(columns, row)
+    beside = StepRows(at, poses, whitener, *smooth).best(columns, row)
     if beside.remaining > CHANGE.most_left_share:
         return None
-    course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
-    gradual = [
-        CHANGE.static_sizes * (columns * course**power) for power in range(1, CHANGE.courses + 1)
-    ]
-    if _StepRows(at, poses, whitener, *smooth, *gradual).best(columns, row).gain < needed:
+    gradual = [CHANGE.static_sizes * (columns * course) for course in gradual_courses(poses)]
+    if StepRows(at, poses, whitener, *smooth, *gradual).best(columns, row).gain < needed:
         return None
     near = rows.as_good(columns, best.scale, best.row)
     rivals = dict.fromkeys(
-        _WORDS[other]
+        WORDS[other]
         for (other, _), step in steps.items()
         if other != kind and rows.does_as_well(other, step, best)
     )
@@ -175,6 +173,12 @@ def change_of(
     return found if size_mm > CHANGE.least_noise_ratio * stated_mm else None
 
 
+def gradual_courses(poses: Observations) -> list[Array]:
+    """Return powers of time, of poses in its order, each (P, 1, 1)."""
+    course = np.linspace(-1.0, 1.0, len(poses))[:, None, None]
+    return [course**power for power in range(1, CHANGE.courses + 1)]
+
+
 def rivals_of_steps(
     wander: Wander | None, at: FittedModel, poses: Observations, whitener: Array
 ) -> dict[float, tuple[str, ...]]:
@@ -191,20 +195,24 @@ def rivals_of_steps(
     for jump in wander.jumps:
         others = tuple(other for other in wander.jumps if other is not jump)
         of_others = replace(wander, jumps=others, amounts=None).columns(at, poses)
-        rows = _StepRows(at, poses, whitener, of_others)
+        rows = StepRows(at, poses, whitener, of_others)
         row = np.array([np.searchsorted(time_s, jump.time_s)])
-        kinds = _kinds(at)
-        steps = {kind: rows.best(_columns(*kind, at, poses), row) for kind in kinds}
+        kinds = kinds_of_change(at)
+        steps = {kind: rows.best(change_columns(*kind, at, poses), row) for kind in kinds}
         rivals = dict.fromkeys(
-            _WORDS[kind[0]]
+            WORDS[kind[0]]
             for kind in kinds[1:]
             if rows.does_as_well(kind[0], steps[kind], steps["base", 0])
         )
+        for joint in range(1, at.model.chain.arm.n + 1):
+            step = rows.best(CHANGE.size * linear.by_joints(at, poses, (joint,)), row)
+            if rows.does_as_well("zero", step, steps["base", 0]):
+                rivals[f"another zero of joint {joint}"] = None
         found[jump.time_s] = tuple(rivals)
     return found
 
 
-def _kinds(at: FittedModel) -> list[tuple[Kind, int]]:
+def kinds_of_change(at: FittedModel) -> list[tuple[Kind, int]]:
     """Return the kinds of change, each with the index of its target, the base first."""
     targets = len(np.ravel(at.targets_m)) // 3
     found: list[tuple[Kind, int]] = [("base", 0), ("beam", 0), ("model", 0)]
@@ -212,7 +220,7 @@ def _kinds(at: FittedModel) -> list[tuple[Kind, int]]:
     return found + ([("tool", 0)] if targets > 1 else [])
 
 
-def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
+def change_columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> Array:
     """Return the derivative of predicted less measured components by a change, (P, b, k)."""
     if kind == "base":
         return CHANGE.size * linear.by_base(at, poses)
@@ -236,7 +244,7 @@ def _columns(kind: Kind, target: int, at: FittedModel, poses: Observations) -> A
     return np.concatenate([*own, *frames], axis=2)
 
 
-class _StepRows:
+class StepRows:
     """Whitened rows in order of time, and the log evidence of steps at each of them."""
 
     def __init__(
@@ -255,17 +263,17 @@ class _StepRows:
         least = CHANGE.least_side
         self._possible = rows[(rows >= least) & (rows <= len(poses) - least)]
 
-    def best(self, columns: Array, rows: Index | None = None) -> _Step:
+    def best(self, columns: Array, rows: Index | None = None) -> Step:
         """Return the best step in columns at any row, or at some rows."""
         rows = self._possible if rows is None else rows
         if not len(rows):
-            return _Step(gain=-np.inf, row=0, scale=1.0, remaining=1.0)
+            return Step(gain=-np.inf, row=0, scale=1.0, remaining=1.0)
         gain, remaining = self._gains(columns, rows, CHANGE.scales)
         k, of_scale = np.unravel_index(np.argmax(gain), gain.shape)
         scale = CHANGE.scales[int(of_scale)]
-        return _Step(float(gain[k, of_scale]), int(rows[k]), scale, float(remaining[k, of_scale]))
+        return Step(float(gain[k, of_scale]), int(rows[k]), scale, float(remaining[k, of_scale]))
 
-    def does_as_well(self, kind: Kind, step: _Step, best: _Step) -> bool:
+    def does_as_well(self, kind: Kind, step: Step, best: Step) -> bool:
         """Return whether a step of another kind does as well as the best.
 
         By log evidence, or by the likelihood of the remaining squares: having more amounts does not

@@ -359,6 +359,8 @@ class DiagnosedFault(discovery.Fault):
     at_s: float | None = Field(default=None, exclude=True)
     # effect with the same consequences: where it was found, there is no fault
     effect: EffectName | None = Field(default=None, exclude=True)
+    # whether it is a large departure of the arm: where held-out poses confirm it, there is no fault
+    is_departure: bool = Field(default=False, exclude=True)
 
 
 def steps_told(faults: Sequence[DiagnosedFault]) -> tuple[float, ...]:
@@ -389,7 +391,12 @@ def faults_of_input(suspicions: Sequence[InputFinding]) -> tuple[DiagnosedFault,
             what += f" ({finding.would_leave_mm:.3g} mm rms would remain if that is put right)"
         faults.append(
             DiagnosedFault(
-                kind=kind, where=where, what=what, remedy=finding.remedy, effect=finding.effect
+                kind=kind,
+                where=where,
+                what=what,
+                remedy=finding.remedy,
+                effect=finding.effect,
+                is_departure=finding.is_departure,
             )
         )
     return tuple(faults)

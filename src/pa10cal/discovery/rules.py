@@ -334,6 +334,8 @@ class Change:
     most_left_share: float = 0.5
     least_noise_ratio: float = 0.5  # least size over the stated noise of a reading (trials)
     courses: int = 3  # powers of time of the gradual courses that it must beat (trials)
+    # times in which the zero of a joint may settle, over that of the campaign (size)
+    settling: tuple[float, ...] = (0.02, 0.06, 0.2)
     row_nats: float = 3.0  # most that another possible row is worse [nat] (level)
 
 

@@ -19,6 +19,7 @@ from typing_extensions import TypeIs, TypeVar
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
+from pa10cal.calibration.rules import GRADES
 from pa10cal.discovery.field import FieldFit, with_field
 from pa10cal.discovery.finding import (
     DiagnosedFault,
@@ -46,7 +47,7 @@ from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
-from pa10cal.fit.fitted import FallBack
+from pa10cal.fit.fitted import FallBack, FittedTo
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
@@ -278,7 +279,8 @@ class Verdict(Generic[S]):
     def faults(self) -> tuple[DiagnosedFault, ...]:
         """Return the faults of the log: of single rows first, then of the whole log.
 
-        A fault with the same consequences as an effect is omitted where that effect was found.
+        A fault with the same consequences as an effect is omitted where that effect was found, and
+        departures of the arm where held-out poses confirm them.
         """
         names = {name_of(found.effect) for found in self.findings}
         of_all = (
@@ -286,8 +288,26 @@ class Verdict(Generic[S]):
             for found in self.findings
             if is_fault(found.effect)
         )
-        of_input = (fault for fault in self.prepared.faults if fault.effect not in names)
+        of_input = (
+            fault
+            for fault in self.prepared.faults
+            if fault.effect not in names
+            and not (fault.is_departure and self.departures_are_confirmed)
+        )
         return (*of_input, *self.faults_of_rows, *of_all)
+
+    @cached_property
+    def departures_are_confirmed(self) -> bool:
+        """Return whether the model with the effects found predicts held-out poses to the noise.
+
+        Another cause may then no longer look like a large departure from the nominal arm, as it may
+        by the larger error of the calibrated model.
+        """
+        gap = self.trusted_holdout
+        if gap is None or not self.effects or self.holds_nowhere:
+            return False
+        enough = gap.after.configurations >= GRADES.few_held_out
+        return enough and gap.after.rms_mm < GRADES.confirmed_ratio * gap.noise_rms_mm
 
     @property
     def error_rate(self) -> float:
@@ -383,11 +403,17 @@ class Verdict(Generic[S]):
             fitted = with_field(fitted, self.predicted.fit)
         return replace(
             fitted,
+            fitted_to=self._fitted_to(),
             targets_off_m=self.scorer.targets_off_m(stated.shape[2]),
             seen=self.baseline.seen if seen is None else seen,
             discrepancy=discrepancy_of(fitted, self.train.poses),
             falls_back=away,
         )
+
+    def _fitted_to(self) -> FittedTo | None:
+        """Return what the model was fitted to, its grade as the effects leave it."""
+        about = self.baseline.fitted_to
+        return about.confirmed() if about is not None and self.departures_are_confirmed else about
 
     def next_poses(self, count: int, random_seed: int = 0) -> Plan:
         """Return at most `count` poses to measure next, from a pool drawn with a seed."""
@@ -414,7 +440,7 @@ class Verdict(Generic[S]):
         weights that are not stated are in the calibrated model already: errors before are those of
         the geometry alone.
         """
-        nothing = word_of(self.effects, self.unexplained) == "none" and self.predicted is None
+        nothing = not (self.effects or self.unexplained or self.faults or self.predicted)
         if (self.method is None or nothing) and not self.gives_way:
             return None
         over: Literal["held-out poses", "fitted poses"] = "held-out poses"

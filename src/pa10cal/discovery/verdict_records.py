@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from pa10cal.calibration.levels import report_base
@@ -99,8 +101,15 @@ def extended_record(
         arrival_from_order=verdict.arrival_from_order,
         steps_s=steps_told(found.faults) or None,
         named=verdict.effects,
-        warnings=warnings_of(verdict),
+        warnings=(*warnings_of(verdict), *_confirmed(found)),
     )
+
+
+def _confirmed(found: Verdict) -> Iterator[str]:
+    """Yield what was suspected of the input, where the effects found confirm it."""
+    before, after = found.baseline.fitted_to, found.model.fitted_to
+    if after is not None and after != before:
+        yield after.health
 
 
 def analysis_record(found: Verdict, campaign: CampaignIdentity) -> AnalysisRecord:

@@ -87,6 +87,18 @@ class FittedTo(Part):
             loads_N=tuple(map(float, np.unique(states.load_N))),
         )
 
+    def confirmed(self) -> FittedTo:
+        """Return it with departures confirmed: if they alone are suspected, it is incomplete."""
+        if not self.suspicions or not all(each.is_departure for each in self.suspicions):
+            return self
+        first, *others = self.suspicions
+        more = f", and {len(others)} more" if others else ""
+        health = (
+            f"the calibrated model lacks the effects found; {first.where}: {first.what}{more}, as "
+            "held-out poses confirm with these effects"
+        )
+        return self.model_copy(update={"grade": "incomplete", "health": health, "suspicions": ()})
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:

@@ -21,7 +21,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
 from pa10cal.results.explained import ProposedFormula
-from pa10cal.results.record import shown_probability
+from pa10cal.results.record import SURE, EffectName, shown_probability
 from pa10cal.terms.wording import done, headline, percent, sentences
 
 #: What each grade means.
@@ -66,10 +66,17 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     yield Paragraph(grade_sentence(results, case), lead=True)
     yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
     if health.grade not in UNRESERVED:
+        extended, found = results.extended, health.findings
+        departs = bool(found) and all(each.is_departure for each in found)
+        confirmed = departs and extended is not None and extended.grade in UNRESERVED
         yield Callout(
             "warning",
-            "A model of this grade is not to be used. The commands refuse its model without "
-            "--force: mend the input first.",
+            "A model of this grade is not to be used. "
+            + (
+                "That with the effects found is: held-out poses confirm with it what is suspected."
+                if confirmed
+                else "The commands refuse its model without --force: mend the input first."
+            ),
         )
     if better := better_general(results):
         yield Callout("warning", sentence(better))
@@ -209,10 +216,14 @@ def verdict_sentence(record: VerdictRecord) -> str:
 
 
 def _together(effects: tuple[FoundEffect, ...]) -> str:
-    """Return effects as a list within a sentence; one kind at several joints is one entry."""
+    """Return effects as a list within a sentence; one kind at several joints is one entry.
+
+    One that is not all but certain is an entry of its own, with its probability.
+    """
     groups: dict[object, list[FoundEffect]] = {}
     for effect in effects:
-        alone = effect.likely or not effect.of.startswith("joint ")
+        sure = effect.probability >= SURE
+        alone = effect.likely or not sure or not effect.of.startswith("joint ")
         groups.setdefault((effect.id, effect.of if alone else None), []).append(effect)
     names = []
     for first, *others in groups.values():
@@ -220,8 +231,19 @@ def _together(effects: tuple[FoundEffect, ...]) -> str:
             joints = sorted((each.of.removeprefix("joint ") for each in (first, *others)), key=int)
             names.append(f"{first.id.replace('_', ' ')} at joints {listed(joints)}")
         else:
-            names.append(" or ".join(map(named, (first, *first.likely))))
+            names.append(_in_doubt(first))
     return ", and ".join(names) if len(names) == 2 and "and" in names[0] else listed(names)
+
+
+def _in_doubt(effect: FoundEffect) -> str:
+    """Return an effect or what else is likely; with its probability if not sure."""
+    if effect.probability >= SURE:
+        return named(effect)
+    known: list[tuple[EffectName, float]] = [(effect, effect.probability)]
+    known += [(rival, rival.probability) for rival in effect.likely]
+    names = " or ".join(f"{named(each)} ({shown_probability(p)})" for each, p in known)
+    nameless = effect.none_of_these > max(p for _, p in known)
+    return f"{names} or, likelier, something without a name" if nameless else names
 
 
 def _size(effect: NamedEffect | ProposedFormula) -> str:

@@ -32,6 +32,12 @@ class InputFinding(record.Part):
     # effect of the vocabulary that it is as well as a slip of the log, where there is one
     effect: record.EffectName | None = record.optional()
 
+    @property
+    def is_departure(self) -> bool:
+        """Return whether it is a large departure from nominal: held-out poses may confirm it."""
+        zero_off = self.kind == "joint_zero" and self.would_leave_mm is not None
+        return zero_off or self.kind == "departure"
+
     def __str__(self) -> str:
         left = self.would_leave_mm
         then = "" if left is None else f" ({left:.3g} mm rms would remain)"

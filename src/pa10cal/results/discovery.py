@@ -444,3 +444,8 @@ class ExtendedRecord(record.MeasuredRecord):
     steps_s: tuple[float, ...] | None = record.optional()
     named: tuple[NamedEffect, ...]  # effects named, with uncertainties
     warnings: tuple[str, ...]  # what to know before the model is trusted
+
+    @property
+    def grade(self) -> str:
+        """Return the grade of the calibration it began with, as the effects leave it."""
+        return str(self.fitted_model.get("grade"))

@@ -74,7 +74,7 @@ def discover(
         write(judged, verdict_file)
     for line in verdict_lines(judged):
         print(f"{campaign.name}: {line}")
-    for warning in verdict_records.warnings_of(judged):
+    for warning in model.warnings:
         print(f"{campaign.name}: note: {warning}", file=sys.stderr)
     print(f"{campaign.name}: {time.perf_counter() - began_s:.1f} s")
 

@@ -63,13 +63,16 @@ def export(
 
     record, models, _ = read_calibrated(calibration)
     *_, calibrated = models.values()
-    withheld = _is_withheld(record, calibration, force=force)
     exported, warnings = _exported_model(calibrated, record, extended)
+    grade: str = record.health.grade
+    line = record.health.line
+    if (about := exported.fitted_to) is not None and about != calibrated.fitted_to:
+        grade, line = about.grade, about.health  # the effects confirm what was suspected
+    withheld = _is_withheld(record, grade, calibration, force=force)
     fitted = predicting_model(exported)  # tables and URDF are of the model that is used
-    grade = f"{record.health.grade}: {record.health.line}"
-    forced = f"exported with --force; {grade}" if withheld else None
-    mark = f"forced {record.health.grade}" if withheld else record.health.grade  # in tables
-    comments = [f"{record.campaign}, {record.provenance}", forced or grade]
+    forced = f"exported with --force; {grade}: {line}" if withheld else None
+    mark = f"forced {grade}" if withheld else grade  # in tables
+    comments = [f"{record.campaign}, {record.provenance}", forced or f"{grade}: {line}"]
     if coupling := coupling_in_words(fitted.arm):
         comments.append(f"positions of its joints by what the controller counts (J): {coupling}")
 
@@ -119,13 +122,13 @@ def export(
         print(line)
 
 
-def _is_withheld(record: CalibrationRecord, path: Path, *, force: bool) -> bool:
-    """Return whether a calibration is exported by force alone; without force refuse it."""
+def _is_withheld(record: CalibrationRecord, grade: str, path: Path, *, force: bool) -> bool:
+    """Return whether a model of a grade is exported by force alone; without force refuse it."""
     from pa10cal.errors import CalibrationError
     from pa10cal.results.calibration import UNRESERVED
 
     health, converged = record.health, record.status == "converged"
-    withheld = not converged or health.grade not in UNRESERVED
+    withheld = not converged or grade not in UNRESERVED
     if withheld and not force:
         raise CalibrationError(
             f"a calibration of grade {health.grade} is not exported",
@@ -151,8 +154,12 @@ def _exported_model(
         model = read_extended(extended, record.campaign).model
         # Where effects hold nowhere, the field is in the model that it falls back to.
         if with_effects.named or predicting_model(model).model.terms_of("field"):
-            # The grade is that of the calibration to export, which may have these effects itself.
-            return replace(model, fitted_to=calibrated.fitted_to), with_effects.warnings
+            # The grade is that of the calibration to export, which may have these effects itself,
+            # unless the effects confirm what was suspected of it.
+            about = calibrated.fitted_to
+            if about is not None and model.fitted_to == about.confirmed():
+                about = model.fitted_to
+            return replace(model, fitted_to=about), with_effects.warnings
     return calibrated, record.warnings
 
 

@@ -78,9 +78,10 @@ class Field(Unnamed):
     size_m: float  # prior standard deviation of the displacement along each axis
     kernel: Kernel = field(default="squared exponential", metadata={OPTIONAL: True})
     id: ClassVar[str] = "field"
-    #: Words for it, see `Effect`; {at} are the joints that it mostly depends on.
+    #: Words for it, see `Effect`.
     nouns: ClassVar[tuple[str, ...]] = ("what has no name and is predicted",)
-    clauses: ClassVar[tuple[str, ...]] = ("what has no name is predicted, mostly by {at}",)
+    clauses: ClassVar[tuple[str, ...]] = ("what has no name is predicted",)
+    varies_with: ClassVar[str] = "the pose"
 
     @property
     def formula(self) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pa10cal.results.discovery import KNOT, EvidenceOfSag, Fault
 from pa10cal.results.evaluation import EffectParameter
 from pa10cal.results.explained import Explained, ExplainedEffect
-from pa10cal.results.record import HALF_WIDTH_95, SURE, EffectName
+from pa10cal.results.record import HALF_WIDTH_95, SURE, EffectName, shown_probability
 from pa10cal.terms.effects.effect import Effect, every_effect
 from pa10cal.terms.field import Field
 from pa10cal.terms.weights import FAULTS
@@ -19,7 +19,8 @@ from pa10cal.terms.weights import FAULTS
 _JOINT = "joint "
 #: Alternatives at other places that a sentence lists; of more it gives their number.
 _MOST_OTHERS = 3
-#: Joints listed for an unexplained error: with at least this part of the largest share.
+#: Joints listed for an unexplained error: with at least this part of the largest share. Of more
+#: than two they are told where they are fewer than half.
 _MOSTLY = 0.3
 #: Decimals of an error below 0.01 mm; one less above that, and above 0.1 mm.
 _DECIMALS = 4
@@ -36,7 +37,8 @@ def headline(explained: Explained) -> str:
 
 def done(explained: Explained) -> str:
     """Return `explained`, or `predicted` where some of the error has no name."""
-    return "explained" if all(each.joints is None for each in explained.of) else "predicted"
+    named = all(each.joints is None and not _is_nameless(each) for each in explained.of)
+    return "explained" if named else "predicted"
 
 
 def sentences(explained: Explained) -> tuple[str, ...]:
@@ -88,6 +90,12 @@ def clause_of(effect: str, at: str, *, many: bool = False) -> str:
     return _filled(_kind_of(effect).clauses, effect, at, many=many)
 
 
+def driver_of(effect: str, *, many: bool = False) -> str:
+    """Return what an effect depends on, at one place or at several, by its id."""
+    words = _kind_of(effect).varies_with
+    return words.replace("its ", "their ") if many else words
+
+
 def _filled(words: tuple[str, ...], effect: str, at: str, *, many: bool) -> str:
     return words[-1 if many else 0].format(id=effect.replace("_", " "), at=at)
 
@@ -98,23 +106,43 @@ def _kind_of(effect: str) -> type[Effect] | type[Field]:
     return next((kind for kind in kinds if kind.id == effect), Effect)
 
 
+def _is_sure(effect: ExplainedEffect) -> bool:
+    """Return whether an effect is all but certain, or its probability is not known."""
+    return effect.probability is None or effect.probability >= SURE
+
+
+def _is_nameless(effect: ExplainedEffect) -> bool:
+    """Return whether none of the names that an effect may have is as likely as none of them."""
+    others = len(effect.ids[1:]) + len(effect.elsewhere)
+    if effect.probability is None or len(effect.others_probability) != others:
+        return False
+    named = (effect.probability, *effect.others_probability)
+    return 1.0 - sum(named) > max(named)
+
+
 def _groups(explained: Explained) -> list[list[ExplainedEffect]]:
-    """Return effects of one kind with the same alternatives together, the largest first."""
+    """Return effects of one kind, as sure, with the same alternatives, the largest first."""
     groups: dict[object, list[ExplainedEffect]] = {}
     for effect in explained.of:
         at_joints = effect.of.startswith(_JOINT) and not effect.elsewhere
         key = (effect.ids, effect.weights) if at_joints else (effect.ids, effect.of)
         if effect.weights is not None:  # the same weights bend all of them, whatever the others
             key = (effect.ids[:1], effect.weights)
-        groups.setdefault(key, []).append(effect)
+        how_sure = _is_sure(effect), _is_nameless(effect)
+        groups.setdefault((*key, *how_sure), []).append(effect)
     return sorted(groups.values(), key=lambda group: -sum(effect.share for effect in group))
 
 
 def _short(group: list[ExplainedEffect]) -> str:
     """Return a group in a few words: `sensor or gear of joints 1 and 2`."""
     if group[0].joints is not None:
-        return f"{noun_of(group[0].ids[0])} (mostly by {_at(group)})"
+        mostly = _mostly(group[0].joints)
+        return noun_of(group[0].ids[0]) + (f" (mostly by {mostly})" if mostly else "")
     here, elsewhere = _candidates(group)
+    if _is_nameless(group[0]):
+        driver = driver_of(here[0].id, many=len(group) > 1)
+        tried = _tried(here, elsewhere)
+        return f"something without a name of {here[0].at}, by {driver} ({tried})"
     alone = not elsewhere and len(here) == 1
     many = len(group) > 1 and alone
     nouns = " or ".join(noun_of(each.id, many=many) for each in here)
@@ -122,12 +150,10 @@ def _short(group: list[ExplainedEffect]) -> str:
     if len(others) > _MOST_OTHERS:
         others = [f"one of {len(others)} others"]
     names = " or ".join([_placed(nouns, here[0].at), *others])
-    first = here[0]
-    if first.least is None or first.least >= SURE:
+    if _is_sure(group[0]):
         return names
-    noun = "" if alone else f"{noun_of(first.id)} "
-    least, most = f"{first.least:.2f}", f"{first.most:.2f}"
-    return f"{names} ({noun}{least})" if least == most else f"{names} ({noun}{least} to {most})"
+    noun = "" if alone else f"{noun_of(here[0].id)} "
+    return f"{names} ({noun}{here[0].probability})"
 
 
 @dataclass(frozen=True)
@@ -139,6 +165,14 @@ class _Candidate:
     # least and most: lowest and highest probability in a group; None where it is not known
     least: float | None
     most: float | None
+
+    @property
+    def probability(self) -> str:
+        """Return its probability in words: `0.83`, or `0.28 to 0.42`; empty if not known."""
+        if self.least is None or self.most is None:
+            return ""
+        least, most = shown_probability(self.least), shown_probability(self.most)
+        return least if least == most else f"{least} to {most}"
 
 
 def _candidates(group: list[ExplainedEffect]) -> tuple[list[_Candidate], list[_Candidate]]:
@@ -179,6 +213,13 @@ def _placed(nouns: str, at: str) -> str:
     return nouns if at.removeprefix("the ") in nouns.split() else f"{nouns} of {at}"
 
 
+def _tried(here: list[_Candidate], elsewhere: list[_Candidate]) -> str:
+    """Return the likeliest names of something that is likelier none of them."""
+    names = [f"{noun_of(each.id)} {each.probability}" for each in here]
+    names += [f"{_placed(noun_of(each.id), each.at)} {each.probability}" for each in elsewhere]
+    return ", ".join(names[:_MOST_OTHERS])
+
+
 def _place(of: str) -> str:
     """Return a place within a sentence: `joint 2`, `the forearm`."""
     return of if of.startswith(_JOINT) else f"the {of.replace('_', ' ')}"
@@ -186,13 +227,17 @@ def _place(of: str) -> str:
 
 def _at(group: list[ExplainedEffect]) -> str:
     """Return where a group sits: `joints 2 and 3`, `joint 2`, `the forearm`."""
-    if (joints := group[0].joints) is not None:
-        least_share = _MOSTLY * max(joints.values(), default=0.0)
-        largest = [joint for joint, share in joints.items() if share >= least_share]
-        return _joints(largest) if largest else "the joints"
     if len(group) == 1:
         return _place(group[0].of)
     return _joints([each.of.removeprefix(_JOINT) for each in group])
+
+
+def _mostly(joints: Mapping[str, float]) -> str:
+    """Return the joints that an error mostly goes with; empty where they are half of them."""
+    least_share = _MOSTLY * max(joints.values(), default=0.0)
+    largest = [joint for joint, share in joints.items() if share >= least_share]
+    some = len(largest) <= 2 or 2 * len(largest) < max(map(int, joints))
+    return _joints(largest) if largest and some else ""
 
 
 def _joints(numbers: list[str]) -> str:
@@ -203,13 +248,7 @@ def _joints(numbers: list[str]) -> str:
 
 def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
     """Return what a group does, and the error before and after it."""
-    here, elsewhere = _candidates(group)
-    clauses = [clause_of(each.id, each.at, many=len(group) > 1) for each in here]
-    if len(elsewhere) > _MOST_OTHERS:
-        clauses.append(f"one of {len(elsewhere)} other effects is there")
-    else:
-        clauses += [clause_of(each.id, each.at) for each in elsewhere]
-    sentence = ", or ".join(clauses)
+    sentence = _told(group)
     if group[0].weights is not None:
         more = "" if _shared(group)[0] == group[0].ids else "; alternatives are listed"
         sentence += f" (stiffness relative to assumed weights{more})"
@@ -237,3 +276,24 @@ def _errors(group: list[ExplainedEffect], whole_mm: float) -> tuple[str, str]:
     before_mm = min((after_mm**2 + reduction) ** 0.5, most_mm)
     places = _DECIMALS - min(int(after_mm >= 0.01) + int(after_mm >= 0.1), _DECIMALS)
     return f"{before_mm:.{places}f}", f"{after_mm:.{places}f}"
+
+
+def _told(group: list[ExplainedEffect]) -> str:
+    """Return what a group does, as sure as that is, without a full stop."""
+    here, elsewhere = _candidates(group)
+    many = len(group) > 1
+    if _is_nameless(group[0]):
+        driver = driver_of(here[0].id, many=many)
+        at, tried = here[0].at, _tried(here, elsewhere)
+        return f"at {at} something without a name depends on {driver} ({tried})"
+    clauses = [(clause_of(each.id, each.at, many=many), each.probability) for each in here]
+    clauses += [(clause_of(each.id, each.at), each.probability) for each in elsewhere]
+    if len(elsewhere) > _MOST_OTHERS:
+        clauses[len(here) :] = [(f"one of {len(elsewhere)} other effects is there", "")]
+    if (joints := group[0].joints) is not None:
+        mostly = _mostly(joints)
+        return clauses[0][0] + (f", mostly by {mostly}" if mostly else "")
+    if _is_sure(group[0]):
+        return ", or ".join(clause for clause, _ in clauses)
+    shown = [f"that {clause}" + (f" ({p})" if p else "") for clause, p in clauses]
+    return f"it may be {', or '.join(shown)}"

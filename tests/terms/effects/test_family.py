@@ -15,7 +15,7 @@ from pa10cal.terms.effects.effect import AtJoint, Effect, candidates, every_effe
 from pa10cal.terms.effects.joint import most_wound_up
 from pa10cal.terms.term import shows_torque, yields
 from pa10cal.terms.weights import FAULTS
-from pa10cal.terms.wording import clause_of, noun_of
+from pa10cal.terms.wording import clause_of, driver_of, noun_of
 
 JOINTS = tuple(f"joint {joint}" for joint in range(1, 7))
 #: Effects of the contract: where each may sit on the PA10 with springs at joints 2, 3 and 5. What
@@ -122,6 +122,7 @@ def test_every_name_says_what_the_effect_does_at_one_joint_and_at_several(kind):
         assert not re.search(r"[{}_]|[. ]$", told)
         assert at in told or not at_joints
         assert noun_of(kind.id, many=many)
+        assert driver_of(kind.id, many=many)
 
 
 @pytest.mark.parametrize(("three_axes", "named"), [(True, {"cmm_scale"}), (False, {"scale"})])

@@ -361,7 +361,7 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
         bands=found.bands,
     )
     of_lag = () if survey.lag is None else (survey.lag.unexplained(remaining.mean_mm),)
-    of_change = () if survey.change is None else (survey.change.fault(survey.baseline, poses),)
+    of_change = () if survey.change is None else survey.change.faults(survey.baseline, poses)
     return Verdict(
         prepared=campaign,
         scorer=scorer,

@@ -34,10 +34,11 @@ from pa10cal.discovery.blocked_cv.linear_fit import LinearFit, linear_fit, refin
 from pa10cal.discovery.blocked_cv.refit import Refit, refit
 from pa10cal.discovery.blocked_cv.search import Search
 from pa10cal.discovery.blocked_cv.survey import Survey
-from pa10cal.discovery.changed import change_of, rivals_of_steps
+from pa10cal.discovery.changed import Change, change_of, rivals_of_steps
 from pa10cal.discovery.finding import Untestable
 from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
+from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of
 from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.noise import AS_FOUND
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
@@ -201,7 +202,9 @@ def search_with_motion(survey: Survey) -> SearchWithMotion:
     whiteners = weights_with_joints(fitted.weights, fitted.at, poses, left).whiteners()
     effects = tuple(sought(survey.context, survey.baseline.model.terms))
     rivals: Mapping[float, tuple[str, ...]] = {}
-    change = change_of(fitted.at, poses, whiteners, effects, logged=logged)
+    change: Change | JointSteps | None = joint_steps_of(
+        fitted.at, poses, whiteners, effects, logged=logged
+    ) or change_of(fitted.at, poses, whiteners, effects, logged=logged)
     in_time = NO_MOTION
     if change is not None:
         found = search_survey(survey.changing(change))

@@ -10,6 +10,7 @@ import numpy as np
 
 from pa10cal.arrays import Array, Index
 from pa10cal.discovery.changed import Change
+from pa10cal.discovery.joint_steps import JointSteps
 from pa10cal.discovery.linear import residual
 from pa10cal.discovery.noise import Noise, noise_of_near_poses, with_torque_noise
 from pa10cal.discovery.nuisances import AttitudeLag, Nuisance, Wander, attitude_lag
@@ -45,7 +46,8 @@ class Survey:
     context: CandidateContext  # where effects may occur
     torques_logged: bool  # whether torques were logged; else computed from the masses described
     wander: Wander | None = None  # motion of the base in the course of time; None: at rest
-    change: Change | None = None  # of targets, beam or log at a row; None: no change
+    # of targets, beam or log at a row, or of zeros of joints at several; None: no change
+    change: Change | JointSteps | None = None
     lag: AttitudeLag | None = None  # of orientations behind the motion; None: no lag
     calibrated_before: FittedModel | None = None  # the calibrated model, unless it is `baseline`
     begins_with: tuple[Effect, ...] = ()  # effects that the search has from its first step
@@ -108,8 +110,8 @@ class Survey:
         """
         return replace(self, wander=wander, block=interleaved_blocks(len(self.poses)))
 
-    def changing(self, change: Change) -> Survey:
-        """Return the survey with a change at a row, in interleaved blocks."""
+    def changing(self, change: Change | JointSteps) -> Survey:
+        """Return the survey with a change at a row or at several, in interleaved blocks."""
         return replace(self, change=change, block=interleaved_blocks(len(self.poses)))
 
     def net_residual(self, at: FittedModel, poses: Observations | None = None) -> Array:
@@ -154,7 +156,7 @@ class Survey:
         """Return the survey with fitted amounts (k,) of its nuisances, in their order."""
         found, first = self, 0
         for name in ("wander", "change", "lag"):
-            nuisance: Wander | Change | AttitudeLag | None = getattr(self, name)
+            nuisance: Wander | Change | JointSteps | AttitudeLag | None = getattr(self, name)
             if nuisance is not None:
                 last = first + len(nuisance.sizes)
                 fitted: dict[str, Any] = {name: replace(nuisance, amounts=amounts[first:last])}

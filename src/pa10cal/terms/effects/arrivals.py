@@ -27,6 +27,7 @@ class ArrivalError(effect.JointEffect):
     campaigns: tuple[str, ...] = ()
     id = "arrival_error"
     of_drive = True
+    varies_with = "the direction of arrival"
     clauses = (
         "{at} stops in another place for each direction that it comes from",
         "{at} stop in other places for each direction that they come from",
@@ -68,6 +69,7 @@ class AlongMove(effect.Effect):
 
     joints: tuple[int, ...]  # those that turn, from 1
     id = "along_move"
+    varies_with = "the move before each pose"
     clauses = ("the log of joints and the readings are not of one instant",)
     sits = "arm"
     words = "theta_j += c m_j / max |m|, m the move of all joints from the pose before"

@@ -105,6 +105,8 @@ class Effect(Traits):
     nouns: ClassVar[tuple[str, ...]] = ("{id}",)
     #: A clause that says what it does {at} one place, and one for several joints if another.
     clauses: ClassVar[tuple[str, ...]] = ("there is {id} of {at}",)
+    #: What it depends on, in words.
+    varies_with: ClassVar[str] = "the pose"
     #: Whether it is a smooth function that gives the place of a missing effect and no cause.
     generic: ClassVar[bool] = False
     #: A clause that says what to do where it is found and not named.
@@ -264,6 +266,7 @@ class AtJoint(Effect):
     """An effect of a joint, by default of one that turns, on its angle."""
 
     sits: ClassVar[str] = "joint"
+    varies_with: ClassVar[str] = "its position"
 
     @property
     def joint(self) -> int:

@@ -81,6 +81,7 @@ class Backlash(effect.JointEffect):
 
     id = "backlash"
     of_drive = True
+    varies_with = "the direction of arrival"
     clauses = ("{at} has lost motion", "{at} have lost motion")
     positive = True
     # Half of the reversal error. An assumption: makers state up to 15 arcmin for standard planetary
@@ -136,6 +137,7 @@ class JointCoupling(effect.AtJoint):
     by: int  # k, the joint that turns, from 1
     slides: bool  # whether the joint that moves does
     id = "joint_coupling"
+    varies_with = "the position of another joint"
     nouns = ("coupling", "couplings")
     clauses = (
         "{at} moves a little as another joint turns",
@@ -175,6 +177,7 @@ class WristCoupling(effect.Effect):
 
     last: int  # the last joint, n
     id = "wrist_coupling"
+    varies_with = "the position of the joint before the last"
     clauses = ("the last joint is turned along by the one before it",)
     sits = "wrist"
     words = "theta_{0.last} += c q_{0.by_joint}"
@@ -406,6 +409,7 @@ class FrictionTorque(FalseTorque):
 
     rated_Nm: float  # rated torque of the joint
     id = "friction_torque"
+    varies_with = "the direction of arrival"
     clauses = (
         "the logged torque of {at} holds friction",
         "the logged torques of {at} hold friction",
@@ -439,6 +443,7 @@ class TorqueGain(FalseTorque):
     """
 
     id = "torque_gain"
+    varies_with = "its logged torque"
     clauses = (
         "the logged torque of {at} is off by a factor",
         "the logged torques of {at} are off by factors",
@@ -462,6 +467,7 @@ class WindsUp(effect.JointEffect):
 
     rated_Nm: float  # rated torque of the joint
     of_drive = True
+    varies_with = "its torque"
     yields = True
     most_rad = WINDS_UP
     positive = True

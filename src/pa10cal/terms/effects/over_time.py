@@ -35,6 +35,7 @@ class BaseDrift(Effect):
     end_s: float | None = None  # time of the last one; None for a constant rate, not held
     waves: int = 0  # cosines along each axis, wave k of k/2 cycles; 0 for a constant rate
     id = "base_drift"
+    varies_with = "time"
     depends_on = "time_s"
     clauses = ("the base moved while the campaign lasted",)
     sits = "base"
@@ -86,6 +87,7 @@ class ThermalGrowth(Effect):
     lengths_m: tuple[float, ...]  # their nominal values
     reference_temperature_C: float  # temperature at which lengths are nominal
     id = "thermal_growth"
+    varies_with = "temperature"
     depends_on = "temperature_C"
     clauses = ("the links grow with temperature",)
     sits = "arm"

@@ -24,6 +24,7 @@ class FalseReading(Effect):
 
     falsifies_readings = True
     sits = "instrument"
+    varies_with = "the place that is read"
     coordinates = TOOL
 
     @abstractmethod

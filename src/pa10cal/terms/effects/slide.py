@@ -206,6 +206,7 @@ class SlideScale(Effect):
 
     joints: tuple[int, ...]  # those that slide, from 1
     id = "slide_scale"
+    varies_with = "the positions of the axes that slide"
     clauses = ("the leads of all axes that slide are off by one factor",)
     sits = "arm"
     reported = (TermParameter("s", "1", 1e-5, plausible=1e-4),)

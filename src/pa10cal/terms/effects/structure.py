@@ -35,6 +35,7 @@ class Compliance(Effect):
     #: Names of its compliances, and their scale and plausible size [rad/(N m)].
     names: ClassVar[tuple[str, ...]] = ("c",)
     scale_and_size: ClassVar[tuple[float, float]] = (1e-7, 3e-6)
+    varies_with = "the load"
     bends = True
     positive = True
     weights_power = -1.0
@@ -272,6 +273,7 @@ class ToolSag(Effect):
     """The tooling gives way by c [m] times the part of gravity's direction across its axis."""
 
     id = "tool_sag"
+    varies_with = "the direction of gravity"
     clauses = ("the tool sags under its weight",)
     sits = "tool"
     words = "tool.x, tool.y += c times the part of the unit vector of gravity along them"

@@ -100,6 +100,7 @@ class WindupMap(JointEffect):
 
     span_Nm: float  # largest torque that the joint carried
     id = "windup_map"
+    varies_with = "its torque"
     yields = True
     words = "theta_{0.joint} -= Legendre polynomials 1 to {0.degrees} of tau_{0.joint}"
     generic = True
@@ -130,6 +131,7 @@ class DirectionMap(JointEffect):
     span_Nm: float  # largest torque that the joint carried, 0 where it carried none
     span_rad: tuple[float, float]  # lowest and highest angle
     id = "direction_map"
+    varies_with = "the direction of arrival"
     yields = True
     words = "theta_{0.joint} += s_{0.joint} times Legendre polynomials of torque and angle"
     generic = True
@@ -174,6 +176,7 @@ class DriftMap(Effect):
 
     span_s: tuple[float, float]  # first and last reading
     id = "drift_map"
+    varies_with = "time"
     depends_on = "time_s"
     sits = "base"
     words = "each motion of the base += Legendre polynomials 1 to {0.degrees} of time"

@@ -1,0 +1,232 @@
+"""Steps in the zeros of joints: steps that a motor lost, a belt that jumped, a joint mastered anew.
+
+Every joint may have steps of its own, each at its own row of the log. The set of steps is found one
+by one by log evidence, and held against steps of the base and against other changes at a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from typing_extensions import override
+
+from pa10cal.arrays import Array
+from pa10cal.discovery import linear
+from pa10cal.discovery.changed import (
+    WORDS,
+    Step,
+    StepRows,
+    change_columns,
+    gradual_courses,
+    kinds_of_change,
+)
+from pa10cal.discovery.finding import DiagnosedFault
+from pa10cal.discovery.in_time import by_pose_and_time
+from pa10cal.discovery.nuisances import Nuisance, between_rows
+from pa10cal.discovery.rules import CHANGE, MOTION
+from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.observe.observations import Observations
+from pa10cal.observe.order import like_a_scan, partings, spread_over_time
+from pa10cal.terms.effects.effect import Effect
+
+
+class JointStep(NamedTuple):
+    """A step in the zero of one joint."""
+
+    joint: int  # from 1
+    time_s: float  # its most likely time
+    before_s: float  # time of the last reading that is surely before it
+    after_s: float  # time of the first reading that is surely after it
+    rivals: tuple[str, ...]  # other explanations that fit as well, in words
+
+
+@dataclass(frozen=True, eq=False)
+class JointSteps(Nuisance):
+    """Steps in the zeros of joints, each from a time on."""
+
+    steps: tuple[JointStep, ...]  # in order of time
+    scale: float  # prior standard deviation of each amount, in units of `CHANGE.size`
+    amounts: Array  # (k,) in units of `scale`
+
+    @property
+    @override
+    def sizes(self) -> Array:
+        return np.full(len(self.steps), self.scale)
+
+    @override
+    def columns(self, at: FittedModel, poses: Observations) -> Array:
+        return self.scale * _columns([(each.joint, each.time_s) for each in self.steps], at, poses)
+
+    def faults(self, at: FittedModel, poses: Observations) -> tuple[DiagnosedFault, ...]:
+        """Return a fault of the log for each step."""
+        slides = at.model.chain.arm.prismatic
+        amounts = (1e3 * CHANGE.size * self.scale * self.amounts).tolist()
+        return tuple(
+            _fault(step, amount, "mm" if slides[step.joint - 1] else "mrad", poses)
+            for step, amount in zip(self.steps, amounts, strict=True)
+        )
+
+
+def _fault(step: JointStep, amount: float, unit: str, poses: Observations) -> DiagnosedFault:
+    what = f"the zero of joint {step.joint} moved by {amount:+.3g} {unit} from there on"
+    if step.rivals:
+        what += f"; {' or '.join(step.rivals)} would explain it as well"
+    return DiagnosedFault(
+        kind="step_in_time",
+        where=between_rows(poses, step.before_s, step.after_s),
+        what=what,
+        remedy=f"home joint {step.joint} (its motor lost steps, its belt jumped, or it was "
+        "mastered anew), and calibrate the readings before and after as two campaigns",
+    )
+
+
+def joint_steps_of(
+    at: FittedModel,
+    poses: Observations,
+    whitener: Array,
+    effects: Sequence[Effect],
+    *,
+    logged: bool,
+) -> JointSteps | None:
+    """Return the steps in zeros of joints of poses that are read once; None for none.
+
+    None is found where no time was recorded, where poses are in the order of a scan, or where a
+    joint or the load passes from one side to the other at the row of a step.
+    """
+    if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
+        return None
+    shown = spread_over_time(poses, MOTION.most_readings)
+    poses, whitener = poses.take(shown), whitener[shown]
+    chosen = _chosen(at, poses, whitener)
+    if not chosen:
+        return None
+    slides = at.model.chain.arm.prismatic
+    if any(any(partings(poses.states, time_s, slides)) for _, time_s in chosen):
+        return None
+    every, from_first = _columns(chosen, at, poses), np.array([0])
+    unchanged = StepRows(at, poses, whitener)
+    together = unchanged.best(every, from_first)
+    most_of_others = max(
+        _of_bases(at, poses, whitener, len(chosen)),
+        *(unchanged.best(change_columns(*kind, at, poses)).gain for kind in kinds_of_change(at)),
+    )
+    if together.gain < most_of_others + CHANGE.better_nats:
+        return None
+    # Orientations may be all noise, so positions show how much is left.
+    smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
+    seen = np.isin(np.arange(whitener.shape[2]), poses.measured.position_columns)
+    for beside in ((), smooth):
+        left = StepRows(at, poses, whitener * seen, *beside).best(every, from_first).remaining
+        if left > CHANGE.most_left_share:
+            return None
+    # The steps of a joint must gain beside the others, and beside an error that comes gradually.
+    number = np.array([joint for joint, _ in chosen])
+    for joint in set(number.tolist()):
+        own = CHANGE.size * linear.by_joints(at, poses, (joint,))
+        courses = (*gradual_courses(poses), *_settling(poses))
+        gradual = [CHANGE.static_sizes * own * course for course in courses]
+        others = together.scale * every[:, :, number != joint]
+        rows = StepRows(at, poses, whitener, *smooth, *gradual, others)
+        if rows.best(every[:, :, number == joint], from_first).gain < _needed(at, poses):
+            return None
+    found = []
+    for k, step in enumerate(chosen):
+        others = together.scale * np.delete(every, k, axis=2)
+        found.append(_described(*step, StepRows(at, poses, whitener, others), at, poses))
+    return JointSteps(
+        steps=tuple(found),
+        scale=together.scale,
+        amounts=unchanged.amounts(every, together.scale, 0),
+    )
+
+
+def _settling(poses: Observations) -> list[Array]:
+    """Return courses that settle after the first reading, as of an arm that warms up, (P, 1, 1)."""
+    time_s = poses.states.time_s
+    part = ((time_s - time_s[0]) / (time_s[-1] - time_s[0]))[:, None, None]
+    return [np.exp(-part / of_span) for of_span in CHANGE.settling]
+
+
+def _needed(at: FittedModel, poses: Observations) -> float:
+    """Return the gain in log evidence that a step needs [nat]."""
+    tried = len(poses) * at.model.chain.arm.n * len(CHANGE.scales)
+    return float(np.log(tried / CHANGE.false_rate))
+
+
+def _columns(steps: Sequence[tuple[int, float]], at: FittedModel, poses: Observations) -> Array:
+    """Return the derivative of predicted less measured components by steps, (P, b, k)."""
+    columns = linear.by_joints(at, poses, [joint for joint, _ in steps])
+    after = poses.states.time_s[:, None] > np.array([time_s for _, time_s in steps])
+    return CHANGE.size * columns * after[:, None, :]
+
+
+def _time_before(row: int, poses: Observations) -> float:
+    """Return the time between a row and the one before it."""
+    return float(0.5 * (poses.states.time_s[row - 1] + poses.states.time_s[row]))
+
+
+def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple[int, float]]:
+    """Return the joints and times of steps that gain enough one after the other, by time."""
+    joints = range(1, at.model.chain.arm.n + 1)
+    of_each = {joint: CHANGE.size * linear.by_joints(at, poses, (joint,)) for joint in joints}
+    found: list[tuple[int, float]] = []
+
+    def best(beside: list[tuple[int, float]], among: Sequence[int]) -> tuple[int, Step]:
+        others = [CHANGE.static_sizes * _columns(beside, at, poses)] if beside else []
+        rows = StepRows(at, poses, whitener, *others)
+        steps = {joint: rows.best(of_each[joint]) for joint in among}
+        joint = max(steps, key=lambda each: steps[each].gain)
+        return joint, steps[joint]
+
+    while len(found) < MOTION.most_jumps:
+        joint, step = best(found, joints)
+        if step.gain < _needed(at, poses):
+            break
+        found.append((joint, _time_before(step.row, poses)))
+        for k, (known, _) in enumerate(found[:-1]):  # those found before may be at other rows
+            _, again = best(found[:k] + found[k + 1 :], [known])
+            found[k] = known, _time_before(again.row, poses)
+    return sorted(found, key=lambda step: step[1])
+
+
+def _of_bases(at: FittedModel, poses: Observations, whitener: Array, count: int) -> float:
+    """Return the gain in log evidence of as many steps of the base, found one by one."""
+    columns = change_columns("base", 0, at, poses)
+    gained, beside = 0.0, list[Array]()
+    for _ in range(count):
+        step = StepRows(at, poses, whitener, *beside).best(columns)
+        if step.gain <= 0.0:
+            break
+        gained += step.gain
+        after = np.arange(len(poses)) >= step.row
+        beside.append(step.scale * columns * after[:, None, None])
+    return gained
+
+
+def _described(
+    joint: int, time_s: float, rows: StepRows, at: FittedModel, poses: Observations
+) -> JointStep:
+    """Return a step with what else explains it, by rows beside the other steps."""
+    columns = CHANGE.size * linear.by_joints(at, poses, (joint,))
+    row = np.searchsorted(poses.states.time_s, [time_s])
+    step = rows.best(columns, row)
+    near = rows.as_good(columns, step.scale, int(row[0]))
+    rivals: dict[str, None] = {}
+    for kind, target in kinds_of_change(at):
+        of_kind = change_columns(kind, target, at, poses)
+        as_well = rows.does_as_well(kind, rows.best(of_kind, row), step)
+        if as_well or (kind != "model" and _imitates(of_kind, columns)):
+            rivals[WORDS[kind]] = None
+    times_s = poses.states.time_s
+    before_s, after_s = float(times_s[near[0] - 1]), float(times_s[near[-1]])
+    return JointStep(joint, time_s, before_s, after_s, tuple(rivals))
+
+
+def _imitates(others: Array, column: Array) -> bool:
+    """Return whether columns (P, b, k) can be another one (P, b, 1): a turn about its own axis."""
+    by, wanted = others.reshape(-1, others.shape[2]), column.ravel()
+    left = wanted - by @ np.linalg.lstsq(by, wanted, rcond=None)[0]
+    return bool(np.linalg.norm(left) < CHANGE.same_squares * np.linalg.norm(wanted))
