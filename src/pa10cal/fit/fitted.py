@@ -57,6 +57,8 @@ class FittedTo(Part):
     temperature_std_C: float | None = Field(None, exclude_if=lambda std_C: std_C is None)
     # what is probably wrong in the input
     suspicions: tuple[InputFinding, ...] = Field((), exclude_if=lambda found: not found)
+    # why its suspected outliers show that the model lacks something
+    outliers_show: str = Field("", exclude_if=lambda text: not text)
 
     @classmethod
     def of(
@@ -77,6 +79,7 @@ class FittedTo(Part):
             grade=health.grade,
             health=health.line,
             suspicions=health.findings,
+            outliers_show=health.outliers_show,
             loads_N=tuple(map(float, np.unique(states.load_N))),
         )
 
