@@ -48,6 +48,9 @@ class Order:
     scan_share: float = 0.5
     # poses nearer to each other than this part of the spread of all of them are neighbours (chosen)
     neighbours: float = 0.03
+    # probability by chance below which rows lie together at one end of a campaign (level)
+    end_rate: float = 1e-4
+    end_share: float = 1.0 / 3.0  # part of a campaign up to which it is an end (chosen)
     stretches: int = 5  # stretches of a path that are held out (chosen)
     singly_share: float = 0.1  # part of what is held out that goes singly (chosen)
     # part of held-out poses that must have fitted neighbours for them to lie along a path, whatever

@@ -282,6 +282,8 @@ def test_poses_far_from_the_model_count_in_the_error_that_is_printed():
     assert RIGID not in found.line
     rigid = health(ended(), errors(suspected_outliers=2, all_rms_mm=0.031, acquitted=2))
     assert f"in 2 of them {RIGID}" in rigid.line
+    assert rigid.outliers_show == f"in 2 of them {RIGID}"
+    assert not found.outliers_show
 
 
 def test_a_nominal_arm_that_is_exact_is_said_so():

@@ -310,6 +310,13 @@ class TestNone:
             doubted = grade == "incomplete" and by_repeats
             assert judged.verdict == ("unexplained" if doubted else "none")
 
+    def test_suspected_outliers_that_show_what_is_missing(self, found):
+        shown = {"grade": "incomplete", "outliers_show": "17 of 18 are among the first 20 poses"}
+        about = replace(found.prepared.baseline, fitted_to=fitted_to("c", **shown))
+        judged = gated(replace(found, prepared=replace(found.prepared, baseline=about)))
+        assert judged.verdict == "unexplained"
+        assert shown["outliers_show"] in why(judged)
+
 
 def test_none_is_not_said_of_torques_that_do_not_fit(monkeypatch, null):
     own = null.discovery.scorer.torque_test

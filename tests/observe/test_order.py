@@ -14,6 +14,7 @@ from pa10cal.observe.arrivals import end_travel, move_shares, reversed_joints, w
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
+    at_one_end,
     goes_with,
     like_a_scan,
     measured_again,
@@ -284,3 +285,23 @@ def test_campaigns_of_a_group_have_clocks_of_their_own(random_order):
     both = replace(states, q_rad=np.concatenate([path, path[::-1]]))
     times_s = np.tile(np.arange(ROWS // 2, dtype=float), 2)
     assert like_a_scan(random_order.with_states(replace(both, time_s=times_s)))
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ([0, 1, 2, 4, 5, 70], "5 of 6 are among the first 6 of 120 poses, the first 0.83 min of"),
+        ([60, 116, 117, 118, 119], "4 of 5 are among the last 4 of 120 poses, the last 0.5 min of"),
+        ([3, 30, 61, 90, 110], ""),  # anywhere
+        ([50, 51, 52, 53, 54], ""),  # together, in the middle
+        ([0, 1], ""),  # two, which chance may put there
+    ],
+)
+def test_rows_that_lie_at_one_end_in_time_are_told(random_order, rows, told):
+    chosen = np.isin(np.arange(ROWS), rows)
+    states, backwards = random_order.states, np.arange(ROWS)[::-1]
+    said = at_one_end(states, chosen)
+    assert said.startswith(told)
+    assert bool(said) == bool(told)
+    assert at_one_end(states.take(backwards), chosen[backwards]) == said
+    assert not at_one_end(replace(states, timed=np.zeros(ROWS, dtype=bool)), chosen)

@@ -28,6 +28,8 @@ class GradeEvidence:
     spread_mm: float  # root mean square distance of the measured positions from their mean
     suspected_outliers: int = 0  # number of poses far outside the scatter of the others
     acquitted: int = 0  # of these, those whose targets keep their distances
+    # where in time these lie, in words; empty where chance spreads them
+    at_one_end: str = ""
     # the same as `train_rms_mm` with them; None where there are none
     all_rms_mm: float | None = None
     noise_is_found: bool = False  # whether `noise_mm` is estimated from repeats, and not stated

@@ -52,6 +52,7 @@ def health(evidence: GradeEvidence) -> records.Health:
         findings=findings,
         departures=evidence.departures,
         poses=evidence.poses,
+        outliers_show="; ".join(_shown_by_outliers(evidence)),
     )
 
 
@@ -318,8 +319,15 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         yield (
             f"{count} suspected outlier{many} less weight in the fit; see tables/suspected_outliers"
         )
-        if evidence.acquitted:
-            yield f"in {evidence.acquitted} of them {RIGID}"
+        yield from _shown_by_outliers(evidence)
+
+
+def _shown_by_outliers(evidence: GradeEvidence) -> Iterator[str]:
+    """Yield why suspected outliers are no wrong readings, but what the model lacks."""
+    if evidence.acquitted:
+        yield f"in {evidence.acquitted} of them {RIGID}"
+    if evidence.at_one_end:
+        yield evidence.at_one_end
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -422,6 +422,10 @@ def reasons_against_none(found: Verdict) -> Iterator[str]:
             f"the logged torques differ from those of the weights: F = {torque.F:.3g}, "
             "as with wrong loads, masses or directions"
         )
-    by_repeats = found.noise_floor_from is None
-    if found.baseline.grade in (AGAINST_NONE_BY_REPEATS if by_repeats else AGAINST_NONE):
-        yield f"the calibration is {found.baseline.grade}"
+    by_repeats, grade = found.noise_floor_from is None, found.baseline.grade
+    fitted = found.baseline.fitted_to
+    shown = "" if fitted is None else fitted.outliers_show
+    if grade == "incomplete" and shown:
+        yield f"the calibration is {grade}, with suspected outliers: {shown}"
+    elif grade in (AGAINST_NONE_BY_REPEATS if by_repeats else AGAINST_NONE):
+        yield f"the calibration is {grade}"

@@ -463,6 +463,21 @@ class Wobbles:
 
 
 @dataclass(frozen=True)
+class WarmingUp:
+    """Joints and links that warm up in the first poses."""
+
+    # shortest and longest time constant, in the campaign, and their number (size)
+    time_constants: tuple[float, float, int] = (2e-3, 0.2, 24)
+    sizes: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)  # sizes tried, in plausible ones (size)
+    base_m: float = 1e-4  # plausible motion of base, tool and targets [m, rad] (size)
+    # part of the campaign in which a step is a rival (chosen)
+    first_share: float = 1.0 / 3.0
+    false_rate: float = 1e-3  # probability allowed of seeing it where there is none (level)
+    # nats by which it must stand out of a base, tool or target that settles or moves (level)
+    better_nats: float = 4.6
+
+
+@dataclass(frozen=True)
 class Ripple:
     """The motor's ripple in residuals of joints, which distinguishes sensors and gears."""
 
@@ -556,6 +571,7 @@ ROWS = Rows()
 RIPPLE = Ripple()
 LINES = Lines()
 WOBBLES = Wobbles()
+WARMING = WarmingUp()
 FORMS = Forms()
 
 #: All of them, by what they decide.
@@ -577,6 +593,7 @@ SECTIONS: dict[str, DataclassInstance] = {
     "rows": ROWS,
     "lines": LINES,
     "wobbles": WOBBLES,
+    "warming": WARMING,
     "ripple": RIPPLE,
     "field": FIELD,
     "forms": FORMS,

@@ -60,6 +60,8 @@ class FittedTo(Part):
     u_q_rad: tuple[float, ...] | None = Field(None, exclude_if=lambda u: u is None)
     # what is probably wrong in the input
     suspicions: tuple[InputFinding, ...] = Field((), exclude_if=lambda found: not found)
+    # why its suspected outliers show that the model lacks something
+    outliers_show: str = Field("", exclude_if=lambda text: not text)
 
     @classmethod
     def of(
@@ -84,6 +86,7 @@ class FittedTo(Part):
             grade=health.grade,
             health=health.line,
             suspicions=health.findings,
+            outliers_show=health.outliers_show,
             loads_N=tuple(map(float, np.unique(states.load_N))),
         )
 

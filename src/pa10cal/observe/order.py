@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import gammaln
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
@@ -207,6 +208,70 @@ def spread_over_time(poses: Observations, most: int) -> Index:
     order = np.argsort(poses.states.time_s, kind="stable")
     chosen = np.linspace(0, len(order) - 1, min(len(order), most))
     return np.asarray(order[chosen.round().astype(int)])
+
+
+# Rows that lie together at the beginning or at the end of a campaign.
+
+#: Seconds of a minute (computing).
+_MINUTE_S = 60.0
+
+
+def at_one_end(states: PoseStates, chosen: Mask) -> str:
+    """Return in words that rows lie together in the first or last part of a campaign, and why.
+
+    By the probability that as many of so many rows, drawn at random, lie in a part as short
+    (hypergeometric distribution), times the number of parts tried. Empty where chance may put them
+    there, and where the rows tell no time or are of several campaigns.
+
+    Args:
+        states: of P poses.
+        chosen: (P,) the rows, such as suspected outliers.
+    """
+    count, many = int(chosen.sum()), len(chosen)
+    if count < 2 or not states.tells_time or states.campaign is not None:
+        return ""
+    time_s = np.sort(states.time_s)
+    rank = np.flatnonzero(chosen[np.argsort(states.time_s, kind="stable")])
+    ends = {"first": rank + 1, "last": many - rank[::-1]}  # number of poses up to each, by end
+    inside = np.arange(1, count + 1)
+    chance = {end: _by_chance(inside, upto, count, many) for end, upto in ends.items()}
+    end = min(chance, key=lambda each: float(chance[each].min()))
+    best = int(np.argmin(chance[end]))
+    upto = int(ends[end][best])
+    if 2 * count * chance[end][best] > ORDER.end_rate or upto > ORDER.end_share * many:
+        return ""
+    part_s = float(time_s[upto - 1] - time_s[0] if end == "first" else time_s[-1] - time_s[-upto])
+    why = (
+        "something had not yet settled, such as joints that warm up; warm the arm up before "
+        "measuring, or leave these poses out"
+        if end == "first"
+        else "something changed there; measure these poses again, or leave them out"
+    )
+    return (
+        f"{best + 1} of {count} are among the {end} {upto} of {many} poses, the {end} "
+        f"{part_s / _MINUTE_S:.2g} min of {np.ptp(time_s) / 3600.0:.2g} h: {why}"
+    )
+
+
+def _by_chance(inside: Index, upto: Index, count: int, many: int) -> Array:
+    """Return the probability that as many or more of `count` rows are among the first ones, (R,).
+
+    Args:
+        inside: (R,) numbers of rows.
+        upto: (R,) numbers of poses among which they are, of `many` in all.
+    """
+    drawn = np.arange(count + 1)
+    ways = _log_ways(upto[:, None], drawn) + _log_ways(many - upto[:, None], count - drawn)
+    share = np.exp(ways - _log_ways(np.array(many), np.array(count)))
+    return np.asarray(np.sum(np.where(drawn >= inside[:, None], share, 0.0), axis=1))
+
+
+def _log_ways(of: Index, taken: Index) -> Array:
+    """Return the logarithm of the number of ways to take so many of so many; -inf for none."""
+    possible = (taken >= 0) & (taken <= of)
+    k = np.where(possible, taken, 0)
+    ways = gammaln(of + 1.0) - gammaln(k + 1.0) - gammaln(of - k + 1.0)
+    return np.where(possible, ways, -np.inf)
 
 
 # Poses along a path, where each is known by its neighbours, and what may be held out of one.

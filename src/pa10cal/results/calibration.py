@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import JsonValue
+from pydantic import Field, JsonValue
 
 from pa10cal.results import evaluation, record
 
@@ -129,6 +129,8 @@ class Health(record.Part):
     # departures from nominal that no arm is built with and held-out poses confirm
     departures: tuple[InputFinding, ...] = ()
     poses: PosesNeeded  # how many poses there are and how many are needed
+    # why suspected outliers are no wrong readings, but show what the model lacks
+    outliers_show: str = Field("", exclude_if=lambda text: not text)
 
     @property
     def ending(self) -> str:

@@ -36,6 +36,7 @@ from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.fit.tails import keep_their_distances
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.order import at_one_end
 from pa10cal.observe.quantities import Start
 from pa10cal.results import calibration as records
 from pa10cal.terms.model import Model
@@ -159,6 +160,7 @@ def general_case(
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(outliers),
         acquitted=sum(RIGID in outlier.why for outlier in outliers),
+        at_one_end=at_one_end(used.states, flagged[rows]),
         all_rms_mm=all_rms_mm,
         repeats=uncertainty.scatter_of_repeats(readings, calibrated),
         from_touches=readings.measured.from_touches,

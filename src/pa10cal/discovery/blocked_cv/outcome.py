@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
+import numpy as np
+
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.bands import InBands, in_bands
 from pa10cal.discovery.blocked_cv.block_rows import (
@@ -45,7 +47,9 @@ from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.pose_scatter import weights_with_joints
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.rules import LINES, MAPS
+from pa10cal.discovery.warm_up import warm_ups_shown
 from pa10cal.discovery.wobbles import wobbles
+from pa10cal.fit.tails import keep_their_distances
 from pa10cal.results.discovery import Tried
 from pa10cal.terms.effects.effect import Effect, is_effect
 from pa10cal.terms.effects.joint import GearLine
@@ -195,7 +199,7 @@ class SearchWithMotion(NamedTuple):
 
 def search_with_motion(survey: Survey) -> SearchWithMotion:
     """Search a survey, again with what moved or changed in time, then for a slow drift."""
-    found = _with_lines_and_wobbles(survey)
+    found = _with_warm_ups(_with_lines_and_wobbles(survey))
     survey, fitted = found.rows.survey, found.extended  # the survey begins with what was added
     poses, logged = survey.poses, survey.torques_logged
     left = survey.net_residual(fitted.at)
@@ -211,7 +215,11 @@ def search_with_motion(survey: Survey) -> SearchWithMotion:
     else:
         # An effect of time that was found is one explanation among those of a base that moved.
         terms = fitted.at.model.terms
-        of_time = [each for each in terms if is_effect(each) and each.goes_with_time]
+        of_time = [
+            each
+            for each in terms
+            if is_effect(each) and each.goes_with_time and each not in survey.begins_with
+        ]
         known = replace(fitted.at, covariance=None)
         still = known.only(*(each for each in terms if each not in of_time))
         in_time = in_time_of(still, poses, whiteners, effects, logged=logged, weights=True)
@@ -236,6 +244,25 @@ def _with_lines_and_wobbles(survey: Survey) -> SearchOutcome:
         )
         found = search_survey(survey)
     return found
+
+
+def _with_warm_ups(found: SearchOutcome) -> SearchOutcome:
+    """Search again with joints and links that warm up, where the residuals show any.
+
+    In interleaved blocks: a block of the first poses would be predicted from all that came later.
+    """
+    survey, fitted = found.rows.survey, found.extended
+    left = survey.net_residual(fitted.at)
+    weights = weights_with_joints(fitted.weights, fitted.at, survey.poses, left)
+    # Of readings that are right nothing is taken away.
+    right = keep_their_distances(survey.poses.measured.places_m)
+    weights = replace(weights, weight=np.where(right, 1.0, weights.weight))
+    rows = WhitenedPoses(fitted.at, survey.poses, left, weights.whiteners())
+    shown = warm_ups_shown(rows, survey.context, logged=survey.torques_logged)
+    if not shown:
+        return found
+    ahead = search_survey(survey.settling(shown))
+    return ahead if {*shown} & {*ahead.extended.effects} else found
 
 
 def _lines_and_wobbles(survey: Survey, fitted: Refit) -> tuple[Effect, ...]:

@@ -54,7 +54,8 @@ class Search:
             noise_squares: sum of squares that noise alone leaves.
             error_rate: probability allowed of naming anything where nothing is missing.
             begins_with: effects that were found together as a set. Of these an effect that yields
-                or bends stays as long as it helps at all, since no other can replace it.
+                or bends stays as long as it helps at all, since no other can replace it, and one of
+                time as long as it helps by `least_gain`, since evidence has decided already.
         """
         self.family = tuple(family)
         self.begins_with = tuple((effect.id, effect.of) for effect in begins_with)
@@ -87,8 +88,12 @@ class Search:
 
     def _is_needed(self, member: Candidate, without: Array, squares: Array) -> bool:
         """Return whether held-out blocks are predicted enough worse without a member."""
-        effect = member.effect
-        of_set = member.name in self.begins_with and (effect.bends or effect.yields)
+        effect, known = member.effect, member.name in self.begins_with
+        if known and effect.goes_with_time:
+            # A few poses show it, so that its gain scatters from block to block.
+            gain = without - squares
+            return float(gain.sum()) > max(self.least_gain, standard_error(gain))
+        of_set = known and (effect.bends or effect.yields)
         return self.helps(without, squares, 0.0 if of_set else BLOCKS.least_share)
 
     def is_surely_found(self, gain: float) -> bool:

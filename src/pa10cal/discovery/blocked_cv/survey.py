@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -113,6 +114,11 @@ class Survey:
     def changing(self, change: Change | JointSteps) -> Survey:
         """Return the survey with a change at a row or at several, in interleaved blocks."""
         return replace(self, change=change, block=interleaved_blocks(len(self.poses)))
+
+    def settling(self, effects: Sequence[Effect]) -> Survey:
+        """Return the survey with effects of the first poses, in interleaved blocks."""
+        begins_with = (*self.begins_with, *effects)
+        return replace(self, begins_with=begins_with, block=interleaved_blocks(len(self.poses)))
 
     def net_residual(self, at: FittedModel, poses: Observations | None = None) -> Array:
         """Return predicted minus measured components (P, b) with the nuisances subtracted.

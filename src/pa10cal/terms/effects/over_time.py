@@ -107,10 +107,10 @@ class ThermalGrowth(Effect):
     @classmethod
     def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...]:
         """Return the lengths of the pedestal (the motions before joint 2) and the long links."""
-        links = _motions_by_link(context.arm)
+        links = motions_by_link(context.arm)
         grown = [links[0], *(links[row - 1] for row in long_links(context.arm))]
         columns = [column for link in grown for column in link]
-        return *_lengths(context.arm, columns), context.reference_temperature_C
+        return *lengths_of(context.arm, columns), context.reference_temperature_C
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -134,21 +134,21 @@ class LinkGrowth(ThermalGrowth):
     @classmethod
     def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
         """Return the growth of each long link."""
-        links, reference_C = _motions_by_link(context.arm), context.reference_temperature_C
+        links, reference_C = motions_by_link(context.arm), context.reference_temperature_C
         return tuple(
-            cls(place, *_lengths(context.arm, links[row - 1]), reference_C)
+            cls(place, *lengths_of(context.arm, links[row - 1]), reference_C)
             for place, row in zip(LONG_LINKS, long_links(context.arm), strict=False)
         )
 
 
-def _motions_by_link(arm: Arm) -> list[range]:
+def motions_by_link(arm: Arm) -> list[range]:
     """Return the columns of the motions of each link; before joint 2, of the pedestal too."""
     ends = [*Chain.of(arm).joint_columns.tolist(), len(Chain.of(arm).motions)]
     ends[0] = 0
     return [range(first, last) for first, last in pairwise(ends)]
 
 
-def _lengths(arm: Arm, columns: Iterable[int]) -> tuple[tuple[str, ...], tuple[float, ...]]:
+def lengths_of(arm: Arm, columns: Iterable[int]) -> tuple[tuple[str, ...], tuple[float, ...]]:
     """Return the coordinates of those motions that are lengths other than zero, and these [m]."""
     chain = Chain.of(arm)
     lengths = {

@@ -1,0 +1,156 @@
+"""Effects of an arm that warms up: a first-order lag in time, from the first reading on.
+
+Drives and links warm up as they are used and approach a steady temperature by 1 - exp(-t / tau)
+(ISO 230-3, thermal distortion; ISO 9283 has robots warmed up before they are measured). What is
+fitted is how much of it has not yet come, -A exp(-t / tau): by a constant, which zeros and lengths
+take up, it is the same, and it vanishes in the warm arm, which is what poses without time have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from pa10cal.arm.chain import long_links
+from pa10cal.arm.statics import PoseStates
+from pa10cal.arrays import Array
+from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, time_in
+from pa10cal.terms.effects.over_time import lengths_of, motions_by_link
+from pa10cal.terms.effects.structure import LONG_LINKS
+from pa10cal.terms.term import TermParameter
+
+#: Parts of a campaign that a time constant may be: with a longer one it is a drift (chosen).
+_SHORTEST, _USUAL, _LONGEST = 1e-3, 0.1, 0.2
+
+
+@dataclass(frozen=True)
+class WarmsUp(Effect):
+    """Something that a part of the arm lacks until it is warm: -A exp(-(t - start) / tau).
+
+    It is not sought among all others, but where the first poses show it (`discovery/warm_up`).
+    """
+
+    start_s: float  # time of the first reading
+    span_s: float  # from there to the last one
+    tau_s: float  # time constant about which tau is fitted
+    goes_with_time = True
+    sought = False
+    linear = 1  # proportional to A; tau shapes it
+
+    @classmethod
+    def times(cls, context: CandidateContext) -> tuple[float, float, float] | None:
+        """Return start, span and time constant; None where the campaign has no length."""
+        first_s, last_s = context.time_span_s
+        span_s = last_s - first_s
+        return (first_s, span_s, _USUAL * span_s) if span_s > 0.0 else None
+
+    @property
+    def tau(self) -> TermParameter:
+        """Return the time constant as a parameter."""
+        low, high = _SHORTEST * self.span_s, _LONGEST * self.span_s
+        return TermParameter("tau", "s", _USUAL * self.span_s, lower=low, upper=high)
+
+    @property
+    def stays_with_arm(self) -> bool:
+        return False
+
+    @property
+    def known_elsewhere(self) -> bool:
+        return False
+
+    @property
+    def starts(self) -> tuple[Array, ...]:
+        return (np.array([0.0, self.tau_s]),)
+
+    @property
+    def directions(self) -> Array:
+        """Return the shares of its coordinates in what has not yet come, (m,)."""
+        return np.ones(1)
+
+    def shift(self, states: PoseStates, x: Array) -> Array:
+        _, left = self._lacking(states, x[1])
+        return np.asarray(-x[0] * np.outer(left, self.directions))
+
+    def derivative(self, states: PoseStates, x: Array) -> Array:
+        since_s, left = self._lacking(states, x[1])
+        by_tau = x[0] * left * since_s / x[1] ** 2
+        of_each = -np.stack([left, by_tau], axis=-1)
+        return np.asarray(of_each[:, None, :] * self.directions[:, None])
+
+    def _lacking(self, states: PoseStates, tau_s: float) -> tuple[Array, Array]:
+        """Return the time since the start [s], and the part that has not yet come, (P,)."""
+        since_s = np.maximum(time_in(states, self) - self.start_s, 0.0)
+        left = np.where(np.isnan(since_s), 0.0, np.exp(-since_s / tau_s))  # nan: warm
+        return np.nan_to_num(since_s), left
+
+
+@dataclass(frozen=True)
+class WarmUp(WarmsUp, AtJoint):
+    """The zero of a joint moves while the arm warms up: -A exp(-(t - start) / tau) [rad]."""
+
+    id = "warm_up"
+    nouns = ("warm-up", "warm-up")
+    clauses = (
+        "the zero of {at} moved while the arm warmed up",
+        "the zeros of {at} moved while the arm warmed up",
+    )
+    words = "theta_{0.joint} -= A exp(-(time_s - {0.start_s:g}) / tau)"
+
+    @classmethod
+    def fields_at(cls, context: CandidateContext, joint: int) -> tuple[Any, ...] | None:
+        return cls.times(context)
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        return TermParameter("A", "rad", 1e-5, plausible=3e-4), self.tau
+
+
+@dataclass(frozen=True)
+class LinkWarmUp(WarmsUp):
+    """A long link grows while the arm warms up; -A exp(-(t - start) / tau) [m] is missing yet."""
+
+    lengths: tuple[str, ...]  # chain coordinates of its lengths
+    lengths_m: tuple[float, ...]  # their nominal values, in whose proportion they grow
+    id = "link_warm_up"
+    clauses = ("{at} grew while the arm warmed up",)
+    positive = True
+
+    @classmethod
+    def everywhere(cls, context: CandidateContext) -> tuple[Self, ...]:
+        """Return the growth of each long link."""
+        times = cls.times(context)
+        if times is None:
+            return ()
+        links = motions_by_link(context.arm)
+        return tuple(
+            cls(place, *times, *lengths_of(context.arm, links[row - 1]))
+            for place, row in zip(LONG_LINKS, long_links(context.arm), strict=False)
+        )
+
+    @property
+    def formula(self) -> str:
+        of_each = zip(self.lengths, self.directions.tolist(), strict=True)
+        moved = ", ".join(f"{name} -= {share:.3g} A left" for name, share in of_each)
+        return f"{moved}, left = exp(-(time_s - {self.start_s:g}) / tau)"
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        return TermParameter("A", "m", 1e-6, plausible=1e-4), self.tau
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return self.lengths
+
+    @property
+    def directions(self) -> Array:
+        lengths_m = np.array(self.lengths_m)
+        return np.asarray(lengths_m / np.linalg.norm(lengths_m))
+
+
+def warm_ups(context: CandidateContext) -> tuple[WarmsUp, ...]:
+    """Return a warm-up of every joint that turns and of every long link."""
+    kinds: Iterable[type[WarmsUp]] = (WarmUp, LinkWarmUp)
+    return tuple(effect for kind in kinds for effect in kind.everywhere(context))
