@@ -7,7 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import ObservedTargets
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid
+from pa10cal.observe.points import Points
 from pa10cal.terms.model import Model
 
 
@@ -114,7 +116,7 @@ def motion_in_ee(T_from, T_to):
     return np.concatenate([shift, turn.reshape(shift.shape)], axis=-1)
 
 
-@pytest.mark.parametrize(
+of_matrices = pytest.mark.parametrize(
     ("name", "x", "matrix"),
     [
         ("cmm_scale", [1e-4, -2e-4, 3e-4], np.diag([1e-4, -2e-4, 3e-4])),
@@ -122,6 +124,9 @@ def motion_in_ee(T_from, T_to):
         ("cmm_squareness", [2e-4], 2e-4 * np.outer([1, 0, 0], [0, 1, 0])),
     ],
 )
+
+
+@of_matrices
 def test_predicts_the_pose_that_a_false_instrument_reads(name, x, matrix, at, arm, states):
     """The instrument stands at the base here, and reads p + matrix p."""
     T_true = Chain.of(arm).forward(states.q_rad)
@@ -136,3 +141,21 @@ def test_predicts_the_pose_that_a_false_instrument_reads(name, x, matrix, at, ar
     moved = motion_in_ee(T_true, read)
     assert np.abs(moved).max() > 1e-5
     np.testing.assert_allclose(motion_in_ee(T_true, predicted), moved, atol=2e-7)
+
+
+@of_matrices
+def test_the_pattern_of_the_targets_is_read_as_falsely(name, x, matrix, at, arm, states):
+    """The model with the true targets predicts the false readings of every target."""
+    T_true = Chain.of(arm).forward(states.q_rad)
+    p_m = np.einsum("pij,bj->pbi", T_true[:, :3, :3], BALLS_M) + T_true[:, None, :3, 3]
+    cov_m2 = np.broadcast_to(np.eye(3), (*p_m.shape, 3))
+    true = Points(("T1", "T2", "T3"), p_m, cov_m2, BALLS_M)
+    seen = true.readout(T_true, BALLS_M.ravel())
+    read = replace(true, p_instr_m=p_m + p_m @ matrix.T)
+    model, there = Model(Chain.of(arm), (at(name, "instrument"),)), replace(states, seen=seen)
+    fitted = FittedModel(model, np.array(x), np.eye(4), targets_m=BALLS_M.ravel())
+    T_read = model.predict(there, fitted.x)
+    rigid = read.compare(T_read, fitted.targets_m).residual
+    whole = read.compare(T_read, fitted.targets_read_m(there)).residual
+    assert np.abs(rigid).max() > 5e-6  # the pattern is 0.15 m wide
+    np.testing.assert_allclose(whole, 0.0, atol=2e-7)
