@@ -129,9 +129,8 @@ def gantry_off_by(leads_ppm, folder, moved_m=None, scale=1.0):
     p_m = gantry_seen_m(q, 1e-6 * np.array(leads_ppm))
     if moved_m is not None:
         p_m = p_m + moved_m(q, p_m)
-    p_mm = Rotation.from_euler("z", 0.4).apply(1e3 * p_m.reshape(-1, 3)) + np.array(
-        [2e3, -500.0, 300.0]
-    )
+    turned_mm = Rotation.from_euler("z", 0.4).apply(1e3 * p_m.reshape(-1, 3))
+    p_mm = turned_mm + np.array([2e3, -500.0, 300.0])
     p_mm = scale * p_mm.reshape(-1, 9) + rng.normal(0.0, 0.02, (150, 9))
     columns = {"time_s": 30.0 * np.arange(150), "kind": "grid", "load_N": 0, "repeat": 1}
     columns["pose"] = [f"P{k:03d}" for k in range(150)]

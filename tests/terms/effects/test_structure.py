@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import ObservedTargets
+from pa10cal.discovery.linear import by_terms, residual_and_jacobian
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid
 from pa10cal.observe.points import Points
@@ -159,3 +161,11 @@ def test_the_pattern_of_the_targets_is_read_as_falsely(name, x, matrix, at, arm,
     whole = read.compare(T_read, fitted.targets_read_m(there)).residual
     assert np.abs(rigid).max() > 5e-6  # the pattern is 0.15 m wide
     np.testing.assert_allclose(whole, 0.0, atol=2e-7)
+    # Derivatives, of the model's own terms and of one that joins, are the false readings.
+    poses, (effect,) = SimpleNamespace(measured=read, states=there), model.terms
+    _, own = residual_and_jacobian(replace(fitted, x=0.0 * fitted.x), poses)
+    bare = replace(fitted, model=Model(Chain.of(arm), ()), x=np.zeros(0))
+    (joining,) = by_terms(bare, poses, [effect], [0.0 * fitted.x])
+    wanted = effect.field(p_m).reshape(len(p_m), 9, -1)
+    np.testing.assert_allclose(own[:, :, : len(x)], wanted, atol=1e-9)
+    np.testing.assert_allclose(joining, wanted, atol=1e-9)
