@@ -281,10 +281,9 @@ def test_every_effect_that_an_arm_can_have_is_listed_once(robot, capsys):
     named = [kind.id for kind in every_effect() if not kind.generic]
     assert listed == sorted(listed)
     assert set(listed) <= set(named)
-    of_slides = {"slide_bending", "slide_error"}
-    of_two = {"slide_scale"}
-    six_turn = [each for each in named if each not in of_slides | of_two]
-    assert robot != "pa10_6ce" or listed == six_turn
+    of_slides = {"slide_bending", "slide_error", "slide_positioning"}
+    of_several = {*of_slides, "slide_scale"}
+    assert robot != "pa10_6ce" or listed == [each for each in named if each not in of_several]
     assert (of_slides <= set(listed)) == load_arm(robot).prismatic[0]
 
 

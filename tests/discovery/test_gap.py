@@ -39,7 +39,9 @@ def compared(measured, before, after, T_moved=None) -> PairedErrors:
     """Return the gap of two models that say where the end is."""
 
     def model(T):
-        return SimpleNamespace(as_read=lambda _: T, T_instr_base=np.eye(4), targets_m=np.zeros(0))
+        return SimpleNamespace(
+            as_read=lambda _: T, T_instr_base=np.eye(4), targets_read_m=lambda _: np.zeros(0)
+        )
 
     return gap(measured, model(before), model(after), FLOOR_MM, T_moved=T_moved)
 

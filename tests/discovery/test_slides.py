@@ -118,14 +118,20 @@ def gantry_seen_m(q, leads):
     return p_m[:, None] + np.einsum("pij,tj->pti", R.as_matrix(), _TARGETS_M)
 
 
-def gantry_off_by(leads_ppm, folder):
-    """A campaign of 150 poses of a gantry with these errors of its leads."""
+def gantry_off_by(leads_ppm, folder, moved_m=None, scale=1.0):
+    """A campaign of 150 poses of a gantry with these errors of its leads.
+
+    Places p_m (P, 3, 3) move by `moved_m(q, p_m)`; the instrument reads `scale` times all lengths.
+    """
     rng = np.random.default_rng(11)
     low, high = np.array([[0.1, 0.1, 0.05, -3, -1.8, -3], [3.9, 1.9, 0.95, 3, 1.8, 3]])
     q = rng.uniform(low, high, (150, 6))
-    p_mm = 1e3 * gantry_seen_m(q, 1e-6 * np.array(leads_ppm))
-    p_mm = Rotation.from_euler("z", 0.4).apply(p_mm.reshape(-1, 3)) + np.array([2e3, -500.0, 300.0])
-    p_mm = p_mm.reshape(-1, 9) + rng.normal(0.0, 0.02, (150, 9))
+    p_m = gantry_seen_m(q, 1e-6 * np.array(leads_ppm))
+    if moved_m is not None:
+        p_m = p_m + moved_m(q, p_m)
+    turned_mm = Rotation.from_euler("z", 0.4).apply(1e3 * p_m.reshape(-1, 3))
+    p_mm = turned_mm + np.array([2e3, -500.0, 300.0])
+    p_mm = scale * p_mm.reshape(-1, 9) + rng.normal(0.0, 0.02, (150, 9))
     columns = {"time_s": 30.0 * np.arange(150), "kind": "grid", "load_N": 0, "repeat": 1}
     columns["pose"] = [f"P{k:03d}" for k in range(150)]
     columns |= {f"q{k + 1}_mm": 1e3 * q[:, k] for k in range(3)}
@@ -155,3 +161,54 @@ def test_leads_of_single_axes_are_told_axis_by_axis(tmp_path):
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
     eps = {name.of: name.parameters["eps"].value for name in found.effects}
     assert eps == pytest.approx({"joint 1": 80e-6, "joint 2": -40e-6, "joint 3": 120e-6}, abs=6e-6)
+
+
+@pytest.mark.slow
+def test_an_uneven_lead_is_no_rail_that_is_not_straight(tmp_path):
+    def stretched_m(q, p_m):  # by 0.4 mm along the first axis, more towards its end
+        return 4e-4 * (q[:, :1, None] / 4.0) ** 2 * [0.0, 0.0, 1.0]
+
+    campaign = gantry_off_by([0, 0, 0], tmp_path, stretched_m)
+    found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+    names = {(name.id, name.of): name for name in found.effects}
+    assert set(names) == {("gear_ratio_error", "joint 1"), ("slide_positioning", "joint 1")}
+    lead, rest = names["gear_ratio_error", "joint 1"], names["slide_positioning", "joint 1"]
+    assert lead.parameters["eps"].value == pytest.approx(1e-4, abs=1e-5)
+    # Over half a stroke h about its middle, u^2 h^2 has 2/3 h^2 of Legendre's second polynomial.
+    shift_m = 4e-4 * (1.9 / 4.0) ** 2 * (2.0 / 3.0) / np.sqrt(5.0)
+    assert rest.parameters["shift"].value == pytest.approx(shift_m, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_lead_is_told_beside_a_rail_that_sags(tmp_path):
+    """Either alone leaves more than a smooth map over the instrument's frame does."""
+
+    def sags_m(q, p_m):  # by 0.2 mm between supports 4 m apart; the carriage follows the slope
+        along = [0.0, 0.0, 1.0]
+        out = q[:, :1, None] / 4.0
+        turn = 2e-4 * (1.0 - 2.0 * out) * [1.0, 0.0, 0.0]
+        shift = -8e-4 * out * (1.0 - out) * [0.0, 1.0, 0.0]
+        return shift + np.cross(turn, p_m - q[:, :1, None] * along)
+
+    campaign = gantry_off_by([100, 0, 0], tmp_path, sags_m)
+    found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+    names = {(name.id, name.of) for name in found.effects}
+    assert names == {("gear_ratio_error", "joint 1"), ("slide_error", "joint 1")}
+
+
+def test_with_its_scale_in_the_model_targets_are_as_far_apart_as_they_are(tmp_path):
+    """Readings 0.2 % too long; the model's targets are not."""
+    campaign = gantry_off_by([0, 0, 0], tmp_path, scale=1.002)
+    given = CalibrationOptions(effects=(EffectOfPlace(id="scale", of="instrument"),))
+    pairs = np.array([[0, 1], [1, 2], [2, 0]]).T
+
+    def apart_m(targets_m):
+        one, other = targets_m.reshape(3, 3)[pairs]
+        return np.linalg.norm(one - other, axis=1)
+
+    without, model = pa10cal.calibrate(campaign), pa10cal.calibrate(campaign, given)
+    true_m = apart_m(_TARGETS_M)
+    assert np.abs(apart_m(without.targets_m) / true_m - 1.002).max() < 1e-4
+    assert np.abs(apart_m(model.targets_m) / true_m - 1.0).max() < 1e-4
+    (scale,) = model.model.terms_of("effect")
+    assert model.values_of(scale)[0] == pytest.approx(0.002, abs=1e-5)

@@ -98,6 +98,9 @@ class ObservedTargets:
     # (P, 6, 3 B) derivative of the pose (position, small rotation, along the end-effector's axes)
     # by the errors of the targets' readings
     pose_by_targets: Array
+    # (P, t, 3 B) derivative of the targets' coordinates in the end-effector frame by those errors,
+    # beyond that of the pose; None where a fit estimates no targets
+    places_by_targets: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -261,7 +261,9 @@ def errors_by_name(
 def errors_of(model: FittedModel, poses: Observations, T_moved: Array | None = None) -> Deviations:
     """Return the deviations of complete poses from a model, by default with a base that stands."""
     T_base_ee = model.as_read(poses) if T_moved is None else T_moved @ model.as_read(poses)
-    return poses.measured.deviations(T_base_ee, model.T_instr_base, model.targets_m)
+    return poses.measured.deviations(
+        T_base_ee, model.T_instr_base, model.targets_read_m(poses.states)
+    )
 
 
 # Shares of the error beyond noise.

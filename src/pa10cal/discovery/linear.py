@@ -45,12 +45,19 @@ def residual_then_jacobian(
 ) -> tuple[Array, Callable[[], Array]]:
     """Return `residual`, and a function that computes its derivative."""
     predicted = at.model.predict_with_jacobian(poses.states, at.x)
-    found = poses.measured.compare(at.T_instr_base @ predicted.T_base_ee, at.targets_m)
+    found = poses.measured.compare(
+        at.T_instr_base @ predicted.T_base_ee, at.targets_read_m(poses.states)
+    )
 
     def jacobian() -> Array:
         by_model = _along_base(found.by_end, at) @ predicted.jacobian
         if not len(at.targets_m):
             return by_model
+        for term in at.model.terms:
+            columns = at.model.columns_of(term)
+            distorted = by_distortion(found.by_targets, poses, term, at.x[columns])
+            if distorted is not None:
+                by_model[:, :, columns] += distorted
         return np.concatenate([by_model, found.by_targets], axis=2)
 
     return found.residual, jacobian
@@ -72,7 +79,20 @@ def by_terms(
     by_base = _along_base(found.by_end, at)
     if whiteners is not None:
         by_base = whiteners @ by_base
-    return [by_base @ columns for columns in in_base]
+    by_parameters = [by_base @ columns for columns in in_base]
+    for columns, term, point in zip(by_parameters, terms, points, strict=True):
+        if (distorted := by_distortion(found.by_targets, poses, term, point)) is not None:
+            columns += distorted if whiteners is None else whiteners @ distorted
+    return by_parameters
+
+
+def by_distortion(by_targets: Array, poses: Observations, term: Term, point: Array) -> Array | None:
+    """Return the derivative (P, b, k) of components by how a term distorts the targets' pattern.
+
+    None where it does not. `by_targets` (P, b, t) is the derivative by the targets' coordinates.
+    """
+    distorted = term.targets_derivative(poses.states, point) if by_targets.shape[2] else None
+    return None if distorted is None else by_targets @ distorted
 
 
 def by_own_terms(

@@ -413,7 +413,9 @@ class Fitted:
         """Compare predictions with observations whose states hold what the terms need."""
         measured = observations.measured.turned(self.R_ee_target)
         T_base_ee = self.as_read(observations)
-        deviations = measured.deviations(T_base_ee, self.T_instr_base, self.targets_m)
+        deviations = measured.deviations(
+            T_base_ee, self.T_instr_base, self.targets_read_m(observations.states)
+        )
         if self.falls_back is None:
             return deviations
         outside = ~self.falls_back.within.inside(observations.states.q_rad)
@@ -422,7 +424,16 @@ class Fitted:
     def compared(self, observations: Observations) -> Comparison:
         """Compare predictions with `as_modelled` poses, component by component."""
         T_instr_ee = self.T_instr_base @ self.model.predict(observations.states, self.x)
-        return observations.measured.compare(T_instr_ee, self.targets_m)
+        return observations.measured.compare(T_instr_ee, self.targets_read_m(observations.states))
+
+    def targets_read_m(self, states: PoseStates) -> Array:
+        """Return the targets' coordinates in the end-effector frame, (t,), as the model has them.
+
+        (P, t) where the instrument reads their pattern distorted.
+        """
+        if not len(self.targets_m):
+            return self.targets_m
+        return self.targets_m + self.model.distortion_m(states, self.x)
 
     def as_read(self, observations: Observations) -> Array:
         """Return the end of the chain as the instrument is expected to read it, (P, 4, 4) [m]."""

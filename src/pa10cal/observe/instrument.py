@@ -39,7 +39,8 @@ class Instrument(ABC):
 
     Arguments of the methods: `T_instr_ee` and `T_base_ee` are the end of the chain (P, 4, 4) in the
     frame of the instrument or of the base [m]; `targets_m` are the coordinates (t,) of the targets
-    in the end-effector frame, in the order of `target_parameters`.
+    in the end-effector frame, in the order of `target_parameters`; `compare` and `deviations` take
+    (P, t) as well, where they differ from pose to pose.
     """
 
     kind: ClassVar[str]  # the word of `instrument.kind` in campaign.yaml
@@ -178,11 +179,16 @@ class Instrument(ABC):
         The pose by erroneous readings is the one whose targets fit them by least squares.
         """
         p_instr_m, levers_m = quantities.carried_targets(T_instr_ee, targets_m)
-        by_end, _ = quantities.by_end_and_targets(T_instr_ee, levers_m)
-        by_reading = np.linalg.pinv(by_end.reshape(len(T_instr_ee), -1, 6))
+        by_end, by_targets = quantities.by_end_and_targets(T_instr_ee, levers_m)
+        count, coordinates = len(T_instr_ee), 3 * levers_m.shape[1]
+        by_end = by_end.reshape(count, coordinates, 6)
+        by_reading = np.linalg.pinv(by_end)
         R = T_instr_ee[:, :3, :3].transpose(0, 2, 1)
+        by_place = by_targets.reshape(count, coordinates, coordinates)  # its inverse: transposed
         return ObservedTargets(
-            p_instr_m, np.concatenate([R @ by_reading[:, :3], R @ by_reading[:, 3:]], axis=1)
+            p_instr_m,
+            np.concatenate([R @ by_reading[:, :3], R @ by_reading[:, 3:]], axis=1),
+            by_place.transpose(0, 2, 1) @ (np.eye(coordinates) - by_end @ by_reading),
         )
 
     def axes_of_end(self, T_instr_ee: Array) -> Array:

@@ -45,7 +45,8 @@ class _Share:
 
     def own(self, T: Array, targets_m: Array) -> tuple[Array, Array]:
         """Return those of all poses (P, 4, 4) and targets (t,) that belong to the campaign."""
-        return T[self.rows], targets_m[self.columns["t"]]
+        own_m = targets_m[..., self.columns["t"]]
+        return T[self.rows], own_m if own_m.ndim == 1 else own_m[self.rows]
 
 
 @dataclass(frozen=True)
@@ -226,7 +227,10 @@ class Joined(Instrument):
         by_targets = self._gathered(lambda share: parts[share.name].pose_by_targets, 6, 0)
         # Poses of campaigns with fewer targets repeat their first, whose derivative is zero.
         p_instr_m = np.where(np.isnan(p_instr_m), p_instr_m[:, :1], p_instr_m)
-        return ObservedTargets(p_instr_m, np.nan_to_num(by_targets))
+        by_places = self._gathered(
+            lambda share: parts[share.name].places_by_targets, "t", by_targets.shape[2]
+        )
+        return ObservedTargets(p_instr_m, np.nan_to_num(by_targets), np.nan_to_num(by_places))
 
     def axes_of_end(self, T_instr_ee: Array) -> Array:
         return self._blocks(lambda share: share.part.axes_of_end(T_instr_ee[share.rows]))

@@ -182,8 +182,13 @@ class Deviations:
 
 
 def carried_targets(T_instr_ee: Array, targets_m: Array) -> tuple[Array, Array]:
-    """Return positions of targets (t,) on poses (P, 4, 4), and vectors from the end, (P, B, 3)."""
-    levers_m = np.einsum("pij,bj->pbi", T_instr_ee[:, :3, :3], targets_m.reshape(-1, 3))
+    """Return positions of targets on poses (P, 4, 4), and vectors from the end, (P, B, 3) each.
+
+    Args:
+        targets_m: (t,) coordinates of the targets; (P, t) where they differ from pose to pose.
+    """
+    p_ee_m = targets_m.reshape(*targets_m.shape[:-1], -1, 3)
+    levers_m = p_ee_m @ T_instr_ee[:, :3, :3].transpose(0, 2, 1)
     return T_instr_ee[:, None, :3, 3] + levers_m, levers_m
 
 

@@ -96,6 +96,15 @@ class Model:
         """Return T_base_ee (P, 4, 4) for parameters x (k,)."""
         return end_pose(self.chain, self.chain_coordinates(states, x))
 
+    def distortion_m(self, states: PoseStates, x: Array) -> Array:
+        """Return by what terms distort the pattern of the targets as it is read, (P, t) or (1,)."""
+        distortion = np.zeros(1)
+        for term, columns in self._slices:
+            derivative = term.targets_derivative(states, x[columns])
+            if derivative is not None:
+                distortion = distortion + derivative @ x[columns]
+        return distortion
+
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
         T, screws = end_pose_and_screws(self.chain, self.chain_coordinates(states, x))

@@ -70,6 +70,10 @@ class _InSomePoses(Traits):
     def derivative(self, states: PoseStates, x: Array) -> Array:
         return np.asarray(self._here(states)[:, None, None] * self.term.derivative(states, x))
 
+    def targets_derivative(self, states: PoseStates, x: Array) -> Array | None:
+        derivative = self.term.targets_derivative(states, x)
+        return None if derivative is None else self._here(states)[:, None, None] * derivative
+
     def report(self, x: Array) -> Report:
         report = self.term.report(x)
         return replace(report, parameters=self._named(report.parameters))

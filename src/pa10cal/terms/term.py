@@ -96,6 +96,14 @@ class Traits(Protocol):
         """Return whether it is an error of the log of joints or torques, not of the robot."""
         return False
 
+    def targets_derivative(self, states: PoseStates, x: Array) -> Array | None:
+        """Return the derivative (P, t, k) by x of how it distorts the pattern of the targets.
+
+        That is of their coordinates in the end-effector frame as they are read [m]. It is
+        proportional to x. None where it distorts none.
+        """
+        return None
+
     @property
     def constant(self) -> bool:
         """Return whether its shift is the same in all poses in which it applies."""

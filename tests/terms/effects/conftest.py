@@ -18,7 +18,7 @@ ARM = load_arm("pa10_6ce")
 SLIDES = np.array([True, False, False, False, False, True])
 SLIDING = replace(ARM, name="sliding", prismatic=SLIDES)
 #: Effects of joints that slide.
-OF_SLIDES = ("slide_bending", "slide_error")
+OF_SLIDES = ("slide_bending", "slide_error", "slide_positioning")
 
 
 def some_states() -> PoseStates:

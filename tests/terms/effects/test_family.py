@@ -87,6 +87,8 @@ EITHER_SIGN = {
     "move_settling",
     "sensor_error",
     "slide_error",
+    "slide_positioning",
+    "slide_scale",
     "torque_gain",
     "transmission_error",
     "wrist_coupling",
@@ -148,7 +150,7 @@ def test_every_effect_has_decided_its_sign_and_the_gate_holds_it(context):
     for kind in named.values():
         near = replace(context, commanded=True)
         far = replace(near, three_axes=False, p_instr_middle_m=np.array([0.0, 9.0, 0.0]))
-        sliding = replace(near, arm=replace(context.arm, prismatic=np.arange(6) == 0))
+        sliding = replace(near, arm=replace(context.arm, prismatic=np.arange(6) < 2))
         wide = replace(near, q_span_rad=np.tile([-2.0, 2.0], (6, 1)))
         effect = next(e for known in (near, far, sliding, wide) for e in kind.everywhere(known))
         assert effect.positive == (effect.id in ONE_SIGN)

@@ -12,12 +12,37 @@ from pa10cal.arm.chain import Chain, frames
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.model import Model
+from pa10cal.terms.plain import term_from_plain, term_to_plain
 
 FIRST = replace(load_arm("pa10_6ce"), prismatic=np.arange(6) == 0)
 
 
 def slides(arm):
-    return [e for e in candidates(context_of(arm)) if e.id in ("slide_error", "slide_bending")]
+    ids = ("slide_bending", "slide_error", "slide_positioning")
+    return [e for e in candidates(context_of(arm)) if e.id in ids]
+
+
+def of_first(id_):
+    (effect,) = (e for e in slides(FIRST) if e.id == id_)
+    return effect
+
+
+def polynomials(u):
+    """Legendre's polynomials by their degree, written out."""
+    P = {1: u, 2: (3 * u**2 - 1) / 2, 3: (5 * u**3 - 3 * u) / 2}
+    P[4] = (35 * u**4 - 30 * u**2 + 3) / 8
+    P[5] = (63 * u**5 - 70 * u**3 + 15 * u) / 8
+    P[6] = (231 * u**6 - 315 * u**4 + 105 * u**2 - 5) / 16
+    return P
+
+
+def even_over_stroke(states):
+    u = np.linspace(-1.5, 1.5, 20001)
+    return replace(states.take(np.zeros(20001, int)), q_rad=np.outer(u, np.eye(6)[0]))
+
+
+def rms_over_stroke(shift):
+    return np.sqrt(simpson(shift**2, dx=1.0, axis=0) / (len(shift) - 1.0))
 
 
 def moved(effect, arm, states, x):
@@ -35,23 +60,22 @@ def test_sit_at_joints_that_slide_before_any_turns():
         ("slide_bending", "joint 2"),
         ("slide_error", "joint 1"),
         ("slide_error", "joint 2"),
+        ("slide_positioning", "joint 1"),
+        ("slide_positioning", "joint 2"),
     ]
     gantry = replace(arm, prismatic=np.full(6, True))
-    *_, error = slides(gantry)
-    assert (error.id, error.of, error.coordinates[0]) == ("slide_error", "joint 6", "tool.x")
+    *_, error = (e for e in slides(gantry) if e.id == "slide_error")
+    assert (error.of, error.coordinates[0]) == ("joint 6", "tool.x")
 
 
-def test_a_slide_error_is_a_polynomial_of_the_stroke(states):
-    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
-    x = np.random.default_rng(4).normal(0.0, 1e-4, 34)
+@pytest.mark.parametrize("also_along", [False, True], ids=["now", "of older files"])
+def test_a_slide_error_is_a_polynomial_of_the_stroke(also_along, states):
+    effect = replace(of_first("slide_error"), also_along=also_along)
+    x = np.random.default_rng(4).normal(0.0, 1e-4, 34 if also_along else 28)
     names = [each.name.removeprefix("slide_error_1_") for each in effect.parameters]
     of = dict(zip(names, x, strict=True))
     u = np.clip(states.q_rad[:, 0] / 1.5, -1.0, 1.0)
-    # Legendre's polynomials, written out.
-    P = {1: u, 2: (3 * u**2 - 1) / 2, 3: (5 * u**3 - 3 * u) / 2}
-    P[4] = (35 * u**4 - 30 * u**2 + 3) / 8
-    P[5] = (63 * u**5 - 70 * u**3 + 15 * u) / 8
-    P[6] = (231 * u**6 - 315 * u**4 + 105 * u**2 - 5) / 16
+    P = polynomials(u)
 
     def series(axes):
         return np.stack([sum(of.get(f"{a}_{k}", 0.0) * P[k] for k in P) for a in axes], axis=1)
@@ -60,28 +84,72 @@ def test_a_slide_error_is_a_polynomial_of_the_stroke(states):
     found = frames(chain, chain.coordinates(states.q_rad))
     R, p = found.T_base_joints[1, :, :3, :3], found.T_base_joints[1, :, :3, 3]
     turn = np.einsum("pij,pj->pi", R, series(("rx", "ry", "rz")))
-    along = found.T_base_joints[0, :, :3, 2] * (of["s_1"] * u)[:, None]
-    shift = np.einsum("pij,pj->pi", R, series("xyz")) + along
+    along = found.T_base_joints[0, :, :3, 2]
+    shift = np.einsum("pij,pj->pi", R, series("xyz"))
+    if also_along:
+        shift = shift + along * (of["s_1"] * u)[:, None]
+    else:
+        np.testing.assert_allclose(np.sum(shift * along, axis=1), 0.0, atol=1e-15)
     shift = shift + np.cross(turn, found.T_base_ee[:, :3, 3] - p)
     np.testing.assert_allclose(
         moved(effect, FIRST, states, x), np.hstack([shift, turn]), rtol=0.0, atol=1e-15
     )
 
 
-def test_readers_see_its_root_mean_square_over_the_stroke(states):
-    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
-    x = np.random.default_rng(4).normal(0.0, 1e-4, 34)
-    u = np.linspace(-1.5, 1.5, 20001)
-    even = replace(states.take(np.zeros(20001, int)), q_rad=np.outer(u, np.eye(6)[0]))
-    rms = np.sqrt(simpson(effect.shift(even, x) ** 2, x=u, axis=0) / 3.0)
+@pytest.mark.parametrize("also_along", [False, True], ids=["now", "of older files"])
+def test_readers_see_its_root_mean_square_over_the_stroke(also_along, states):
+    effect = replace(of_first("slide_error"), also_along=also_along)
+    x = np.random.default_rng(4).normal(0.0, 1e-4, 34 if also_along else 28)
+    rms = rms_over_stroke(effect.shift(even_over_stroke(states), x))
     report = effect.report(x)
+    across = np.array([True, True, also_along, True, True, True])  # it slides along y of the next
+    across[1], across[2] = across[2], across[1]
     names = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
-    assert [each.name for each in report.parameters] == names
-    np.testing.assert_allclose(report.values, rms, rtol=1e-6)
+    assert [each.name for each in report.parameters] == np.array(names)[across].tolist()
+    np.testing.assert_allclose(report.values, rms[across], rtol=1e-6)
+    for k in range(len(x)):
+        by_x = (effect.report(x + 1e-9 * np.eye(len(x))[k]).values - report.values) / 1e-9
+        np.testing.assert_allclose(report.jacobian[:, k], by_x, atol=1e-4)
+
+
+def test_shifts_across_a_stroke_that_is_along_no_axis_are_across_it(states):
+    along = np.array([0.36, 0.48, 0.8])
+    effect = replace(of_first("slide_error"), along=tuple(along.tolist()))
+    assert [each.name for each in effect.report(np.ones(28)).parameters[:2]] == [
+        "shift_x",
+        "shift_y",
+    ]
+    by_shifts = effect.per_unit(states)[:, :3, :10]
+    np.testing.assert_allclose(np.einsum("i,pik->pk", along, by_shifts), 0.0, atol=1e-15)
+    x, y = (by_shifts[0] / np.linalg.norm(by_shifts[0], axis=0)).T[:2]
+    assert x @ y == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_positioning_error_is_a_polynomial_along_the_stroke(states):
+    effect, x = of_first("slide_positioning"), np.array([3e-4, -2e-4, 1e-4, 4e-5, -7e-5])
+    P = polynomials(np.clip(states.q_rad[:, 0] / 1.5, -1.0, 1.0))
+    along = sum(each * P[degree] for degree, each in enumerate(x, start=2))
+    assert effect.coordinates == ("d_1",)
+    np.testing.assert_allclose(effect.shift(states, x), along[:, None], rtol=0.0, atol=1e-15)
+    report = effect.report(x)
+    (known,) = report.parameters
+    rms = rms_over_stroke(effect.shift(even_over_stroke(states), x))
+    assert (known.name, report.values[0]) == ("shift", pytest.approx(rms[0], rel=1e-6))
+    by_x = [(effect.report(x + 1e-9 * unit).values - report.values)[0] / 1e-9 for unit in np.eye(5)]
+    np.testing.assert_allclose(report.jacobian, [by_x], atol=1e-4)
+
+
+def test_an_older_file_has_the_shift_along_the_stroke_in_its_slide_error():
+    now = term_to_plain(of_first("slide_error"))
+    assert now["form"].pop("also_along") is False
+    older = term_from_plain(now, where="model.yaml")
+    names = [each.name for each in older.parameters]
+    assert names[:4] == [f"slide_error_1_{each}" for each in ("s_1", "x_2", "y_2", "z_2")]
+    assert len(names) == 34
 
 
 def test_beyond_the_measured_stroke_it_stays_as_at_its_end(states):
-    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
+    effect = of_first("slide_error")
     far = states.q_rad.copy()
     far[:, 0] = 1.5
     at_end = effect.per_unit(replace(states, q_rad=far))
@@ -91,7 +159,7 @@ def test_beyond_the_measured_stroke_it_stays_as_at_its_end(states):
 
 def test_what_a_carriage_slides_on_is_an_even_beam(states):
     """Held at the low end: slope and deflection of its free end by quadrature of its curvature."""
-    (effect,) = (e for e in slides(FIRST) if e.id == "slide_bending")
+    effect = of_first("slide_bending")
     chain, whole_m = Chain.of(FIRST), 3.0
     found = frames(chain, chain.coordinates(states.q_rad))
     got = moved(effect, FIRST, states, np.array([1e-6]))
@@ -117,7 +185,7 @@ def test_what_a_carriage_slides_on_is_an_even_beam(states):
 @pytest.mark.parametrize("axis", range(3))
 def test_what_geometry_takes_up_is_left_out(axis, states):
     """Another direction of the stroke shifts across it by the stroke; no parameter does that."""
-    (effect,) = (e for e in slides(FIRST) if e.id == "slide_error")
+    effect = of_first("slide_error")
     turned = Rotation.from_rotvec(1e-6 * np.eye(3)[axis]).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 1.0]
     chain = Chain.of(FIRST)
     found = frames(chain, chain.nominal[None])

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,7 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import ObservedTargets
+from pa10cal.discovery.linear import by_terms, residual_and_jacobian
+from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import fit_rigid
+from pa10cal.observe.points import Points
 from pa10cal.terms.model import Model
 
 
@@ -114,7 +118,7 @@ def motion_in_ee(T_from, T_to):
     return np.concatenate([shift, turn.reshape(shift.shape)], axis=-1)
 
 
-@pytest.mark.parametrize(
+of_matrices = pytest.mark.parametrize(
     ("name", "x", "matrix"),
     [
         ("cmm_scale", [1e-4, -2e-4, 3e-4], np.diag([1e-4, -2e-4, 3e-4])),
@@ -122,6 +126,9 @@ def motion_in_ee(T_from, T_to):
         ("cmm_squareness", [2e-4], 2e-4 * np.outer([1, 0, 0], [0, 1, 0])),
     ],
 )
+
+
+@of_matrices
 def test_predicts_the_pose_that_a_false_instrument_reads(name, x, matrix, at, arm, states):
     """The instrument stands at the base here, and reads p + matrix p."""
     T_true = Chain.of(arm).forward(states.q_rad)
@@ -136,3 +143,29 @@ def test_predicts_the_pose_that_a_false_instrument_reads(name, x, matrix, at, ar
     moved = motion_in_ee(T_true, read)
     assert np.abs(moved).max() > 1e-5
     np.testing.assert_allclose(motion_in_ee(T_true, predicted), moved, atol=2e-7)
+
+
+@of_matrices
+def test_the_pattern_of_the_targets_is_read_as_falsely(name, x, matrix, at, arm, states):
+    """The model with the true targets predicts the false readings of every target."""
+    T_true = Chain.of(arm).forward(states.q_rad)
+    p_m = np.einsum("pij,bj->pbi", T_true[:, :3, :3], BALLS_M) + T_true[:, None, :3, 3]
+    cov_m2 = np.broadcast_to(np.eye(3), (*p_m.shape, 3))
+    true = Points(("T1", "T2", "T3"), p_m, cov_m2, BALLS_M)
+    seen = true.readout(T_true, BALLS_M.ravel())
+    read = replace(true, p_instr_m=p_m + p_m @ matrix.T)
+    model, there = Model(Chain.of(arm), (at(name, "instrument"),)), replace(states, seen=seen)
+    fitted = FittedModel(model, np.array(x), np.eye(4), targets_m=BALLS_M.ravel())
+    T_read = model.predict(there, fitted.x)
+    rigid = read.compare(T_read, fitted.targets_m).residual
+    whole = read.compare(T_read, fitted.targets_read_m(there)).residual
+    assert np.abs(rigid).max() > 5e-6  # the pattern is 0.15 m wide
+    np.testing.assert_allclose(whole, 0.0, atol=2e-7)
+    # Derivatives, of the model's own terms and of one that joins, are the false readings.
+    poses, (effect,) = SimpleNamespace(measured=read, states=there), model.terms
+    _, own = residual_and_jacobian(replace(fitted, x=0.0 * fitted.x), poses)
+    bare = replace(fitted, model=Model(Chain.of(arm), ()), x=np.zeros(0))
+    (joining,) = by_terms(bare, poses, [effect], [0.0 * fitted.x])
+    wanted = effect.field(p_m).reshape(len(p_m), 9, -1)
+    np.testing.assert_allclose(own[:, :, : len(x)], wanted, atol=1e-9)
+    np.testing.assert_allclose(joining, wanted, atol=1e-9)

@@ -30,6 +30,7 @@ from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
+from pa10cal.terms.effects.slide import AtSlide
 from pa10cal.terms.weights import is_fault
 
 
@@ -236,7 +237,11 @@ class Search:
         names = [other for other in self.others(chosen) if other.is_named]
         if is_error_map(effect):
             return [other for other in names if other.effect.coordinates == effect.coordinates]
-        return [other for other in names if other.effect.of == effect.of]
+        places = {effect.of}
+        if effect.of == "instrument":
+            # The place in the instrument's frame goes with the position of a rail or column.
+            places |= {each.effect.of for each in self.family if isinstance(each.effect, AtSlide)}
+        return [other for other in names if other.effect.of in places]
 
 
 def _best(chosen: EffectSet, candidates: Sequence[Candidate]) -> Candidate:

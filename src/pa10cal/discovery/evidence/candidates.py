@@ -16,7 +16,7 @@ from pa10cal.discovery.evidence.fit import EvidenceFit, pose_rows, torque_rows
 from pa10cal.discovery.evidence.likelihood import CandidateRows, LinearisedCandidates
 from pa10cal.discovery.evidence.problem import EvidenceProblem
 from pa10cal.discovery.finding import Untestable
-from pa10cal.discovery.linear import by_end
+from pa10cal.discovery.linear import by_distortion, by_end, by_targets
 from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.preparation import computable, why_hidden
 from pa10cal.discovery.rules import EVIDENCE
@@ -71,7 +71,13 @@ def _rows_of_others(
     T, in_base = at.model.by_terms(states, at.x, terms, starts)
     linear = [values[:, :, : term.linear] for values, term in zip(in_base, terms, strict=True)]
     by_motion = by_end(at, problem.cells, T)
-    pose = problem.pose.rows(by_motion @ np.concatenate(linear, axis=2))
+    by_terms = [by_motion @ values for values in linear]
+    of_targets = by_targets(at, problem.cells)
+    for k, (term, start) in enumerate(zip(terms, starts, strict=True)):
+        distorted = by_distortion(of_targets, problem.cells, term, start)
+        if distorted is not None:
+            by_terms[k] += distorted[:, :, : term.linear]
+    pose = problem.pose.rows(np.concatenate(by_terms, axis=2))
     torque = np.zeros((0, pose.shape[1]))
     if problem.torque is not None:
         by_x = np.zeros((*states.tau_Nm.shape, pose.shape[1]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.chain import TOOL
-from pa10cal.arm.statics import PoseStates
+from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.terms.effects.effect import CandidateContext, Effect, seen_in
 from pa10cal.terms.term import TermParameter
@@ -19,7 +19,8 @@ from pa10cal.terms.term import TermParameter
 class FalseReading(Effect):
     """The instrument reads each target's position p as p + e(p), e a field.
 
-    The model predicts readings: the end moves by the error of the pose fitted to these.
+    The model predicts readings: the end moves by the error of the pose fitted to these, and the
+    targets on it by what that pose leaves.
     """
 
     falsifies_readings = True
@@ -33,9 +34,17 @@ class FalseReading(Effect):
 
     def derivative(self, states: PoseStates, x: Array) -> Array:
         observed = seen_in(states, self)
-        poses, targets, _ = observed.p_instr_targets_m.shape
-        field = self.field(observed.p_instr_targets_m).reshape(poses, 3 * targets, len(x))
-        return np.asarray(observed.pose_by_targets @ field)
+        return np.asarray(observed.pose_by_targets @ self._by_reading(observed))
+
+    def targets_derivative(self, states: PoseStates, x: Array) -> Array | None:
+        observed = seen_in(states, self)
+        by_targets = observed.places_by_targets
+        return None if by_targets is None else by_targets @ self._by_reading(observed)
+
+    def _by_reading(self, observed: ObservedTargets) -> Array:
+        """Return the derivative of the readings by the parameters, (P, 3 B, k)."""
+        field = self.field(observed.p_instr_targets_m)
+        return field.reshape(len(field), -1, field.shape[-1])
 
 
 @dataclass(frozen=True)

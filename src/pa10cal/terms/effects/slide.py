@@ -11,23 +11,16 @@ import numpy as np
 from pa10cal.arm.chain import TOOL, Chain, bend_coordinates, frames, link_spans_m
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.terms.effects.effect import AtJoint, CandidateContext, Effect, static_loads_in
 from pa10cal.terms.effects.structure import Compliance, moment_of_arm_Nm
 from pa10cal.terms.term import OPTIONAL, Report, TermParameter
 
-#: Straightness and turns of rails as they are mounted: 0.05 to 0.5 mm, 0.05 to 0.5 mrad [m, rad].
+#: Errors of rails as they are mounted: 0.05 to 0.5 mm, 0.05 to 0.5 mrad [m, rad].
 _SIZE = 2e-4
 #: Degrees of the polynomials of the stroke: of the turn that goes with a third half wave of a rail
 #: two leave 0.79, four 0.20, six 0.02.
 _DEGREES = 6
-#: Parameters of a slide error: motion, its unit and the degree of the polynomial.
-_SERIES = (
-    ("s", "m", 1),
-    *((axis, "m", degree) for degree in range(2, _DEGREES + 1) for axis in ("x", "y", "z")),
-    *((axis, "rad", degree) for degree in range(1, _DEGREES + 1) for axis in ("rx", "ry", "rz")),
-)
-_OF_DEGREE = np.array([degree for _, _, degree in _SERIES])
 
 
 @dataclass(frozen=True)
@@ -80,15 +73,18 @@ class AtSlide(AtJoint):
 
 @dataclass(frozen=True)
 class SlideError(AtSlide):
-    """A carriage turns and shifts with its stroke, by polynomials of the sixth degree.
+    """A carriage turns, and shifts across its stroke, by polynomials of the sixth degree.
 
     Legendre polynomials of u, which is -1 to 1 over the span: of degree 1 and more for the three
-    turns, 2 and more for the shifts, and 1 for the shift along the stroke. Constants, and shifts
-    across the stroke that grow evenly, are parameters of link, base and tool already. Higher
-    degrees are expected to be smaller. Both scorers seek it, alone and in sets.
+    turns, 2 and more for the shifts (straightness). Constants, and shifts across the stroke that
+    grow evenly, are parameters of link, base and tool already; shifts along it are
+    `slide_positioning` and `gear_ratio_error`. Higher degrees are expected to be smaller. Both
+    scorers seek it, alone and in sets.
     """
 
     at_end: bool = field(default=False, metadata={OPTIONAL: True})  # whether no joint follows
+    # whether it shifts along the stroke as well, as in older model files
+    also_along: bool = field(default=True, metadata={OPTIONAL: True})
     id = "slide_error"
     nouns = ("slide error", "slide errors")
     clauses = ("{at} does not slide straight and level", "{at} do not slide straight and level")
@@ -97,7 +93,7 @@ class SlideError(AtSlide):
 
     @classmethod
     def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...]:
-        return (joint == arm.n,)
+        return joint == arm.n, False
 
     @property
     def last(self) -> bool:
@@ -107,9 +103,10 @@ class SlideError(AtSlide):
     def formula(self) -> str:
         low_m, high_m = self.span_m
         what = "tool" if self.last else f"frame of joint {self.joint + 1}"
+        shifts = "along" if self.also_along else "across the stroke"
         return (
-            f"the {what} shifts along and turns about its axes by sums of Legendre polynomials of "
-            f"u, from degree 1 to {_DEGREES}, u from -1 at {low_m:g} m to 1 at {high_m:g} m of "
+            f"the {what} shifts {shifts} and turns about its axes by sums of Legendre polynomials "
+            f"of u, from degree 1 to {_DEGREES}, u from -1 at {low_m:g} m to 1 at {high_m:g} m of "
             f"joint {self.joint}; shifts and turns are root mean squares over u"
         )
 
@@ -117,38 +114,118 @@ class SlideError(AtSlide):
     def reported(self) -> tuple[TermParameter, ...]:
         """Return the coefficients, of which `report` makes root mean squares over the stroke."""
         return tuple(
-            TermParameter(f"{motion}_{degree}", unit, 3e-6, plausible=_SIZE / degree)
-            for motion, unit, degree in _SERIES
+            TermParameter(
+                f"{motion}_{degree}",
+                "rad" if motion.startswith("r") else "m",
+                3e-6,
+                plausible=_SIZE / degree,
+            )
+            for motion, degree in self._series
         )
 
     def report(self, x: Array) -> Report:
         """Return the root mean square over the stroke of each shift and each turn."""
-        rms = self._motions / np.sqrt(2.0 * _OF_DEGREE + 1.0)
-        parts = np.einsum("mk,k->mk", rms, x)
-        # The shift along the stroke has a part along each axis.
-        size = np.sqrt(np.sum(parts**2, axis=1))
-        slope = rms * parts / np.maximum(size, np.finfo(float).tiny)[:, None]
-        units = [("shift", "m")] * 3 + [("turn", "rad")] * 3
+        directions = self._directions
+        # In older files the shift along the stroke has a part along each axis.
+        share = np.stack([*directions.values()]) @ self._motions
+        values, slope = _rms_over_stroke(share * x, self._degrees)
         names = tuple(
-            TermParameter(f"{kind}_{axis}", unit, 3e-6)
-            for (kind, unit), axis in zip(units, "xyzxyz", strict=True)
+            TermParameter(f"turn_{motion[1]}", "rad", 3e-6)
+            if motion.startswith("r")
+            else TermParameter(f"shift_{motion}", "m", 3e-6)
+            for motion in directions
         )
-        return Report(names, size, slope)
+        return Report(names, values, share * slope)
 
     def per_unit(self, states: PoseStates) -> Array:
-        series = np.polynomial.legendre.legvander(self.stroke(states), _DEGREES)[:, _OF_DEGREE]
+        series = _legendre(self.stroke(states))[:, self._degrees]
         return np.asarray(series[:, None, :] * self._motions)
+
+    @property
+    def _directions(self) -> dict[str, Array]:
+        """Return the directions (6,) of its shifts and turns, by names."""
+        axes = dict(zip(("x", "y", "z", "rx", "ry", "rz"), np.eye(6), strict=True))
+        if self.also_along:
+            return axes
+        # The two axes that are nearest to across the stroke; what they have along it is dropped.
+        along = np.array(self.along)
+        one, other = sorted(np.argsort(np.abs(along), kind="stable")[:2].tolist())
+        first = np.eye(3)[one] - along[one] * along
+        first /= np.linalg.norm(first)
+        second = np.cross(along, first)
+        across = {one: first, other: second * np.sign(second[other])}
+        shifts = {"xyz"[axis]: np.append(shift, np.zeros(3)) for axis, shift in across.items()}
+        return shifts | {name: axes[name] for name in ("rx", "ry", "rz")}
+
+    @property
+    def _series(self) -> tuple[tuple[str, int], ...]:
+        """Return motion and degree of each parameter's polynomial."""
+        shifts = [name for name in self._directions if not name.startswith("r")]
+        return (
+            *((("s", 1),) if self.also_along else ()),
+            *((name, degree) for degree in range(2, _DEGREES + 1) for name in shifts),
+            *((name, degree) for degree in range(1, _DEGREES + 1) for name in ("rx", "ry", "rz")),
+        )
+
+    @property
+    def _degrees(self) -> Index:
+        return np.array([degree for _, degree in self._series])
 
     @property
     def _motions(self) -> Array:
         """Return what a unit of each parameter moves, (6, k), where its polynomial is 1."""
-        motions = np.zeros((6, len(_SERIES)))
-        for column, (motion, _, _) in enumerate(_SERIES):
-            if motion == "s":
-                motions[:3, column] = self.along
-            else:
-                motions[("x", "y", "z", "rx", "ry", "rz").index(motion), column] = 1.0
-        return motions
+        motions = {"s": np.append(self.along, np.zeros(3)), **self._directions}
+        return np.stack([motions[name] for name, _ in self._series], axis=1)
+
+
+@dataclass(frozen=True)
+class SlidePositioning(AtSlide):
+    """Linear positioning error (ISO 230-2) of a joint that slides, of a lead that is not even.
+
+    As of a rack in pieces, a scale that is stretched or a cable track that pulls. Legendre
+    polynomials of degree 2 and more along the stroke, as those of `slide_error`; of degree 1 it is
+    `gear_ratio_error`. Both scorers seek it, alone and in sets.
+    """
+
+    id = "slide_positioning"
+    nouns = ("positioning error along the slide", "positioning errors along the slides")
+    clauses = (
+        "{at} slides by a wrong length that depends on its position",
+        "{at} slide by wrong lengths that depend on their positions",
+    )
+
+    @classmethod
+    def fields_of(cls, arm: Arm, joint: int) -> tuple[Any, ...]:
+        return ()
+
+    @property
+    def formula(self) -> str:
+        low_m, high_m = self.span_m
+        return (
+            f"d_{self.joint} += a sum of Legendre polynomials of u, from degree 2 to {_DEGREES}, "
+            f"u from -1 at {low_m:g} m to 1 at {high_m:g} m of joint {self.joint}; the shift is a "
+            "root mean square over u"
+        )
+
+    @property
+    def reported(self) -> tuple[TermParameter, ...]:
+        """Return the coefficients, of which `report` makes a root mean square over the stroke."""
+        return tuple(
+            TermParameter(f"s_{degree}", "m", 3e-6, plausible=_SIZE / degree)
+            for degree in range(2, _DEGREES + 1)
+        )
+
+    def report(self, x: Array) -> Report:
+        """Return the root mean square of the shift over the stroke."""
+        values, slope = _rms_over_stroke(x[None], np.arange(2, _DEGREES + 1))
+        return Report((TermParameter("shift", "m", 3e-6),), values, slope)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        return (f"d_{self.joint}",)
+
+    def per_unit(self, states: PoseStates) -> Array:
+        return _legendre(self.stroke(states))[:, 2:]
 
 
 @dataclass(frozen=True)
@@ -232,6 +309,24 @@ class SlideScale(Effect):
 
     def per_unit(self, states: PoseStates) -> Array:
         return states.q_rad[:, np.array(self.joints) - 1]
+
+
+def _legendre(u: Array) -> Array:
+    """Return Legendre polynomials of degree 0 and more, (P, degrees), at u (P,)."""
+    return np.asarray(np.polynomial.legendre.legvander(u, _DEGREES))
+
+
+def _rms_over_stroke(parts: Array, degrees: Index) -> tuple[Array, Array]:
+    """Return the root mean square (m,) of m sums of polynomials, and its derivative by each part.
+
+    Args:
+        parts: (m, k) coefficients of Legendre polynomials.
+        degrees: (k,) of these.
+    """
+    # Legendre polynomials are orthogonal, each of a mean square of 1 / (2 degree + 1)
+    squares = 1.0 / (2.0 * degrees + 1.0)
+    rms = np.sqrt(parts**2 @ squares)
+    return rms, parts * squares / np.maximum(rms, np.finfo(float).tiny)[:, None]
 
 
 def _stroke_axis(arm: Arm, joint: int) -> tuple[float, float, float]:

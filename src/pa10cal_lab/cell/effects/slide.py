@@ -21,8 +21,6 @@ _WAVES, _BEARINGS = 3, (0.1, 0.25)
 #: sag, a metre of stroke [m].
 _STRAIGHT, _SAG = 1e-4, 5e-5
 _TWIST_RAD = 1e-4
-#: Of the rack or the scale along it.
-_EXCESS = 5e-5
 #: At how many places of a column its bend is added up: exact for an even beam from three on.
 _PIECES = 4
 
@@ -64,7 +62,7 @@ class SimulatedSlideError(OnSlide):
     across_x: Waves = Field(description="half waves of the line along x of the joint, from 1 [m]")
     across_y: Waves = Field(description="the same along y [m]")
     twist: Waves = Field(description="half waves of the turn about the stroke [rad]")
-    excess: effect.Finite = Field(description="relative excess of the stroke")
+    excess: effect.Finite = Field(0.0, description="relative excess of the stroke, drawn never")
     sag: effect.Finite = Field(
         description="dent with the carriage in the middle of a level rail [m]"
     )
@@ -80,15 +78,16 @@ class SimulatedSlideError(OnSlide):
             drawn = rng.standard_normal(_WAVES) / np.arange(1, _WAVES + 1)
             return (size * amount * drawn / np.linalg.norm(drawn)).tolist()  # type: ignore[no-any-return]
 
-        return {
+        drawn = {
             "across_x": waves(_STRAIGHT * length_m),
             "across_y": waves(_STRAIGHT * length_m),
             "twist": waves(_TWIST_RAD),
-            "excess": effect.either_sign(size * _EXCESS, rng),
             "sag": size * _SAG * length_m,
             "stroke_m": list(site.stroke_m),
-            "bearings": float(rng.uniform(*_BEARINGS)),
         }
+        # A sign is drawn and not taken, so that what is drawn after it stays as it was.
+        effect.either_sign(1.0, rng)
+        return drawn | {"bearings": float(rng.uniform(*_BEARINGS))}
 
     def strain(self, loading: effect.Loading) -> Strain:
         """Shift and turn the carriage by the chord between its bearings, and by the dent."""
