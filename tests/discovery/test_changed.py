@@ -12,7 +12,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from spoiling import with_columns
 
-POSES, FIRST, NOISE_MM = 130, 70, 0.02
+POSES, EARLIER, FIRST, NOISE_MM = 130, 40, 70, 0.02
 ARM = load_arm("ur10")
 
 
@@ -40,7 +40,13 @@ def seen(tmp_path, targets, change, place_m=NEAR_M, seed=4):
         places_m[after, 0] += np.array([3e-4, -4e-4, 3e-4])
     if change == "nest":  # a small step, of a few times the noise
         places_m[after, 0] += np.array([2e-5, -3e-5, -1.2e-4])
-    T_real, T_nominal = (Chain.of(arm).forward(raw.q) for arm in (other_arm(), ARM))
+    q_rad = raw.q.copy()
+    if change == "zeros":  # joint 1 loses 0.5 mrad, joint 3 gains 0.8 mrad
+        q_rad[EARLIER:, 0] -= 5e-4
+        q_rad[after, 2] += 8e-4
+    if change == "settling":
+        q_rad[:, 2] += 8e-4 * np.exp(-np.arange(POSES) / 12.0)
+    T_real, T_nominal = (Chain.of(arm).forward(q_rad) for arm in (other_arm(), ARM))
     T = np.where(after[:, None, None], T_nominal, T_real) if change == "model" else T_real
     p_m = np.einsum("pij,pbj->pbi", T[:, :3, :3], places_m) + T[:, None, :3, 3]
     if change == "growth":  # of lengths, towards the end of a warm-up
@@ -104,7 +110,24 @@ def test_what_changed_at_a_row_is_called_by_what_it_is(tmp_path, targets, change
     assert not found.unexplained
 
 
-@pytest.mark.parametrize("change", ["nothing", "growth"])
+@pytest.mark.slow
+def test_zeros_of_joints_have_steps_of_their_own(tmp_path):
+    found = seen(tmp_path, 3, "zeros")
+    assert found.verdict == "check_the_log"
+    expected = {1: (-0.5, EARLIER), 3: (0.8, FIRST)}
+    for fault, (joint, (size_mrad, row)) in zip(found.faults, expected.items(), strict=True):
+        told = re.match(rf"the zero of joint {joint} moved by (\S+) mrad", fault.what)
+        assert told is not None, fault.what
+        assert float(told[1]) == pytest.approx(size_mrad, abs=0.02)
+        assert f"home joint {joint}" in fault.remedy
+        last, next_ = map(int, re.findall(r"P(\d+)", fault.where))
+        assert last < row <= next_
+        # A turn of the base about the axis of joint 1 looks the same.
+        assert ("motion of the instrument or the base" in fault.what) is (joint == 1)
+    assert not found.unexplained
+
+
+@pytest.mark.parametrize("change", ["nothing", "growth", "settling"])
 def test_no_step_is_told_where_none_was(tmp_path, change):
     found = seen(tmp_path, 3, change)
     assert found.faults == ()

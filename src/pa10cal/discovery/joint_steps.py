@@ -87,6 +87,7 @@ def joint_steps_of(
     at: FittedModel,
     poses: Observations,
     whitener: Array,
+    of_readings: Array,
     effects: Sequence[Effect],
     *,
     logged: bool,
@@ -95,11 +96,19 @@ def joint_steps_of(
 
     None is found where no time was recorded, where poses are in the order of a scan, or where a
     joint or the load passes from one side to the other at the row of a step.
+
+    Args:
+        at: the fitted model.
+        poses: P poses in order of time.
+        whitener: (P, b, b) of the noise of readings and of the error that joints make in a pose.
+        of_readings: (P, b, b) of the noise of readings alone.
+        effects: what depends on the pose or on time, beside which steps are judged.
+        logged: whether torques were logged.
     """
     if not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
         return None
     shown = spread_over_time(poses, MOTION.most_readings)
-    poses, whitener = poses.take(shown), whitener[shown]
+    poses, whitener, of_readings = poses.take(shown), whitener[shown], of_readings[shown]
     chosen = _chosen(at, poses, whitener)
     if not chosen:
         return None
@@ -115,21 +124,23 @@ def joint_steps_of(
     )
     if together.gain < most_of_others + CHANGE.better_nats:
         return None
-    # Orientations may be all noise, so positions show how much is left.
+    # Positions show how much is left: orientations may be all noise, and errors of joints count as
+    # noise in part.
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
     seen = np.isin(np.arange(whitener.shape[2]), poses.measured.position_columns)
     for beside in ((), smooth):
-        left = StepRows(at, poses, whitener * seen, *beside).best(every, from_first).remaining
+        left = StepRows(at, poses, of_readings * seen, *beside).best(every, from_first).remaining
         if left > CHANGE.most_left_share:
             return None
-    # The steps of a joint must gain beside the others, and beside an error that comes gradually.
+    # The steps of a joint must gain beside the others, and beside an error that comes gradually: in
+    # the noise of readings, as steps are a part of the error that joints make.
     number = np.array([joint for joint, _ in chosen])
     for joint in set(number.tolist()):
         own = CHANGE.size * linear.by_joints(at, poses, (joint,))
         courses = (*gradual_courses(poses), *_settling(poses))
         gradual = [CHANGE.static_sizes * own * course for course in courses]
         others = together.scale * every[:, :, number != joint]
-        rows = StepRows(at, poses, whitener, *smooth, *gradual, others)
+        rows = StepRows(at, poses, of_readings, *smooth, *gradual, others)
         if rows.best(every[:, :, number == joint], from_first).gain < _needed(at, poses):
             return None
     found = []

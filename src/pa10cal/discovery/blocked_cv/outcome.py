@@ -203,11 +203,12 @@ def search_with_motion(survey: Survey) -> SearchWithMotion:
     survey, fitted = found.rows.survey, found.extended  # the survey begins with what was added
     poses, logged = survey.poses, survey.torques_logged
     left = survey.net_residual(fitted.at)
+    of_readings = fitted.weights.whiteners()
     whiteners = weights_with_joints(fitted.weights, fitted.at, poses, left).whiteners()
     effects = tuple(sought(survey.context, survey.baseline.model.terms))
     rivals: Mapping[float, tuple[str, ...]] = {}
     change: Change | JointSteps | None = joint_steps_of(
-        fitted.at, poses, whiteners, effects, logged=logged
+        fitted.at, poses, whiteners, of_readings, effects, logged=logged
     ) or change_of(fitted.at, poses, whiteners, effects, logged=logged)
     in_time = NO_MOTION
     if change is not None:
