@@ -110,7 +110,9 @@ def assumptions(model: FittedModel, conditions: PoseConditions) -> Iterator[str]
         missing = np.isnan(getattr(conditions, term.depends_on)).sum()
         if not missing:
             continue
-        assumed = "the base is taken to be where T_instr_base of the model has it"
+        assumed = "the arm is taken to be warm"
+        if term.of == "base":
+            assumed = "the base is taken to be where T_instr_base of the model has it"
         if term.depends_on == "temperature_C":
             fit = used.fitted_to
             if fit is None or fit.temperature_C is None:

@@ -468,11 +468,7 @@ class WarmingUp:
 
     # shortest and longest time constant, in the campaign, and their number (size)
     time_constants: tuple[float, float, int] = (2e-3, 0.2, 24)
-    sizes: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)  # sizes tried, in plausible ones (size)
     base_m: float = 1e-4  # plausible motion of base, tool and targets [m, rad] (size)
-    # part of the campaign in which a step is a rival (chosen)
-    first_share: float = 1.0 / 3.0
-    false_rate: float = 1e-3  # probability allowed of seeing it where there is none (level)
     # nats by which it must stand out of a base, tool or target that settles or moves (level)
     better_nats: float = 4.6
 

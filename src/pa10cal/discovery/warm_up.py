@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.discovery import linear
 from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.linear import WhitenedPoses
@@ -21,6 +21,7 @@ from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.rules import CHANGE, MOTION, PROBABILITIES, WARMING
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.order import like_a_scan, spread_over_time
+from pa10cal.rules import ORDER
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.warm_up import WarmsUp, warm_ups
 
@@ -41,33 +42,31 @@ def warm_ups_shown(
     tried, poses = warm_ups(context), rows.poses
     if not tried or not poses.states.tells_time or poses.measured.campaigns or like_a_scan(poses):
         return ()
-    shown = spread_over_time(poses, MOTION.most_readings)
-    rows = WhitenedPoses(rows.at, poses.take(shown), rows.residual[shown], rows.whitener[shown])
+    rows = _taken(rows, spread_over_time(poses, MOTION.most_readings))
     first_s, last_s = context.time_span_s
     low, high, count = WARMING.time_constants
     taus_s = (last_s - first_s) * np.geomspace(low, high, count)
+    since_s = rows.poses.states.time_s - first_s
     beside = _Beside(rows, context, logged=logged)
     gains = beside.gains(_of_arm(rows, tried, taus_s))
-    best, needed = int(np.argmax(gains)), np.log(count * len(WARMING.sizes) / WARMING.false_rate)
+    best, needed = int(np.argmax(gains)), np.log(count * len(CHANGE.scales) / MOTION.false_rate)
     # With the longest one it is a drift.
     if best == count - 1 or gains[best] < needed:
         return ()
-    courses = _courses(rows.poses.states.time_s - first_s, taus_s)
-    rivals = [
-        float(beside.gains(columns[:, :, None, :] * courses[:, None, :, None]).max())
-        for columns in _rivals(rows)
-    ]
-    if gains[best] < max(rivals) + WARMING.better_nats:
+    # Nor may it rest on one pose, of which a joint may be misread.
+    off = np.exp(-since_s / taus_s[best]) * np.linalg.norm(rows.data, axis=1)
+    others = _taken(rows, np.delete(np.arange(len(off)), int(np.argmax(off))))
+    by_others = _Beside(others, context, logged=logged)
+    if by_others.gains(_of_arm(others, tried, taus_s[[best]]))[0] < needed:
+        return ()
+    if gains[best] < _best_rival(rows, beside, since_s, taus_s) + WARMING.better_nats:
         return ()
     return tuple(replace(effect, tau_s=float(taus_s[best])) for effect in tried)
 
 
-def _courses(since_s: Array, taus_s: Array) -> Array:
-    """Return courses of time (P, K): what settles with each time constant, and early steps."""
-    latest_s = WARMING.first_share * float(since_s.max())
-    steps_s = np.quantile(since_s[since_s < latest_s], np.linspace(0.0, 1.0, MOTION.coarse_times))
-    settles = np.exp(-since_s[:, None] / taus_s)
-    return np.concatenate([settles, since_s[:, None] <= steps_s], axis=1)
+def _taken(rows: WhitenedPoses, at: Index) -> WhitenedPoses:
+    """Return some of the poses."""
+    return WhitenedPoses(rows.at, rows.poses.take(at), rows.residual[at], rows.whitener[at])
 
 
 def _of_arm(rows: WhitenedPoses, tried: tuple[WarmsUp, ...], taus_s: Array) -> Array:
@@ -77,13 +76,6 @@ def _of_arm(rows: WhitenedPoses, tried: tuple[WarmsUp, ...], taus_s: Array) -> A
     columns = linear.by_effects(rows.at, rows.poses, shapes, starts, rows.whitener)
     every = np.concatenate(columns, axis=2)
     return every.reshape(*every.shape[:2], len(taus_s), len(tried))
-
-
-def _rivals(rows: WhitenedPoses) -> tuple[Array, ...]:
-    """Return whitened columns (P, b, k) of motions of the base, and of all targets."""
-    of_base = rows.whitener @ linear.by_base(rows.at, rows.poses)
-    each = (of_base, rows.by_targets)
-    return tuple(WARMING.base_m * columns for columns in each if columns.shape[2])
 
 
 class _Beside:
@@ -109,6 +101,25 @@ class _Beside:
         projection = np.einsum("pbki,pb->ki", columns, self._data, optimize=True)
         further = self._known.of_each_further(across, gram, projection)
         seen = int(np.count_nonzero(self._data))
-        sizes = np.array(WARMING.sizes)[:, None]
+        sizes = np.array(CHANGE.scales)[:, None]
         gains = [further.in_sizes(size).gains(seen)[0] for size in sizes]
         return np.asarray(np.max(gains, axis=0) / PROBABILITIES.blocks)
+
+
+def _best_rival(rows: WhitenedPoses, beside: _Beside, since_s: Array, taus_s: Array) -> float:
+    """Return the gain by motions of the base or of all targets that settle, or step early.
+
+    Args:
+        rows: P poses.
+        beside: what the motions have to gain beside.
+        since_s: (P,) times from the first reading on.
+        taus_s: time constants with which they may settle.
+    """
+    early_s = since_s[since_s < ORDER.end_share * since_s.max()]
+    steps_s = np.quantile(early_s, np.linspace(0.0, 1.0, MOTION.coarse_times))
+    settling = np.exp(-since_s[:, None] / taus_s)
+    courses = np.concatenate([settling, since_s[:, None] <= steps_s], axis=1)[:, None, :, None]
+    of_base = rows.whitener @ linear.by_base(rows.at, rows.poses)
+    motions = [each for each in (of_base, rows.by_targets) if each.shape[2]]
+    gains = (beside.gains(WARMING.base_m * each[:, :, None, :] * courses) for each in motions)
+    return max(float(gain.max()) for gain in gains)

@@ -242,8 +242,8 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
         return ""
     part_s = float(time_s[upto - 1] - time_s[0] if end == "first" else time_s[-1] - time_s[-upto])
     why = (
-        "something had not yet settled, such as joints that warm up; warm the arm up before "
-        "measuring, or leave these poses out"
+        "something had not yet settled, such as joints that warm up, or moved; warm the arm up "
+        "before measuring, or leave these poses out"
         if end == "first"
         else "something changed there; measure these poses again, or leave them out"
     )

@@ -13,6 +13,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.files.arms import load_arm
 from pa10cal.terms.effects.effect import CandidateContext, Effect, candidates
 from pa10cal.terms.effects.structure import AxisWobble
+from pa10cal.terms.effects.warm_up import warm_ups
 
 ARM = load_arm("pa10_6ce")
 SLIDES = np.array([True, False, False, False, False, True])
@@ -54,7 +55,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         slides = candidates(some_surroundings(SLIDING))
         found += tuple(each for each in slides if each.id in OF_SLIDES)
         turning = replace(some_surroundings(), q_span_rad=np.tile([-2.0, 2.0], (ARM.n, 1)))
-        found += tuple(AxisWobble.everywhere(turning))
+        found += (*AxisWobble.everywhere(turning), *warm_ups(turning))
         metafunc.parametrize("effect", found, ids=[f"{each.id} of {each.of}" for each in found])
 
 

@@ -60,6 +60,7 @@ ONE_SIGN = {
     "link_bending",
     "link_growth",
     "link_torsion",
+    "link_warm_up",
     "slide_bending",
     "soft_windup",
     "thermal_growth",
@@ -91,6 +92,7 @@ EITHER_SIGN = {
     "slide_scale",
     "torque_gain",
     "transmission_error",
+    "warm_up",
     "wrist_coupling",
 }
 PAGE = Path(__file__).parents[3] / "docs/discovery-details.md"

@@ -1,9 +1,10 @@
 """Effects of an arm that warms up: a first-order lag in time, from the first reading on.
 
-Drives and links warm up as they are used and approach a steady temperature by 1 - exp(-t / tau)
-(ISO 230-3, thermal distortion; ISO 9283 has robots warmed up before they are measured). What is
-fitted is how much of it has not yet come, -A exp(-t / tau): by a constant, which zeros and lengths
-take up, it is the same, and it vanishes in the warm arm, which is what poses without time have.
+Drives and links warm up as they are used and approach a steady temperature by 1 - exp(-t / tau), as
+a body does that is heated evenly (ISO 230-3 is about such errors of machines, and ISO 9283 lets a
+warm-up precede tests). What is fitted is how much of it has not yet come, -A exp(-t / tau): that is
+the same but for a constant, which zeros and lengths take up. It vanishes in the warm arm, which
+poses without a time are taken to be of.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class WarmsUp(Effect):
     start_s: float  # time of the first reading
     span_s: float  # from there to the last one
     tau_s: float  # time constant about which tau is fitted
+    depends_on = "time_s"
     goes_with_time = True
     sought = False
     linear = 1  # proportional to A; tau shapes it

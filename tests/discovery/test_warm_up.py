@@ -1,0 +1,93 @@
+"""Arms that warm up in the first poses are told from what else settles or moves there."""
+
+import numpy as np
+import pytest
+
+import pa10cal
+from mended import mend, write_simulated
+
+POSES, SECONDS, TAU_S = 150, 60.0, 900.0
+TARGETS_MM = [f"T{target}_{axis}_mm" for target in (1, 2, 3) for axis in "xyz"]
+
+
+def discovered(folder, change=None, hidden=()):
+    """Return the verdict on an arm under a tracker, after a change of its table."""
+    plan = {"instrument": "points", "poses": POSES, "position_mm": 0.02, "hardening": False}
+    raw = {
+        "robot": "ur10",
+        "random_seed": 4,
+        "hidden_effects": list(hidden),
+        "without_touches": {**plan, "seconds_a_pose": SECONDS, "unseen_share": 0.0},
+    }
+    write_simulated(folder / "raw", raw)
+    if change is not None:
+        mend(folder / "raw", "poses.csv", change)
+    campaign = pa10cal.read_campaign(folder / "raw")
+    return pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+
+
+def not_yet(table):
+    """Return the part of a warm-up that each row still lacks, and the number of each row."""
+    time_s = table.numbers(["time_s"])[:, 0]
+    return np.exp(-(time_s - time_s.min()) / TAU_S), np.argsort(np.argsort(time_s))
+
+
+def joints_warm_up(table):
+    """Zeros of joints 2 and 3: the logged angles lack what has come, up to a constant."""
+    names, amounts_mrad = ["q2_deg", "q3_deg"], np.array([0.4, -0.3])
+    left, _ = not_yet(table)
+    more_deg = np.degrees(1e-3 * np.outer(left, amounts_mrad))
+    table.put(names, table.numbers(names) + more_deg)
+
+
+def base_settles(table):
+    left, _ = not_yet(table)
+    table.put(TARGETS_MM, table.numbers(TARGETS_MM) + 0.4 * np.outer(left, np.tile([1, 0, -1], 3)))
+
+
+def base_steps(table):
+    _, row = not_yet(table)
+    moved_mm = 0.4 * np.outer(row < 14, np.tile([1, 0, -1], 3))
+    table.put(TARGETS_MM, table.numbers(TARGETS_MM) + moved_mm)
+
+
+def joint_of_first_pose_is_misread(table):
+    """All targets keep their distances there."""
+    _, row = not_yet(table)
+    table.put(["q4_deg"], table.numbers(["q4_deg"]) + 0.2 * (row == 0)[:, None])
+
+
+def names(verdict):
+    return {(found.id, found.of) for found in verdict.effects}
+
+
+def test_joints_that_warm_up_are_named_with_their_size_and_time_constant(tmp_path):
+    verdict = discovered(tmp_path, joints_warm_up)
+    assert verdict.verdict == "named"
+    assert names(verdict) == {("warm_up", "joint 2"), ("warm_up", "joint 3")}
+    for found, amount in zip(verdict.effects, (4e-4, -3e-4), strict=True):
+        for value, true, std in zip(
+            found.x, (amount, TAU_S), np.sqrt(np.diag(found.covariance)), strict=True
+        ):
+            assert abs(value - true) < 3.0 * std < 0.5 * abs(true)
+    # Poses without a time are those of the warm arm.
+    q_rad = verdict.train.poses.states.q_rad
+    warm = verdict.model.predict(q_rad).T[:, :3, 3]
+    late = verdict.model.predict(q_rad, time_s=np.full(len(q_rad), 1e6)).T[:, :3, 3]
+    np.testing.assert_allclose(warm, late, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", [None, base_settles, base_steps, joint_of_first_pose_is_misread])
+def test_what_else_settles_or_moves_is_no_warm_up(tmp_path, change):
+    verdict = discovered(tmp_path, change)
+    assert not {name for name, _ in names(verdict)} & {"warm_up", "link_warm_up"}
+    assert not any("warm_up" in fault.what for fault in verdict.faults)
+    if change is None:
+        assert verdict.verdict == "none"
+
+
+@pytest.mark.slow
+def test_a_base_that_drifts_stays_a_drift(tmp_path):
+    drift = {"id": "base_drift", "of": "base", "parameters": {"rate": [1e-4, 0.0, -5e-5]}}
+    assert names(discovered(tmp_path, hidden=[drift])) == {("base_drift", "base")}
