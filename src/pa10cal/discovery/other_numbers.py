@@ -1,4 +1,4 @@
-"""Numbers of discovery that no verdict hangs on: fields, what to measure next, steps of fits.
+"""Numbers of discovery that no verdict hangs on: fields, formulas, what to measure next, fits.
 
 Those on which it does stand in `discovery/rules.py`; one page of the documentation has them all.
 """
@@ -135,7 +135,38 @@ class Computing:
     least_weight: float = 1e-12  # least weight of a line, in the largest (computing)
 
 
+@dataclass(frozen=True)
+class Forms:
+    """Short formulas for what has no name."""
+
+    standard_errors: float = 3.0  # standard errors over blocks by which a form must help (level)
+    # part of what is over the noise that it must take away (trials)
+    least_explained_share: float = 0.8
+    # standard errors within which forms do equally well: the best of many is so by chance, too
+    # (level)
+    tie_errors: float = 2.0
+    # what squared errors of two right forms are expected to differ by, in squares of the noise
+    # (statistics)
+    chance_squares: float = 2.0
+    # errors over noise that may be left where there is no map to do as well as (trials)
+    over_noise: float = 1.1
+    refined: int = 12  # forms that are looked at between their neighbours (computing)
+    refined_rounds: int = 2  # so many times (computing)
+    refined_places: int = 9  # at so many places between (computing)
+    at_once: int = 256  # forms whose columns are made at once (computing)
+    kept: int = 48  # forms that few poses do not rule out (computing)
+    # standard errors within which a form must do as well in some poses, to be tried in all (level)
+    few_errors: float = 3.0
+    most_others: int = 6  # other forms that are listed as doing as well (told)
+    # poses by which forms are ruled out, where there are many more (computing)
+    few_poses: int = 800
+    # parameters of maps and rivals that one form may stand for: fine maps of several joints are no
+    # one formula (trials)
+    most_parameters: int = 400
+
+
 FIELD = Field()
+FORMS = Forms()
 NEXT_POSES = NextPoses()
 PLACES = Places()
 COMPUTING = Computing()

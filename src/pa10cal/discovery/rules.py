@@ -17,7 +17,7 @@ from pydantic import JsonValue
 from pydantic_core import to_jsonable_python
 from scipy.special import ndtri
 
-from pa10cal.discovery.other_numbers import COMPUTING, FIELD, NEXT_POSES, PLACES
+from pa10cal.discovery.other_numbers import COMPUTING, FIELD, FORMS, NEXT_POSES, PLACES
 from pa10cal.results.record import SURE
 
 if TYPE_CHECKING:
@@ -519,36 +519,6 @@ class Ripple:
     varying_share: float = 1e-3
 
 
-@dataclass(frozen=True)
-class Forms:
-    """Short formulas for what has no name."""
-
-    standard_errors: float = 3.0  # standard errors over blocks by which a form must help (level)
-    # part of what is over the noise that it must take away (trials)
-    least_explained_share: float = 0.8
-    # standard errors within which forms do equally well: the best of many is so by chance, too
-    # (level)
-    tie_errors: float = 2.0
-    # what squared errors of two right forms are expected to differ by, in squares of the noise
-    # (statistics)
-    chance_squares: float = 2.0
-    # errors over noise that may be left where there is no map to do as well as (trials)
-    over_noise: float = 1.1
-    refined: int = 12  # forms that are looked at between their neighbours (computing)
-    refined_rounds: int = 2  # so many times (computing)
-    refined_places: int = 9  # at so many places between (computing)
-    at_once: int = 256  # forms whose columns are made at once (computing)
-    kept: int = 48  # forms that few poses do not rule out (computing)
-    # standard errors within which a form must do as well in some poses, to be tried in all (level)
-    few_errors: float = 3.0
-    most_others: int = 6  # other forms that are listed as doing as well (told)
-    # poses by which forms are ruled out, where there are many more (computing)
-    few_poses: int = 800
-    # parameters of maps and rivals that one form may stand for: fine maps of several joints are no
-    # one formula (trials)
-    most_parameters: int = 400
-
-
 NOISE = Noise()
 JUDGING = Judging()
 CANDIDATES = Candidates()
@@ -568,7 +538,6 @@ RIPPLE = Ripple()
 LINES = Lines()
 WOBBLES = Wobbles()
 WARMING = WarmingUp()
-FORMS = Forms()
 
 #: All of them, by what they decide.
 SECTIONS: dict[str, DataclassInstance] = {
