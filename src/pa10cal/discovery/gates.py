@@ -44,6 +44,8 @@ from pa10cal.terms.effects.effect import Effect, turning_joints
 from pa10cal.terms.effects.joint import Backlash, GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.effects.over_time import BaseDrift
+from pa10cal.terms.effects.readings import Scale
+from pa10cal.terms.effects.slide import SlideScale
 from pa10cal.terms.weights import holds_weights
 
 S = TypeVar("S", bound=Scorer)
@@ -60,7 +62,7 @@ def gated(found: Verdict[S]) -> Verdict[S]:
     found = _with_names_that_pass(found)
     found = _with_one_kind(_with_likeliest_names(found))
     found = _without_unlikely_names(found)
-    found = _without_names_that_move_nothing(with_pulls(found))
+    found = _without_names_that_move_nothing(_with_other_leads(with_pulls(found)))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(
@@ -252,6 +254,29 @@ def with_pulls(found: Verdict[S]) -> Verdict[S]:
             pull = Rival(map_of_joint, np.zeros(1), PROBABILITIES.pull)
             wider = replace(finding, alternatives=(*others, map_of_joint), rivals=(*rivals, pull))
             found = replace(found, findings=instead(found, wider))
+    return found
+
+
+def _with_other_leads(found: Verdict[S]) -> Verdict[S]:
+    """Return a verdict in which leads beside a scale have those of all other axes as rivals.
+
+    Only differences of leads are identifiable beside a scale, of the instrument or of all axes that
+    slide: a factor of three axes and the lead of one are two wrong leads of the others, too.
+    """
+    scales = [each for each in found.findings if each.id in (SlideScale.id, Scale.id)]
+    leads = [each for each in found.findings if getattr(each.effect, "slides", False)]
+    slides = {f"joint {k}" for k in np.flatnonzero(found.context.arm.prismatic) + 1}
+    others = sorted(slides - {lead.of for lead in leads})
+    if not scales or not leads or not others or len(others) > len(scales) + len(leads):
+        return found
+    equal = [
+        Rival(GearRatioError(of, slides=True), np.zeros(1), 1.0 / len(others)) for of in others
+    ]
+    for finding in (*scales, *leads):
+        known = {name_of(rival.effect) for rival in equal}
+        rest = [rival for rival in finding.rivals if name_of(rival.effect) not in known]
+        wider = replace(finding, rivals=(*rest, *equal))
+        found = replace(found, findings=instead(found, wider))
     return found
 
 
