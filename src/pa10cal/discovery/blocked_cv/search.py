@@ -30,7 +30,6 @@ from pa10cal.discovery.linear import standard_error
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
-from pa10cal.terms.effects.slide import AtSlide
 from pa10cal.terms.weights import is_fault
 
 
@@ -202,14 +201,16 @@ class Search:
         names = self._names_in_place_of(candidate.effect, rest)
         if not names:
             return None
-        # A cheap test first: whether all names together can do as well at all.
-        together = Columns(
-            np.concatenate([name.index for name in names]),
-            np.concatenate([name.sizes for name in names]),
-        )
-        loss = rest.squares_with_each([together])[0] - chosen.squares
-        if loss.sum() > BLOCKS.hopeless_errors * standard_error(loss):
-            return None
+        # A cheap test first, unless columns of several places overfit: whether all names together
+        # can do as well at all.
+        if len({name.effect.of for name in names}) == 1:
+            together = Columns(
+                np.concatenate([name.index for name in names]),
+                np.concatenate([name.sizes for name in names]),
+            )
+            loss = rest.squares_with_each([together])[0] - chosen.squares
+            if loss.sum() > BLOCKS.hopeless_errors * standard_error(loss):
+                return None
         tried = rest
         for _ in range(BLOCKS.most_names):
             names = self._names_in_place_of(candidate.effect, tried)
@@ -240,7 +241,7 @@ class Search:
         places = {effect.of}
         if effect.of == "instrument":
             # The place in the instrument's frame goes with the position of a rail or column.
-            places |= {each.effect.of for each in self.family if isinstance(each.effect, AtSlide)}
+            places |= {each.effect.of for each in self.family if each.effect.of_slide}
         return [other for other in names if other.effect.of in places]
 
 

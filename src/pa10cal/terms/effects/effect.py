@@ -127,6 +127,8 @@ class Effect(Traits):
     on_link: ClassVar[bool] = False
     #: Whether it is an error of the instrument's readings, not of the robot.
     falsifies_readings: ClassVar[bool] = False
+    #: Whether it is of a joint that slides before any that turns, a rail or a column.
+    of_slide: ClassVar[bool] = False
     #: Whether only differences of its amounts are identifiable: their mean goes with the lengths.
     by_differences: ClassVar[bool] = False
     #: Whether it is a fault of the whole log, which is reported as such and not as an effect.

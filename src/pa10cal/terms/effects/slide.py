@@ -30,6 +30,7 @@ class AtSlide(AtJoint):
     They are those of the frame in which the next joint moves; of the last joint those of the tool.
     """
 
+    of_slide = True
     span_m: tuple[float, float]  # lowest and highest measured position
     along: tuple[float, float, float]  # direction of the stroke, along the axes of that frame
 
