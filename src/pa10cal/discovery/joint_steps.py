@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from typing_extensions import override
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Mask
 from pa10cal.discovery import linear
 from pa10cal.discovery.changed import (
     WORDS,
@@ -31,6 +31,9 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import like_a_scan, partings, spread_over_time
 from pa10cal.terms.effects.effect import Effect
+
+#: A step from the first row on: columns that hold steps of their own count as they are.
+_FROM_FIRST = np.array([0])
 
 
 class JointStep(NamedTuple):
@@ -115,34 +118,18 @@ def joint_steps_of(
     slides = at.model.chain.arm.prismatic
     if any(any(partings(poses.states, time_s, slides)) for _, time_s in chosen):
         return None
-    every, from_first = _columns(chosen, at, poses), np.array([0])
+    every = _columns(chosen, at, poses)
     unchanged = StepRows(at, poses, whitener)
-    together = unchanged.best(every, from_first)
-    most_of_others = max(
-        _of_bases(at, poses, whitener, len(chosen)),
-        *(unchanged.best(change_columns(*kind, at, poses)).gain for kind in kinds_of_change(at)),
-    )
-    if together.gain < most_of_others + CHANGE.better_nats:
+    together = unchanged.best(every, _FROM_FIRST)
+    if together.gain < _of_others(at, poses, whitener, len(chosen)) + CHANGE.better_nats:
         return None
-    # Positions show how much is left: orientations may be all noise, and errors of joints count as
-    # noise in part.
     smooth = by_pose_and_time(at, poses, effects, logged=logged, weights=True)
-    seen = np.isin(np.arange(whitener.shape[2]), poses.measured.position_columns)
-    for beside in ((), smooth):
-        left = StepRows(at, poses, of_readings * seen, *beside).best(every, from_first).remaining
-        if left > CHANGE.most_left_share:
-            return None
-    # The steps of a joint must gain beside the others, and beside an error that comes gradually: in
-    # the noise of readings, as steps are a part of the error that joints make.
-    number = np.array([joint for joint, _ in chosen])
-    for joint in set(number.tolist()):
-        own = CHANGE.size * linear.by_joints(at, poses, (joint,))
-        courses = (*gradual_courses(poses), *_settling(poses))
-        gradual = [CHANGE.static_sizes * own * course for course in courses]
-        others = together.scale * every[:, :, number != joint]
-        rows = StepRows(at, poses, of_readings, *smooth, *gradual, others)
-        if rows.best(every[:, :, number == joint], from_first).gain < _needed(at, poses):
-            return None
+    by_joint = {joint: np.array([joint == each for each, _ in chosen]) for joint, _ in chosen}
+    if not _leave_little(every, at, poses, of_readings, smooth) or not all(
+        _are_sudden(joint, every, own, at, poses, of_readings, smooth)
+        for joint, own in by_joint.items()
+    ):
+        return None
     found = []
     for k, step in enumerate(chosen):
         others = together.scale * np.delete(every, k, axis=2)
@@ -152,6 +139,45 @@ def joint_steps_of(
         scale=together.scale,
         amounts=unchanged.amounts(every, together.scale, 0),
     )
+
+
+def _leave_little(
+    every: Array, at: FittedModel, poses: Observations, of_readings: Array, smooth: Sequence[Array]
+) -> bool:
+    """Return whether steps leave little of the squared error, alone and beside smooth functions.
+
+    Of that of positions, in the noise of readings: orientations may be all noise, and errors of
+    joints count as noise elsewhere, steps among them.
+    """
+    seen = np.isin(np.arange(of_readings.shape[2]), poses.measured.position_columns)
+    return all(
+        StepRows(at, poses, of_readings * seen, *beside).best(every, _FROM_FIRST).remaining
+        <= CHANGE.most_left_share
+        for beside in ((), smooth)
+    )
+
+
+def _are_sudden(
+    joint: int,
+    every: Array,
+    own: Mask,
+    at: FittedModel,
+    poses: Observations,
+    of_readings: Array,
+    smooth: Sequence[Array],
+) -> bool:
+    """Return whether the steps of a joint gain beside an error of it that comes on gradually.
+
+    Args:
+        every: (P, b, k) columns of all steps.
+        own: (k,) those of this joint; it is judged beside the others.
+    """
+    by_joint = CHANGE.size * linear.by_joints(at, poses, (joint,))
+    courses = (*gradual_courses(poses), *_settling(poses))
+    gradual = [CHANGE.static_sizes * by_joint * course for course in courses]
+    others = CHANGE.static_sizes * every[:, :, ~own]
+    rows = StepRows(at, poses, of_readings, *smooth, *gradual, others)
+    return rows.best(every[:, :, own], _FROM_FIRST).gain >= _needed(at, poses)
 
 
 def _settling(poses: Observations) -> list[Array]:
@@ -203,18 +229,20 @@ def _chosen(at: FittedModel, poses: Observations, whitener: Array) -> list[tuple
     return sorted(found, key=lambda step: step[1])
 
 
-def _of_bases(at: FittedModel, poses: Observations, whitener: Array, count: int) -> float:
-    """Return the gain in log evidence of as many steps of the base, found one by one."""
+def _of_others(at: FittedModel, poses: Observations, whitener: Array, count: int) -> float:
+    """Return the most log evidence of as many steps of the base, or of another change at a row."""
+    rows, kinds = StepRows(at, poses, whitener), kinds_of_change(at)
+    best = max(rows.best(change_columns(*kind, at, poses)).gain for kind in kinds)
     columns = change_columns("base", 0, at, poses)
-    gained, beside = 0.0, list[Array]()
+    of_bases, beside = 0.0, list[Array]()
     for _ in range(count):
         step = StepRows(at, poses, whitener, *beside).best(columns)
         if step.gain <= 0.0:
             break
-        gained += step.gain
+        of_bases += step.gain
         after = np.arange(len(poses)) >= step.row
         beside.append(step.scale * columns * after[:, None, None])
-    return gained
+    return max(best, of_bases)
 
 
 def _described(
