@@ -39,7 +39,7 @@ def test_what_two_joints_do_together_is_predicted_and_is_no_name(entangled):
     assert sum(each.share for each in explained.of) == pytest.approx(explained.share)
     assert sum(entry.joints.values()) == pytest.approx(1.0, abs=0.1)
     assert "is predicted: " in headline(explained)
-    assert any("has no name is predicted, mostly by joint" in said for said in sentences(explained))
+    assert any("has no name is predicted" in said for said in sentences(explained))
     assert verdict_keys(beside).gap.train.after == beside.train.after
 
 
