@@ -156,6 +156,17 @@ def test_equal_leads_are_as_likely_as_the_scale_of_the_instrument(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_lead_beside_a_scale_may_be_those_of_the_other_axes(tmp_path):
+    """Of two wrong leads and one factor of all with the third lead, poses tell neither."""
+    campaign = gantry_off_by([60, 0, 60], tmp_path)
+    found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
+    (lead,) = (name for name in found.effects if name.id == "gear_ratio_error")
+    assert lead.of == "joint 2"
+    assert lead.explanations.of(lead.effect) == pytest.approx(0.5, abs=0.02)
+    assert [other.of for other in lead.alternatives] == ["joint 1", "joint 3"]
+
+
+@pytest.mark.slow
 def test_leads_of_single_axes_are_told_axis_by_axis(tmp_path):
     campaign = gantry_off_by([80, -40, 120], tmp_path)
     found = pa10cal.discover(campaign, pa10cal.calibrate(campaign))
