@@ -151,12 +151,8 @@ class GradeEvidence:
 
     @property
     def zeros_off(self) -> tuple[records.InputFinding, ...]:
-        """Return the zeros of joints that the checks of the input found to be off.
-
-        Campaigns that contradict each other in a zero are another matter: these were not tried
-        without it.
-        """
-        return tuple(finding for finding in self.findings if finding.is_departure)
+        """Return the zeros of joints that are off by the checks of the input, or between campaigns."""
+        return tuple(finding for finding in self.findings if finding.kind == "joint_zero")
 
     @property
     def large_departures(self) -> tuple[records.InputFinding, ...]:
