@@ -151,7 +151,7 @@ class GradeEvidence:
 
     @property
     def zeros_off(self) -> tuple[records.InputFinding, ...]:
-        """Return the zeros of joints that are off by the checks of the input, or between campaigns."""
+        """Return zeros of joints that are off by checks of the input, or between campaigns."""
         return tuple(finding for finding in self.findings if finding.kind == "joint_zero")
 
     @property
