@@ -466,8 +466,9 @@ class Wobbles:
 class WarmingUp:
     """Joints and links that warm up in the first poses."""
 
-    # shortest and longest time constant, in the campaign, and their number (size)
-    time_constants: tuple[float, float, int] = (2e-3, 0.2, 24)
+    # shortest time constant [s], longest one in the campaign, and their number: castings and the
+    # grease of gears take minutes to hours (size)
+    time_constants: tuple[float, float, int] = (300.0, 0.2, 24)
     base_m: float = 1e-4  # plausible motion of base, tool and targets [m, rad] (size)
     # nats by which it must stand out of a base, tool or target that settles or moves (level)
     better_nats: float = 4.6

@@ -44,8 +44,10 @@ def warm_ups_shown(
         return ()
     rows = _taken(rows, spread_over_time(poses, MOTION.most_readings))
     first_s, last_s = context.time_span_s
-    low, high, count = WARMING.time_constants
-    taus_s = (last_s - first_s) * np.geomspace(low, high, count)
+    shortest_s, longest, count = WARMING.time_constants
+    if shortest_s >= longest * (last_s - first_s):
+        return ()
+    taus_s = np.geomspace(shortest_s, longest * (last_s - first_s), count)
     since_s = rows.poses.states.time_s - first_s
     beside = _Beside(rows, context, logged=logged)
     gains = beside.gains(_of_arm(rows, tried, taus_s))
