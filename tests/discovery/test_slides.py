@@ -207,6 +207,7 @@ def test_a_lead_is_told_beside_a_rail_that_sags(tmp_path):
     assert names == {("gear_ratio_error", "joint 1"), ("slide_error", "joint 1")}
 
 
+@pytest.mark.slow
 def test_with_its_scale_in_the_model_targets_are_as_far_apart_as_they_are(tmp_path):
     """Readings 0.2 % too long; the model's targets are not."""
     campaign = gantry_off_by([0, 0, 0], tmp_path, scale=1.002)

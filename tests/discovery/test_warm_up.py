@@ -61,6 +61,7 @@ def names(verdict):
     return {(found.id, found.of) for found in verdict.effects}
 
 
+@pytest.mark.slow
 def test_joints_that_warm_up_are_named_with_their_size_and_time_constant(tmp_path):
     verdict = discovered(tmp_path, joints_warm_up)
     assert verdict.verdict == "named"
