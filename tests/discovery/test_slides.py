@@ -153,6 +153,16 @@ def test_equal_leads_are_as_likely_as_the_scale_of_the_instrument(tmp_path):
     assert name.explanations.of(name.effect) == pytest.approx(0.5, abs=0.02)
     assert name.parameters["s"].value == pytest.approx(60e-6, abs=4e-6)
     assert found.holdout.after.rms_mm < 1.1 * 0.02 * np.sqrt(3.0)
+    # Under the other explanation the robot is smaller by as much: predictions hold both.
+    found.model.save(tmp_path / "model.yaml")
+    model = pa10cal.load_model(tmp_path / "model.yaml")
+    q = np.array([[0.5, 0.3, 0.2, 0.0, 0.5, 0.0], [3.5, 1.8, 0.9, 0.0, 0.5, 0.0]])
+    at, under_scale = (
+        each.predict(q, frame="target_T1") for each in (model, model.otherwise.model)
+    )
+    apart_mm = 1e3 * np.linalg.norm((at.T - under_scale.T)[:, :3, 3], axis=1)
+    assert apart_mm[1] == pytest.approx(60e-3 * np.linalg.norm(at.T[1, :3, 3]), rel=0.1)
+    np.testing.assert_allclose(at.u_mm, np.hypot(at.u_parameters_mm, 0.703 * apart_mm), rtol=0.2)
 
 
 @pytest.mark.slow

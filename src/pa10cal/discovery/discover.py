@@ -19,7 +19,7 @@ from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance
 from pa10cal.discovery.field import field_of, with_field
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.gates import gated
+from pa10cal.discovery.gates import gated, with_other_readings
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
 from pa10cal.discovery.loose_targets import loose_targets
 from pa10cal.discovery.nameless import nameless_effects
@@ -82,7 +82,8 @@ def discover(
     found = _without_influential_poses(_judged(campaign, model), model)
     if is_sought(found):
         found = with_lines_named(with_proposals(_likelier(found, gated(found))))
-    return with_friction_of_log(with_likely(with_predicted(with_compliance(found))))
+    found = with_likely(with_predicted(with_compliance(found)))
+    return with_friction_of_log(with_other_readings(found))
 
 
 def _without_influential_poses(found: Verdict, model: FittedModel) -> Verdict:

@@ -18,6 +18,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.calibration.health import most_stated
 from pa10cal.calibration.rules import GRADES
+from pa10cal.discovery.field import with_field
 from pa10cal.discovery.finding import Finding, Rival, name_of
 from pa10cal.discovery.linear import mean_error_of_noise_mm
 from pa10cal.discovery.no_harm import harmed, harmless
@@ -30,10 +31,12 @@ from pa10cal.discovery.verdict import (
     in_doubt,
     instead,
     is_named,
+    is_sought,
     no_name,
     with_findings,
     without_names,
 )
+from pa10cal.fit.fitted import Otherwise
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
 from pa10cal.observe.order import drivers, measured_again, slow_joints
@@ -313,6 +316,36 @@ def _of_the_robot(found: Verdict[S], finding: Finding) -> Verdict[S]:
     others = tuple(effect for effect in finding.alternatives if effect.falsifies_readings)
     listed = (*others, finding.effect)
     return _alternative(found, finding, robots, listed) or found
+
+
+def with_other_readings(found: Verdict) -> Verdict:
+    """Return a verdict whose model knows what it predicts if the instrument reads otherwise.
+
+    That is where an effect of the robot and one of the instrument explain the readings alike. Of
+    several such pairs it is the one whose other member is likeliest.
+    """
+    if not is_sought(found):
+        return found
+    pairs = [
+        (probability, finding, other)
+        for finding in found.findings
+        for other, probability in finding.explanations.named
+        if other.falsifies_readings != finding.effect.falsifies_readings
+        and probability >= PROBABILITIES.other_readings
+        and is_named(finding.effect)
+        and is_named(other)
+    ]
+    if not pairs:
+        return found
+    probability, finding, other = max(pairs, key=lambda pair: pair[0])
+    about = fitted_instead(found, finding, finding.about(other))
+    if about is None:
+        return found
+    model = about.scorer.extended.fitted()
+    if found.predicted is not None:
+        model = with_field(model, found.predicted.fit)
+    model = replace(model, covariance=None)
+    return replace(found, otherwise=Otherwise(model, probability))
 
 
 def holds_zero(effect: Effect, model: FittedModel) -> Iterator[str]:

@@ -251,6 +251,8 @@ class Probabilities:
     # prior odds of maps and smooth functions against a name, which they can imitate, where blocks
     # judge (level)
     flexible: float = 1.0 / Evidence.odds_over_map
+    # probability from which on predictions hold another explanation of the readings (level)
+    other_readings: float = 0.25
     pull: float = 0.3  # prior odds of a pull at a joint against its gear ratio (trials)
     unknown: float = 0.01  # probability that no effect that was tried is present (trials)
     # the same where repeats judge and more than noise is left without a name (trials)

@@ -47,7 +47,7 @@ from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
 from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
-from pa10cal.fit.fitted import FallBack, FittedTo
+from pa10cal.fit.fitted import FallBack, FittedTo, Otherwise
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
@@ -237,6 +237,7 @@ class Verdict(Generic[S]):
     faults_of_rows: tuple[DiagnosedFault, ...] = ()  # found after the search
     # joint positions within which the extended model holds; None where it holds everywhere
     falls_back: FallBack | None = None
+    otherwise: Otherwise | None = None  # the model under another explanation of the readings
     proposed: tuple[FormulaProposal, ...] = ()  # formulas for parts that have no name
     # joints that give way under weights that are not stated; their springs are in the calibrated
     # model already
@@ -408,6 +409,7 @@ class Verdict(Generic[S]):
             seen=self.baseline.seen if seen is None else seen,
             discrepancy=discrepancy_of(fitted, self.train.poses),
             falls_back=away,
+            otherwise=self.otherwise,
         )
 
     def _fitted_to(self) -> FittedTo | None:

@@ -156,6 +156,14 @@ class FallBack:
     why: str = ""  # what held-out poses show, one sentence; empty where not known
 
 
+@dataclass(frozen=True)
+class Otherwise:
+    """The model under another explanation of the same readings, as an error of the instrument."""
+
+    model: Fitted  # of the same arm and measured by the same instrument
+    probability: float  # that the other explanation is right
+
+
 #: Result for a target: reached; reached by joint positions beyond their limits; not reached; or
 #: reached where motion in some direction takes large motions of the joints.
 Status = Literal["ok", "outside_limits", "unreachable", "near_singular"]
@@ -271,6 +279,8 @@ class Fitted:
     discrepancy: Discrepancy | None = None
     # what is predicted where its effects do not hold; None where they hold everywhere
     falls_back: FallBack | None = None
+    # what would be predicted if readings have another explanation; None where none is likely
+    otherwise: Otherwise | None = None
 
     def __post_init__(self) -> None:
         count = len(self.model.parameters)
@@ -445,7 +455,8 @@ class Fitted:
     def nominal(self) -> Self:
         """Return the nominal arm at the same base."""
         rigid = Model(self.model.chain, ())
-        return replace(self, model=rigid, x=np.zeros(0), covariance=None, falls_back=None)
+        none: dict[str, Any] = dict.fromkeys(("covariance", "falls_back", "otherwise"))
+        return replace(self, model=rigid, x=np.zeros(0), **none)
 
     def only(self, *terms: Term) -> Self:
         """Return the model with only these of its terms, their values and their covariance."""

@@ -26,7 +26,15 @@ from pa10cal.fit.covariance_file import (
     covariance_path,
     write_covariance,
 )
-from pa10cal.fit.fitted import FLANGE, Compensation, FallBack, Fitted, FittedTo, Prediction
+from pa10cal.fit.fitted import (
+    FLANGE,
+    Compensation,
+    FallBack,
+    Fitted,
+    FittedTo,
+    Otherwise,
+    Prediction,
+)
 from pa10cal.fit.forward import Forward, T_flange_frame, predicted, states_at
 from pa10cal.fit.loads import BLOCK
 from pa10cal.fit.plain_arm import (
@@ -311,6 +319,7 @@ def file_of(path: Path) -> Path:
 def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
     """Return a fitted model as numbers, texts, lists and mappings; see `model_from_plain`."""
     fitted, lacks, falls_back = model.fitted_to, model.discrepancy, model.falls_back
+    other = model.otherwise
     terms = [(term.id == Field.id, _term_to_plain(model, term)) for term in model.model.terms]
     tool: dict[str, Any] = {"R_ee_target": model.R_ee_target.tolist()}
     if model.R_first_target_of:
@@ -349,8 +358,20 @@ def model_to_plain(model: Fitted, **about: Any) -> dict[str, Any]:
             "within": falls_back.within.to_plain(),
             "model": model_to_plain(falls_back.model),
         },
+        **({} if other is None else {"otherwise": _otherwise_to_plain(other)}),
         "covariance": None,
     }
+
+
+def _otherwise_to_plain(other: Otherwise) -> dict[str, Any]:
+    return {"probability": other.probability, "model": model_to_plain(other.model)}
+
+
+def _otherwise_from_plain(content: Any, where: str) -> Otherwise | None:
+    if content is None:
+        return None
+    model = model_from_plain(content["model"], where=f"{where}: otherwise.model")
+    return Otherwise(model, float(content["probability"]))
 
 
 def model_from_plain(
@@ -411,6 +432,7 @@ def model_from_plain(
                 AngleCoverage.from_plain(falls_back["within"]),
                 model_from_plain(falls_back["model"], where=f"{where}: falls_back.model"),
             ),
+            otherwise=_otherwise_from_plain(content.get("otherwise"), where),
         )
     except Pa10calError:
         raise

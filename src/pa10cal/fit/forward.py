@@ -368,6 +368,10 @@ def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:
     if model.discrepancy is not None:
         u_mm = np.hypot(u_mm, model.discrepancy.error_at_mm(q))
     u_mm = np.hypot(u_mm, forward.uncertain_joints_mm(states))
+    if model.otherwise is not None:
+        apart_m = (predicted(model.otherwise.model, given, frame).T - T)[:, :3, 3]
+        apart_mm = 1e3 * np.linalg.norm(apart_m, axis=1)
+        u_mm = np.hypot(u_mm, np.sqrt(model.otherwise.probability) * apart_mm)
     prediction = Prediction(T, u_mm, u_parameters_mm, model.inside(q))
     if model.falls_back is None:
         return prediction

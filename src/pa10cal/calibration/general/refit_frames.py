@@ -114,6 +114,7 @@ def refit_frames(model: F, observations: Observations, cuts_s: Sequence[float] =
         falls_back=None
         if falls_back is None
         else FallBack(falls_back.within, refit_frames(falls_back.model, observations, cuts_s)),
+        otherwise=None,
     )
 
 
