@@ -83,8 +83,8 @@ def limits(found: Verdict) -> FallBack | None:
         where, then = " beyond the joint positions of the fit", "there"
     what = "with the effects" if found.findings else "by the model fitted anew"
     why = (
-        f"held-out poses{where} are predicted worse {what}: {harm.before.rms_mm:.4f} mm rms "
-        f"before, {harm.after.rms_mm:.4f} mm after; the extended model is the calibrated one {then}"
+        f"held-out poses{where} are predicted worse {what}: {_before_after(harm)}; the extended "
+        f"model is the calibrated one {then}"
     )
     return FallBack(within, found.baseline, why)
 
@@ -166,10 +166,7 @@ def _harmless_to_every_campaign(found: Verdict[S]) -> Verdict[S]:
     """
     while found.effects and (most := _most_harmed(found)) is not None:
         campaign, harm = most
-        worse = (
-            f"held-out poses of campaign {campaign} are predicted worse, "
-            f"{harm.before.rms_mm:.4f} mm rms before and {harm.after.rms_mm:.4f} mm after"
-        )
+        worse = f"held-out poses of campaign {campaign} are predicted worse, {_before_after(harm)}"
         others = ~found.train.campaigns[campaign]
         within = span_visited(found.train.poses.states.q_rad[others])
         apart = only_within(found, within)
@@ -206,6 +203,14 @@ def _most_harmed(found: Verdict) -> tuple[str, BeforeAfter] | None:
     every = ((name, gap.accuracies(rows)) for name, rows in gap.campaigns.items())
     worse = [(name, harm) for name, harm in every if harm and _is_harmed(found, name)]
     return max(worse, key=lambda pair: _ratio(pair[1]), default=None)
+
+
+def _before_after(harm: BeforeAfter) -> str:
+    """Return errors before and after in words: root mean squares or means, whichever grew more."""
+    before, after = harm.before, harm.after
+    if after.rms_mm * before.mean_mm >= after.mean_mm * before.rms_mm:
+        return f"{before.rms_mm:.4f} mm rms before, {after.rms_mm:.4f} mm after"
+    return f"{before.mean_mm:.4f} mm in the mean before, {after.mean_mm:.4f} mm after"
 
 
 def _ratio(harm: BeforeAfter) -> float:
