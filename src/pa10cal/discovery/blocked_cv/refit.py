@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -26,10 +27,11 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
+from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Term
+from pa10cal.terms.term import Offsets, Term, link_departures
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,28 +119,46 @@ def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
     A calibration without effects may leave these tilts at zero, as an effect that it lacks hides
     them. None where the baseline has them already or they are not shown.
     """
-    own, measured = survey.baseline, survey.poses.measured
-    links = next((term for term in own.model.terms if term.of == "links"), None)
+    baseline, measured = survey.baseline, survey.poses.measured
+    links = next((term for term in baseline.model.terms if _of_links(term)), None)
     if links is None:
         return None
-    every = linear.chosen_unknowns(own, measured).links
-    known = {parameter.name for parameter in links.parameters}
-    lacking = np.array([parameter.name not in known for parameter in every.parameters])
-    tilts = np.array([role == "tilt" for role in every.roles])
-    if not lacking.any() or not np.array_equal(lacking, tilts):
+    identified = linear.chosen_unknowns(baseline, measured).links
+    roles = {
+        each.name: role for each, role in zip(identified.parameters, identified.roles, strict=True)
+    }
+    tilts = {name for name, role in roles.items() if role == "tilt"}
+    if not tilts or roles.keys() - {each.name for each in links.parameters} != tilts:
         return None
-    terms = tuple(every if term is links else term for term in own.model.terms)
-    of_links = np.zeros(len(every.parameters))
-    of_links[~lacking] = own.values_of(links)
-    values = [of_links if term is links else own.values_of(term) for term in own.model.terms]
-    model, x = Model(own.model.chain, terms), np.concatenate(values)
-    tilted = replace(own, model=model, x=x, covariance=None)
+    tilted = _with_parameters(baseline, links, identified.only(tilts))
     starts = tuple(map(found.of, found.effects))
     fitted = refit(replace(survey, baseline=tilted), found.effects, starts, found.weights)
-    at = fitted.model.parameter_indices(every)[tilts]
+    at = [k for k, each in enumerate(tilted.model.parameters) if each.name in tilts]
     covariance = fitted.covariance[np.ix_(at, at)]
     readings = int(measured.components_seen.sum())
     return tilted if shown(fitted.x[at], covariance, readings) else None
+
+
+def _of_links(term: Term) -> TypeGuard[Offsets]:
+    return term.of == "links" and isinstance(term, Offsets)
+
+
+def _with_parameters(baseline: FittedModel, links: Offsets, added: Offsets) -> FittedModel:
+    """Return a model whose links have further parameters, at zero, in the order of the links.
+
+    Its own stay, also those that the instrument does not identify, as of another one's model.
+    """
+    order = link_departures(baseline.arm, Tolerances()).coordinates
+    own = zip(links.coordinates, links.parameters, baseline.values_of(links), strict=True)
+    new = zip(added.coordinates, added.parameters, np.zeros(len(added.parameters)), strict=True)
+    coordinates, parameters, values = zip(
+        *sorted((*own, *new), key=lambda each: order.index(each[0])), strict=True
+    )
+    wider = replace(links, coordinates=coordinates, parameters=parameters)
+    terms = tuple(wider if term is links else term for term in baseline.model.terms)
+    x = [values if term is links else baseline.values_of(term) for term in baseline.model.terms]
+    model = Model(baseline.model.chain, terms)
+    return replace(baseline, model=model, x=np.concatenate(x), covariance=None)
 
 
 class _NormalFit:
