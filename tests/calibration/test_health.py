@@ -177,6 +177,26 @@ def test_no_number_is_said_twice_and_few_poses_alarm_nobody():
     assert health(ended(poses=8), errors(held_out=None)).poses.wanted_mm is None
 
 
+@pytest.mark.parametrize(
+    ("left", "says"),
+    [
+        ({"wanted_mm": 0.9999}, "hardly above the {0:.3f} mm required; 1 more pose would reach it"),
+        ({}, "hardly above the {0:.3f} mm of single readings; 1 more pose would reach it"),
+    ],
+)
+def test_an_uncertainty_hardly_above_the_one_required_names_it(left, says):
+    few = ended(poses=8)
+    u_mm = health(few, errors(held_out=None)).poses.u_model_mm
+    wanted_mm = 0.9999 * u_mm
+    if left:
+        found = health(few, errors(held_out=None, wanted_mm=wanted_mm))
+    else:
+        single_mm = wanted_mm * np.sqrt(1.0 - 6.0 / 24.0)
+        found = health(few, errors(held_out=None, train_rms_mm=single_mm, noise_mm=single_mm))
+    assert found.grade == "few_poses"
+    assert says.format(wanted_mm) in found.line
+
+
 def test_the_worst_is_said_first():
     """What is wrong with the input explains an error left, and no fit explains anything."""
     lacking, suspect = {"noise_mm": 0.004}, {"findings": (GUESS,)}

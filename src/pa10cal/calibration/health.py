@@ -282,9 +282,11 @@ def _uncertain(evidence: GradeEvidence) -> str:
     more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
     word = "good" if u_mm <= evidence.single_mm else "more uncertain than single readings"
     text = f"{word}: {u_mm:.3f} mm standard uncertainty of predicted positions"
+    would_reach = f"{more} more pose{'s' * (more > 1)} would reach"
     if f"{wanted_mm:.3f}" == f"{u_mm:.3f}":
-        return text
-    return f"{text}; {more} more pose{'s' * (more > 1)} would reach {wanted_mm:.3f} mm"
+        whose = "of single readings" if evidence.wanted_mm is None else "required"
+        return f"{text}, hardly above the {wanted_mm:.3f} mm {whose}; {would_reach} it"
+    return f"{text}; {would_reach} {wanted_mm:.3f} mm"
 
 
 def _remarks(evidence: GradeEvidence) -> Iterator[str]:
