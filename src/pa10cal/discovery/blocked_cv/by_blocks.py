@@ -369,7 +369,9 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
         candidates=found.candidates,
         findings=findings,
         unexplained=(
-            *judge.unexplained(remaining, found.nameless),
+            *judge.unexplained(
+                remaining, found.nameless, {effect.of for effect in extended.effects}
+            ),
             *motion_unexplained(searched.in_time, survey.wander, floor_mm),
             *of_lag,
         ),
