@@ -158,7 +158,9 @@ def _surprise(value: object) -> tuple[str, str] | None:
         return read, f'it in quotes, as "{words[0]}" or "{words[1]}"'
     kind = "number" if isinstance(value, int | float) else "date"
     if isinstance(value, int | float | date):
-        return f"YAML reads it as a {kind} where it has no quotes", f'it in quotes, as "{value}"'
+        # `value` is no guide: YAML makes 20240115 of 2024_01_15, and 750 of 12:30.
+        read = f"YAML reads it as a {kind} where it has no quotes"
+        return read, "it in quotes, just as it stands in the file"
     return None
 
 
