@@ -1,6 +1,7 @@
 """Settings: defaults in config.yaml, refusals with the nearest right name."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import get_args
 
@@ -9,13 +10,14 @@ import yaml
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from pydantic import Field
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import SettingsError
 from pa10cal.evaluation.options import ChainOptions, PictureOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
-from pa10cal.settings_reading import read_settings_argument
+from pa10cal.settings_reading import parse_section, read_settings_argument
 from pa10cal_curve.options import CurveOptions
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal_lab.options import OUTSIDE_STUDIES, TRIAL_STUDIES
@@ -222,3 +224,52 @@ def test_every_field_says_what_it_means(section):
 def test_a_campaign_cannot_have_the_name_of_a_folder_of_results(study):
     with pytest.raises(SettingsError, match=f"campaigns.0.*none of.* {study}"):
         parse_settings({"campaigns": [study]}, where="config.yaml")
+
+
+class Part(Section):
+    """A section within others."""
+
+    size_mm: float = 1.0
+    name: str = ""
+
+
+class Whole(Section):
+    """A section with parts of every kind."""
+
+    part: Part = Part()
+    listed: tuple[Part, ...] = ()
+    named: Mapping[str, Part] = Field(default_factory=dict)
+    numbers: tuple[float, ...] = ()
+    pairs: tuple[tuple[int, float], ...] = ()
+    by_name: Mapping[str, float] = Field(default_factory=dict)
+    either: Part | int | None = None
+    truth_or_number: bool | float = False
+
+
+def refusal(raw, section=Whole):
+    with pytest.raises(SettingsError) as caught:
+        parse_section(section, raw, where="x")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("raw", "key"),
+    [
+        ({"part": {"size_mm": True}}, "part.size_mm"),
+        ({"listed": [{}, {"size_mm": True}]}, "listed.1.size_mm"),
+        ({"named": {"a": {"size_mm": False}}}, "named.a.size_mm"),
+        ({"numbers": [1, True]}, "numbers.1"),
+        ({"pairs": [[1, 2], [1, True]]}, "pairs.1.1"),
+        ({"by_name": {"a": True}}, "by_name.a"),
+        ({"either": True}, "either"),
+        ({"either": {"size_mm": True}}, "either.size_mm"),
+    ],
+)
+def test_yes_and_no_are_no_numbers_anywhere(raw, key):
+    said = refusal(raw)
+    assert f"key {key} does not fit: YAML reads" in said
+    assert "write a number" in said
+
+
+def test_true_and_false_are_taken_where_they_are_meant():
+    assert parse_section(Whole, {"truth_or_number": True}, where="x").truth_or_number is True

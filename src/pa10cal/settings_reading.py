@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from types import UnionType
@@ -28,7 +28,7 @@ def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
     Raises:
         SettingsError: naming the first offending key, its value and the nearest right name.
     """
-    _refuse_truths(section, raw, where, ())
+    _refuse_bool_for_number(section, raw, where)
     try:
         return section.model_validate(raw)
     except ValidationError as error:
@@ -89,7 +89,7 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
             f"missing key {key}", where=where, allowed=allowed, remedy=f"set {key}"
         )
     of_text = any(each["type"] == "string_type" and each["input"] is value for each in findings)
-    if (kind == "invalid_key" or of_text) and (surprise := _surprise(value)):
+    if (kind == "invalid_key" or of_text) and (surprise := _misread_by_yaml(value)):
         what, instead = surprise
         return SettingsError(
             f"key {key} does not fit: {what}",
@@ -118,27 +118,50 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
     )
 
 
-def _refuse_truths(
-    section: type[BaseModel], raw: object, where: str, path: tuple[str, ...]
+def _refuse_bool_for_number(
+    kind: Any, value: object, where: str, path: tuple[str, ...] = (), meaning: str | None = None
 ) -> None:
-    """Refuse true and false for a number, which YAML makes of yes, on, no and off."""
-    given = raw if isinstance(raw, dict) else {}
-    for name, field in section.model_fields.items() if given else ():
-        value = given.get(name)
-        kinds = list(_within(field.annotation))
-        values = value if isinstance(value, list) else [value]
-        truth = next((each for each in values if isinstance(each, bool)), None)
-        if truth is not None and bool not in kinds and (int in kinds or float in kinds):
-            what, instead = _surprise(truth) or ("", "")
+    """Refuse true and false for a number, which YAML makes of yes, on, no and off.
+
+    Args:
+        kind: the type of the value.
+        value: what was given, with all that it holds.
+        where: the file or option it came from, for the message.
+        path: keys and places of the value in it.
+        meaning: description of the key that holds the value.
+    """
+    kinds = list(_within(kind))
+    if isinstance(value, bool):
+        if bool not in kinds and (int in kinds or float in kinds):
+            what, instead = _misread_by_yaml(value) or ("", "")
             raise SettingsError(
-                f"key {'.'.join((*path, name))} does not fit: {what}",
+                f"key {'.'.join(path)} does not fit: {what}",
                 where=where,
-                value=truth,
-                allowed=field.description or "a number" + " or a text" * (str in kinds),
+                value=value,
+                allowed=meaning or "a number" + " or a text" * (str in kinds),
                 remedy=f"write a number, or {instead}" if str in kinds else "write a number",
             )
-        for inner in _sections_in(field.annotation):
-            _refuse_truths(inner, value, where, (*path, name))
+    elif isinstance(value, list):
+        for place, each in enumerate(value):
+            _refuse_bool_for_number(kind, each, where, (*path, str(place)), meaning)
+    elif isinstance(value, dict):
+        for part in kinds:
+            for key, of_key, meant in _kinds_of_values(part, value, meaning):
+                _refuse_bool_for_number(of_key, value[key], where, (*path, str(key)), meant)
+
+
+def _kinds_of_values(
+    kind: Any, value: Mapping[Any, object], meaning: str | None
+) -> Iterator[tuple[Any, Any, str | None]]:
+    """Yield the keys of a section or a mapping, each with the type and the meaning of its value."""
+    origin = get_origin(kind)
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        for name, field in kind.model_fields.items():
+            if name in value:
+                yield name, field.annotation, field.description
+    elif isinstance(origin, type) and issubclass(origin, Mapping):
+        for key in value:
+            yield key, get_args(kind)[1], meaning
 
 
 def _within(kind: Any) -> Iterator[Any]:
@@ -148,7 +171,7 @@ def _within(kind: Any) -> Iterator[Any]:
         yield from _within(part)
 
 
-def _surprise(value: object) -> tuple[str, str] | None:
+def _misread_by_yaml(value: object) -> tuple[str, str] | None:
     """Say what YAML made of a text without quotes, and what to write instead."""
     if value is None:
         return "nothing is stated (null, ~ or nothing at all)", 'a text; "null", in quotes, is one'
