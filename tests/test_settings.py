@@ -273,3 +273,56 @@ def test_yes_and_no_are_no_numbers_anywhere(raw, key):
 
 def test_true_and_false_are_taken_where_they_are_meant():
     assert parse_section(Whole, {"truth_or_number": True}, where="x").truth_or_number is True
+
+
+def test_a_key_that_stands_twice_in_json_is_refused():
+    with pytest.raises(SettingsError, match="the key starts stands there twice: remove one"):
+        read_settings_argument(CalibrationOptions, '{"starts": 3, "starts": 4}')
+
+
+def test_another_key_of_the_same_value_says_nothing_of_a_text():
+    # No text is wanted of a number, also where a text is of a key beside it.
+    said = refusal({"part": {"size_mm": None, "name": None}})
+    assert "key part.size_mm does not fit; allowed: a valid number" in said
+    assert "a text" not in said
+
+
+@pytest.mark.parametrize(
+    ("raw", "key"),
+    [
+        ({"calibration": {"inner_poses": 0}}, "calibration.inner_poses"),
+        ({"calibration": {"general": {"springs": [0]}}}, "calibration.general.springs.0"),
+        ({"simulate": {"int": {"random_seed": "x"}}}, "simulate.int.random_seed"),
+    ],
+)
+def test_a_key_is_named_without_the_types_that_were_tried(raw, key):
+    assert f"key {key} does not fit (got" in refusal({"campaigns": ["a"], **raw}, Settings)
+
+
+@pytest.mark.parametrize(
+    ("raw", "remedy"),
+    [
+        # A near word of the same section comes before one of that name elsewhere.
+        ({"part": {"sizemm": 1}}, "did you mean 'size_mm'?"),
+        ({"size_mm": 1}, "it belongs under part: part.size_mm"),
+        ({"part": {"numbers": []}}, "it belongs under the top level: numbers"),
+        ({"part": {"part": {}}}, "remove it"),  # what it stands in
+    ],
+)
+def test_an_unknown_key_is_told_where_it_may_belong(raw, remedy):
+    assert refusal(raw).endswith(remedy)
+
+
+def test_a_near_word_beside_an_unknown_key_is_told_first():
+    class Near(Section):
+        names: str = ""
+        part: Part = Part()
+
+    assert refusal({"name": "a"}, Near).endswith("did you mean 'names'?")
+
+
+def test_an_empty_section_is_told_as_one():
+    said = refusal({"part": None})
+    assert "key part does not fit: nothing is stated under it; allowed: name, size_mm" in said
+    assert said.endswith("write its keys below it, indented, or remove it")
+    assert refusal(None).endswith("write its keys")

@@ -10,6 +10,7 @@ from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from pa10cal.errors import SettingsError, remedy_for
 from pa10cal.yaml_file import read_yaml
@@ -32,7 +33,7 @@ def parse_section(section: type[_S], raw: object, *, where: str) -> _S:
     try:
         return section.model_validate(raw)
     except ValidationError as error:
-        raise _refusal(section, error, where) from None
+        raise _refusal(section, raw, error, where) from None
 
 
 def read_settings_argument(section: type[_S], argument: str, *, where: str = "--settings") -> _S:
@@ -50,7 +51,7 @@ def read_settings_argument(section: type[_S], argument: str, *, where: str = "--
     allowed = "a JSON object or the path of a YAML file"
     if argument.lstrip().startswith("{"):
         try:
-            raw = json.loads(argument)
+            raw = json.loads(argument, object_pairs_hook=_with_each_key_once)
         except (ValueError, RecursionError) as error:
             raise SettingsError(
                 what, where=where, value=str(error), allowed=allowed, remedy=remedy
@@ -61,48 +62,129 @@ def read_settings_argument(section: type[_S], argument: str, *, where: str = "--
     return parse_section(section, raw, where=where)
 
 
-def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> SettingsError:
-    """Turn one of pydantic's findings, an unknown key first, into one message of the project."""
+def _with_each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a JSON object; refuse a key that stands there twice, of which one would be dropped.
+
+    Raises:
+        ValueError: naming the key.
+    """
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key} stands there twice: remove one")
+        found[key] = value
+    return found
+
+
+# Messages for what pydantic refuses. The first finding is told, an unknown key before others.
+
+
+def _refusal(
+    section: type[BaseModel], raw: object, error: ValidationError, where: str
+) -> SettingsError:
+    """Turn what pydantic found into one message of the project."""
     findings = error.errors()
     first = min(findings, key=lambda finding: finding["type"] != "extra_forbidden")
-    kind, value = first["type"], first.get("input")
-    *within, last = ("the whole", *map(str, first["loc"]))
-    # Where a value may be of several types, pydantic puts the type it tried into the place; the
-    # last part of an unknown key is the key as it was written.
-    path = tuple(part for part in within[1:] if "[" not in part)
-    if within and (kind == "extra_forbidden" or "[" not in last):
-        path = (*path, last)
-    key = ".".join(path) or "the whole"
-    around = _section_at(section, path[:-1]).model_fields
+    path, kind, value = _path_of(section, raw, first["loc"]), first["type"], first.get("input")
     if kind == "extra_forbidden":
-        places = [place for place in _places_of(section, last) if place != path]
-        remedy = remedy_for(last, list(around), "remove it")
-        if places:
-            above = ".".join(places[0][:-1]) or "the top level"
-            remedy = f"it belongs under {above}: {'.'.join(places[0])}"
-        allowed = ", ".join(sorted(around))
-        return SettingsError(f"unknown key {key}", where=where, allowed=allowed, remedy=remedy)
+        return _unknown_key(section, path, where)
     if kind == "missing":
-        field = around.get(last)
-        allowed = (field and field.description) or "a value"
-        return SettingsError(
-            f"missing key {key}", where=where, allowed=allowed, remedy=f"set {key}"
-        )
-    of_text = any(each["type"] == "string_type" and each["input"] is value for each in findings)
-    if (kind == "invalid_key" or of_text) and (surprise := _misread_by_yaml(value)):
-        what, instead = surprise
-        return SettingsError(
-            f"key {key} does not fit: {what}",
-            where=where,
-            value=value if value is None or isinstance(value, int | float) else str(value),
-            allowed="a text",
-            remedy=f"write {instead}",
-        )
-    allowed = first["msg"]
+        return _missing_key(section, path, where)
+    if kind == "model_type" and value is None:
+        return _empty_section(section, path, where)
+    wants_text = kind == "invalid_key" or any(
+        each["type"] == "string_type" and _path_of(section, raw, each["loc"]) == path
+        for each in findings
+    )
+    if wants_text and (misread := _misread_by_yaml(value)):
+        return _no_text(path, value, misread, where)
+    return _misfit(section, path, first, where)
+
+
+def _path_of(section: type[BaseModel], raw: object, loc: tuple[int | str, ...]) -> tuple[str, ...]:
+    """Return the keys and places in lists that lead to a finding.
+
+    Pydantic also puts there which of several types it tried: that is left out, as it neither stands
+    in what was given nor is a key of a section.
+    """
+    path: tuple[str, ...] = ()
+    within: Any = raw
+    for part in loc:
+        inside: dict[str, Any] = {}
+        if isinstance(within, dict):
+            inside = {str(key): value for key, value in within.items()}
+        elif isinstance(within, list | tuple):
+            inside = {str(place): value for place, value in enumerate(within)}
+        name = str(part)
+        if name in inside or name in _section_at(section, path).model_fields:
+            path, within = (*path, name), inside.get(name)
+    return path
+
+
+def _key(path: tuple[str, ...]) -> str:
+    """Return a key in words, with those above it."""
+    return ".".join(path) or "the whole"
+
+
+def _unknown_key(section: type[BaseModel], path: tuple[str, ...], where: str) -> SettingsError:
+    """Say which keys there are in its place, and the nearest, or where there is one of its name."""
+    around = _section_at(section, path[:-1]).model_fields
+    remedy = remedy_for(path[-1], list(around), "")
+    elsewhere = [place for place in _places_of(section, path[-1]) if place != path[: len(place)]]
+    if not remedy and elsewhere:
+        place = elsewhere[0]
+        remedy = f"it belongs under {'.'.join(place[:-1]) or 'the top level'}: {'.'.join(place)}"
+    return SettingsError(
+        f"unknown key {_key(path)}",
+        where=where,
+        allowed=", ".join(sorted(around)),
+        remedy=remedy or "remove it",
+    )
+
+
+def _missing_key(section: type[BaseModel], path: tuple[str, ...], where: str) -> SettingsError:
+    """Say what the key means."""
+    field = _section_at(section, path[:-1]).model_fields.get(path[-1])
+    return SettingsError(
+        f"missing key {_key(path)}",
+        where=where,
+        allowed=(field and field.description) or "a value",
+        remedy=f"set {_key(path)}",
+    )
+
+
+def _empty_section(section: type[BaseModel], path: tuple[str, ...], where: str) -> SettingsError:
+    """Say which keys there are."""
+    return SettingsError(
+        f"key {_key(path)} does not fit: nothing is stated under it",
+        where=where,
+        allowed=", ".join(sorted(_section_at(section, path).model_fields)),
+        remedy="write its keys below it, indented, or remove it" if path else "write its keys",
+    )
+
+
+def _no_text(
+    path: tuple[str, ...], value: object, misread: tuple[str, str], where: str
+) -> SettingsError:
+    """Say what YAML made of a text, and how to write it."""
+    what, instead = misread
+    return SettingsError(
+        f"key {_key(path)} does not fit: {what}",
+        where=where,
+        value=value if value is None or isinstance(value, int | float) else str(value),
+        allowed="a text",
+        remedy=f"write {instead}",
+    )
+
+
+def _misfit(
+    section: type[BaseModel], path: tuple[str, ...], finding: ErrorDetails, where: str
+) -> SettingsError:
+    """Say what a value should be: by its rule, or by its meaning where it may be of many types."""
+    allowed = finding["msg"]
     for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
         allowed = allowed.replace(own, plain)
-    # For a value of several possible types, its meaning is more useful than the rule of one.
-    if kind != "value_error" and len(path) < len(first["loc"]):
+    if finding["type"] != "value_error" and len(path) < len(finding["loc"]):
         fields = (
             _section_at(section, path[: end - 1]).model_fields.get(path[end - 1])
             for end in range(len(path), 0, -1)
@@ -110,12 +192,15 @@ def _refusal(section: type[BaseModel], error: ValidationError, where: str) -> Se
         field = next(filter(None, fields), None)
         allowed = (field and field.description) or allowed
     return SettingsError(
-        f"key {key} does not fit",
+        f"key {_key(path)} does not fit",
         where=where,
-        value=value,
+        value=finding.get("input"),
         allowed=allowed,
-        remedy=f"set {key} accordingly",
+        remedy=f"set {_key(path)} accordingly",
     )
+
+
+# What YAML makes of words without quotes.
 
 
 def _refuse_bool_for_number(
@@ -135,7 +220,7 @@ def _refuse_bool_for_number(
         if bool not in kinds and (int in kinds or float in kinds):
             what, instead = _misread_by_yaml(value) or ("", "")
             raise SettingsError(
-                f"key {'.'.join(path)} does not fit: {what}",
+                f"key {_key(path)} does not fit: {what}",
                 where=where,
                 value=value,
                 allowed=meaning or "a number" + " or a text" * (str in kinds),
@@ -185,6 +270,9 @@ def _misread_by_yaml(value: object) -> tuple[str, str] | None:
         read = f"YAML reads it as a {kind} where it has no quotes"
         return read, "it in quotes, just as it stands in the file"
     return None
+
+
+# Where keys stand in sections.
 
 
 def _places_of(
