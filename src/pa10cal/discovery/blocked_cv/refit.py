@@ -241,8 +241,9 @@ class _NormalFit:
         return covariance
 
     def dof(self, covariance: Array) -> float:
-        """Return how many parameters the data determine, the others being as expected."""
-        return float(len(covariance) - np.sum(self.prior * covariance))
+        """Return how many unknowns the data determine: the others are as expected, or held."""
+        free = np.count_nonzero(np.diag(covariance))
+        return float(free - np.sum(self.prior * covariance))
 
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at unknowns (k,), the prior included."""
