@@ -185,12 +185,7 @@ def _misfit(
     for own, plain in (("Value error, ", ""), ("Input should be ", ""), ("valid tuple", "list")):
         allowed = allowed.replace(own, plain)
     if finding["type"] != "value_error" and len(path) < len(finding["loc"]):
-        fields = (
-            _section_at(section, path[: end - 1]).model_fields.get(path[end - 1])
-            for end in range(len(path), 0, -1)
-        )
-        field = next(filter(None, fields), None)
-        allowed = (field and field.description) or allowed
+        allowed = _meaning_of(section, path) or allowed
     return SettingsError(
         f"key {_key(path)} does not fit",
         where=where,
@@ -198,6 +193,15 @@ def _misfit(
         allowed=allowed,
         remedy=f"set {_key(path)} accordingly",
     )
+
+
+def _meaning_of(section: type[BaseModel], path: tuple[str, ...]) -> str | None:
+    """Return the description of the innermost key of a section that leads to a value."""
+    for end in range(len(path), 0, -1):
+        field = _section_at(section, path[: end - 1]).model_fields.get(path[end - 1])
+        if field is not None:
+            return field.description
+    return None
 
 
 # What YAML makes of words without quotes.
@@ -215,7 +219,7 @@ def _refuse_bool_for_number(
         path: keys and places of the value in it.
         meaning: description of the key that holds the value.
     """
-    kinds = list(_within(kind))
+    kinds = list(_types_in(kind))
     if isinstance(value, bool):
         if bool not in kinds and (int in kinds or float in kinds):
             what, instead = _misread_by_yaml(value) or ("", "")
@@ -249,11 +253,11 @@ def _kinds_of_values(
             yield key, get_args(kind)[1], meaning
 
 
-def _within(kind: Any) -> Iterator[Any]:
+def _types_in(kind: Any) -> Iterator[Any]:
     """Yield a type and all that it is made of."""
     yield kind
     for part in get_args(kind):
-        yield from _within(part)
+        yield from _types_in(part)
 
 
 def _misread_by_yaml(value: object) -> tuple[str, str] | None:
