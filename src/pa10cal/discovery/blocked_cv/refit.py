@@ -48,7 +48,7 @@ def refit(
     starts: tuple[Array, ...],
     weights: PoseWeights,
     widening: Widening = AS_FOUND,
-    own: FittedModel | None = None,
+    start_from: FittedModel | None = None,
 ) -> Refit:
     """Fit the survey's baseline with effects to all its poses.
 
@@ -58,10 +58,11 @@ def refit(
         starts: parameters of each effect at which the fit starts.
         weights: of the poses at first; later they follow from the residuals.
         widening: scatter of the components in units of that by the median of their residuals.
-        own: an earlier fit, with fewer effects, at which all else starts; None for the baseline.
+        start_from: an earlier fit, with fewer effects, at which all else starts; None for the
+            baseline.
     """
     fit, baseline = _NormalFit(survey, effects), survey.baseline
-    base, at = (np.zeros(6), baseline) if own is None else (own.x[-6:], own)
+    base, at = (np.zeros(6), baseline) if start_from is None else (start_from.x[-6:], start_from)
     x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
     bounds, counts = fit.bounds, weights.widened(widening)
     # covariance at the start of the last step; `minimise` calls `reweighted` first
@@ -162,23 +163,27 @@ def _with_parameters(baseline: FittedModel, links: Offsets, added: Offsets) -> F
 
 
 class _NormalFit:
-    """Normal equations of the fit, in the order of the model's parameters and the targets."""
+    """Normal equations of the fit.
+
+    Order of the unknowns: parameters of the baseline, of each effect, the six small motions of the
+    base, then the coordinates of targets.
+    """
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
         self._model = linear.with_base_term(survey.baseline, effects)
         self._maps = [effect for effect in effects if is_error_map(effect)]
         self._dense = [term for term in self._model.terms if not is_error_map(term)]
-        own, measured = survey.baseline, survey.poses.measured
+        baseline, measured = survey.baseline, survey.poses.measured
         sizes = possible_sizes(self._model, measured)
         every, count = np.arange(len(sizes)), len(self._model.parameters)
-        self._targets = every[count : count + len(own.targets_m)]
+        self._targets = every[count : count + len(baseline.targets_m)]
         of_dense = [every[self._model.columns_of(term)] for term in self._dense]
         of_maps = [every[self._model.columns_of(term)] for term in self._maps]
         self.dense_columns = np.concatenate([*of_dense, self._targets])  # of all but maps
         # the rows have dense columns first, then those of the maps
         self._row_order = np.concatenate([self.dense_columns, *of_maps])
-        prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
+        prior = [np.diag(sizes[: len(baseline.x)] ** -2.0)]
         for effect in effects:
             factor = np.linalg.inv(effect.prior_factor)
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
@@ -186,11 +191,11 @@ class _NormalFit:
         base_and_targets = sizes[-(6 + len(self._targets)) :]
         self.prior = block_diag(*prior, np.diag(base_and_targets**-2.0))
         self.expected = np.zeros(len(sizes))  # mean of the prior
-        self.expected[: len(own.x)] = own.x
-        self.expected[self._targets] = own.targets_m
+        self.expected[: len(baseline.x)] = baseline.x
+        self.expected[self._targets] = baseline.targets_m
         self._shown = np.ones(len(sizes), dtype=bool)
         self._shown[count - 6 : count] = linear.base_shown(measured)
-        self.bounds = linear.bounds_about(own, self._model, measured)
+        self.bounds = linear.bounds_about(baseline, self._model, measured)
 
     def model_at(self, x: Array) -> FittedModel:
         """Return the model at unknowns (k,)."""
