@@ -72,7 +72,7 @@ def refit(
         nonlocal counts, before
         before = _inverse(taken.before.normal, fit.prior, ~taken.held)
         residual = survey.net_residual(fit.model_at(x))
-        found = pose_weights(residual, fit.dof(before), survey.poses.measured)
+        found = pose_weights(residual, determined_count(before, fit.prior), survey.poses.measured)
         counts = found.widened(widening)
         return fit.equations(x, counts)
 
@@ -245,16 +245,21 @@ class _NormalFit:
             covariance = _inverse(normal, self.prior, free)
         return covariance
 
-    def dof(self, covariance: Array) -> float:
-        """Return how many unknowns the data determine: the others are as expected, or held."""
-        free = np.count_nonzero(np.diag(covariance))
-        return float(free - np.sum(self.prior * covariance))
-
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at unknowns (k,), the prior included."""
         white = weights.whiteners() @ self._survey.net_residual(self.model_at(x))[:, :, None]
         off = x - self.expected
         return float(np.sum(white**2) + off @ self.prior @ off)
+
+
+def determined_count(covariance: Array, prior: Array) -> float:
+    """Return how many unknowns the data determine: the others are as expected, or held.
+
+    By the covariance (k, k) of all unknowns, zero of those held, and the inverse (k, k) of the
+    covariance expected.
+    """
+    free = np.count_nonzero(np.diag(covariance))
+    return float(free - np.sum(prior * covariance))
 
 
 def _inverse(normal: Array, prior: Array, free: Mask) -> Array:
