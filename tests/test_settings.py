@@ -1,6 +1,7 @@
 """Settings: defaults in config.yaml, refusals with the nearest right name."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import get_args
 
@@ -9,13 +10,14 @@ import yaml
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from pydantic import Field
 
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import SettingsError
 from pa10cal.evaluation.options import ChainOptions, PictureOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
-from pa10cal.settings_reading import read_settings_argument
+from pa10cal.settings_reading import parse_section, read_settings_argument
 from pa10cal_curve.options import CurveOptions
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
 from pa10cal_lab.options import OUTSIDE_STUDIES, TRIAL_STUDIES
@@ -222,3 +224,105 @@ def test_every_field_says_what_it_means(section):
 def test_a_campaign_cannot_have_the_name_of_a_folder_of_results(study):
     with pytest.raises(SettingsError, match=f"campaigns.0.*none of.* {study}"):
         parse_settings({"campaigns": [study]}, where="config.yaml")
+
+
+class Part(Section):
+    """A section within others."""
+
+    size_mm: float = 1.0
+    name: str = ""
+
+
+class Whole(Section):
+    """A section with parts of every kind."""
+
+    part: Part = Part()
+    listed: tuple[Part, ...] = ()
+    named: Mapping[str, Part] = Field(default_factory=dict)
+    numbers: tuple[float, ...] = ()
+    pairs: tuple[tuple[int, float], ...] = ()
+    by_name: Mapping[str, float] = Field(default_factory=dict)
+    either: Part | int | None = None
+    truth_or_number: bool | float = False
+
+
+def refusal(raw, section=Whole):
+    with pytest.raises(SettingsError) as caught:
+        parse_section(section, raw, where="x")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("raw", "key"),
+    [
+        ({"part": {"size_mm": True}}, "part.size_mm"),
+        ({"listed": [{}, {"size_mm": True}]}, "listed.1.size_mm"),
+        ({"named": {"a": {"size_mm": False}}}, "named.a.size_mm"),
+        ({"numbers": [1, True]}, "numbers.1"),
+        ({"pairs": [[1, 2], [1, True]]}, "pairs.1.1"),
+        ({"by_name": {"a": True}}, "by_name.a"),
+        ({"either": True}, "either"),
+        ({"either": {"size_mm": True}}, "either.size_mm"),
+    ],
+)
+def test_yes_and_no_are_no_numbers_anywhere(raw, key):
+    said = refusal(raw)
+    assert f"key {key} does not fit: YAML reads" in said
+    assert "write a number" in said
+
+
+def test_true_and_false_are_taken_where_they_are_meant():
+    assert parse_section(Whole, {"truth_or_number": True}, where="x").truth_or_number is True
+
+
+def test_a_key_that_stands_twice_in_json_is_refused():
+    with pytest.raises(SettingsError, match="the key starts stands there twice: remove one"):
+        read_settings_argument(CalibrationOptions, '{"starts": 3, "starts": 4}')
+
+
+def test_another_key_of_the_same_value_says_nothing_of_a_text():
+    # No text is wanted of a number, also where a text is of a key beside it.
+    said = refusal({"part": {"size_mm": None, "name": None}})
+    assert "key part.size_mm does not fit; allowed: a valid number" in said
+    assert "a text" not in said
+
+
+@pytest.mark.parametrize(
+    ("raw", "key"),
+    [
+        ({"calibration": {"inner_poses": 0}}, "calibration.inner_poses"),
+        ({"calibration": {"general": {"springs": [0]}}}, "calibration.general.springs.0"),
+        ({"simulate": {"int": {"random_seed": "x"}}}, "simulate.int.random_seed"),
+    ],
+)
+def test_a_key_is_named_without_the_types_that_were_tried(raw, key):
+    assert f"key {key} does not fit (got" in refusal({"campaigns": ["a"], **raw}, Settings)
+
+
+@pytest.mark.parametrize(
+    ("raw", "remedy"),
+    [
+        # A near word of the same section comes before one of that name elsewhere.
+        ({"part": {"sizemm": 1}}, "did you mean 'size_mm'?"),
+        ({"size_mm": 1}, "it belongs under part: part.size_mm"),
+        ({"part": {"numbers": []}}, "it belongs under the top level: numbers"),
+        ({"part": {"part": {}}}, "remove it"),  # what it stands in
+    ],
+)
+def test_an_unknown_key_is_told_where_it_may_belong(raw, remedy):
+    assert refusal(raw).endswith(remedy)
+
+
+def test_a_near_word_beside_an_unknown_key_is_told_first():
+    class Near(Section):
+        names: str = ""
+        part: Part = Part()
+
+    assert refusal({"name": "a"}, Near).endswith("did you mean 'names'?")
+
+
+def test_an_empty_section_is_told_as_one():
+    said = refusal({"part": None})
+    assert "key part does not fit: nothing is stated under it; allowed: name, size_mm" in said
+    assert said.endswith("write its keys below it, indented, or remove it")
+    assert refusal(None).endswith("write its keys")

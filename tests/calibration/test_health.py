@@ -177,6 +177,26 @@ def test_no_number_is_said_twice_and_few_poses_alarm_nobody():
     assert health(ended(poses=8), errors(held_out=None)).poses.wanted_mm is None
 
 
+@pytest.mark.parametrize(
+    ("left", "says"),
+    [
+        ({"wanted_mm": 0.9999}, "hardly above the {0:.3f} mm required; 1 more pose would reach it"),
+        ({}, "hardly above the {0:.3f} mm of single readings; 1 more pose would reach it"),
+    ],
+)
+def test_an_uncertainty_hardly_above_the_one_required_names_it(left, says):
+    few = ended(poses=8)
+    u_mm = health(few, errors(held_out=None)).poses.u_model_mm
+    wanted_mm = 0.9999 * u_mm
+    if left:
+        found = health(few, errors(held_out=None, wanted_mm=wanted_mm))
+    else:
+        single_mm = wanted_mm * np.sqrt(1.0 - 6.0 / 24.0)
+        found = health(few, errors(held_out=None, train_rms_mm=single_mm, noise_mm=single_mm))
+    assert found.grade == "few_poses"
+    assert says.format(wanted_mm) in found.line
+
+
 def test_the_worst_is_said_first():
     """What is wrong with the input explains an error left, and no fit explains anything."""
     lacking, suspect = {"noise_mm": 0.004}, {"findings": (GUESS,)}
@@ -184,6 +204,17 @@ def test_the_worst_is_said_first():
     assert health(ended(), errors(**lacking, **suspect)).grade == "suspect_input"
     stuck = ended(steps="50 steps")
     assert health(stuck, errors(**lacking, **suspect)).grade == "not_converged"
+
+
+def test_a_fit_that_did_not_converge_keeps_what_the_checks_of_the_input_found():
+    found = health(ended(steps="50 steps"), errors(findings=(GUESS, ZERO)))
+    assert found.grade == "not_converged"
+    assert found.findings == (GUESS, ZERO)
+    assert found.line == (
+        "the fit did not converge: 50 steps; check the input first: "
+        f"{GUESS}; 1 more in health.findings"
+    )
+    assert found.departures == ()
 
 
 ZERO = InputFinding(
@@ -219,7 +250,7 @@ def test_departures_that_held_out_poses_confirm_are_what_was_found():
     assert alone.departures == ()
     # So is a zero that a check of the input found, alone or beside it, and nothing else.
     both = health(mastered(np.radians(-1.99)), errors(findings=(ZERO,)))
-    assert (both.grade, both.departures) == ("good", (zero,))
+    assert (both.grade, both.departures) == ("good", (zero, ZERO))
     assert health(ended(), errors(findings=(ZERO,))).departures == (ZERO,)
     assert health(ended(), errors(findings=(ZERO,))).grade == "good"
     assert health(ended(), errors(findings=(GUESS,))).grade == "good"  # it leaves 0.02 mm
@@ -227,6 +258,36 @@ def test_departures_that_held_out_poses_confirm_are_what_was_found():
     assert health(ended(), errors(findings=(better,))).grade == "suspect_input"
     unheld = errors(findings=(GUESS,), held_out=None)
     assert health(ended(), unheld).grade == "suspect_input"
+
+
+def test_nothing_is_confirmed_by_a_fit_that_did_not_converge():
+    fit = mastered(np.radians(-1.99))
+    stuck = replace(fit, solution=replace(fit.solution, converged=False, reason="50 steps"))
+    found = health(stuck, errors())
+    assert (found.grade, found.departures) == ("not_converged", ())
+    assert "raise calibration.max_iterations" in found.line
+
+
+def test_a_confirmed_zero_stays_beside_another_large_departure():
+    fit = mastered(np.radians(-1.99))  # of joint 4
+    found = health(fit, errors(findings=(ZERO,)))  # of joint 3
+    assert [each.where for each in found.departures] == ["delta_theta_4", "joint 3"]
+    here = {"where": "q4_deg", "what": "the zero of joint 4 is 2 deg off"}
+    found = health(fit, errors(findings=(ZERO.model_copy(update=here),)))
+    assert [each.where for each in found.departures] == ["delta_theta_4"]
+
+
+def test_a_spring_at_its_softest_is_no_rigid_joint():
+    made = ended(at_bound="windup_2")
+    soft = replace(made.parameters[0], lower=1e-7, upper=0.1)
+    for windup_rad, said in ((0.1, True), (1e-7, False)):
+        x = np.concatenate([[windup_rad], made.solution.x[1:]])
+        fit = replace(
+            made,
+            parameters=(soft, *made.parameters[1:]),
+            solution=replace(made.solution, x=x),
+        )
+        assert ("at the end of the physical range" in health(fit, errors()).line) == said
 
 
 @pytest.mark.parametrize(

@@ -184,3 +184,11 @@ def test_settings_refuse_what_is_no_group(groups, words):
 def test_settings_take_groups():
     found = parse_settings({"campaigns": ["c"], "groups": {"ur10": ["a", "b"]}}, where="")
     assert found.groups == {"ur10": ("a", "b")}
+
+
+@pytest.mark.parametrize("listed", [3, None, "pose"])
+def test_a_campaign_of_a_group_that_is_no_description_is_refused(tmp_path, listed):
+    content = {"schema": "pa10cal-group/1", "name": "both", "campaigns": [listed]}
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(SettingsError, match=r"campaigns\[0\]: key the whole does not fit"):
+        read_description(tmp_path)

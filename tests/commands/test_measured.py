@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -27,6 +28,7 @@ from pa10cal.datasets.measured import (
 )
 from pa10cal.datasets.measured import main as write_page
 from pa10cal.results.codec import read
+from pa10cal.results.evaluation import TransferRecord
 from pa10cal.results.outcomes import (
     Carried,
     ChainRecord,
@@ -189,6 +191,49 @@ def test_at_hand_are_folders_of_campaigns_and_data_sets_that_were_fetched(tmp_pa
     assert list(groups_of(found)) == ["ma2010"]
 
 
+def test_an_address_of_a_data_set_hides_no_folder_into_which_it_was_fetched(tmp_path):
+    (tmp_path / "titan-robot-accuracy").mkdir()
+    sources = {"titan-robot-accuracy": "https://example.invalid/"}
+    found = at_hand(tmp_path, sources, tmp_path / "imported")
+    assert found["titan-fixed"].source == tmp_path / "titan-robot-accuracy"
+
+
+def test_a_carried_model_has_springs_where_its_own_calibration_has(tmp_path, monkeypatch):
+    made = SimpleNamespace(mean_mm=1.0, rms_mm=2.0)
+    made.by_place = {"": made}
+    springs_of = {"rigid": False, "soft": True}
+
+    def read_made(record, path, within=None):
+        if record is TransferRecord:
+            return SimpleNamespace(models={"uncalibrated": made, "linear": made})
+        return SimpleNamespace(has_springs=springs_of[within.name])
+
+    monkeypatch.setattr(measured, "read", read_made)
+    for source, model in (("rigid", "geometry"), ("soft", "springs")):
+        carried = {(source, "c"): tmp_path / "transfer.json"}
+        (one,) = measured._carried("c", tmp_path / "c", tmp_path, "combined", carried)
+        assert list(one.errors) == ["nominal", model]
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        ("ingest: {0}/raw/c/poses.csv:3: bad", "ingest: poses.csv:3: bad"),
+        ("{0}/raw/c: no poses", "c: no poses"),
+        ("{0}/raw/c.", "c."),
+        ("{0}/raw/c-2/poses.csv", "{0}/raw/c-2/poses.csv"),
+        ("see other{0}/raw/c/poses.csv", "see other{0}/raw/c/poses.csv"),
+        ("raw/c/poses.csv and draw/c/x", "poses.csv and draw/c/x"),
+    ],
+)
+def test_a_message_names_files_from_their_folder(tmp_path, monkeypatch, message, expected):
+    monkeypatch.chdir(tmp_path)
+    for folder in (tmp_path / "raw/c", Path("raw/c")):
+        if folder.is_absolute() == ("{0}" in message):
+            found = measured._without_folders(message.format(tmp_path), folder)
+            assert found == expected.format(tmp_path)
+
+
 def test_what_is_known_names_campaigns_that_are_known():
     assert {name for members in GROUPS.values() for name in members} <= set(CAMPAIGNS)
     assert {name for pair in CARRIED for name in pair} <= set(CAMPAIGNS)
@@ -259,3 +304,22 @@ def test_the_page_gets_its_tables_between_the_marks(tmp_path):
     assert "| `c` |  |  |  |  |  |  | fault: export: oh |  |" in text
     assert "| `two` | `one` |  |  | 0.250 / 0.500 |  |" in text
     assert "Carried" not in markdown(MeasuredRobotsRecord(robots=(robot(),)))
+
+
+@pytest.mark.parametrize("page", [None, "# No marks\n"])
+def test_a_page_without_marks_or_none_is_refused(tmp_path, capsys, page):
+    path, record = tmp_path / "page.md", tmp_path / "measured.json"
+    record.write_text(MeasuredRobotsRecord(robots=(robot(),)).model_dump_json())
+    if page is not None:
+        path.write_text(page)
+    with pytest.raises(SystemExit) as caught:
+        write_page([str(record), str(path)])
+    assert caught.value.code == 2
+    assert ("page.md" if page is None else "no place for the table") in capsys.readouterr().err
+
+
+def test_the_writer_of_the_page_says_how_to_call_it(capsys):
+    with pytest.raises(SystemExit) as caught:
+        write_page(["--help"])
+    assert caught.value.code == 0
+    assert "results/measured/measured.json" in capsys.readouterr().out

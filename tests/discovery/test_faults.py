@@ -135,3 +135,12 @@ def test_a_fit_of_confirmed_departures_is_incomplete(others, grade):
     assert found.grade == grade
     assert (found == about) is bool(others)
     assert ("1 deg off, as held-out poses confirm" in found.health) is not bool(others)
+
+
+def test_departures_confirm_no_fit_that_did_not_converge():
+    about = FittedTo(
+        campaign="mine", provenance="", calibration="combined", instrument="tracker", poses=100,
+        temperature_C=None, time_s=(0.0, 1.0), grade="not_converged", health="it did not converge",
+        suspicions=(InputFinding(**DEPARTS),),
+    )  # fmt: skip
+    assert about.confirmed() == about

@@ -77,6 +77,15 @@ class FitSummary:
         """Return the names of the parameters at the end of their physical range."""
         return names_of(self.parameters, self.solution.at_bound)
 
+    @property
+    def at_upper_bound(self) -> tuple[str, ...]:
+        """Return the names of those at the upper end, as the windup of the softest spring."""
+        upper = [np.inf if each.upper is None else each.upper for each in self.parameters]
+        lower = [-np.inf if each.lower is None else each.lower for each in self.parameters]
+        x = self.solution.x
+        nearer_upper = np.abs(np.array(upper) - x) < np.abs(x - np.array(lower))
+        return names_of(self.parameters, self.solution.at_bound & nearer_upper)
+
     def having(self, *roles: Role) -> tuple[str, ...]:
         """Return the names of the parameters with one of these roles."""
         return names_of(self.parameters, np.array([role in roles for role in self.roles], bool))

@@ -15,6 +15,9 @@ from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.term import TermParameter
 
+#: In the text of a departure of a joint's zero, after the joint.
+_MASTERED = " was mastered"
+
 
 @dataclass(frozen=True)
 class GradeEvidence:
@@ -111,9 +114,14 @@ class GradeEvidence:
 
     @property
     def confirmed(self) -> bool:
-        """Return whether held-out poses are predicted as well as the fitted ones are explained."""
+        """Return whether held-out poses are predicted as well as the fitted ones are explained.
+
+        A fit that did not converge has nothing to confirm.
+        """
         held_out = self.held_out
-        if held_out is None or held_out.accuracy.configurations < GRADES.few_held_out:
+        if not self.ended.solution.converged or held_out is None:
+            return False
+        if held_out.accuracy.configurations < GRADES.few_held_out:
             return False
         # With a large error, another cause may look like a departure.
         if self.fits_not or not (self.over_noise is None or self.within_noise):
@@ -145,9 +153,16 @@ class GradeEvidence:
     def departures(self) -> tuple[records.InputFinding, ...]:
         """Return the departures that no arm was built with, where held-out poses confirm them.
 
-        A zero that the checks of the input found counts where the fit shows no such departure.
+        A zero that the checks of the input found counts where the fit shows no large departure of
+        that joint's zero.
         """
-        return (self.large_departures or self.zeros_off) if self.confirmed else ()
+        if not self.confirmed:
+            return ()
+        large = self.large_departures
+        zeros = (
+            zero for zero in self.zeros_off if not any(_is_of_zero(each, zero) for each in large)
+        )
+        return (*large, *zeros)
 
     @property
     def zeros_off(self) -> tuple[records.InputFinding, ...]:
@@ -236,6 +251,12 @@ def large_departures(
     return tuple(finding for _, finding in sorted(found, key=lambda pair: -pair[0]))
 
 
+def _is_of_zero(departure: InputFinding, zero: InputFinding) -> bool:
+    """Return whether a departure is that of a joint's zero which a check found off."""
+    joint, _, _ = departure.what.partition(_MASTERED)
+    return departure.where == zero.where or f"the zero of {joint} is " in zero.what
+
+
 def _departure(parameter: TermParameter, text: str) -> InputFinding:
     return InputFinding(
         what=text,
@@ -257,7 +278,7 @@ def _departure_text(
     kind, _, joint = coordinate.rpartition("_")
     if kind == "theta":
         off = f"{np.degrees(abs(value)):.3g} deg"
-        return f"joint {joint} was mastered {off} off ({tolerances:.0f} tolerances)"
+        return f"joint {joint}{_MASTERED} {off} off ({tolerances:.0f} tolerances)"
     angle = parameter.unit == "rad"
     off = f"{np.degrees(value):.3g} deg" if angle else f"{1e3 * value:.3g} mm"
     return f"{off} from nominal ({tolerances:.0f} tolerances)"

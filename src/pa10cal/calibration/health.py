@@ -64,16 +64,18 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
     """
     solution = evidence.ended.solution
     if not solution.converged:
-        remedy = "raise calibration.max_iterations, or measure more poses"
-        return "not_converged", f"the fit did not converge: {solution.reason}; {remedy}", ()
+        # Of the checks alone: what such a fit itself shows to be suspect may be its own.
+        found, remedy = evidence.findings, "raise calibration.max_iterations, or measure more poses"
+        if found:
+            remedy = f"check the input first: {_first(found)}"
+        return "not_converged", f"the fit did not converge: {solution.reason}; {remedy}", found
     errors = _errors(evidence)
     findings = (
         *(each for each in evidence.findings if not _is_settled(each, evidence)),
         *_suspected(evidence),
     )
     if findings:
-        more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
-        return "suspect_input", f"{errors}; check the input: {findings[0]}{more}", findings
+        return "suspect_input", f"{errors}; check the input: {_first(findings)}", findings
     remarks = "".join(f"; {remark}" for remark in _remarks(evidence))
     if lacks := _lacking(evidence):
         return "incomplete", f"{errors}, {lacks}{remarks}", ()
@@ -92,6 +94,12 @@ def graded(evidence: GradeEvidence) -> tuple[records.Grade, str, tuple[records.I
         f"determined (rank {evidence.rank}){remarks}",
         (),
     )
+
+
+def _first(findings: Sequence[records.InputFinding]) -> str:
+    """Return the first finding in words, and how many others there are."""
+    more = f"; {len(findings) - 1} more in health.findings" if findings[1:] else ""
+    return f"{findings[0]}{more}"
 
 
 def _beside_noise(evidence: GradeEvidence) -> str:
@@ -274,16 +282,19 @@ def _uncertain(evidence: GradeEvidence) -> str:
     more = int(np.ceil(len(evidence.ended.white) * ((u_mm / wanted_mm) ** 2 - 1.0)))
     word = "good" if u_mm <= evidence.single_mm else "more uncertain than single readings"
     text = f"{word}: {u_mm:.3f} mm standard uncertainty of predicted positions"
+    would_reach = f"{more} more pose{'s' * (more > 1)} would reach"
     if f"{wanted_mm:.3f}" == f"{u_mm:.3f}":
-        return text
-    return f"{text}; {more} more pose{'s' * (more > 1)} would reach {wanted_mm:.3f} mm"
+        whose = "of single readings" if evidence.wanted_mm is None else "required"
+        return f"{text}, hardly above the {wanted_mm:.3f} mm {whose}; {would_reach} it"
+    return f"{text}; {would_reach} {wanted_mm:.3f} mm"
 
 
 def _remarks(evidence: GradeEvidence) -> Iterator[str]:
     """Return what a reader should know besides the grade."""
-    # A linear spring at its bound is a joint as rigid as the readings can show: no remark.
-    rigid = evidence.ended.having("windup")
-    held = tuple(name for name in evidence.ended.at_bound if name not in rigid)
+    # A linear spring at its lower bound is a joint as rigid as the readings can show: no remark.
+    ended = evidence.ended
+    rigid = {*ended.having("windup")} - {*ended.at_upper_bound}
+    held = tuple(name for name in ended.at_bound if name not in rigid)
     if held:
         yield f"{_listed(held)} at the end of the physical range"
     if evidence.weights:

@@ -528,9 +528,10 @@ def group_of_content(content: Mapping[str, Any], where: str) -> GroupDescription
         )
     described = []
     for number, campaign in enumerate(listed):
-        keys = {key: value for key, value in dict(campaign).items() if key != "schema"}
+        if isinstance(campaign, dict):
+            campaign = {key: value for key, value in campaign.items() if key != "schema"}
         place = f"{where}: campaigns[{number}]"
-        described.append(parse_section(CampaignDescription, keys, where=place))
+        described.append(parse_section(CampaignDescription, campaign, where=place))
     check_names(name, [description.name for description in described], where)
     return _described(name, described)
 

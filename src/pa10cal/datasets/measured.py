@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
+from argparse import ArgumentParser
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -63,13 +64,15 @@ def at_hand(measured_dir: Path, sources: Mapping[str, str], imported: Path) -> d
     """Return the campaigns at hand by name, those of the page first and in its order.
 
     A folder holds campaigns, and data sets in folders of their names, where `sources` does not name
-    another one; `imported` gets the campaigns that are imported.
+    another folder; from an address a data set is fetched into the folder of its name. `imported`
+    gets the campaigns that are imported.
     """
     there = {path.parent.name: path.parent for path in measured_dir.glob("*/campaign.yaml")}
     found = {}
     for name, known in CAMPAIGNS.items():
         dataset = known.dataset or ""
-        source = Path(sources.get(dataset) or measured_dir / dataset)
+        stated = sources.get(dataset, "")
+        source = measured_dir / dataset if not stated or "://" in stated else Path(stated)
         if name in there:
             found[name] = AtHand(there[name])
         elif dataset and source.is_dir():
@@ -173,14 +176,17 @@ def _robot(
         names=tuple(effect.either for effect in verdict.effects),
         faults=tuple(f"{fault.kind}, {fault.where}" for fault in verdict.faults or ()),
         errors=errors_by_model(held_out.models, springs=fitted.has_springs),
-        carried=tuple(_carried(name, folder, fitted.has_springs, carried)),
+        carried=tuple(_carried(name, raw, results, calibration, carried)),
     )
 
 
 def _without_folders(message: str, *folders: Path) -> str:
     """Return a message with the files of some folders named from there: a page is of no machine."""
-    for folder in folders:
-        message = message.replace(f"{folder}/", "")
+    paths = {str(path): folder.name for folder in folders for path in (folder, folder.resolve())}
+    for path in sorted(paths, key=len, reverse=True):
+        whole_path = rf"(?<![\w./-]){re.escape(path)}"
+        message = re.sub(rf"{whole_path}/", "", message)
+        message = re.sub(rf"{whole_path}(?![\w-]|\.\w)", paths[path] or path, message)
     return message
 
 
@@ -208,18 +214,24 @@ def errors_by_model(
 
 
 def _carried(
-    name: str, folder: Path, springs: bool, carried: Mapping[tuple[str, str], Path | str]
+    name: str,
+    raw: Path,
+    results: Path,
+    calibration: str,
+    carried: Mapping[tuple[str, str], Path | str],
 ) -> Iterator[outcomes.Carried]:
     """Yield the models of other campaigns in this one."""
     for (source, target), found in carried.items():
         if target != name:
             continue
         if isinstance(found, str):
-            message = _without_folders(found, folder.parent)
+            message = _without_folders(found, raw, results)
             yield outcomes.Carried(source=source, message=message, errors={})
         else:
-            models = read(TransferRecord, found).models
-            errors = errors_by_model(models, springs=springs or "geometry" in models)
+            of_source, models = results / source, read(TransferRecord, found).models
+            path = of_source / f"calibration/{calibration}.json"
+            springs = read(CalibrationRecord, path, within=of_source).has_springs
+            errors = errors_by_model(models, springs=springs)
             yield outcomes.Carried(source=source, errors=errors)
 
 
@@ -287,17 +299,36 @@ def markdown(record: outcomes.MeasuredRobotsRecord) -> str:
 
 
 def page_text(now: str, record: outcomes.MeasuredRobotsRecord) -> str:
-    """Return the page with its generated part renewed."""
+    """Return the page with its generated part renewed.
+
+    Raises:
+        RecordError: when the page lacks the marks of that part.
+    """
     part = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
-    return part.sub(lambda _: f"{BEGIN}\n\n{markdown(record)}\n{END}", now)
+    text, count = part.subn(lambda _: f"{BEGIN}\n\n{markdown(record)}\n{END}", now)
+    if not count:
+        raise RecordError(
+            "the page has no place for the table",
+            where="page",
+            allowed=f"a page with the lines {BEGIN} and {END}",
+            remedy="put both lines where the table is to stand",
+        )
+    return text
 
 
 def main(words: Sequence[str]) -> None:
     """Put the table of a record into the page."""
-    record, page = (Path(word) for word in (*words, *map(str, (RECORD, PAGE)[len(words) :])))
-    text = page.read_text(encoding="utf-8")
-    write_text(page, page_text(text, read(outcomes.MeasuredRobotsRecord, record)))
+    parser = ArgumentParser(prog="python -m pa10cal.datasets.measured", description=main.__doc__)
+    parser.add_argument("record", nargs="?", type=Path, default=RECORD, help=f"default: {RECORD}")
+    parser.add_argument("page", nargs="?", type=Path, default=PAGE, help=f"default: {PAGE}")
+    given = parser.parse_args(words)
+    try:
+        record = read(outcomes.MeasuredRobotsRecord, given.record)
+        text = page_text(given.page.read_text(encoding="utf-8"), record)
+    except (OSError, Pa10calError) as error:
+        parser.error(str(error))
+    write_text(given.page, text)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:3])
+    main(sys.argv[1:])

@@ -92,7 +92,8 @@ class FittedTo(Part):
 
     def confirmed(self) -> FittedTo:
         """Return it with departures confirmed: if they alone are suspected, it is incomplete."""
-        if not self.suspicions or not all(each.is_departure for each in self.suspicions):
+        suspected = self.grade == "suspect_input" and self.suspicions
+        if not suspected or not all(each.is_departure for each in suspected):
             return self
         first, *others = self.suspicions
         more = f", and {len(others)} more" if others else ""

@@ -67,7 +67,8 @@ def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     yield Paragraph(sentence(f"{health.grade.replace('_', ' ')}: {health.line}"))
     if health.grade not in UNRESERVED:
         extended, found = results.extended, health.findings
-        departs = bool(found) and all(each.is_departure for each in found)
+        suspect = health.grade == "suspect_input" and bool(found)
+        departs = suspect and all(each.is_departure for each in found)
         confirmed = departs and extended is not None and extended.grade in UNRESERVED
         yield Callout(
             "warning",

@@ -1,15 +1,25 @@
 """The whole fit with effects, against dense least squares."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from made_up_survey import Hidden, at_joint, observe
-from pa10cal.discovery.blocked_cv.refit import PartialFits, refit, with_tilts_shown
+from pa10cal.discovery.blocked_cv.refit import (
+    PartialFits,
+    determined_count,
+    refit,
+    with_tilts_shown,
+)
 from pa10cal.discovery.given import calibrate_with
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.noise import unweighted
+from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import EncoderEccentricity, JointCompliance, SoftWindup
 from pa10cal.terms.effects.joint_error_map import FadingPrior, JointErrorMap
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import link_departures
 
 FINE = JointErrorMap("joint 3", 24, FadingPrior(1e-4, 6.0))
 DISK = EncoderEccentricity("joint 2", 1.0)
@@ -87,6 +97,11 @@ def test_the_shape_of_an_effect_of_no_amount_is_no_unknown(hidden):
     assert np.all(np.isfinite(found.covariance))
 
 
+def test_an_unknown_that_is_held_is_not_counted_as_determined():
+    # known four times better than expected, no better, and held
+    assert determined_count(np.diag([1 / 16, 1.0, 0.0]), np.eye(3)) == pytest.approx(15 / 16)
+
+
 def test_a_moved_base_is_the_base_times_a_small_motion():
     T = moved_base(np.eye(4), np.array([1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]))
     np.testing.assert_allclose(T[:3, 3], [1.0, 2.0, 3.0])
@@ -109,6 +124,36 @@ def test_tilts_that_a_missing_effect_hid_are_back_where_a_fit_with_it_shows_them
     assert tilts < {each.name for each in both.model.model.parameters}
     left = residual(both.model, both.poses)
     assert np.std(left[:, :3]) == pytest.approx(2e-5, rel=0.1)
+
+
+def with_redundant_parameters(survey):
+    """Return a survey whose baseline has parameters of links that its instrument does not show."""
+    own = survey.baseline
+    links = next(term for term in own.model.terms if term.of == "links")
+    known = {each.name for each in links.parameters}
+    more = known | {"delta_a_6", "delta_theta_6"}
+    wider = link_departures(own.arm, Tolerances()).only(more)
+    terms = tuple(wider if term is links else term for term in own.model.terms)
+    by_name = dict(zip((each.name for each in own.model.parameters), own.x, strict=True))
+    model = Model(own.model.chain, terms)
+    x = np.array([by_name.get(each.name, 0.0) for each in model.parameters])
+    return replace(survey, baseline=replace(own, model=model, x=x, covariance=None))
+
+
+def test_tilts_are_added_to_parameters_that_the_instrument_does_not_show():
+    def turn(states):
+        return at_joint(2, 0.02 * np.sin(states.q_rad[:, 1]))
+
+    hidden = observe(Hidden(turn=turn), poses=150, held_out=0)
+    survey = with_redundant_parameters(hidden.survey)
+    fit = refit(survey, (DISK,), (np.zeros(2),), unweighted(hidden.readings.measured))
+    tilted = with_tilts_shown(survey, fit)
+    before = {each.name for each in survey.baseline.model.parameters}
+    assert len(before) > len(hidden.baseline.model.parameters)
+    assert {each.name for each in tilted.model.parameters} == before | {
+        "delta_beta_2",
+        "delta_beta_3",
+    }
 
 
 def test_tilts_stay_at_zero_where_no_fit_shows_them(hidden, found):

@@ -19,10 +19,11 @@ from pa10cal.discovery.blocked_cv.normal_equations import (
     normal_equations_of,
 )
 from pa10cal.discovery.blocked_cv.search import Search
-from pa10cal.discovery.blocked_cv.survey import Survey
+from pa10cal.discovery.blocked_cv.survey import Survey, consecutive_blocks
 from pa10cal.discovery.linear import by_joints, by_terms, residual, with_base_term
 from pa10cal.discovery.noise import unweighted
 from pa10cal.discovery.preparation import Prepared
+from pa10cal.discovery.rules import BLOCKS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonics_at_knots
 from pa10cal.terms.effects.joint import TorqueGain
@@ -186,3 +187,12 @@ def test_distances_too_few_for_maps_of_all_joints_are_weighed_by_their_noise(tmp
     found = weighted_rows(judged, computable_shapes(judged)[0], 72)
     noise_mm = 1e3 / np.median(found.weights.whitener)
     assert noise_mm == pytest.approx(trial.settings.without_touches.position_mm, rel=0.25)
+
+
+@pytest.mark.parametrize("poses_each", [1, 7, 25])
+def test_no_block_is_empty_however_few_poses_each_campaign_has(few, poses_each):
+    poses = few.poses
+    campaign = np.arange(len(poses)) // poses_each
+    grouped = replace(poses, states=replace(poses.states, campaign=campaign))
+    held = np.bincount(consecutive_blocks(grouped), minlength=BLOCKS.blocks)
+    assert held.min() >= BLOCKS.least_poses - 2

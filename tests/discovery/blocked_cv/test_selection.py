@@ -173,16 +173,18 @@ def remaining(*tried):
 
 
 @pytest.mark.parametrize(
-    ("agree", "physical", "words"),
+    ("effect", "agree", "physical", "found_at", "words"),
     [
-        (False, True, "positions and orientations contradict"),
-        (True, False, "sign or size that it physically cannot have"),
-        (True, True, "what was found in its place predicts as much"),
+        ("backlash", False, True, "joint 1", "positions and orientations contradict"),
+        ("backlash", True, False, "joint 1", "sign or size that it physically cannot have"),
+        ("backlash", True, True, "joint 1", "what was found in its place predicts as much"),
+        ("backlash", True, True, "joint 2", "it joined no set within the rounds of the search"),
+        ("lateral_compliance", True, True, "joint 2", "it is only exchanged for a named effect"),
     ],
 )
-def test_what_helps_is_told_with_why_it_was_not_taken(agree, physical, words):
+def test_what_helps_is_told_with_why_it_was_not_taken(effect, agree, physical, found_at, words):
     entry = Tried(
-        id="backlash",
+        id=effect,
         of="joint 1",
         gain=0.12,
         gain_std=0.01,
@@ -190,9 +192,9 @@ def test_what_helps_is_told_with_why_it_was_not_taken(agree, physical, words):
         positions_and_attitudes_agree=agree,
         physical=physical,
     )
-    (found,) = unexplained(remaining(entry), ())
+    (found,) = unexplained(remaining(entry), (), {found_at})
     assert found.of == "joint 1"
-    assert found.form == "backlash"
+    assert found.form == effect
     assert words in found.why
     assert "nothing that was tried" not in found.why
 
@@ -208,7 +210,7 @@ def test_nothing_that_was_tried_is_told_only_where_nothing_helps(gain_std):
         helps=False,
         positions_and_attitudes_agree=None,
     )
-    (found,) = unexplained(remaining(entry), ())
+    (found,) = unexplained(remaining(entry), (), ())
     assert "nothing that was tried significantly predicts it" in found.why
     assert ("the nearest is backlash" in found.why) == (gain_std < 0.005)
 

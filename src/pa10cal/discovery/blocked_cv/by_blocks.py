@@ -369,7 +369,9 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
         candidates=found.candidates,
         findings=findings,
         unexplained=(
-            *judge.unexplained(remaining, found.nameless),
+            *judge.unexplained(
+                remaining, found.nameless, {effect.of for effect in extended.effects}
+            ),
             *motion_unexplained(searched.in_time, survey.wander, floor_mm),
             *of_lag,
         ),
@@ -432,7 +434,7 @@ def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verd
     extended, survey = found.scorer.extended, found.scorer.survey
     effects = (*extended.effects, *nameless)
     starts = (*map(extended.of, extended.effects), *(each.starts[0] for each in nameless))
-    model = refit(survey, effects, starts, extended.weights, own=extended.at).fitted()
+    model = refit(survey, effects, starts, extended.weights, start_from=extended.at).fitted()
 
     def with_remaining(gap: PairedErrors) -> PairedErrors:
         poses = complete(gap.poses, found.baseline, survey.setup, model)

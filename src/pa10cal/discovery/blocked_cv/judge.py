@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ from pa10cal.results.discovery import (
     Unexplained,
 )
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.effect import Effect, every_effect
 
 
 class BlockPrediction(BlockedCrossValidation, Proof):
@@ -271,8 +271,15 @@ def gains_of_others(search: Search, chosen: EffectSet) -> tuple[Tried, ...]:
     return tuple(sorted(best.values(), key=lambda entry: -entry.gain))
 
 
-def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexplained, ...]:
-    """Return the unexplained parts of the remaining error; none if noise explains it."""
+def unexplained(
+    remaining: Remaining, nameless: Sequence[Effect], places: Collection[str]
+) -> tuple[Unexplained, ...]:
+    """Return the unexplained parts of the remaining error; none if noise explains it.
+
+    Args:
+        nameless: what was found that has no name.
+        places: those where something was found, such as `joint 2`.
+    """
     if not remaining.over_floor:
         return ()
     mean_mm, others = remaining.mean_mm, remaining.tried
@@ -280,19 +287,19 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
     for entry in others:
         if entry.helps:
             helpful.setdefault(entry.of, entry)
-    places = [smooth_unknown(each, mean_mm, "held-out blocks") for each in nameless]
-    places += [
+    found = [smooth_unknown(each, mean_mm, "held-out blocks") for each in nameless]
+    found += [
         Unexplained(
             of=entry.of,
             form=entry.id,
             shared_error_mm=mean_mm,
             why=f"{100 * entry.gain:.0f} % of the remaining error depends on {entry.id} of "
-            f"{entry.of}, but {_why_not_taken(entry)}",
+            f"{entry.of}, but {_why_not_taken(entry, places)}",
         )
         for entry in helpful.values()
     ]
-    if places:
-        return tuple(places)
+    if found:
+        return tuple(found)
     why = (
         f"held-out blocks have a mean error of {mean_mm:.3f} mm where noise and uncertain "
         f"parameters give {remaining.expected_mm:.3f} mm, and nothing that was tried significantly "
@@ -308,10 +315,17 @@ def unexplained(remaining: Remaining, nameless: Sequence[Effect]) -> tuple[Unexp
     return (Unexplained(of=None, form=None, shared_error_mm=mean_mm, why=why),)
 
 
-def _why_not_taken(entry: Tried) -> str:
+def _why_not_taken(entry: Tried, places: Collection[str]) -> str:
     """Return in words why an effect that helps is not in the model."""
     if entry.physical is False:
         return "with a sign or size that it physically cannot have: it is no effect of that name"
     if entry.positions_and_attitudes_agree is False:
         return "positions and orientations contradict each other: it is no effect of that name"
-    return "what was found in its place predicts as much of it"
+    if entry.of in places:
+        return "what was found in its place predicts as much of it"
+    if any(each.takes_a_place for each in every_effect() if each.id == entry.id):
+        return (
+            "it is flexible enough to imitate several others: it is only exchanged for a named "
+            "effect"
+        )
+    return "it joined no set within the rounds of the search"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -26,10 +27,11 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
+from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import Term
+from pa10cal.terms.term import Offsets, Term, link_departures
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ def refit(
     starts: tuple[Array, ...],
     weights: PoseWeights,
     widening: Widening = AS_FOUND,
-    own: FittedModel | None = None,
+    start_from: FittedModel | None = None,
 ) -> Refit:
     """Fit the survey's baseline with effects to all its poses.
 
@@ -56,10 +58,11 @@ def refit(
         starts: parameters of each effect at which the fit starts.
         weights: of the poses at first; later they follow from the residuals.
         widening: scatter of the components in units of that by the median of their residuals.
-        own: an earlier fit, with fewer effects, at which all else starts; None for the baseline.
+        start_from: an earlier fit, with fewer effects, at which all else starts; None for the
+            baseline.
     """
     fit, baseline = _NormalFit(survey, effects), survey.baseline
-    base, at = (np.zeros(6), baseline) if own is None else (own.x[-6:], own)
+    base, at = (np.zeros(6), baseline) if start_from is None else (start_from.x[-6:], start_from)
     x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
     bounds, counts = fit.bounds, weights.widened(widening)
     # covariance at the start of the last step; `minimise` calls `reweighted` first
@@ -69,7 +72,7 @@ def refit(
         nonlocal counts, before
         before = _inverse(taken.before.normal, fit.prior, ~taken.held)
         residual = survey.net_residual(fit.model_at(x))
-        found = pose_weights(residual, fit.dof(before), survey.poses.measured)
+        found = pose_weights(residual, determined_count(before, fit.prior), survey.poses.measured)
         counts = found.widened(widening)
         return fit.equations(x, counts)
 
@@ -117,48 +120,70 @@ def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
     A calibration without effects may leave these tilts at zero, as an effect that it lacks hides
     them. None where the baseline has them already or they are not shown.
     """
-    own, measured = survey.baseline, survey.poses.measured
-    links = next((term for term in own.model.terms if term.of == "links"), None)
+    baseline, measured = survey.baseline, survey.poses.measured
+    links = next((term for term in baseline.model.terms if _of_links(term)), None)
     if links is None:
         return None
-    every = linear.chosen_unknowns(own, measured).links
-    known = {parameter.name for parameter in links.parameters}
-    lacking = np.array([parameter.name not in known for parameter in every.parameters])
-    tilts = np.array([role == "tilt" for role in every.roles])
-    if not lacking.any() or not np.array_equal(lacking, tilts):
+    identified = linear.chosen_unknowns(baseline, measured).links
+    roles = {
+        each.name: role for each, role in zip(identified.parameters, identified.roles, strict=True)
+    }
+    tilts = {name for name, role in roles.items() if role == "tilt"}
+    if not tilts or roles.keys() - {each.name for each in links.parameters} != tilts:
         return None
-    terms = tuple(every if term is links else term for term in own.model.terms)
-    of_links = np.zeros(len(every.parameters))
-    of_links[~lacking] = own.values_of(links)
-    values = [of_links if term is links else own.values_of(term) for term in own.model.terms]
-    model, x = Model(own.model.chain, terms), np.concatenate(values)
-    tilted = replace(own, model=model, x=x, covariance=None)
+    tilted = _with_parameters(baseline, links, identified.only(tilts))
     starts = tuple(map(found.of, found.effects))
     fitted = refit(replace(survey, baseline=tilted), found.effects, starts, found.weights)
-    at = fitted.model.parameter_indices(every)[tilts]
+    at = [k for k, each in enumerate(tilted.model.parameters) if each.name in tilts]
     covariance = fitted.covariance[np.ix_(at, at)]
     readings = int(measured.components_seen.sum())
     return tilted if shown(fitted.x[at], covariance, readings) else None
 
 
+def _of_links(term: Term) -> TypeGuard[Offsets]:
+    return term.of == "links" and isinstance(term, Offsets)
+
+
+def _with_parameters(baseline: FittedModel, links: Offsets, added: Offsets) -> FittedModel:
+    """Return a model whose links have further parameters, at zero, in the order of the links.
+
+    Its own stay, also those that the instrument does not identify, as of another one's model.
+    """
+    order = link_departures(baseline.arm, Tolerances()).coordinates
+    own = zip(links.coordinates, links.parameters, baseline.values_of(links), strict=True)
+    new = zip(added.coordinates, added.parameters, np.zeros(len(added.parameters)), strict=True)
+    coordinates, parameters, values = zip(
+        *sorted((*own, *new), key=lambda each: order.index(each[0])), strict=True
+    )
+    wider = replace(links, coordinates=coordinates, parameters=parameters)
+    terms = tuple(wider if term is links else term for term in baseline.model.terms)
+    x = [values if term is links else baseline.values_of(term) for term in baseline.model.terms]
+    model = Model(baseline.model.chain, terms)
+    return replace(baseline, model=model, x=np.concatenate(x), covariance=None)
+
+
 class _NormalFit:
-    """Normal equations of the fit, in the order of the model's parameters and the targets."""
+    """Normal equations of the fit.
+
+    Order of the unknowns: parameters of the baseline, of each effect, the six small motions of the
+    base, then the coordinates of targets.
+    """
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
         self._model = linear.with_base_term(survey.baseline, effects)
         self._maps = [effect for effect in effects if is_error_map(effect)]
         self._dense = [term for term in self._model.terms if not is_error_map(term)]
-        own, measured = survey.baseline, survey.poses.measured
+        baseline, measured = survey.baseline, survey.poses.measured
         sizes = possible_sizes(self._model, measured)
         every, count = np.arange(len(sizes)), len(self._model.parameters)
-        self._targets = every[count : count + len(own.targets_m)]
+        self._targets = every[count : count + len(baseline.targets_m)]
         of_dense = [every[self._model.columns_of(term)] for term in self._dense]
         of_maps = [every[self._model.columns_of(term)] for term in self._maps]
         self.dense_columns = np.concatenate([*of_dense, self._targets])  # of all but maps
         # the rows have dense columns first, then those of the maps
         self._row_order = np.concatenate([self.dense_columns, *of_maps])
-        prior = [np.diag(sizes[: len(own.x)] ** -2.0)]
+        prior = [np.diag(sizes[: len(baseline.x)] ** -2.0)]
         for effect in effects:
             factor = np.linalg.inv(effect.prior_factor)
             shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
@@ -166,11 +191,11 @@ class _NormalFit:
         base_and_targets = sizes[-(6 + len(self._targets)) :]
         self.prior = block_diag(*prior, np.diag(base_and_targets**-2.0))
         self.expected = np.zeros(len(sizes))  # mean of the prior
-        self.expected[: len(own.x)] = own.x
-        self.expected[self._targets] = own.targets_m
+        self.expected[: len(baseline.x)] = baseline.x
+        self.expected[self._targets] = baseline.targets_m
         self._shown = np.ones(len(sizes), dtype=bool)
         self._shown[count - 6 : count] = linear.base_shown(measured)
-        self.bounds = linear.bounds_about(own, self._model, measured)
+        self.bounds = linear.bounds_about(baseline, self._model, measured)
 
     def model_at(self, x: Array) -> FittedModel:
         """Return the model at unknowns (k,)."""
@@ -220,15 +245,21 @@ class _NormalFit:
             covariance = _inverse(normal, self.prior, free)
         return covariance
 
-    def dof(self, covariance: Array) -> float:
-        """Return how many parameters the data determine, the others being as expected."""
-        return float(len(covariance) - np.sum(self.prior * covariance))
-
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at unknowns (k,), the prior included."""
         white = weights.whiteners() @ self._survey.net_residual(self.model_at(x))[:, :, None]
         off = x - self.expected
         return float(np.sum(white**2) + off @ self.prior @ off)
+
+
+def determined_count(covariance: Array, prior: Array) -> float:
+    """Return how many unknowns the data determine: the others are as expected, or held.
+
+    By the covariance (k, k) of all unknowns, zero of those held, and the inverse (k, k) of the
+    covariance expected.
+    """
+    free = np.count_nonzero(np.diag(covariance))
+    return float(free - np.sum(prior * covariance))
 
 
 def _inverse(normal: Array, prior: Array, free: Mask) -> Array:

@@ -79,7 +79,7 @@ class Survey:
         context = context_of(poses, baseline, setup)
         return cls(
             poses=poses,
-            block=_consecutive_blocks(poses),
+            block=consecutive_blocks(poses),
             baseline=baseline,
             setup=setup,
             context=context,
@@ -175,18 +175,26 @@ def interleaved_blocks(count: int) -> Index:
     return np.arange(count) % BLOCKS.blocks
 
 
-def _consecutive_blocks(poses: Observations) -> Index:
+def consecutive_blocks(poses: Observations) -> Index:
     """Return block numbers (P,) of consecutive poses, a tenth of every campaign in each block.
 
     If each block held a single campaign, differences between campaigns would count as chance.
+    Poses of campaigns with fewer poses than blocks are dealt to the blocks in turn, from one such
+    campaign to the next: no block stays empty.
     """
     campaign = poses.states.campaign
     if campaign is None:
         campaign = np.zeros(len(poses), dtype=np.intp)
     block = np.zeros(len(poses), dtype=np.intp)
+    dealt = 0
     for number in np.unique(campaign):
         rows = np.flatnonzero(campaign == number)
-        block[rows] = np.arange(len(rows)) * BLOCKS.blocks // len(rows)
+        count = len(rows)
+        if count < BLOCKS.blocks:
+            block[rows] = (dealt + np.arange(count)) % BLOCKS.blocks
+            dealt += count
+        else:
+            block[rows] = np.arange(count) * BLOCKS.blocks // count
     return block
 
 
