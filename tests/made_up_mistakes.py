@@ -252,6 +252,7 @@ def told_of(said: Said) -> str:
     """Return messages of a command: refusals, warnings, findings; no rows, no proposal."""
     lines = said.err.splitlines()
     marks = ("suspect_input", "incomplete:", "not_converged", "# check", "; not read of")
+    marks += ("as held-out poses confirm",)
     lines += [line for line in said.out.splitlines() if any(mark in line for mark in marks)]
     return "\n".join(lines)
 

@@ -250,8 +250,10 @@ def test_departures_that_held_out_poses_confirm_are_what_was_found():
     assert alone.departures == ()
     # So is a zero that a check of the input found, alone or beside it, and nothing else.
     both = health(mastered(np.radians(-1.99)), errors(findings=(ZERO,)))
-    assert (both.grade, both.departures) == ("good", (zero, ZERO))
-    assert health(ended(), errors(findings=(ZERO,))).departures == (ZERO,)
+    assert (both.grade, both.departures) == ("good", (ZERO, zero))
+    found = health(ended(), errors(findings=(ZERO,)))
+    assert found.departures == (ZERO,)
+    assert f"as held-out poses confirm; {ZERO.remedy}" in found.line
     assert health(ended(), errors(findings=(ZERO,))).grade == "good"
     assert health(ended(), errors(findings=(GUESS,))).grade == "good"  # it leaves 0.02 mm
     better = GUESS.model_copy(update={"would_leave_mm": 0.001})
@@ -271,10 +273,10 @@ def test_nothing_is_confirmed_by_a_fit_that_did_not_converge():
 def test_a_confirmed_zero_stays_beside_another_large_departure():
     fit = mastered(np.radians(-1.99))  # of joint 4
     found = health(fit, errors(findings=(ZERO,)))  # of joint 3
-    assert [each.where for each in found.departures] == ["delta_theta_4", "joint 3"]
+    assert [each.where for each in found.departures] == ["joint 3", "delta_theta_4"]
     here = {"where": "q4_deg", "what": "the zero of joint 4 is 2 deg off"}
     found = health(fit, errors(findings=(ZERO.model_copy(update=here),)))
-    assert [each.where for each in found.departures] == ["delta_theta_4"]
+    assert [each.where for each in found.departures] == ["q4_deg"]  # it says what to set
 
 
 def test_a_spring_at_its_softest_is_no_rigid_joint():

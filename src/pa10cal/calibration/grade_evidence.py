@@ -153,16 +153,18 @@ class GradeEvidence:
     def departures(self) -> tuple[records.InputFinding, ...]:
         """Return the departures that no arm was built with, where held-out poses confirm them.
 
-        A zero that the checks of the input found counts where the fit shows no large departure of
-        that joint's zero.
+        Zeros that the checks of the input found come first, in place of the fit's own departure of
+        that joint's zero: these say what to set.
         """
         if not self.confirmed:
             return ()
-        large = self.large_departures
-        zeros = (
-            zero for zero in self.zeros_off if not any(_is_of_zero(each, zero) for each in large)
+        zeros = self.zeros_off
+        others = (
+            each
+            for each in self.large_departures
+            if not any(_is_of_zero(each, zero) for zero in zeros)
         )
-        return (*large, *zeros)
+        return (*zeros, *others)
 
     @property
     def zeros_off(self) -> tuple[records.InputFinding, ...]:

@@ -314,7 +314,9 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
         )
     if departures := evidence.departures:
         more = f" ({len(departures) - 1} more in health.departures)" if departures[1:] else ""
-        yield f"{departures[0].where}: {departures[0].what}, as held-out poses confirm{more}"
+        first = departures[0]
+        remedy = f"; {first.remedy}" if first.kind == "joint_zero" else ""
+        yield f"{first.where}: {first.what}, as held-out poses confirm{more}{remedy}"
     if evidence.below_noise and not (evidence.repeats or evidence.noise_is_found):
         yield (
             f"the stated noise of {evidence.noise_mm:.2g} mm is larger than what remains: effects "
