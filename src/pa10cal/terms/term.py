@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import ClassVar, Literal, Protocol, TypeGuard
+from typing import ClassVar, Literal, Protocol, TypeGuard, cast
 
 import numpy as np
 
@@ -103,6 +103,15 @@ class Traits(Protocol):
         proportional to x. None where it distorts none.
         """
         return None
+
+    def distortion_m(self, states: PoseStates, x: Array) -> Array | None:
+        """Return by what it distorts the pattern of the targets as it is read, (P, t), or None."""
+        derivative = self.targets_derivative(states, x)
+        return None if derivative is None else np.asarray(derivative @ x)
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        """Return states with the loads that links and base carry by it: unchanged, but of weights."""
+        return states
 
     @property
     def constant(self) -> bool:
@@ -392,7 +401,7 @@ def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
 
 @dataclass(frozen=True, eq=False)
 class Fixed(Traits):
-    """A term at fixed parameters: it has no unknowns."""
+    """A term at fixed parameters: it has no unknowns, and predicts as the term does."""
 
     term: Term
     x_term: Array  # (k,) its parameters
@@ -417,8 +426,28 @@ class Fixed(Traits):
         return self.term.coordinates
 
     @property
+    def bends(self) -> bool:  # type: ignore[override]
+        return self.term.bends
+
+    @property
+    def holds(self) -> Holds:  # type: ignore[override]
+        return self.term.holds
+
+    @property
+    def depends_on(self) -> Literal["temperature_C", "time_s"] | None:  # type: ignore[override]
+        return self.term.depends_on
+
+    @property
     def falsifies_log(self) -> bool:
         return self.term.falsifies_log
+
+    @property
+    def stays_with_arm(self) -> bool:
+        return self.term.stays_with_arm
+
+    @property
+    def known_elsewhere(self) -> bool:
+        return self.term.known_elsewhere
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         return self.term.shift(states, self.x_term)
@@ -426,8 +455,29 @@ class Fixed(Traits):
     def derivative(self, states: PoseStates, x: Array) -> Array:
         return np.zeros((1, len(self.coordinates), 0))
 
+    def distortion_m(self, states: PoseStates, x: Array) -> Array | None:
+        return self.term.distortion_m(states, self.x_term)
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        return self.term.carried(states, self.x_term)
+
     def report(self, x: Array) -> Report:
         return Report((), x, np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class FixedYielding(Fixed):
+    """A term that turns a joint under the torque it carries, at fixed parameters."""
+
+    term: Yielding
+    yields = True
+
+    @property
+    def joint(self) -> int:
+        return self.term.joint
+
+    def by_torque(self, states: PoseStates, x: Array) -> Array:
+        return self.term.by_torque(states, self.x_term)
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,6 +498,11 @@ class FixedTorque(Fixed):
         return np.zeros((*states.tau_Nm.shape, 0))
 
 
-def fixed(term: Term, x_term: Array) -> Fixed:
+def fixed(term: Term, x_term: Array) -> Term:
     """Return a term at fixed parameters (k,)."""
-    return FixedTorque(term, x_term) if shows_torque(term) else Fixed(term, x_term)
+    if shows_torque(term):
+        kind: type[Fixed] = FixedTorque
+    else:
+        kind = FixedYielding if yields(term) else Fixed
+    # Its traits are those of its term, not of its class: a type checker takes them for read-only.
+    return cast("Term", kind(term, x_term))
