@@ -11,7 +11,13 @@ import pytest
 from hypothesis import strategies as st
 
 from pa10cal.errors import OutputError
-from pa10cal.files.output import remove_partials, whole_file, whole_files, write_text
+from pa10cal.files.output import (
+    folder_beside,
+    remove_partials,
+    whole_file,
+    whole_files,
+    write_text,
+)
 
 
 def write_half(path):
@@ -73,6 +79,18 @@ def test_what_writes_into_an_unfinished_output_leaves_it_locked(tmp_path, fails)
         if fails:
             write_half(beside)
     assert list(tmp_path.iterdir()) == ([] if fails else [path])
+
+
+def test_files_that_users_called_partial_are_theirs(tmp_path):
+    names = "2024.partial.result.csv", ".old.partial.result.csv", ".notes.partial.result.csv.former"
+    for name in names:
+        (tmp_path / name).write_text("mine")
+    (tmp_path / ".1.partial.result.csv").write_text("half")
+    write_text(tmp_path / "result.csv", "whole")
+    with folder_beside(tmp_path / "result.csv"):
+        pass
+    remove_partials(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"result.csv", *names}
 
 
 def test_two_outputs_at_one_place_are_refused_before_anything_is_written(tmp_path):

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from pa10cal.errors import OutputError, one_line
 
-#: Part of the name of a file that is being written.
-_PARTIAL = ".partial."
+#: Name of a file or folder that is being written, by the number of the process that writes it.
+_PARTIAL_NAME = re.compile(r"\.\d+\.partial\.(.+)", re.DOTALL)
 #: Ending of the name of a folder that is being replaced.
 FORMER = ".former"
 #: Errors of a full disk, or of a limit on sizes, and the remedy.
@@ -57,8 +57,11 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
                 remedy="give different paths",
             )
         resolved.add(path.resolve())
-    prefix = f".{os.getpid()}{_PARTIAL}"
-    besides = tuple(path.with_name(prefix + path.name.removeprefix(prefix)) for path in paths)
+    own = _partial_name("")
+    besides = tuple(
+        path if path.name.startswith(own) else path.with_name(_partial_name(path.name))
+        for path in paths
+    )
     with ExitStack() as stack:
         for beside in set(besides) - set(paths):
             stack.callback(_remove, beside)
@@ -82,6 +85,17 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
                 os.replace(beside, path)  # noqa: PTH105 -- the atomic call, by its own name
 
 
+def _partial_name(name: str) -> str:
+    """Return the name under which this process writes an output of that name."""
+    return f".{os.getpid()}.partial.{name}"
+
+
+def _is_partial_of(name: str, output: str) -> bool:
+    """Return whether a name is one under which some process writes an output of that name."""
+    partial = _PARTIAL_NAME.fullmatch(name)
+    return partial is not None and partial[1] == output
+
+
 @contextmanager
 def _claimed(path: Path, beside: Path) -> Iterator[int]:
     """Make the folder and the locked file, so that an unfit place is refused before any work."""
@@ -90,7 +104,7 @@ def _claimed(path: Path, beside: Path) -> Iterator[int]:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         path.parent.mkdir(parents=True, exist_ok=True)
         for former in path.parent.iterdir():
-            if former.name.endswith(_PARTIAL + path.name):
+            if _is_partial_of(former.name, path.name):
                 _remove_of_dead(former)
         file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
@@ -114,10 +128,10 @@ def folder_beside(place: Path) -> Iterator[Path]:
     """
     place.parent.mkdir(parents=True, exist_ok=True)
     for folder in place.parent.iterdir():
-        replaced = folder.name.endswith(f"{_PARTIAL}{place.name}{FORMER}") and place.is_dir()
-        if replaced or folder.name.endswith(_PARTIAL + place.name):
+        replaced = _is_partial_of(folder.name, place.name + FORMER) and place.is_dir()
+        if replaced or _is_partial_of(folder.name, place.name):
             _remove_of_dead(folder)
-    beside = place.with_name(f".{os.getpid()}{_PARTIAL}{place.name}")
+    beside = place.with_name(_partial_name(place.name))
     beside.mkdir()
     lock = os.open(beside, os.O_RDONLY | os.O_CLOEXEC)
     try:
@@ -133,7 +147,7 @@ def remove_partials(folder: Path) -> None:
     """Remove the partial outputs of killed processes below a folder, not those of living ones."""
     for place, _, names in os.walk(folder):
         for name in names:
-            if name.startswith(".") and _PARTIAL in name:
+            if _PARTIAL_NAME.fullmatch(name):
                 _remove_of_dead(Path(place, name))
 
 
@@ -177,7 +191,8 @@ def no_room(error: Exception) -> bool:
 
 def _writing(path: Path) -> AbstractContextManager[None]:
     """Raise an OutputError if the block cannot write a file, named by its final place."""
-    place = path.with_name(path.name.rpartition(_PARTIAL)[2])
+    partial = _PARTIAL_NAME.fullmatch(path.name)
+    place = path if partial is None else path.with_name(partial[1])
     remedy = "give another path, or remove what is in the way"
     allowed = "a file in a folder that may be written to, with room for it"
     return writing_into(place, "the output", remedy, allowed)

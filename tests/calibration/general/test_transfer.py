@@ -130,13 +130,15 @@ def with_effect(model, name, x):
     return replace(bent, covariance=np.eye(len(bent.x) + 6) * 1e-12).with_bends()
 
 
-@pytest.mark.parametrize("name, x", [("base_compliance", [2e-6, 2e-6]), ("link_bending", [5e-6])])
+@pytest.mark.parametrize(
+    ("name", "x"), [("base_compliance", [2e-6, 2e-6]), ("link_bending", [5e-6])]
+)
 def test_links_and_base_bend_under_the_weights_that_go_along(name, x):
     true = with_effect(weighing(SECOND, OF_ARM), name, x)
     assert left_mm(true, measured(true, SECOND, 7)) < 2e-4
 
 
-@pytest.mark.parametrize("name, x", [("scale", [3e-4]), ("range_constant", [2e-4])])
+@pytest.mark.parametrize(("name", "x"), [("scale", [3e-4]), ("range_constant", [2e-4])])
 def test_targets_that_are_read_distorted_are_so_about_frames_fitted_anew(name, x):
     springy = on_springs("ur10", STIFFNESS, SECOND, {"delta_a_2"})
     places_m = np.array([0.1, 0.0, 0.05, -0.1, 0.08, 0.0, 0.0, -0.1, 0.12])
