@@ -70,6 +70,27 @@ def test_angles_logged_within_one_turn_are_moved_into_the_limits(copy, first):
     assert "q2_deg" in note
 
 
+@pytest.mark.parametrize("failed", ["-9999", "9999", "1e154"])
+def test_one_number_of_a_sensor_that_failed_does_not_hide_wrapped_angles(copy, failed):
+    folder = copy("points")
+
+    def wrap(table):
+        table.put(IRB, np.mod(table.numbers(IRB), 360.0))
+        table.fill("q1_deg", failed, ONE)
+
+    before = read_campaign(folder).observations.states.q_rad
+    mend(folder, "poses.csv", wrap)
+    found = read_campaign(folder)
+    (note,) = (each for each in found.notes if " by whole turns" in each)
+    assert "q1_deg" in note
+    (row,) = found.quarantined
+    assert row.line == 7
+    assert "beyond the limits of joint 1" in row.reason
+    np.testing.assert_allclose(
+        found.observations.states.q_rad, np.delete(before, 5, axis=0), atol=1e-9
+    )
+
+
 def test_one_row_a_turn_off_stays_so(copy):
     folder = copy("points")
     mend(folder, "poses.csv", lambda table: table.fill("q2_deg", "359.5", ONE))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Mask
+from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.column_map import UNIT_WORDS
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
@@ -172,21 +172,11 @@ def unwrapped(
     """
     turned: dict[str, NDArray[Any]] = {}
     wraps = False
-    for name, (low, high) in zip(q, np.degrees(arm.axis_limits_rad), strict=True):
-        column = raw[name]
-        if not name.endswith("_deg") or not np.isfinite(column).any():
-            continue
-        beyond = BEYOND_LIMITS["deg"]
-        outside = (column < low - beyond) | (column > high + beyond)
-        turns = np.round((column - 0.5 * (low + high)) / ONE_TURN_DEG)
-        nearest = column - ONE_TURN_DEG * turns
-        inside = (nearest >= low - beyond) & (nearest <= high + beyond)
-        if (
-            np.nanmax(column) - np.nanmin(column) <= spread_deg
-            and inside[outside].sum() >= NEARLY_ALL * outside.sum()
-        ):
-            turned[name] = np.where(inside, nearest, column)
-            wraps |= outside.sum() >= LEAST_WRAPPED
+    for name, limits_deg in zip(q, np.degrees(arm.axis_limits_rad), strict=True):
+        if name.endswith("_deg"):
+            column, wrapped = _moved_by_turns(raw[name], limits_deg, spread_deg)
+            turned[name] = column
+            wraps |= wrapped >= LEAST_WRAPPED
     moved = {name: column for name, column in turned.items() if (column != raw[name]).any()}
     if not wraps:
         return raw
@@ -194,6 +184,28 @@ def unwrapped(
     logged = "angles logged within one turn" if spread_deg == ONE_TURN_DEG else "angles"
     note = f"{words}: {logged} are moved by whole turns, into the limits"
     return replace(raw.with_columns(moved), notes=(*raw.notes, f"{raw.file}: {note}"))
+
+
+def _moved_by_turns(
+    column: NDArray[Any], limits_deg: Array, spread_deg: float
+) -> tuple[NDArray[Any], int]:
+    """Return a joint's angles (N,) [deg] moved by whole turns into its limits, if they are wrapped.
+
+    Also the number that were beyond the limits before; 0, and the angles as they are, where they
+    are not wrapped. A few numbers too far off for that, as of a sensor that failed, count for
+    nothing and stay.
+    """
+    low, high = limits_deg + BEYOND_LIMITS["deg"] * np.array([-1.0, 1.0])
+    near = (column >= low - spread_deg) & (column <= high + spread_deg)
+    if not near.any() or near.sum() < NEARLY_ALL * np.isfinite(column).sum():
+        return column, 0
+    turns = np.round((column - 0.5 * (low + high)) / ONE_TURN_DEG)
+    nearest = column - ONE_TURN_DEG * turns
+    inside = near & (nearest >= low) & (nearest <= high)
+    outside = near & ((column < low) | (column > high))
+    if np.ptp(column[near]) > spread_deg or inside[outside].sum() < NEARLY_ALL * outside.sum():
+        return column, 0
+    return np.where(inside, nearest, column), int(outside.sum())
 
 
 def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:
