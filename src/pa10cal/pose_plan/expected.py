@@ -39,7 +39,7 @@ class ExpectedRows:
     # units of their prior standard deviations
     white: Array
     # (N, 3, k) derivative of the first target's position [m] by the unknowns in these units,
-    # without load
+    # under the least load
     tool: Array
     effects: dict[Effect, slice]  # effects that would show, with their columns of `white`
     springs: tuple[int, ...]  # joints to which the model gives a spring
@@ -68,13 +68,16 @@ def expected_rows(setup: PlanSetup, q: Array, calibration: CalibrationOptions) -
     for effect, effect_rows in by_effect.items():
         columns[effect] = slice(first, first + effect_rows.shape[2])
         first = columns[effect].stop
-    # Rows follow pose by pose, load by load; the first load of each pose stands for its position.
-    first_loads = np.arange(0, len(white), len(setup.options.loads_N))
+    # Rows follow pose by pose, load by load; the least load of each pose stands for its position.
+    loads_N = setup.options.loads_N
+    least_loaded = np.arange(int(np.argmin(loads_N)), len(white), len(loads_N))
+    # Of touches the end of the chain is the flange; else it is the target, or targets are unknowns.
+    target_m = next(iter(setup.targets.values())) if setup.kind.from_touches else np.zeros(3)
     return ExpectedRows(
         parameters=problem.parameters,
         sizes=sizes,
         white=white.reshape(len(q), -1, white.shape[2]),
-        tool=_target_jacobian(general)[first_loads] * sizes,
+        tool=_target_jacobian(general, target_m)[least_loaded] * sizes,
         effects=columns,
         springs=general.springs,
     )
@@ -108,10 +111,14 @@ def _foreseen(setup: PlanSetup, q: Array) -> tuple[Observations, Start]:
     return Observations.single(label, states, measured), start
 
 
-def _target_jacobian(general: GeneralProblem) -> Array:
+def _target_jacobian(general: GeneralProblem, target_m: Array) -> Array:
     """Return the derivative of the first target's position by the unknowns, (P, 3, k).
 
     In the instrument's frame: motions of the base that the arm's parameters can replace cancel.
+
+    Args:
+        target_m: (3,) place of the target in the frame of the end of the chain, where the places
+            of targets are no unknowns.
     """
     problem, x = general.problem, general.x_start
     predicted = problem.model.predict_with_jacobian(
@@ -120,7 +127,9 @@ def _target_jacobian(general: GeneralProblem) -> Array:
     T_instr_ee = problem.T_instr_base @ predicted.T_base_ee  # along the axes of the base
     places_m = problem.places_at(x)
     if not len(places_m):
-        return predicted.jacobian[:, :3]
+        levers_m = predicted.T_base_ee[:, :3, :3] @ target_m
+        turned = np.cross(predicted.jacobian[:, 3:], levers_m[..., None], axis=1)
+        return np.asarray(predicted.jacobian[:, :3] + turned)
     _, levers_m = carried_targets(T_instr_ee, places_m)
     by_end, by_targets = by_end_and_targets(T_instr_ee, levers_m)
     by_model = by_end[:, 0] @ predicted.jacobian
