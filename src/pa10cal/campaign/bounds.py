@@ -224,30 +224,41 @@ def labelled(raw: RawRows, arm: Arm) -> RawRows:
 
 
 def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
-    """Refuse columns that are in the contract's unit though campaign.yaml states a larger one."""
+    """Refuse columns that are in the contract's unit though campaign.yaml states another one.
+
+    That is a larger one, or one with another zero. Blanks count neither way.
+    """
     words = raw.own
     of_key: dict[str, list[str]] = {}
     for name in names:
         own = words.sources.get(name)
-        if own is not None and own.factor > 1.0 and not name.startswith("u_"):
+        if own is not None and (own.factor > 1.0 or own.offset) and not name.startswith("u_"):
             of_key.setdefault(own.key, []).append(name)
     for key, columns in of_key.items():
-        outside, right = np.zeros(len(raw), dtype=bool), np.ones(len(raw), dtype=bool)
-        for name in columns:
-            values, own, bound = raw[name], words.sources[name], bound_of(name, arm)
-            written = (values - own.offset) / own.factor
-            outside |= (values < bound.low) | (values > bound.high)
-            right &= (written >= bound.low) & (written <= bound.high)
-        if not len(right) or outside.mean() <= 0.5 or right.mean() < NEARLY_ALL:
+        values = np.stack([raw[name] for name in columns])
+        factor, offset, low, high = np.transpose(
+            [
+                (own.factor, own.offset, bound.low, bound.high)
+                for own, bound in ((words.sources[name], bound_of(name, arm)) for name in columns)
+            ]
+        )[..., None]
+        written = (values - offset) / factor
+        outside = (values < low) | (values > high)
+        filled = np.isfinite(values).any(axis=0)
+        right = filled & ~((written < low) | (written > high)).any(axis=0)
+        count, wrong = filled.sum(), outside.any(axis=0)
+        if wrong.sum() <= 0.5 * count or right.sum() < NEARLY_ALL * count:
             continue
-        first, last, row = columns[0], columns[-1], int(np.argmax(outside))
+        row = int(np.argmax(wrong & right))
+        first, last, shown = columns[0], columns[-1], columns[int(np.argmax(outside[:, row]))]
         unit = first.rpartition("_")[2]
-        what = {"deg": "joint angles", "mm": "positions"}.get(unit, "numbers")
-        where = f"{raw.file}:{raw.line[row]}: {words.column(first)} … {words.column(last)}"
+        what = {"deg": "joint angles", "mm": "positions", "C": "temperatures"}.get(unit, "numbers")
+        named = words.column(first) + (f" … {words.column(last)}" if first != last else "")
+        where = f"{raw.file}:{raw.line[row]}: {named}"
         stated = words.sources[first].unit
         value = (
-            f"{outside.sum()} of {len(outside)} rows are out of bounds in {stated}, "
-            f"and none so in {unit}: {raw.shown(first, row)}"
+            f"{wrong.sum()} of {count} rows are out of bounds in {stated}, "
+            f"and {count - right.sum() or 'none'} so in {unit}: {raw.shown(shown, row)}"
         )
         named, remedy = UNIT_WORDS.get(unit, unit), words.set_unit(first, unit, unit)
         raise RawDataError(
