@@ -2,10 +2,12 @@
 
 import errno
 import fcntl
+import os
 import resource
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from hypothesis import strategies as st
@@ -18,6 +20,10 @@ from pa10cal.files.output import (
     whole_files,
     write_text,
 )
+
+
+def no_locks(*_):
+    raise OSError(errno.ENOLCK, "no locks")
 
 
 def write_half(path):
@@ -110,6 +116,36 @@ def test_one_place_that_is_unfit_keeps_all_outputs_back(tmp_path):
         ):
             pytest.fail("the block must not be entered")
         assert {path.name for path in tmp_path.iterdir()} == {"taken", "file"}
+
+
+@pytest.mark.parametrize("unfit", [".", "/", "..", "pipe"])
+def test_a_place_of_no_file_is_refused_and_stays(tmp_path, monkeypatch, unfit):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    with pytest.raises(OutputError, match="the output cannot be written"):
+        write_text(Path(unfit), "text")
+    assert [path.is_fifo() for path in tmp_path.iterdir()] == [True]
+
+
+def test_links_and_permissions_stay(tmp_path):
+    real, link = tmp_path / "real/result.txt", tmp_path / "link.txt"
+    write_text(real, "former")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert real.read_text() == "new"
+    assert real.stat().st_mode & 0o777 == 0o640
+    assert list(real.parent.iterdir()) == [real]
+
+
+def test_what_a_killed_process_of_this_number_wrote_is_not_in_the_output(tmp_path, monkeypatch):
+    path = tmp_path / "result.txt"
+    (tmp_path / f".{os.getpid()}.partial.result.txt").write_text("much longer")
+    monkeypatch.setattr("pa10cal.files.output.fcntl.flock", no_locks)
+    with whole_file(path) as beside, beside.open("r+") as file:
+        file.write("new")
+    assert path.read_text() == "new"
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])

@@ -12,6 +12,7 @@ import fcntl
 import os
 import re
 import shutil
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from itertools import chain
@@ -42,13 +43,17 @@ def whole_file(path: Path) -> Iterator[Path]:
 def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     """Yield temporary paths beside several outputs; move all into place, or none.
 
-    An output whose path is such a temporary one already is written to it: it stays locked.
+    An output whose path is such a temporary one already is written to it: it stays locked. An
+    output that replaces a file has its permissions, and one at a link is written to what is linked.
 
     Raises:
         OutputError: when one of them cannot be written at its place, or there is no room for it.
     """
+    paths = tuple(path.resolve() if path.is_symlink() else path for path in paths)
     resolved: set[Path] = set()
     for path in paths:
+        with _writing(path):
+            _refuse_no_file(path)
         if path.resolve() in resolved:
             raise OutputError(
                 "two outputs have the same path",
@@ -80,6 +85,8 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
         for path, file in zip(paths, files, strict=True):
             with _writing(path):
                 os.fsync(file)
+                with suppress(OSError):  # none is there, or the file system has no permissions
+                    os.fchmod(file, stat.S_IMODE(path.stat().st_mode))
         for path, beside in zip(paths, besides, strict=True):
             with _writing(path):
                 os.replace(beside, path)  # noqa: PTH105 -- the atomic call, by its own name
@@ -96,17 +103,25 @@ def _is_partial_of(name: str, output: str) -> bool:
     return partial is not None and partial[1] == output
 
 
+def _refuse_no_file(path: Path) -> None:
+    """Refuse a place at which there is a folder, device or pipe, which no file can replace."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if path.exists() and not path.is_file():
+        raise OSError("a device or pipe is there")
+
+
 @contextmanager
 def _claimed(path: Path, beside: Path) -> Iterator[int]:
     """Make the folder and the locked file, so that an unfit place is refused before any work."""
     with _writing(path):
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         path.parent.mkdir(parents=True, exist_ok=True)
         for former in path.parent.iterdir():
             if _is_partial_of(former.name, path.name):
                 _remove_of_dead(former)
-        file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        # A file system without locks may keep what a killed process of the same number wrote.
+        begun_anew = 0 if beside == path else os.O_TRUNC
+        file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | begun_anew, 0o666)
     try:
         with suppress(OSError):  # a file system without locks
             fcntl.flock(file, fcntl.LOCK_SH)
