@@ -122,6 +122,14 @@ def test_the_position_expected_is_that_under_the_least_load_in_whatever_order():
     np.testing.assert_allclose(one.tool, other.tool, atol=1e-12)
 
 
+def test_what_rounding_leaves_is_no_effect():
+    # The tool hangs on the axis of the last joint, which carries no torque then.
+    _, _, rows = rows_expected("pose", "ur10", effects=0.5, tool_kg=2.0)
+    kinds_at_joint_6 = {effect.id for effect in rows.effects if effect.of == "joint 6"}
+    assert "lateral_compliance" in kinds_at_joint_6
+    assert "joint_compliance" not in kinds_at_joint_6
+
+
 @pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize(
     ("instrument", "poses", "options", "words"),

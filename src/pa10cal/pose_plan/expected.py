@@ -27,6 +27,9 @@ from pa10cal.terms.effects.effect import Effect, candidates
 from pa10cal.terms.term import TermParameter
 
 _TEMPERATURE_C = 20.0
+#: An effect of its plausible size shows if it moves a reading by more than this part of its
+#: standard uncertainty; less is rounding (computing).
+_SHOWN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -63,11 +66,14 @@ def expected_rows(setup: PlanSetup, q: Array, calibration: CalibrationOptions) -
     if setup.options.effects > 0.0:
         by_effect = _effect_rows(general, setup.payload, setup.targets)
     root = np.linalg.cholesky(problem.stated_covariance)
-    white = np.linalg.solve(root, np.concatenate([rows, *by_effect.values()], axis=2))
-    columns, first = {}, len(sizes)
+    parts, columns, first = [np.linalg.solve(root, rows)], {}, len(sizes)
     for effect, effect_rows in by_effect.items():
-        columns[effect] = slice(first, first + effect_rows.shape[2])
-        first = columns[effect].stop
+        white = np.linalg.solve(root, effect_rows)
+        if np.abs(white).max() > _SHOWN:
+            columns[effect] = slice(first, first + white.shape[2])
+            first = columns[effect].stop
+            parts.append(white)
+    white = np.concatenate(parts, axis=2)
     # Rows follow pose by pose, load by load; the least load of each pose stands for its position.
     loads_N = setup.options.loads_N
     least_loaded = np.arange(int(np.argmin(loads_N)), len(white), len(loads_N))
@@ -139,7 +145,7 @@ def _target_jacobian(general: GeneralProblem, target_m: Array) -> Array:
 def _effect_rows(
     general: GeneralProblem, payload: Payload | None, targets: dict[str, Array]
 ) -> dict[Effect, Array]:
-    """Return rows (P, b, e) of every effect that these poses can show, in its plausible size.
+    """Return rows (P, b, e) of every effect that may be sought, in its plausible size.
 
     Rows of an effect with several start shapes are those of all, over the root of their number.
     Effects of time, temperature and direction of arrival are omitted: they depend on how poses are
@@ -168,9 +174,7 @@ def _effect_rows(
             continue
         shapes = [np.array(start) for start in effect.starts]
         by_shape = by_effects(nominal, poses, [effect] * len(shapes), shapes)
-        together = np.concatenate(by_shape, axis=2) / np.sqrt(len(shapes))
-        if np.any(together):
-            rows[effect] = together
+        rows[effect] = np.concatenate(by_shape, axis=2) / np.sqrt(len(shapes))
     return rows
 
 
