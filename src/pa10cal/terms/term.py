@@ -110,7 +110,7 @@ class Traits(Protocol):
         return None if derivative is None else np.asarray(derivative @ x)
 
     def carried(self, states: PoseStates, x: Array) -> PoseStates:
-        """Return states with the loads that links and base carry by it: unchanged, but of weights."""
+        """Return states with the loads that it puts on links and base: unchanged but by weights."""
         return states
 
     @property
@@ -288,7 +288,7 @@ class JointTorqueOnly(TorqueOnly):
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
         derivative = np.zeros((*states.tau_Nm.shape, len(x)))
-        derivative[:, self.joint - 1] = self.per_unit(states).reshape(len(states), -1)
+        derivative[:, self.joint - 1] = self.per_unit(states).reshape(len(states), len(x))
         return derivative
 
 
