@@ -74,6 +74,16 @@ class Model:
             for parameter, coordinate in zip(term.parameters, term.coordinates, strict=True)
         }
 
+    @property
+    def joint_zeros(self) -> frozenset[str]:
+        """Return the names of the departures that are zeros of joints, which turn or slide."""
+        driven = set(self.chain.joint_columns.tolist())
+        return frozenset(
+            name
+            for name, coordinate in self.departures.items()
+            if self.chain.columns((coordinate,))[0] in driven
+        )
+
     def only(self, names: Collection[str]) -> Model:
         """Return the model with the parameters that are named, see `Term.only`."""
         return replace(self, terms=tuple(term.only(names) for term in self.terms))
