@@ -170,14 +170,14 @@ def unwrapped(
     of every joint are then taken nearest to the middle of its limits. A joint whose numbers span
     more than `spread_deg` is left as it is, as they may be in another unit.
     """
-    turned: dict[str, NDArray[Any]] = {}
+    moved: dict[str, NDArray[Any]] = {}
     wraps = False
     for name, limits_deg in zip(q, np.degrees(arm.axis_limits_rad), strict=True):
         if name.endswith("_deg"):
             column, wrapped = _moved_by_turns(raw[name], limits_deg, spread_deg)
-            turned[name] = column
             wraps |= wrapped >= LEAST_WRAPPED
-    moved = {name: column for name, column in turned.items() if (column != raw[name]).any()}
+            if not np.array_equal(column, raw[name], equal_nan=True):
+                moved[name] = column
     if not wraps:
         return raw
     words = ", ".join(raw.own.column(name) for name in moved)
@@ -191,9 +191,12 @@ def _moved_by_turns(
 ) -> tuple[NDArray[Any], int]:
     """Return a joint's angles (N,) [deg] moved by whole turns into its limits, if they are wrapped.
 
-    Also the number that were beyond the limits before; 0, and the angles as they are, where they
-    are not wrapped. A few numbers too far off for that, as of a sensor that failed, count for
-    nothing and stay.
+    A few numbers too far off to be wrapped angles, as of a sensor that failed, count for nothing
+    and stay.
+
+    Returns:
+        (N,) the angles, as they are where they are not wrapped; how many of them were beyond the
+        limits, 0 where they are not wrapped.
     """
     low, high = limits_deg + BEYOND_LIMITS["deg"] * np.array([-1.0, 1.0])
     near = (column >= low - spread_deg) & (column <= high + spread_deg)
