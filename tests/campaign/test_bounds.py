@@ -9,8 +9,9 @@ import pytest
 
 from mended import QUATERNION, describe, mend, simulated
 from pa10cal.campaign import csv_rows, text_lines
-from pa10cal.campaign.bounds import bound_of
+from pa10cal.campaign.bounds import bound_of, unwrapped
 from pa10cal.campaign.csv_rows import read_rows
+from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.target_labels import exchanged, not_rigid, stated_shape
 from pa10cal.errors import Pa10calError
@@ -68,6 +69,39 @@ def test_angles_logged_within_one_turn_are_moved_into_the_limits(copy, first):
     np.testing.assert_allclose(found.observations.states.q_rad, before, atol=1e-9)
     (note,) = (each for each in found.notes if " by whole turns" in each)
     assert "q2_deg" in note
+
+
+@pytest.mark.parametrize("failed", ["-9999", "9999", "1e154"])
+def test_one_number_of_a_sensor_that_failed_does_not_hide_wrapped_angles(copy, failed):
+    folder = copy("points")
+
+    def wrap(table):
+        table.put(IRB, np.mod(table.numbers(IRB), 360.0))
+        table.fill("q1_deg", failed, ONE)
+
+    before = read_campaign(folder).observations.states.q_rad
+    mend(folder, "poses.csv", wrap)
+    found = read_campaign(folder)
+    (note,) = (each for each in found.notes if " by whole turns" in each)
+    assert "q1_deg" in note
+    (row,) = found.quarantined
+    assert row.line == 7
+    assert "beyond the limits of joint 1" in row.reason
+    np.testing.assert_allclose(
+        found.observations.states.q_rad, np.delete(before, 5, axis=0), atol=1e-9
+    )
+
+
+def test_only_joints_that_are_moved_by_turns_are_noted():
+    angles = np.zeros((3, 6))
+    angles[:, 0], angles[1, 1] = [350.0, 340.0, 10.0], np.nan
+    columns = dict(zip(IRB, angles.T, strict=True))
+    rows = RawRows("log.csv", columns, np.arange(3), {}, (), ())
+    found = unwrapped(rows, IRB, load_arm("irb120"))
+    assert found.notes == (
+        "log.csv: q1_deg: angles logged within one turn are moved by whole turns, into the limits",
+    )
+    np.testing.assert_array_equal(found["q1_deg"], [-10.0, -20.0, 10.0])
 
 
 def test_one_row_a_turn_off_stays_so(copy):

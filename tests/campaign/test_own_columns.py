@@ -115,6 +115,29 @@ def test_units_separator_and_decimal_sign_are_stated(tracked):
     assert not any("not used" in note for note in found.notes)
 
 
+def test_millimetres_stated_as_metres_are_refused_by_a_row_and_the_numbers_of_rows(tracked):
+    raw, table, _ = tracked
+    own = own_table(table).join(table[QUATERNION])
+    own["X"] += 3000.0
+    own.loc[2:8, ["X", "Y", "Z"]] = np.nan
+    own.loc[0, "Y"] = 1e8
+    columns = COLUMNS | {"position": {"names": ["X", "Y", "Z"], "unit": "m"}}
+    said = "export.txt:3: .*33 of 33 rows are out of bounds in m, and 1 so in mm: X = "
+    with pytest.raises(Pa10calError, match=said):
+        read_campaign(written(raw, own, columns))
+
+
+@pytest.mark.parametrize("blank", [0, 7])
+def test_degrees_celsius_stated_as_kelvin_are_refused_with_the_remedy(tracked, blank):
+    raw, table, _ = tracked
+    own = own_table(table).join(table[QUATERNION])
+    own["room"] = 21.5
+    own.loc[: blank - 1, "room"] = np.nan
+    columns = COLUMNS | {"temperature": {"names": "room", "unit": "K"}}
+    with pytest.raises(Pa10calError, match=r"temperatures look like degrees Celsius.*unit: C"):
+        read_campaign(written(raw, own, columns))
+
+
 def test_a_comma_within_a_name_parts_no_columns(tracked):
     raw, table, expected = tracked
     named = {"X": "measured, x", "axis 2": "axis, 2"}

@@ -16,7 +16,7 @@ from pa10cal.reports.outcome import verdict
 from pa10cal.reports.page import SECTIONS
 from pa10cal.reports.render import images
 from pa10cal.reports.results_bundle import ResultsBundle
-from pa10cal.reports.trust import missing, trust
+from pa10cal.reports.trust import missing, poses_in_words, trust
 
 COMBINED, VERDICT = "calibration/combined.json", "discovery/verdict.json"
 
@@ -142,6 +142,14 @@ class TestHealth:
         ordered = len(source.general_calibration().health.poses.d_optimal_order)
         said = f"more than {ordered} well-chosen poses"
         assert any(said in line for line in lines(trust, source))
+
+    def test_poses_that_reach_an_uncertainty_may_be_more_than_are_ordered(self, sighted):
+        poses = sighted["pose"].general_calibration().health.poses
+        count = len(poses.d_optimal_order)
+        more = {"needed": None, "measured": 6 * count, "u_needed_mm": 0.026}
+        for u_model_mm, said in ((0.016, count), (0.03, 6 * count)):
+            shown = poses.model_copy(update={**more, "u_model_mm": u_model_mm})
+            assert f"which more than {said} well-chosen poses reach" in poses_in_words(shown)
 
 
 class TestVerdict:

@@ -2,16 +2,28 @@
 
 import errno
 import fcntl
+import os
 import resource
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from hypothesis import strategies as st
 
 from pa10cal.errors import OutputError
-from pa10cal.files.output import remove_partials, whole_file, whole_files, write_text
+from pa10cal.files.output import (
+    folder_beside,
+    remove_partials,
+    whole_file,
+    whole_files,
+    write_text,
+)
+
+
+def no_locks(*_):
+    raise OSError(errno.ENOLCK, "no locks")
 
 
 def write_half(path):
@@ -75,6 +87,18 @@ def test_what_writes_into_an_unfinished_output_leaves_it_locked(tmp_path, fails)
     assert list(tmp_path.iterdir()) == ([] if fails else [path])
 
 
+def test_files_that_users_called_partial_are_theirs(tmp_path):
+    names = "2024.partial.result.csv", ".old.partial.result.csv", ".notes.partial.result.csv.former"
+    for name in names:
+        (tmp_path / name).write_text("mine")
+    (tmp_path / ".1.partial.result.csv").write_text("half")
+    write_text(tmp_path / "result.csv", "whole")
+    with folder_beside(tmp_path / "result.csv"):
+        pass
+    remove_partials(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"result.csv", *names}
+
+
 def test_two_outputs_at_one_place_are_refused_before_anything_is_written(tmp_path):
     paths = (tmp_path / "a.json", tmp_path / "b.json", tmp_path / "sub" / ".." / "a.json")
     with pytest.raises(OutputError, match="the same path"), whole_files(*paths):
@@ -92,6 +116,36 @@ def test_one_place_that_is_unfit_keeps_all_outputs_back(tmp_path):
         ):
             pytest.fail("the block must not be entered")
         assert {path.name for path in tmp_path.iterdir()} == {"taken", "file"}
+
+
+@pytest.mark.parametrize("unfit", [".", "/", "..", "pipe"])
+def test_a_place_of_no_file_is_refused_and_stays(tmp_path, monkeypatch, unfit):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    with pytest.raises(OutputError, match="the output cannot be written"):
+        write_text(Path(unfit), "text")
+    assert [path.is_fifo() for path in tmp_path.iterdir()] == [True]
+
+
+def test_links_and_permissions_stay(tmp_path):
+    real, link = tmp_path / "real/result.txt", tmp_path / "link.txt"
+    write_text(real, "former")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert real.read_text() == "new"
+    assert real.stat().st_mode & 0o777 == 0o640
+    assert list(real.parent.iterdir()) == [real]
+
+
+def test_what_a_killed_process_of_this_number_wrote_is_not_in_the_output(tmp_path, monkeypatch):
+    path = tmp_path / "result.txt"
+    (tmp_path / f".{os.getpid()}.partial.result.txt").write_text("much longer")
+    monkeypatch.setattr("pa10cal.files.output.fcntl.flock", no_locks)
+    with whole_file(path) as beside, beside.open("r+") as file:
+        file.write("new")
+    assert path.read_text() == "new"
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])

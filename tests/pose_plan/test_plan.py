@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pa10cal.arm.chain import Chain
+from pa10cal.arm.chain import Chain, end_pose
 from pa10cal.arm.room import Box, PosturePoints
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.kinds import instruments
+from pa10cal.pose_plan.expected import expected_rows
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.plan import plan_poses
 from pa10cal.pose_plan.setup import PlanSetup
@@ -84,6 +86,48 @@ def test_loads_show_springs_and_there_are_candidates_for_every_pose():
     assert loaded.expected.springs
     of_loaded, of_once = (plan.expected.parameters["windup_2"].std for plan in (loaded, once))
     assert of_loaded < of_once
+
+
+def rows_expected(instrument, robot="irb120", count=20, **keys):
+    setup = PlanSetup(load_arm(robot), instruments()[instrument], option(**keys))
+    low, high = setup.joint_ranges
+    q = np.random.default_rng(1).uniform(low, high, (count, len(low)))
+    return setup, q, expected_rows(setup, q, CalibrationOptions())
+
+
+@pytest.mark.parametrize("instrument", ["pose", "points", "touch_trigger_cmm"])
+def test_the_position_expected_is_that_of_the_first_target(instrument):
+    targets_mm = ((80, 0, 50), (-60, 40, 50), (0, -70, 90))
+    targets_mm = targets_mm[:1] if instrument == "pose" else targets_mm
+    setup, q, rows = rows_expected(instrument, targets_mm=targets_mm)
+    chain, step = Chain.of(setup.arm), 1e-6
+    place = np.append(1e-3 * np.array(targets_mm[0]), 1.0)
+    for name in ("a_2", "theta_3", "alpha_5"):
+        coordinates = np.stack([chain.coordinates(q)] * 2)
+        coordinates[:, :, chain.columns((name,))] += np.array([-step, step])[:, None, None]
+        before, after = ((end_pose(chain, each) @ place)[:, :3] for each in coordinates)
+        k = [parameter.name for parameter in rows.parameters].index(f"delta_{name}")
+        np.testing.assert_allclose(
+            rows.tool[:, :, k] / rows.sizes[k], (after - before) / (2.0 * step), atol=1e-7
+        )
+
+
+def test_the_position_expected_is_that_under_the_least_load_in_whatever_order():
+    tool = {"tool_kg": 2.0, "targets_mm": ((80, 0, 50),)}
+    one, other = (
+        rows_expected("pose", "pa10_6ce", loads_N=loads_N, **tool)[2]
+        for loads_N in ((0.0, 60.0), (60.0, 0.0))
+    )
+    assert one.springs
+    np.testing.assert_allclose(one.tool, other.tool, atol=1e-12)
+
+
+def test_what_rounding_leaves_is_no_effect():
+    # The tool hangs on the axis of the last joint, which carries no torque then.
+    _, _, rows = rows_expected("pose", "ur10", effects=0.5, tool_kg=2.0)
+    kinds_at_joint_6 = {effect.id for effect in rows.effects if effect.of == "joint 6"}
+    assert "lateral_compliance" in kinds_at_joint_6
+    assert "joint_compliance" not in kinds_at_joint_6
 
 
 @pytest.mark.slow_but_one_in(9)

@@ -92,6 +92,7 @@ def test_springs_give_way_to_what_joints_carry_all_the_same():
     np.testing.assert_array_equal(known.torque_Nm(states, np.zeros(0)), free.torque_Nm(states, x))
     assert known.predict_with_jacobian(states, np.zeros(0)).jacobian.shape == (20, 6, 0)
     assert isinstance(fixed(gain, x_gain), FixedTorque)
+    assert free.torque_jacobian(states.take([]), x).shape == (0, 6, len(x))
     assert not shows_torque(fixed(spring, x_spring))
     assert not np.allclose(
         known.predict(states, np.zeros(0)), Model(chain, ()).predict(states, x[:0])

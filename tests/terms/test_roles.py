@@ -10,12 +10,15 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pa10cal
 from made_up_model import fitted
 from pa10cal import terms
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
+from pa10cal.files.arms import load_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring
@@ -54,6 +57,13 @@ def test_each_parameter_has_one_and_terms_keep_theirs():
     assert [role for name, role in said.items() if name.startswith("backlash")] == ["effect"]
     assert model.having("tilt", "zero").sum() == 1 + model.chain.arm.n
     assert not Model(model.chain, ()).having("link").any()
+
+
+def test_zeros_of_joints_are_those_of_joints_that_slide_too():
+    arm = load_arm("ur10")
+    on_a_rail = replace(arm, prismatic=np.arange(arm.n) == 0)
+    model = Model(Chain.of(on_a_rail), (link_departures(on_a_rail, Tolerances()),))
+    assert model.joint_zeros == {"delta_d_1", *(f"delta_theta_{k}" for k in range(2, 7))}
 
 
 def test_a_class_states_that_it_yields_or_shows_in_torques_where_it_says_how():

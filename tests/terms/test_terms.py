@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from made_up_model import fitted
 from made_up_parameters import solved_parameters
 from made_up_poses import states_of
 from pa10cal.errors import CalibrationError
@@ -13,7 +16,9 @@ from pa10cal.terms.joint_spring import (
     reported_name,
     stiffness_by_solved,
 )
-from pa10cal.terms.term import base_frame, link_departures
+from pa10cal.terms.model import Model
+from pa10cal.terms.term import base_frame, fixed, link_departures
+from pa10cal.terms.weights import Weights
 
 TERMS = {
     "link departures": (link_departures(load_arm("pa10_6ce"), Tolerances()), None),
@@ -113,3 +118,24 @@ def test_solved_springs_correlate_as_their_stiffness_does():
         np.testing.assert_allclose(by_solved[:, column], expected, rtol=1e-6, atol=1e-3)
     reported = ["delta_a_1", "K_lin_3", "K_cub_3", "K_lin_10"]
     assert [reported_name(name) for name in names] == reported
+
+
+@pytest.mark.parametrize("robot", ["ur10", "pa10_6ce"])
+def test_terms_at_fixed_parameters_predict_as_they_do_free(robot):
+    model = fitted(robot, 4)
+    weights = Weights(model.arm.n, (4, 9, 14), (0.5, 0.1, 0.1))
+    terms = (*model.model.terms, weights)
+    x = np.concatenate([model.x, [0.8, -0.1, 0.2]])
+    states = states_of(model.arm)
+    by_targets = np.random.default_rng(2).normal(size=(len(states), 9, 9))
+    states = replace(states, seen=replace(states.seen, places_by_targets=by_targets))
+    free = Model(model.model.chain, terms)
+    known = Model(free.chain, tuple(fixed(t, x[free.columns_of(t)]) for t in terms))
+    none = np.zeros(0)
+    assert free.distortion_m(states, x).any()
+    np.testing.assert_array_equal(known.predict(states, none), free.predict(states, x))
+    np.testing.assert_array_equal(known.torque_Nm(states, none), free.torque_Nm(states, x))
+    np.testing.assert_allclose(known.distortion_m(states, none), free.distortion_m(states, x))
+    for term, same in zip(terms, known.terms, strict=True):
+        for trait in ("bends", "yields", "shows_torque", "holds", "depends_on", "falsifies_log"):
+            assert getattr(same, trait) == getattr(term, trait), (term.id, trait)

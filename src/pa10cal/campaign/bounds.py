@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arrays import Mask
+from pa10cal.arrays import Array, Mask
 from pa10cal.campaign.column_map import UNIT_WORDS
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.errors import RawDataError
@@ -170,30 +170,45 @@ def unwrapped(
     of every joint are then taken nearest to the middle of its limits. A joint whose numbers span
     more than `spread_deg` is left as it is, as they may be in another unit.
     """
-    turned: dict[str, NDArray[Any]] = {}
+    moved: dict[str, NDArray[Any]] = {}
     wraps = False
-    for name, (low, high) in zip(q, np.degrees(arm.axis_limits_rad), strict=True):
-        column = raw[name]
-        if not name.endswith("_deg") or not np.isfinite(column).any():
-            continue
-        beyond = BEYOND_LIMITS["deg"]
-        outside = (column < low - beyond) | (column > high + beyond)
-        turns = np.round((column - 0.5 * (low + high)) / ONE_TURN_DEG)
-        nearest = column - ONE_TURN_DEG * turns
-        inside = (nearest >= low - beyond) & (nearest <= high + beyond)
-        if (
-            np.nanmax(column) - np.nanmin(column) <= spread_deg
-            and inside[outside].sum() >= NEARLY_ALL * outside.sum()
-        ):
-            turned[name] = np.where(inside, nearest, column)
-            wraps |= outside.sum() >= LEAST_WRAPPED
-    moved = {name: column for name, column in turned.items() if (column != raw[name]).any()}
+    for name, limits_deg in zip(q, np.degrees(arm.axis_limits_rad), strict=True):
+        if name.endswith("_deg"):
+            column, wrapped = _moved_by_turns(raw[name], limits_deg, spread_deg)
+            wraps |= wrapped >= LEAST_WRAPPED
+            if not np.array_equal(column, raw[name], equal_nan=True):
+                moved[name] = column
     if not wraps:
         return raw
     words = ", ".join(raw.own.column(name) for name in moved)
     logged = "angles logged within one turn" if spread_deg == ONE_TURN_DEG else "angles"
     note = f"{words}: {logged} are moved by whole turns, into the limits"
     return replace(raw.with_columns(moved), notes=(*raw.notes, f"{raw.file}: {note}"))
+
+
+def _moved_by_turns(
+    column: NDArray[Any], limits_deg: Array, spread_deg: float
+) -> tuple[NDArray[Any], int]:
+    """Return a joint's angles (N,) [deg] moved by whole turns into its limits, if they are wrapped.
+
+    A few numbers too far off to be wrapped angles, as of a sensor that failed, count for nothing
+    and stay.
+
+    Returns:
+        (N,) the angles, as they are where they are not wrapped; how many of them were beyond the
+        limits, 0 where they are not wrapped.
+    """
+    low, high = limits_deg + BEYOND_LIMITS["deg"] * np.array([-1.0, 1.0])
+    near = (column >= low - spread_deg) & (column <= high + spread_deg)
+    if not near.any() or near.sum() < NEARLY_ALL * np.isfinite(column).sum():
+        return column, 0
+    turns = np.round((column - 0.5 * (low + high)) / ONE_TURN_DEG)
+    nearest = column - ONE_TURN_DEG * turns
+    inside = near & (nearest >= low) & (nearest <= high)
+    outside = near & ((column < low) | (column > high))
+    if np.ptp(column[near]) > spread_deg or inside[outside].sum() < NEARLY_ALL * outside.sum():
+        return column, 0
+    return np.where(inside, nearest, column), int(outside.sum())
 
 
 def whole(raw: RawRows, name: str, arm: Arm) -> RawRows:
@@ -212,30 +227,41 @@ def labelled(raw: RawRows, arm: Arm) -> RawRows:
 
 
 def _refuse_own_unit(raw: RawRows, names: list[str], arm: Arm) -> None:
-    """Refuse columns that are in the contract's unit though campaign.yaml states a larger one."""
+    """Refuse columns that are in the contract's unit though campaign.yaml states another one.
+
+    That is a larger one, or one with another zero. Blanks count neither way.
+    """
     words = raw.own
     of_key: dict[str, list[str]] = {}
     for name in names:
         own = words.sources.get(name)
-        if own is not None and own.factor > 1.0 and not name.startswith("u_"):
+        if own is not None and (own.factor > 1.0 or own.offset) and not name.startswith("u_"):
             of_key.setdefault(own.key, []).append(name)
     for key, columns in of_key.items():
-        outside, right = np.zeros(len(raw), dtype=bool), np.ones(len(raw), dtype=bool)
-        for name in columns:
-            values, own, bound = raw[name], words.sources[name], bound_of(name, arm)
-            written = (values - own.offset) / own.factor
-            outside |= (values < bound.low) | (values > bound.high)
-            right &= (written >= bound.low) & (written <= bound.high)
-        if not len(right) or outside.mean() <= 0.5 or right.mean() < NEARLY_ALL:
+        values = np.stack([raw[name] for name in columns])
+        factor, offset, low, high = np.transpose(
+            [
+                (own.factor, own.offset, bound.low, bound.high)
+                for own, bound in ((words.sources[name], bound_of(name, arm)) for name in columns)
+            ]
+        )[..., None]
+        written = (values - offset) / factor
+        outside = (values < low) | (values > high)
+        filled = np.isfinite(values).any(axis=0)
+        right = filled & ~((written < low) | (written > high)).any(axis=0)
+        count, wrong = filled.sum(), outside.any(axis=0)
+        if wrong.sum() <= 0.5 * count or right.sum() < NEARLY_ALL * count:
             continue
-        first, last, row = columns[0], columns[-1], int(np.argmax(outside))
+        row = int(np.argmax(wrong & right))
+        first, last, shown = columns[0], columns[-1], columns[int(np.argmax(outside[:, row]))]
         unit = first.rpartition("_")[2]
-        what = {"deg": "joint angles", "mm": "positions"}.get(unit, "numbers")
-        where = f"{raw.file}:{raw.line[row]}: {words.column(first)} … {words.column(last)}"
+        what = {"deg": "joint angles", "mm": "positions", "C": "temperatures"}.get(unit, "numbers")
+        named = words.column(first) + (f" … {words.column(last)}" if first != last else "")
+        where = f"{raw.file}:{raw.line[row]}: {named}"
         stated = words.sources[first].unit
         value = (
-            f"{outside.sum()} of {len(outside)} rows are out of bounds in {stated}, "
-            f"and none so in {unit}: {raw.shown(first, row)}"
+            f"{wrong.sum()} of {count} rows are out of bounds in {stated}, "
+            f"and {count - right.sum() or 'none'} so in {unit}: {raw.shown(shown, row)}"
         )
         named, remedy = UNIT_WORDS.get(unit, unit), words.set_unit(first, unit, unit)
         raise RawDataError(

@@ -38,6 +38,7 @@ _FAMILIES = (LENGTHS, ANGLES, TORQUES, TIMES, FORCES, {"C": 1.0, "K": 1.0, "F": 
 UNIT_WORDS = {
     **{"um": "micrometres", "mm": "millimetres", "cm": "centimetres", "in": "inches"},
     **{"m": "metres", "deg": "degrees", "rad": "radians", "mrad": "milliradians"},
+    **{"C": "degrees Celsius"},
 }
 
 

@@ -12,6 +12,7 @@ import fcntl
 import os
 import re
 import shutil
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from itertools import chain
@@ -19,8 +20,8 @@ from pathlib import Path
 
 from pa10cal.errors import OutputError, one_line
 
-#: Part of the name of a file that is being written.
-_PARTIAL = ".partial."
+#: Name of a file or folder that is being written, by the number of the process that writes it.
+_PARTIAL_NAME = re.compile(r"\.\d+\.partial\.(.+)", re.DOTALL)
 #: Ending of the name of a folder that is being replaced.
 FORMER = ".former"
 #: Errors of a full disk, or of a limit on sizes, and the remedy.
@@ -42,13 +43,17 @@ def whole_file(path: Path) -> Iterator[Path]:
 def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     """Yield temporary paths beside several outputs; move all into place, or none.
 
-    An output whose path is such a temporary one already is written to it: it stays locked.
+    An output whose path is such a temporary one already is written to it: it stays locked. An
+    output that replaces a file has its permissions, and one at a link is written to what is linked.
 
     Raises:
         OutputError: when one of them cannot be written at its place, or there is no room for it.
     """
+    paths = tuple(path.resolve() if path.is_symlink() else path for path in paths)
     resolved: set[Path] = set()
     for path in paths:
+        with _writing(path):
+            _refuse_no_file(path)
         if path.resolve() in resolved:
             raise OutputError(
                 "two outputs have the same path",
@@ -57,8 +62,11 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
                 remedy="give different paths",
             )
         resolved.add(path.resolve())
-    prefix = f".{os.getpid()}{_PARTIAL}"
-    besides = tuple(path.with_name(prefix + path.name.removeprefix(prefix)) for path in paths)
+    own = _partial_name("")
+    besides = tuple(
+        path if path.name.startswith(own) else path.with_name(_partial_name(path.name))
+        for path in paths
+    )
     with ExitStack() as stack:
         for beside in set(besides) - set(paths):
             stack.callback(_remove, beside)
@@ -77,22 +85,43 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
         for path, file in zip(paths, files, strict=True):
             with _writing(path):
                 os.fsync(file)
+                with suppress(OSError):  # none is there, or the file system has no permissions
+                    os.fchmod(file, stat.S_IMODE(path.stat().st_mode))
         for path, beside in zip(paths, besides, strict=True):
             with _writing(path):
                 os.replace(beside, path)  # noqa: PTH105 -- the atomic call, by its own name
+
+
+def _partial_name(name: str) -> str:
+    """Return the name under which this process writes an output of that name."""
+    return f".{os.getpid()}.partial.{name}"
+
+
+def _is_partial_of(name: str, output: str) -> bool:
+    """Return whether a name is one under which some process writes an output of that name."""
+    partial = _PARTIAL_NAME.fullmatch(name)
+    return partial is not None and partial[1] == output
+
+
+def _refuse_no_file(path: Path) -> None:
+    """Refuse a place at which there is a folder, device or pipe, which no file can replace."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if path.exists() and not path.is_file():
+        raise OSError("a device or pipe is there")
 
 
 @contextmanager
 def _claimed(path: Path, beside: Path) -> Iterator[int]:
     """Make the folder and the locked file, so that an unfit place is refused before any work."""
     with _writing(path):
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         path.parent.mkdir(parents=True, exist_ok=True)
         for former in path.parent.iterdir():
-            if former.name.endswith(_PARTIAL + path.name):
+            if _is_partial_of(former.name, path.name):
                 _remove_of_dead(former)
-        file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        # A file system without locks may keep what a killed process of the same number wrote.
+        begun_anew = 0 if beside == path else os.O_TRUNC
+        file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | begun_anew, 0o666)
     try:
         with suppress(OSError):  # a file system without locks
             fcntl.flock(file, fcntl.LOCK_SH)
@@ -114,10 +143,10 @@ def folder_beside(place: Path) -> Iterator[Path]:
     """
     place.parent.mkdir(parents=True, exist_ok=True)
     for folder in place.parent.iterdir():
-        replaced = folder.name.endswith(f"{_PARTIAL}{place.name}{FORMER}") and place.is_dir()
-        if replaced or folder.name.endswith(_PARTIAL + place.name):
+        replaced = _is_partial_of(folder.name, place.name + FORMER) and place.is_dir()
+        if replaced or _is_partial_of(folder.name, place.name):
             _remove_of_dead(folder)
-    beside = place.with_name(f".{os.getpid()}{_PARTIAL}{place.name}")
+    beside = place.with_name(_partial_name(place.name))
     beside.mkdir()
     lock = os.open(beside, os.O_RDONLY | os.O_CLOEXEC)
     try:
@@ -133,7 +162,7 @@ def remove_partials(folder: Path) -> None:
     """Remove the partial outputs of killed processes below a folder, not those of living ones."""
     for place, _, names in os.walk(folder):
         for name in names:
-            if name.startswith(".") and _PARTIAL in name:
+            if _PARTIAL_NAME.fullmatch(name):
                 _remove_of_dead(Path(place, name))
 
 
@@ -177,7 +206,8 @@ def no_room(error: Exception) -> bool:
 
 def _writing(path: Path) -> AbstractContextManager[None]:
     """Raise an OutputError if the block cannot write a file, named by its final place."""
-    place = path.with_name(path.name.rpartition(_PARTIAL)[2])
+    partial = _PARTIAL_NAME.fullmatch(path.name)
+    place = path if partial is None else path.with_name(partial[1])
     remedy = "give another path, or remove what is in the way"
     allowed = "a file in a folder that may be written to, with room for it"
     return writing_into(place, "the output", remedy, allowed)

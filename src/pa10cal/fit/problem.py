@@ -132,11 +132,19 @@ class Problem:
         )
         return predicted
 
+    def _places_read_m(self, x: Array) -> Array:
+        """Return the coordinates of targets as they are read, (t,), or (P, t) if distorted."""
+        places_m = self.places_at(x)
+        if not len(places_m):
+            return places_m
+        return places_m + self.model.distortion_m(self.observations.states, self.of_model(x))
+
     def rows(self, x: Array) -> Rows:
         """Return residuals and exact derivatives at unknowns (k,)."""
-        predicted = self.model.predict_with_jacobian(self.observations.states, self.of_model(x))
+        states, x_model = self.observations.states, self.of_model(x)
+        predicted = self.model.predict_with_jacobian(states, x_model)
         compared = self.observations.measured.compare(
-            self.T_instr_base @ predicted.T_base_ee, self.places_at(x)
+            self.T_instr_base @ predicted.T_base_ee, self._places_read_m(x)
         )
         by_end = compared.by_end.reshape(-1, 3) @ self.T_instr_base[:3, :3]  # to base axes
         by_end = by_end.reshape(compared.by_end.shape)
@@ -145,6 +153,9 @@ class Problem:
         jacobian[..., :model_count] = 0.0  # components of other campaigns of a group
         for at, columns in self.observations.measured.parts_seen:
             jacobian[at, columns, :model_count] = by_end[at, columns] @ predicted.jacobian[at]
+        if len(self.places_m):
+            for columns, distorted in self.model.distortions(states, x_model):
+                jacobian[..., columns] += compared.by_targets @ distorted
         jacobian[..., model_count:] = compared.by_targets[..., self.places]
         return Rows(compared.residual, jacobian)
 

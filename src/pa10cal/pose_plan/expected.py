@@ -27,6 +27,9 @@ from pa10cal.terms.effects.effect import Effect, candidates
 from pa10cal.terms.term import TermParameter
 
 _TEMPERATURE_C = 20.0
+#: An effect of its plausible size shows if it moves a reading by more than this part of its
+#: standard uncertainty; less is rounding (computing).
+_SHOWN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class ExpectedRows:
     # units of their prior standard deviations
     white: Array
     # (N, 3, k) derivative of the first target's position [m] by the unknowns in these units,
-    # without load
+    # under the least load
     tool: Array
     effects: dict[Effect, slice]  # effects that would show, with their columns of `white`
     springs: tuple[int, ...]  # joints to which the model gives a spring
@@ -63,18 +66,24 @@ def expected_rows(setup: PlanSetup, q: Array, calibration: CalibrationOptions) -
     if setup.options.effects > 0.0:
         by_effect = _effect_rows(general, setup.payload, setup.targets)
     root = np.linalg.cholesky(problem.stated_covariance)
-    white = np.linalg.solve(root, np.concatenate([rows, *by_effect.values()], axis=2))
-    columns, first = {}, len(sizes)
+    parts, columns, first = [np.linalg.solve(root, rows)], {}, len(sizes)
     for effect, effect_rows in by_effect.items():
-        columns[effect] = slice(first, first + effect_rows.shape[2])
-        first = columns[effect].stop
-    # Rows follow pose by pose, load by load; the first load of each pose stands for its position.
-    first_loads = np.arange(0, len(white), len(setup.options.loads_N))
+        white = np.linalg.solve(root, effect_rows)
+        if np.abs(white).max() > _SHOWN:
+            columns[effect] = slice(first, first + white.shape[2])
+            first = columns[effect].stop
+            parts.append(white)
+    white = np.concatenate(parts, axis=2)
+    # Rows follow pose by pose, load by load; the least load of each pose stands for its position.
+    loads_N = setup.options.loads_N
+    least_loaded = np.arange(int(np.argmin(loads_N)), len(white), len(loads_N))
+    # Of touches the end of the chain is the flange; else it is the target, or targets are unknowns.
+    target_m = next(iter(setup.targets.values())) if setup.kind.from_touches else np.zeros(3)
     return ExpectedRows(
         parameters=problem.parameters,
         sizes=sizes,
         white=white.reshape(len(q), -1, white.shape[2]),
-        tool=_target_jacobian(general)[first_loads] * sizes,
+        tool=_target_jacobian(general, target_m)[least_loaded] * sizes,
         effects=columns,
         springs=general.springs,
     )
@@ -108,10 +117,14 @@ def _foreseen(setup: PlanSetup, q: Array) -> tuple[Observations, Start]:
     return Observations.single(label, states, measured), start
 
 
-def _target_jacobian(general: GeneralProblem) -> Array:
+def _target_jacobian(general: GeneralProblem, target_m: Array) -> Array:
     """Return the derivative of the first target's position by the unknowns, (P, 3, k).
 
     In the instrument's frame: motions of the base that the arm's parameters can replace cancel.
+
+    Args:
+        target_m: (3,) place of the target in the frame of the end of the chain, where the places
+            of targets are no unknowns.
     """
     problem, x = general.problem, general.x_start
     predicted = problem.model.predict_with_jacobian(
@@ -120,7 +133,9 @@ def _target_jacobian(general: GeneralProblem) -> Array:
     T_instr_ee = problem.T_instr_base @ predicted.T_base_ee  # along the axes of the base
     places_m = problem.places_at(x)
     if not len(places_m):
-        return predicted.jacobian[:, :3]
+        levers_m = predicted.T_base_ee[:, :3, :3] @ target_m
+        turned = np.cross(predicted.jacobian[:, 3:], levers_m[..., None], axis=1)
+        return np.asarray(predicted.jacobian[:, :3] + turned)
     _, levers_m = carried_targets(T_instr_ee, places_m)
     by_end, by_targets = by_end_and_targets(T_instr_ee, levers_m)
     by_model = by_end[:, 0] @ predicted.jacobian
@@ -130,7 +145,7 @@ def _target_jacobian(general: GeneralProblem) -> Array:
 def _effect_rows(
     general: GeneralProblem, payload: Payload | None, targets: dict[str, Array]
 ) -> dict[Effect, Array]:
-    """Return rows (P, b, e) of every effect that these poses can show, in its plausible size.
+    """Return rows (P, b, e) of every effect that may be sought, in its plausible size.
 
     Rows of an effect with several start shapes are those of all, over the root of their number.
     Effects of time, temperature and direction of arrival are omitted: they depend on how poses are
@@ -159,9 +174,7 @@ def _effect_rows(
             continue
         shapes = [np.array(start) for start in effect.starts]
         by_shape = by_effects(nominal, poses, [effect] * len(shapes), shapes)
-        together = np.concatenate(by_shape, axis=2) / np.sqrt(len(shapes))
-        if np.any(together):
-            rows[effect] = together
+        rows[effect] = np.concatenate(by_shape, axis=2) / np.sqrt(len(shapes))
     return rows
 
 

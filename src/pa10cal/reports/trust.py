@@ -108,14 +108,13 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
             bool(scatter.stated) and 1.0 / 3.0 <= scatter.ratio <= 3.0,
         )
     if poses.u_model_mm is not None:
-        needed = f"more than {len(poses.d_optimal_order)}" if poses.needed is None else poses.needed
         limit, limit_mm = "wanted", poses.wanted_mm
         if limit_mm is None:
             limit, limit_mm = "the remaining error", health.train_rms_mm
         yield (
             f"expected uncertainty of a prediction is no larger than {limit}",
-            f"{mm(poses.u_model_mm)} mm with {poses.measured} poses; {needed} well-chosen poses "
-            f"reach {mm(poses.u_needed_mm)} mm",
+            f"{mm(poses.u_model_mm)} mm with {poses.measured} poses; "
+            f"{_number_needed(poses)} well-chosen poses reach {mm(poses.u_needed_mm)} mm",
             poses.u_model_mm <= limit_mm,
         )
     if isinstance(case, GeneralCalibrationRecord):
@@ -269,7 +268,7 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
     """Yield what to measure next, and what for."""
     if results.calibration is not None:
         poses = results.calibration.health.poses
-        yield Paragraph(_poses_needed(poses))
+        yield Paragraph(poses_in_words(poses))
         if (drawing := poses_drawing(poses)) is not None:
             yield drawing
     if (record := results.verdict) is None:
@@ -310,7 +309,15 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
         yield Callout("note", f"No pose of this arm and instrument shows: {names}.")
 
 
-def _poses_needed(poses: PosesNeeded) -> str:
+def _number_needed(poses: PosesNeeded) -> str:
+    """Return how many well-chosen poses reach the uncertainty needed."""
+    if poses.needed is not None:
+        return str(poses.needed)
+    all_reach_it = poses.u_model_mm is not None and poses.u_model_mm <= poses.u_needed_mm
+    return f"more than {len(poses.d_optimal_order) if all_reach_it else poses.measured}"
+
+
+def poses_in_words(poses: PosesNeeded) -> str:
     """Return how uncertain predictions are, and how many poses would be enough."""
     if poses.u_model_mm is None:
         return "The uncertainty of predictions is not known."
@@ -320,7 +327,7 @@ def _poses_needed(poses: PosesNeeded) -> str:
         purpose = "would add hardly anything to the remaining error"
     enough = f"{mm(poses.u_needed_mm)} mm {purpose}"
     if poses.needed is None:
-        return f"{now}; {enough}, and no number of such poses reaches it."
+        return f"{now}; {enough}, which {_number_needed(poses)} well-chosen poses reach."
     best = ", ".join(list(dict.fromkeys(poses.d_optimal_order))[:_MOST_POSES])
     return (
         f"{now} of a predicted position. {enough}; "

@@ -83,7 +83,9 @@ class PosesNeeded(record.Part):
     """How many poses there are, and how many the uncertainty needs."""
 
     measured: int  # number of poses fitted
-    needed: int | None  # number of poses needed; null where none suffices
+    # number of poses needed; null where those of `d_optimal_order` do not suffice, which all poses
+    # may do where `measured` is more
+    needed: int | None
     u_needed_mm: float  # standard uncertainty of a predicted position to reach [mm]
     # the same, where the settings ask for one; else the uncertainty to reach is one that adds
     # hardly anything to the remaining error

@@ -74,6 +74,16 @@ class Model:
             for parameter, coordinate in zip(term.parameters, term.coordinates, strict=True)
         }
 
+    @property
+    def joint_zeros(self) -> frozenset[str]:
+        """Return the names of the departures that are zeros of joints, which turn or slide."""
+        driven = set(self.chain.joint_columns.tolist())
+        return frozenset(
+            name
+            for name, coordinate in self.departures.items()
+            if self.chain.columns((coordinate,))[0] in driven
+        )
+
     def only(self, names: Collection[str]) -> Model:
         """Return the model with the parameters that are named, see `Term.only`."""
         return replace(self, terms=tuple(term.only(names) for term in self.terms))
@@ -100,10 +110,20 @@ class Model:
         """Return by what terms distort the pattern of the targets as it is read, (P, t) or (1,)."""
         distortion = np.zeros(1)
         for term, columns in self._slices:
+            of_term = term.distortion_m(states, x[columns])
+            if of_term is not None:
+                distortion = distortion + of_term
+        return distortion
+
+    def distortions(self, states: PoseStates, x: Array) -> Iterator[tuple[slice, Array]]:
+        """Yield the columns of each term that distorts that pattern, with the derivative by them.
+
+        Each (P, t, k').
+        """
+        for term, columns in self._slices:
             derivative = term.targets_derivative(states, x[columns])
             if derivative is not None:
-                distortion = distortion + derivative @ x[columns]
-        return distortion
+                yield columns, derivative
 
     def predict_with_jacobian(self, states: PoseStates, x: Array) -> PoseJacobian:
         """Return predicted poses and their exact derivative by x."""
@@ -196,8 +216,7 @@ class Model:
         carried = self.with_joint_torques(states, x)
         if self._bending or any(term.bends for term in others):
             for term, columns in self._slices:
-                if holds_weights(term):
-                    carried = term.carried(carried, x[columns])
+                carried = term.carried(carried, x[columns])
         return carried
 
     def with_joint_torques(self, states: PoseStates, x: Array) -> PoseStates:

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import ClassVar, Literal, Protocol, TypeGuard
+from typing import ClassVar, Literal, Protocol, TypeGuard, cast
 
 import numpy as np
 
@@ -21,11 +21,19 @@ from pa10cal.options import Tolerances
 OPTIONAL = "optional"
 
 
-#: What a parameter describes: a length or twist of a link, the zero of a joint, the tilt of an axis
-#: against a parallel one; windup and cubic share of a joint's spring; a weight; the pose of base or
-#: tool, the position of a target; an effect; an amount of a field.
+#: What a parameter describes.
 Role = Literal[
-    "link", "zero", "tilt", "windup", "cubic", "weight", "base", "tool", "target", "effect", "field"
+    "link",  # a length or twist of a link, or the zero of a joint that slides
+    "zero",  # the zero of a joint that turns
+    "tilt",  # the tilt of an axis against the one before, parallel by design
+    "windup",  # the deflection of a joint's spring at its reference torque
+    "cubic",  # the share of that torque which is the cubic part of the spring
+    "weight",  # a mass, first moment or direction of gravity, as it differs from the described one
+    "base",  # the pose of the base in the instrument's frame
+    "tool",  # the pose of the tool on the flange
+    "target",  # the position of a target on the tool
+    "effect",  # the size of an effect
+    "field",  # the amount of a field
 ]
 
 
@@ -77,6 +85,8 @@ Holds = Literal["everywhere", "campaign", "part"]
 class Traits(Protocol):
     """Properties of any term, with the value of most; a class that differs states its own."""
 
+    # Read by predictions.
+
     #: Whether it turns a joint under the torque that this carries, see `Yielding`.
     yields: ClassVar[bool] = False
     #: Whether it changes the logged torques, see `TorqueTerm`.
@@ -87,13 +97,15 @@ class Traits(Protocol):
     holds: ClassVar[Holds] = "everywhere"
     #: On which of a pose's states it depends beside joints and loads; None for none.
     depends_on: ClassVar[Literal["temperature_C", "time_s"] | None] = None
-    #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: its
-    #: rows are sparse in B-splines.
-    at_knots: ClassVar[bool] = False
 
     @property
     def falsifies_log(self) -> bool:
         """Return whether it is an error of the log of joints or torques, not of the robot."""
+        return False
+
+    @property
+    def constant(self) -> bool:
+        """Return whether its shift is the same in all poses in which it applies."""
         return False
 
     def targets_derivative(self, states: PoseStates, x: Array) -> Array | None:
@@ -104,15 +116,41 @@ class Traits(Protocol):
         """
         return None
 
-    @property
-    def constant(self) -> bool:
-        """Return whether its shift is the same in all poses in which it applies."""
-        return False
+    def distortion_m(self, states: PoseStates, x: Array) -> Array | None:
+        """Return by what it distorts the pattern of the targets as it is read, (P, t), or None."""
+        derivative = self.targets_derivative(states, x)
+        return None if derivative is None else np.asarray(derivative @ x)
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        """Return states with the loads that it puts on links and base: unchanged but by weights."""
+        return states
+
+    # Read by fits and by the search of effects.
+
+    #: Whether it is a periodic spline of its joint's angle, solved in the errors at the knots: its
+    #: rows are sparse in B-splines.
+    at_knots: ClassVar[bool] = False
 
     @property
     def proportional(self) -> bool:
         """Return whether it is known to be proportional to all its parameters."""
         return False
+
+    @property
+    def u_scale(self) -> float:
+        """Return the relative standard uncertainty of all weights together, see `Model.u_scale`."""
+        return 0.0
+
+    def only(self: Term, names: Collection[str]) -> Term:
+        """Return the term with the named parameters only; unchanged, where it needs all of them."""
+        return self
+
+    def scattered(self: Term, generator: np.random.Generator, spread: float) -> Array:
+        """Return parameters (k,) to start a fit from: nominal at spread 0, random at 1."""
+        sizes = np.array([parameter.scale for parameter in self.parameters])
+        return np.asarray(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
+
+    # Read where a model is carried to another campaign, or compared with that of another one.
 
     @property
     def stays_with_arm(self) -> bool:
@@ -128,31 +166,20 @@ class Traits(Protocol):
         """Return the term for another campaign of the arm; None where it does not apply there."""
         return self if self.stays_with_arm else None
 
-    @property
-    def u_scale(self) -> float:
-        """Return the relative standard uncertainty of all weights together, see `Model.u_scale`."""
-        return 0.0
-
-    def only(self: Term, names: Collection[str]) -> Term:
-        """Return the term with the named parameters only; unchanged, where it needs all of them."""
-        return self
-
     def restated(self: Term, other: Term, x: Array) -> tuple[Array, Array]:
-        """Return the parameters of the same term of another model as this one is solved in them.
+        """Return the parameters of `other`, converted to those that this term is solved in.
+
+        Two models may have the same term about different references, as springs at different
+        torques: their parameters compare only about the same one.
 
         Args:
-            other: the term there, of as many parameters.
-            x: (k,) its parameters.
+            other: the same term of another model, of as many parameters.
+            x: (k,) the parameters of `other`.
 
         Returns:
-            (k,) parameters of this one; (k, k) their derivative by x.
+            (k,) parameters of this term; (k, k) their derivative by x.
         """
         return x, identity(len(x))
-
-    def scattered(self: Term, generator: np.random.Generator, spread: float) -> Array:
-        """Return parameters (k,) to start a fit from: nominal at spread 0, random at 1."""
-        sizes = np.array([parameter.scale for parameter in self.parameters])
-        return np.asarray(5.0 * spread * sizes * generator.standard_normal(len(sizes)))
 
 
 class Term(Traits, Protocol):
@@ -279,7 +306,7 @@ class JointTorqueOnly(TorqueOnly):
     def torque_derivative(self, states: PoseStates, x: Array) -> Array:
         """Return the derivative of `torque_Nm` by x, (P, n, k)."""
         derivative = np.zeros((*states.tau_Nm.shape, len(x)))
-        derivative[:, self.joint - 1] = self.per_unit(states).reshape(len(states), -1)
+        derivative[:, self.joint - 1] = self.per_unit(states).reshape(len(states), len(x))
         return derivative
 
 
@@ -392,7 +419,7 @@ def _small_motions(names: tuple[str, ...], of: str) -> Offsets:
 
 @dataclass(frozen=True, eq=False)
 class Fixed(Traits):
-    """A term at fixed parameters: it has no unknowns."""
+    """A term at fixed parameters: it has no unknowns, and predicts as the term does."""
 
     term: Term
     x_term: Array  # (k,) its parameters
@@ -417,8 +444,28 @@ class Fixed(Traits):
         return self.term.coordinates
 
     @property
+    def bends(self) -> bool:  # type: ignore[override]
+        return self.term.bends
+
+    @property
+    def holds(self) -> Holds:  # type: ignore[override]
+        return self.term.holds
+
+    @property
+    def depends_on(self) -> Literal["temperature_C", "time_s"] | None:  # type: ignore[override]
+        return self.term.depends_on
+
+    @property
     def falsifies_log(self) -> bool:
         return self.term.falsifies_log
+
+    @property
+    def stays_with_arm(self) -> bool:
+        return self.term.stays_with_arm
+
+    @property
+    def known_elsewhere(self) -> bool:
+        return self.term.known_elsewhere
 
     def shift(self, states: PoseStates, x: Array) -> Array:
         return self.term.shift(states, self.x_term)
@@ -426,8 +473,29 @@ class Fixed(Traits):
     def derivative(self, states: PoseStates, x: Array) -> Array:
         return np.zeros((1, len(self.coordinates), 0))
 
+    def distortion_m(self, states: PoseStates, x: Array) -> Array | None:
+        return self.term.distortion_m(states, self.x_term)
+
+    def carried(self, states: PoseStates, x: Array) -> PoseStates:
+        return self.term.carried(states, self.x_term)
+
     def report(self, x: Array) -> Report:
         return Report((), x, np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class FixedYielding(Fixed):
+    """A term that turns a joint under the torque it carries, at fixed parameters."""
+
+    term: Yielding
+    yields = True
+
+    @property
+    def joint(self) -> int:
+        return self.term.joint
+
+    def by_torque(self, states: PoseStates, x: Array) -> Array:
+        return self.term.by_torque(states, self.x_term)
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,6 +516,11 @@ class FixedTorque(Fixed):
         return np.zeros((*states.tau_Nm.shape, 0))
 
 
-def fixed(term: Term, x_term: Array) -> Fixed:
+def fixed(term: Term, x_term: Array) -> Term:
     """Return a term at fixed parameters (k,)."""
-    return FixedTorque(term, x_term) if shows_torque(term) else Fixed(term, x_term)
+    if shows_torque(term):
+        kind: type[Fixed] = FixedTorque
+    else:
+        kind = FixedYielding if yields(term) else Fixed
+    # Its traits are those of its term, not of its class: a type checker takes them for read-only.
+    return cast("Term", kind(term, x_term))

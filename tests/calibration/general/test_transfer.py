@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from made_up_model import on_springs
-from made_up_poses import at_rest
+from made_up_poses import at_rest, context_of
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.statics import Payload
 from pa10cal.calibration.accuracy import summarise
@@ -20,8 +20,10 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.fit.uncertain_weights import with_uncertain_weights
 from pa10cal.observe.observations import Observations
+from pa10cal.observe.points import Points
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.effects.joint_error_map import BandPrior, SensorError
 from pa10cal.terms.model import Model
 from pa10cal.terms.term import link_departures
@@ -118,6 +120,45 @@ def test_what_the_other_tool_may_weigh_is_uncertain_in_the_model_carried(found):
     there = refit_frames(carried, carried.as_modelled(poses))
     assert np.linalg.eigvalsh(there.covariance).min() > -1e-12
     assert there.predict(poses.states.q_rad[:5]).u_mm.min() > 0.0
+
+
+def with_effect(model, name, x):
+    """Return a model with the first effect of that name among those that its arm may have."""
+    effect = next(e for e in candidates(context_of(model.arm)) if e.id == name)
+    terms = (*model.model.terms, effect)
+    bent = replace(model, model=replace(model.model, terms=terms), x=np.append(model.x, x))
+    return replace(bent, covariance=np.eye(len(bent.x) + 6) * 1e-12).with_bends()
+
+
+@pytest.mark.parametrize(
+    ("name", "x"), [("base_compliance", [2e-6, 2e-6]), ("link_bending", [5e-6])]
+)
+def test_links_and_base_bend_under_the_weights_that_go_along(name, x):
+    true = with_effect(weighing(SECOND, OF_ARM), name, x)
+    assert left_mm(true, measured(true, SECOND, 7)) < 2e-4
+
+
+@pytest.mark.parametrize(("name", "x"), [("scale", [3e-4]), ("range_constant", [2e-4])])
+def test_targets_that_are_read_distorted_are_so_about_frames_fitted_anew(name, x):
+    springy = on_springs("ur10", STIFFNESS, SECOND, {"delta_a_2"})
+    places_m = np.array([0.1, 0.0, 0.05, -0.1, 0.08, 0.0, 0.0, -0.1, 0.12])
+    true = replace(with_effect(springy, name, x), targets_m=places_m)
+    poses = true.as_modelled(measured(true.only(*springy.model.terms), SECOND, 8))
+    place = np.eye(4)
+    place[:3, 3] = [0.4, -1.2, 0.3]
+    true = replace(true, T_instr_base=place)
+    cov_m2 = np.tile(1e-10 * np.eye(3), (len(poses), 3, 1, 1))
+    points = Points(("T1", "T2", "T3"), np.zeros((len(poses), 3, 3)), cov_m2, None)
+    T_instr_ee = place @ springy.model.predict(poses.states, springy.x)
+    states = replace(poses.states, seen=points.readout(T_instr_ee, places_m))
+    T_instr_ee = place @ true.model.predict(states, true.x)
+    points = replace(
+        points, p_instr_m=points.ideal(T_instr_ee, true.targets_read_m(states)).p_instr_m
+    )
+    poses = Observations.single(poses.pose, states, points)
+    assert summarise(true.deviations(poses)).rms_mm < 1e-9
+    there = refit_frames(true, poses)
+    assert summarise(there.deviations(poses)).rms_mm < 1e-6
 
 
 # Uncertainty goes with the model.

@@ -145,8 +145,7 @@ def general_case(
     group = per_campaign_fits(full.problem, full.fit)
     findings = case.findings
     if group is not None:
-        zeros = names_of(full.problem.parameters, full.problem.having("zero"))
-        findings = (*findings, *contradictions(group, zeros))
+        findings = (*findings, *contradictions(group, full.problem.model.joint_zeros))
     of_geometry = fitted(geometry).deviations(grid)
     of_nominal = fitted(nominal).deviations(grid)
     readings = single.take(case.rows(single.states.load_N))
