@@ -326,6 +326,34 @@ def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():
     assert arm.mass_kg[4] < 20.0
 
 
+def with_tool(tool_kg):
+    return described(tool={"mass_kg": tool_kg, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]})
+
+
+def carrying(tool_kg):
+    """Return readings of an arm that carries a tool of this mass."""
+    payload, every = with_tool(tool_kg).payload(ARM), readings()
+    model = Model(Chain.of(ARM), ())
+    stated, true = (
+        statics_of(model, np.zeros(0), every.states, each).torque_Nm
+        for each in (described().payload(ARM), payload)
+    )
+    return with_torques_more(every, true - stated)
+
+
+@pytest.mark.parametrize("zero_Nm", [0.0, 20.0])
+def test_a_tool_far_heavier_than_stated_is_told_and_predictions_go_by_the_log(zero_Nm):
+    log = with_torques_more(carrying(3.0), np.where(np.arange(6) == 1, zero_Nm, 0.0))
+    arm = weighed(with_tool(1.4), ARM, log)
+    (finding,) = weights_finding(arm)
+    assert "or of the tool" in finding.what
+    known = weights_known(arm).by_log
+    assert ("zero of +20" in known.said) == (zero_Nm > 0.0)
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 6))
+    found, true = model_on_springs(arm, 1.4).predict(q), model_on_springs(ARM, 3.0).predict(q)
+    assert 1e3 * np.linalg.norm((found.T - true.T)[:, :3, 3], axis=1).max() < 0.1
+
+
 # Of the last two logged torques no longer follow those of the weights described.
 @pytest.mark.parametrize(
     ("away_m", "said"), [(0.6, "is stated at"), (0.9, "is stated at"), (3.0, "from its frame")]

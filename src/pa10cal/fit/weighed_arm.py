@@ -72,10 +72,10 @@ def weighed_arm(
         return torques.weighed() if torques.follow_calculated else arm
     if torques.follow_calculated:
         corrected = torques.without_contradiction()
-        if corrected.weights_known is None:
-            known = replace(weights_known(corrected), by_log=torques.by_log())
-            corrected = replace(corrected, weights_known=known)
-        return corrected
+        known = weights_known(corrected)
+        if known.by_log is None:  # what is stated stays, and predictions go by the log
+            known = replace(known, by_log=torques.by_log())
+        return replace(corrected, weights_known=known)
     # One link may be stated so wrongly. If it takes more, the signs of the torques or the direction
     # of gravity are as likely.
     corrected = torques.without_contradiction(most=1)
