@@ -18,10 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain, frames
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, spread
+from pa10cal.fit.assumed_weights import with_assumed_weights
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
@@ -549,43 +550,3 @@ def _spread(residual_Nm: Array) -> Array:
     """Return the scatter (n,) of each joint's residuals (P, n), from the median of their size."""
     sigma_Nm = MEDIAN_TO_SIGMA * np.median(np.abs(residual_Nm), axis=0)
     return np.asarray(np.maximum(sigma_Nm, MASSES.least_of_largest * sigma_Nm.max()))
-
-
-# Weights assumed from the lengths of an arm's links, where its description states none.
-
-
-def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:
-    """Return an arm with weights: itself where it states them, else with assumed ones.
-
-    Assumed masses add up to the total, where it is known.
-    """
-    if arm.mass_kg is not None:
-        return arm
-    near_m, far_m = _ends(arm)
-    length_m = np.linalg.norm(far_m - near_m, axis=1)
-    size_m = length_m + MASSES.drives_share * arm.reach_m
-    mass_kg = size_m / size_m.sum()
-    mass_kg *= MASSES.kg_at_1_m * arm.reach_m**MASSES.length_power if total_kg is None else total_kg
-    known = WeightsKnown(
-        "assumed" if total_kg is None else "total",
-        np.full(arm.n, MASSES.u_mass if total_kg is None else MASSES.u_mass_of_total),
-        MASSES.centre_share * size_m,
-    )
-    return replace(arm, mass_kg=mass_kg, com_m=0.5 * (near_m + far_m), weights_known=known)
-
-
-def _ends(arm: Arm) -> tuple[Array, Array]:
-    """Return start and end of each link, (n, 3) both, in the frame of its own row [m].
-
-    A link starts at its joint and ends at the next one; the last link ends at the end-effector.
-    """
-    chain = Chain.of(arm)
-    at = frames(chain, chain.coordinates(np.zeros((1, arm.n))))
-    places = np.concatenate([at.T_base_joints[:, 0, :3, 3], at.T_base_ee[:, :3, 3]])
-    rows = at.T_base_rows[:, 0]
-
-    def in_rows(p_base: Array) -> Array:
-        in_row: Array = np.einsum("jba,jb->ja", rows[:, :3, :3], p_base - rows[:, :3, 3])
-        return in_row
-
-    return in_rows(places[:-1]), in_rows(places[1:])
