@@ -352,6 +352,9 @@ class Masses:
     # and explain them better than chance or another cause allows, by so much log evidence [nat]
     # (level)
     needed_nats: float = 12.0
+    # a wrong tool is told beside a wrong link where torques are explained by either to so much log
+    # evidence [nat] (level)
+    alike_nats: float = 3.0
     # a mass is contradicted by so many standard uncertainties of what is stated and logged
     # together; a zero of logged torques is shown by so many of its own (level)
     differs_errors: float = 4.0

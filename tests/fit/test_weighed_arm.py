@@ -330,9 +330,10 @@ def with_tool(tool_kg):
     return described(tool={"mass_kg": tool_kg, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]})
 
 
-def carrying(tool_kg):
-    """Return readings of an arm that carries a tool of this mass."""
+def carrying(tool_kg, com_m=0.05):
+    """Return readings of an arm that carries a tool of this mass and centre."""
     payload, every = with_tool(tool_kg).payload(ARM), readings()
+    payload = replace(payload, com_m=np.array([0.0, 0.0, com_m]))
     model = Model(Chain.of(ARM), ())
     stated, true = (
         statics_of(model, np.zeros(0), every.states, each).torque_Nm
@@ -352,6 +353,41 @@ def test_a_tool_far_heavier_than_stated_is_told_and_predictions_go_by_the_log(ze
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 6))
     found, true = model_on_springs(arm, 1.4).predict(q), model_on_springs(ARM, 3.0).predict(q)
     assert 1e3 * np.linalg.norm((found.T - true.T)[:, :3, 3], axis=1).max() < 0.1
+
+
+def stated_times(factor, link):
+    return replace(ARM, mass_kg=np.where(np.arange(6) == link - 1, factor, 1.0) * ARM.mass_kg)
+
+
+@pytest.mark.parametrize("tool_kg", [1.4, 4.0])
+def test_a_wrong_mass_far_in_is_told_as_mass_or_centre_whatever_the_tool(tool_kg):
+    """Torques are of products of mass and lever."""
+    arm = weighed(with_tool(1.4), stated_times(2.5, 2), carrying(tool_kg))
+    (finding,) = weights_finding(arm)
+    assert finding.what.startswith("the mass or the centre of link 2 is stated wrongly: ")
+    assert "link 2 is stated with 31.75 kg, and logged torques have it at 12." in finding.what
+    assert ("link 6, or of the tool" in finding.what) == (tool_kg != 1.4)
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 6))
+    found, true = model_on_springs(arm, 1.4).predict(q), model_on_springs(ARM, tool_kg).predict(q)
+    assert 1e3 * np.linalg.norm((found.T - true.T)[:, :3, 3], axis=1).max() < 0.02
+
+
+def test_a_wrong_centre_of_the_tool_is_not_that_of_a_link():
+    arm = weighed(with_tool(1.4), ARM, carrying(1.4, com_m=0.3))
+    (finding,) = weights_finding(arm)
+    assert "the centre stated of link 5 or link 6, or of the tool" in finding.what
+    np.testing.assert_array_equal(arm.mass_kg, ARM.mass_kg)
+    np.testing.assert_array_equal(arm.com_m, ARM.com_m)
+    assert weights_known(arm).by_log.x[4 * 5 + 3] == pytest.approx(1.4 * 0.25, rel=0.1)
+
+
+@pytest.mark.parametrize("stated_kg", [3.0, 6.0])
+def test_a_tool_that_is_not_there_has_no_mass_below_zero(stated_kg):
+    arm = weighed(with_tool(stated_kg), ARM, carrying(0.0))
+    assert "or of the tool" in weights_finding(arm)[0].what
+    known = weights_known(arm).by_log
+    assert known.x[-3] >= -stated_kg
+    assert "at -" not in known.said
 
 
 # Of the last two logged torques no longer follow those of the weights described.

@@ -10,10 +10,10 @@ first moments [kg m], then the tool's mass and two tilts of gravity (columns of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, spread
+from pa10cal.arrays import Array, spread
 from pa10cal.fit.assumed_weights import with_assumed_weights
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.log_errors import errors_of_logs, scatter_about
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.arrivals import with_arrivals
@@ -72,16 +73,13 @@ def weighed_arm(
     if arm.weights_known is not None:
         return torques.weighed() if torques.follow_calculated else arm
     if torques.follow_calculated:
-        corrected = torques.without_contradiction()
-        known = weights_known(corrected)
-        if known.by_log is None:  # what is stated stays, and predictions go by the log
-            known = replace(known, by_log=torques.by_log())
-        return replace(corrected, weights_known=known)
-    # One link may be stated so wrongly. If it takes more, the signs of the torques or the direction
+        return torques.without(torques.contradictions(arm.n))
+    # One part may be stated so wrongly. If it takes more, the signs of the torques or the direction
     # of gravity are as likely.
-    corrected = torques.without_contradiction(most=1)
-    of_corrected = _LoggedTorques.of(corrected, payload, poses, repeated=repeated)
-    return corrected if of_corrected.follow_calculated else arm
+    one = torques.contradictions(1)
+    if one and torques.less_error_of(one[0].part).follow_calculated:
+        return torques.without(one)
+    return arm
 
 
 def without_torque_errors(every: Observations, arm: Arm) -> Observations:
@@ -146,41 +144,6 @@ def _implausible_masses(arm: Arm, total_kg: float | None) -> str:
     return ""
 
 
-def errors_of_logs(
-    torque_Nm: Array, rated_Nm: Array, arrival: Array, gain: float = MASSES.gain
-) -> Array:
-    """Return the usual errors of logged torques as columns of unit expected size, (P, n, 3 n).
-
-    Scale errors, friction and zero offsets of the joints.
-
-    Args:
-        torque_Nm, arrival: (P, n) torques of the weights, and directions of arrival.
-        rated_Nm: (n,) rated torques.
-        gain: expected size of a scale error.
-    """
-    diagonal = np.eye(len(rated_Nm))
-    zeros_Nm = np.broadcast_to(
-        MASSES.zero_share * rated_Nm[:, None] * diagonal, (*torque_Nm.shape, len(rated_Nm))
-    )
-    friction_Nm = MASSES.friction_share * (rated_Nm * arrival)[:, :, None] * diagonal
-    return np.concatenate([gain * torque_Nm[:, :, None] * diagonal, friction_Nm, zeros_Nm], axis=2)
-
-
-def scatter_about(
-    columns: Array, torque_Nm: Array, rounds: int, least_Nm: float = 0.0
-) -> tuple[Array, Array]:
-    """Fit torques (P, n) by columns (P, n, k), reweighted by each joint's scatter.
-
-    Returns:
-        Scatter (n,) of the residuals, at least `least_Nm`, and coefficients (k,).
-    """
-    noise_Nm = np.maximum(_spread(torque_Nm - np.median(torque_Nm, axis=0)), least_Nm)
-    for _ in range(rounds):
-        x = Gaussian.of(columns / noise_Nm[:, None], torque_Nm / noise_Nm).mean
-        noise_Nm = np.maximum(_spread(torque_Nm - columns @ x), least_Nm)
-    return noise_Nm, x
-
-
 class _WeightFit(NamedTuple):
     """Weights fitted to logged torques."""
 
@@ -200,13 +163,24 @@ class _ErrorsShown(NamedTuple):
     said: str = ""  # the large ones, and what to do; empty for none
 
 
+class _Part(NamedTuple):
+    """A mass or a centre that may be stated wrongly, of a link or of the tool."""
+
+    link: int  # number of the link, from 0; n for the tool
+    what: Literal["mass", "centre"]
+    columns: tuple[int, ...]  # which of `amounts` it is
+    wide: float  # standard uncertainty of these where nothing is known
+
+
 class _Contradiction(NamedTuple):
     """A stated mass or centre that logged torques contradict."""
 
-    link: int  # its number, from 0
-    part: str  # `mass` or `centre`
-    freed: Array  # (4 n + 3,) standard uncertainties with that of this part widened
-    objective: float  # of the fit with these
+    part: _Part
+    objective: float  # of the fit with this part freed
+    # Another part, where freeing it explains about as much. Torques are of products of mass and
+    # lever, and centres along the axis of a joint look the same on both sides of it: base
+    # parameters (Gautier and Khalil, IEEE Trans. Robot. Autom. 6(3), 1990).
+    or_part: _Part | None = None
 
 
 @dataclass(frozen=True)
@@ -269,75 +243,140 @@ class _LoggedTorques:
 
     def weighed(self) -> Arm:
         """Return the arm, which states no weights, with those fitted to its torques."""
-        sizes = weight_sizes(self.arm, self.payload).columns(self.arm)
-        return self._with(sizes, weights_known(self.arm).why)
+        return self._with(self._stated_sizes, weights_known(self.arm).why)
 
-    def without_contradiction(self, most: int | None = None) -> Arm:
+    def without(self, contradictions: list[_Contradiction]) -> Arm:
         """Return the arm with those masses and centres corrected that the torques contradict.
 
-        Link by link, the mass or centre is freed that alone explains most.
-
-        Args:
-            most: number of links at most; None for all.
+        Last link and tool are told together, as either may be wrong: where only they are
+        contradicted, or nothing is, the arm stays as stated, and predictions go by the log.
         """
-        arm, contradictions = self.arm, list[_Contradiction]()
-        sizes = weight_sizes(arm, self.payload).columns(arm)
-        freed, objective = sizes, self._solve(sizes).objective
-        for _ in range(most or arm.n):
-            strongest = self._strongest_contradiction(sizes, freed)
-            if strongest is None or (objective - strongest.objective) / 2.0 < MASSES.needed_nats:
-                break
-            contradictions.append(strongest)
-            freed, objective = strongest.freed, strongest.objective
-        if not contradictions:
-            return arm
-        if any(each.link == arm.n - 1 for each in contradictions):
-            # The tool may be as wrong as the link that carries it: the verdict tells them apart.
-            why = (
-                f"logged torques contradict the mass or the centre stated of link {arm.n}, or of "
-                "the tool"
+        arm = self.arm
+        parts = [each.part for each in contradictions]
+        inner = [each for each in contradictions if each.part.link < arm.n - 1]
+        clauses = [self._contradiction_text(each, parts) for each in inner]
+        outer = [each for each in contradictions if each not in inner]
+        if outer:
+            links = {each.or_part.link + 1 for each in outer if each.or_part} | {arm.n}
+            named = " or ".join(f"link {link}" for link in sorted(links) if link <= arm.n)
+            clauses.append(
+                f"logged torques contradict the mass or the centre stated of {named}, or of the "
+                "tool"
             )
-            return replace(arm, weights_known=replace(weights_known(arm), why=why))
-        corrected = self._with(freed, "")
-        assert corrected.weights_known is not None
-        why = "; ".join(_contradiction_text(arm, corrected, each) for each in contradictions)
-        return replace(corrected, weights_known=replace(corrected.weights_known, why=why))
+        why = "; ".join(clauses)
+        if inner:
+            return self._with(self._freed(parts), why)
+        known = weights_known(arm)
+        return replace(
+            arm, weights_known=replace(known, why=why or known.why, by_log=self.by_log(parts))
+        )
 
-    def _strongest_contradiction(self, sizes: Array, freed: Array) -> _Contradiction | None:
-        """Return the mass or centre of a link whose freeing explains most; None without one.
+    def less_error_of(self, part: _Part) -> _LoggedTorques:
+        """Return the torques compared with those of this part as they have it, all else stated."""
+        sizes, columns = self._freed([part]), list(part.columns)
+        amounts = self._in_scale_of_log(sizes, self._errors_shown(sizes)).amounts[columns]
+        return replace(self, residual_Nm=self.residual_Nm - self.by_weights[..., columns] @ amounts)
+
+    def contradictions(self, most: int) -> list[_Contradiction]:
+        """Return what the torques contradict, part by part that which alone explains most.
 
         Args:
-            sizes: (4 n + 3,) standard uncertainties as stated.
-            freed: the same with those widened that were found wrong before.
+            most: number of parts at most.
         """
-        arm, mass_kg = self.arm, self.arm.mass_kg
-        assert mass_kg is not None
-        reach_m = MASSES.centre_share * (1.0 + MASSES.drives_share) * arm.reach_m
-        found = []
-        for link in range(arm.n):
-            first = 4 * link
-            for part, columns, wide in (
-                ("mass", [first], float(mass_kg.max())),
-                ("centre", [first + 1, first + 2, first + 3], reach_m * mass_kg[link]),
-            ):
-                widened = freed.copy()
-                widened[columns] = np.maximum(wide, freed[columns])
-                fit = self._solve(widened)
-                errors = np.abs(fit.amounts[columns]) / np.maximum(sizes[columns], _NO_SIZE)
-                if errors.max() > MASSES.off_errors:
-                    found.append(_Contradiction(link, part, widened, fit.objective))
-        return min(found, key=lambda each: each.objective, default=None)
+        found = list[_Contradiction]()
+        objective = self._solve(self._stated_sizes).objective
+        while len(found) < most:
+            by_objective = self._contradicted_beside([each.part for each in found])
+            if not by_objective:
+                break
+            strongest = by_objective[0]
+            if (objective - strongest.objective) / 2.0 < MASSES.needed_nats:
+                break
+            found.append(self._with_alternative(by_objective))
+            objective = found[-1].objective
+        return found
 
-    def by_log(self) -> WeighedByLog:
+    def _with_alternative(self, by_objective: list[_Contradiction]) -> _Contradiction:
+        """Return the strongest contradiction, with another that torques hardly tell from it.
+
+        One of the last link or the tool goes first: a campaign states its tool by hand, and an arm
+        is described once.
+        """
+        strongest, last = by_objective[0], self.arm.n - 1
+        for other in by_objective[1:]:
+            nats = (other.objective - strongest.objective) / 2.0
+            if strongest.part.link < last <= other.part.link and nats < MASSES.alike_nats:
+                return other._replace(or_part=strongest.part)
+            if strongest.part.link == other.part.link and nats < MASSES.needed_nats:
+                return strongest._replace(or_part=other.part)
+        return strongest
+
+    def _contradicted_beside(self, freed: list[_Part]) -> list[_Contradiction]:
+        """Return the parts that torques contradict beside those freed, the strongest first."""
+        found = []
+        for part in self._parts:
+            columns = list(part.columns)
+            fit = self._solve(self._freed([*freed, part]))
+            least = np.maximum(self._stated_sizes[columns], _NO_SIZE)
+            if np.max(np.abs(fit.amounts[columns]) / least) > MASSES.off_errors:
+                found.append(_Contradiction(part, fit.objective))
+        return sorted(found, key=lambda each: each.objective)
+
+    @cached_property
+    def _stated_sizes(self) -> Array:
+        """Return the standard uncertainties (4 n + 3,) of the weights as stated."""
+        return weight_sizes(self.arm, self.payload).columns(self.arm)
+
+    @cached_property
+    def _parts(self) -> tuple[_Part, ...]:
+        """Return masses and centres that may be stated wrongly; the tool's centre is the last."""
+        mass_kg, n = self.arm.mass_kg, self.arm.n
+        assert mass_kg is not None
+        tool_kg = self.payload.mass_kg if self.payload.known else 0.0
+        most_kg = float(max(mass_kg.max(), tool_kg))
+        reach_m = MASSES.centre_share * (1.0 + MASSES.drives_share) * self.arm.reach_m
+        parts = []
+        for link, kg in enumerate(mass_kg.tolist()):
+            mass, carried_kg = 4 * link, kg + (tool_kg if link == n - 1 else 0.0)
+            centre = (mass + 1, mass + 2, mass + 3)
+            parts.append(_Part(link, "mass", (mass,), most_kg))
+            parts.append(_Part(link, "centre", centre, reach_m * carried_kg))
+        if tool_kg > 0.0:
+            parts.append(_Part(n, "mass", (4 * n,), most_kg))
+        return tuple(parts)
+
+    def _freed(self, parts: Iterable[_Part]) -> Array:
+        """Return the uncertainties (4 n + 3,) as stated, with those of some parts widened."""
+        sizes = self._stated_sizes.copy()
+        for part in parts:
+            columns = list(part.columns)
+            sizes[columns] = np.maximum(part.wide, sizes[columns])
+        return sizes
+
+    def _contradiction_text(self, contradiction: _Contradiction, freed: list[_Part]) -> str:
+        """Return a clause with what is stated of a link and what is in the log."""
+        link, part, or_part = contradiction.part.link, contradiction.part, contradiction.or_part
+        beside = [each for each in freed if each is not part]
+        clauses = []
+        for each in filter(None, (part, or_part)):
+            sizes = self._freed([*beside, each])
+            of_log = self._in_scale_of_log(sizes, self._errors_shown(sizes))
+            clauses.append(_part_text(self.arm, each, of_log.amounts))
+        text = ", or else ".join(clauses)
+        if or_part is None:
+            return text
+        return f"the mass or the centre of link {link + 1} is stated wrongly: {text}"
+
+    def by_log(self, contradicted: Iterable[_Part] = ()) -> WeighedByLog:
         """Return stated weights, known to their uncertainty, updated by the torques.
 
-        One mass that the torques contradict most, of a link or the tool, is determined by them
-        alone.
+        Contradicted parts are determined by the torques alone, and so is that one mass, of a link
+        or the tool, that they contradict most.
         """
         arm, tool_kg = self.arm, self.payload.mass_kg if self.payload.known else 0.0
         assert arm.mass_kg is not None
         stated_kg = np.append(arm.mass_kg, tool_kg)
-        sizes = weight_sizes(arm, self.payload).columns(arm)
+        sizes = self._freed(contradicted)
         freed, text, most_errors = sizes, "", MASSES.differs_errors
         for k in np.flatnonzero(stated_kg > 0.0):
             mass = 4 * k
@@ -345,7 +384,9 @@ class _LoggedTorques:
             widened[mass] = max(float(stated_kg.max()), sizes[mass])
             fit = self._solve(widened)
             std_kg = float(np.sqrt(fit.covariance[mass, mass]))
-            errors = abs(float(fit.amounts[mass])) / float(np.hypot(std_kg, sizes[mass]))
+            errors = abs(float(fit.amounts[mass])) / float(
+                np.hypot(std_kg, self._stated_sizes[mass])
+            )
             if errors > most_errors:
                 part = "the tool" if k == arm.n else f"link {k + 1}"
                 text = (
@@ -355,12 +396,18 @@ class _LoggedTorques:
                 )
                 freed, most_errors = widened, errors
         of_log = self._errors_shown(freed)
-        # Springs are fitted to torques with the log's scale errors, and predictions need torques
-        # with the same scale: the columns of scale errors, the first n, are left out.
-        without = self._without(of_log)
-        fit = replace(without, nuisance=without.nuisance[:, :, arm.n :])._solve(freed)
+        fit = self._in_scale_of_log(freed, of_log)
         said = "; ".join(filter(None, (text, of_log.said)))
         return WeighedByLog(fit.amounts, fit.covariance, said, *of_log[:3])
+
+    def _in_scale_of_log(self, sizes: Array, errors: _ErrorsShown) -> _WeightFit:
+        """Fit weights to torques less their errors.
+
+        Springs are fitted to torques with the log's scale errors, and predictions need torques with
+        the same scale: the columns of scale errors, the first n, are left out.
+        """
+        without = self._without(errors)
+        return replace(without, nuisance=without.nuisance[:, :, self.arm.n :])._solve(sizes)
 
     def _without(self, errors: _ErrorsShown) -> _LoggedTorques:
         """Return the torques less their zeros and friction."""
@@ -472,8 +519,11 @@ class _LoggedTorques:
         """Return lower bounds of all unknowns over their sizes: every mass stays above zero."""
         lower, mass_kg = np.full(column_count, -np.inf), self.arm.mass_kg
         assert mass_kg is not None
-        at = 4 * np.flatnonzero((mass_kg > 0.0) & (sizes[: 4 * self.arm.n : 4] > 0.0))
-        lower[at] = -(1.0 - MASSES.least_share) * mass_kg[at // 4] / sizes[at]
+        described_kg = np.append(mass_kg, self.payload.mass_kg)  # the tool's is the last
+        masses = 4 * np.arange(len(described_kg))
+        bounded = (described_kg > 0.0) & (sizes[masses] > 0.0)
+        least_kg = -(1.0 - MASSES.least_share) * described_kg[bounded]
+        lower[masses[bounded]] = least_kg / sizes[masses[bounded]]
         return lower
 
     @cached_property
@@ -498,7 +548,7 @@ class _LoggedTorques:
             sizes: (4 n + 3,) standard uncertainties of the weights before the fit.
         """
         errors = self._errors_shown(sizes)
-        fit = self._without(errors)._solve(sizes)
+        fit = self._in_scale_of_log(sizes, errors)
         arm, amounts = self.arm, fit.amounts
         assert arm.mass_kg is not None
         assert arm.com_m is not None
@@ -527,26 +577,20 @@ class _LoggedTorques:
         return replace(arm, mass_kg=mass_kg, com_m=com_m, weights_known=known)
 
 
-def _contradiction_text(stated: Arm, corrected: Arm, contradiction: _Contradiction) -> str:
+def _part_text(arm: Arm, part: _Part, amounts: Array) -> str:
     """Return one clause with the stated mass or centre of a link and the one in the log."""
-    link = contradiction.link
-    assert stated.mass_kg is not None
-    assert stated.com_m is not None
-    assert corrected.mass_kg is not None
-    assert corrected.com_m is not None
-    if contradiction.part == "mass":
+    assert arm.mass_kg is not None
+    assert arm.com_m is not None
+    link = part.link
+    mass_kg, com_m = arm.mass_kg[link], arm.com_m[link]
+    log_kg, moment_kg_m = mass_kg + amounts[4 * link], amounts[4 * link + 1 : 4 * link + 4]
+    if part.what == "mass":
         return (
-            f"link {link + 1} is stated with {stated.mass_kg[link]:.4g} kg, and logged torques "
-            f"have it at {corrected.mass_kg[link]:.3g} kg"
+            f"link {link + 1} is stated with {mass_kg:.4g} kg, and logged torques have it at "
+            f"{log_kg:.3g} kg"
         )
+    log_m = com_m + moment_kg_m / max(log_kg, _NO_MASS_KG)
     return (
-        f"the centre of mass of link {link + 1} is stated at "
-        f"{np.round(stated.com_m[link], 3).tolist()} m, and the logged torques have it at "
-        f"{np.round(corrected.com_m[link], 3).tolist()} m"
+        f"the centre of mass of link {link + 1} is stated at {np.round(com_m, 3).tolist()} m, and "
+        f"the logged torques have it at {np.round(log_m, 3).tolist()} m"
     )
-
-
-def _spread(residual_Nm: Array) -> Array:
-    """Return the scatter (n,) of each joint's residuals (P, n), from the median of their size."""
-    sigma_Nm = MEDIAN_TO_SIGMA * np.median(np.abs(residual_Nm), axis=0)
-    return np.asarray(np.maximum(sigma_Nm, MASSES.least_of_largest * sigma_Nm.max()))
