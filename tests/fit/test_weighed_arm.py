@@ -211,12 +211,14 @@ def test_torques_without_zeros_are_left_as_they_are():
 FRICTION_NM = np.array([9.0, 8.0, 4.0, 1.5, 0.02, 0.0])
 
 
-def with_friction(every, repeats=1):
+def with_friction(every, repeats=1, only=slice(None)):
     """Return readings whose torques hold friction, in a random order, each that often."""
     every = every.take(np.repeat(np.arange(len(every)), repeats))
     rng = np.random.default_rng(8)
     arrival = np.where(rng.uniform(size=every.states.tau_Nm.shape) < 0.5, -1.0, 1.0)
-    return with_torques_more(every, FRICTION_NM * arrival, arrival=arrival)
+    friction_Nm = np.zeros(6)
+    friction_Nm[only] = FRICTION_NM[only]
+    return with_torques_more(every, friction_Nm * arrival, arrival=arrival)
 
 
 @pytest.mark.parametrize("stated", [ARM, BARE])
@@ -233,6 +235,12 @@ def test_friction_of_motors_is_taken_out_and_that_of_sensors_left(stated):
     assert "logged torques hold friction at 4 joints, at the most +9" in known.said
     cleared_Nm = without_torque_errors(log, arm).states.tau_Nm
     np.testing.assert_allclose(cleared_Nm - plain.states.tau_Nm, 0.0, atol=0.3)
+
+
+def test_friction_of_one_joint_is_that_of_a_joint():
+    log = with_friction(readings(), only=0)
+    said = weights_known(weighed(described(), ARM, log)).by_log.said
+    assert "friction at 1 joint, at the most +9" in said
 
 
 def test_friction_is_an_effect_to_be_sought_where_poses_are_repeated():

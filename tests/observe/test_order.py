@@ -97,10 +97,10 @@ def test_rows_in_random_order_give_time_where_it_was_recorded(random_order):
     assert not marked.take(np.arange(5)).states.tells_time
 
 
-def test_a_rail_is_called_one(random_order):
+def test_a_joint_that_slides_is_called_so(random_order):
     slides = np.array([False, False, True, False])
     (found, _), *_ = goes_with(ordered(random_order, "joint"), slides)
-    assert str(found) == "joint 3 (a rail)"
+    assert str(found) == "joint 3 (sliding)"
 
 
 def test_poses_that_are_measured_again_give_time_in_any_order(random_order):
@@ -305,3 +305,9 @@ def test_rows_that_lie_at_one_end_in_time_are_told(random_order, rows, told):
     assert bool(said) == bool(told)
     assert at_one_end(states.take(backwards), chosen[backwards]) == said
     assert not at_one_end(replace(states, timed=np.zeros(ROWS, dtype=bool)), chosen)
+
+
+def test_hours_are_told_as_hours(random_order):
+    chosen = np.isin(np.arange(ROWS), [*range(20, 32), 70])
+    slow = replace(random_order.states, time_s=36.0 * random_order.states.time_s)
+    assert "the first 3.1 h of 12 h" in at_one_end(slow, chosen)

@@ -30,7 +30,7 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.numbers import plain_number, with_half_width_95
 from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 
@@ -139,7 +139,7 @@ def _implausible_masses(arm: Arm, total_kg: float | None) -> str:
     ):
         return (
             f"masses.total_kg is {total_kg:g} kg, and the masses of the links add up to "
-            f"{sum_kg:.4g} kg: both are treated as not known"
+            f"{plain_number(sum_kg, 4)} kg: both are treated as not known"
         )
     return ""
 
@@ -389,10 +389,10 @@ class _LoggedTorques:
             )
             if errors > most_errors:
                 part = "the tool" if k == arm.n else f"link {k + 1}"
+                log_kg = with_half_width_95(float(stated_kg[k] + fit.amounts[mass]), std_kg)
                 text = (
-                    f"{part} is stated with {stated_kg[k]:.3g} kg, and logged torques have it at "
-                    f"{stated_kg[k] + fit.amounts[mass]:.3g} ± {HALF_WIDTH_95 * std_kg:.1g} kg: "
-                    "predictions go by the log"
+                    f"{part} is stated with {plain_number(stated_kg[k])} kg, and logged torques "
+                    f"have it at {log_kg} kg: predictions go by the log"
                 )
                 freed, most_errors = widened, errors
         of_log = self._errors_shown(freed)
@@ -439,8 +439,9 @@ class _LoggedTorques:
             )
         if friction_shown.any():
             most = friction_shown & (friction_Nm == friction_Nm[friction_shown].max())
+            count = int(friction_shown.sum())
             said.append(
-                f"logged torques hold friction at {friction_shown.sum()} joints, at the most "
+                f"logged torques hold friction at {count} joint{'s' * (count > 1)}, at the most "
                 f"{self._listed(friction_Nm, u_friction_Nm, most)}, which is taken out before the "
                 "fit"
             )
@@ -455,7 +456,7 @@ class _LoggedTorques:
     def _listed(self, torque_Nm: Array, u_Nm: Array, told: NDArray[np.bool_]) -> str:
         """Return torques (n,) with their intervals in words, of the joints that are told (n,)."""
         return ", ".join(
-            f"{torque_Nm[j]:+.3g} ± {HALF_WIDTH_95 * u_Nm[j]:.1g} "
+            f"{with_half_width_95(torque_Nm[j], u_Nm[j], sign='+')} "
             f"{'N' if self.arm.prismatic[j] else 'N m'} at joint {j + 1}"
             for j in np.flatnonzero(told)
         )
@@ -586,8 +587,8 @@ def _part_text(arm: Arm, part: _Part, amounts: Array) -> str:
     log_kg, moment_kg_m = mass_kg + amounts[4 * link], amounts[4 * link + 1 : 4 * link + 4]
     if part.what == "mass":
         return (
-            f"link {link + 1} is stated with {mass_kg:.4g} kg, and logged torques have it at "
-            f"{log_kg:.3g} kg"
+            f"link {link + 1} is stated with {plain_number(mass_kg, 4)} kg, and logged torques "
+            f"have it at {plain_number(log_kg)} kg"
         )
     log_m = com_m + moment_kg_m / max(log_kg, _NO_MASS_KG)
     return (

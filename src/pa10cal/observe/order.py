@@ -17,6 +17,7 @@ from scipy.special import gammaln
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.observations import Observations
+from pa10cal.results.numbers import plain_number
 from pa10cal.rules import ORDER
 
 
@@ -34,7 +35,7 @@ class Driver:
     def __str__(self) -> str:
         if not self.joint:
             return "the load"
-        return f"joint {self.joint}{' (a rail)' if self.slides else ''}"
+        return f"joint {self.joint}{' (sliding)' if self.slides else ''}"
 
 
 @dataclass(frozen=True)
@@ -212,8 +213,8 @@ def spread_over_time(poses: Observations, most: int) -> Index:
 
 # Rows that lie together at the beginning or at the end of a campaign.
 
-#: Seconds of a minute (computing).
-_MINUTE_S = 60.0
+#: Seconds of a minute and of an hour (computing).
+_MINUTE_S, _HOUR_S = 60.0, 3600.0
 
 
 def at_one_end(states: PoseStates, chosen: Mask) -> str:
@@ -249,8 +250,15 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
     )
     return (
         f"{best + 1} of {count} are among the {end} {upto} of {many} poses, the {end} "
-        f"{part_s / _MINUTE_S:.2g} min of {np.ptp(time_s) / 3600.0:.2g} h: {why}"
+        f"{_duration(part_s)} of {_duration(float(np.ptp(time_s)), _HOUR_S)}: {why}"
     )
+
+
+def _duration(time_s: float, hours_from_s: float = 2.0 * _HOUR_S) -> str:
+    """Return a duration in minutes, or in hours from some duration on."""
+    if time_s < hours_from_s:
+        return f"{plain_number(time_s / _MINUTE_S, 2)} min"
+    return f"{plain_number(time_s / _HOUR_S, 2)} h"
 
 
 def _by_chance(inside: Index, upto: Index, count: int, many: int) -> Array:
