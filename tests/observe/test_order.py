@@ -15,6 +15,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
     at_one_end,
+    drivers,
     goes_with,
     like_a_scan,
     measured_again,
@@ -95,6 +96,34 @@ def test_rows_in_random_order_give_time_where_it_was_recorded(random_order):
     assert "not recorded" in why
     assert not marked.states.tells_time
     assert not marked.take(np.arange(5)).states.tells_time
+
+
+@pytest.mark.parametrize("share", [0.5, 0.51, 0.6])
+def test_a_rail_that_goes_once_from_one_station_to_the_other_is_followed(random_order, share):
+    q = random_order.states.q_rad.copy()
+    q[:, 0] = np.arange(ROWS) >= share * ROWS
+    every = random_order.with_states(replace(random_order.states, q_rad=q))
+    assert [str(found) for found, _ in goes_with(every)] == ["joint 1"]
+    assert slow_joints(every.states).tolist() == [True, False, False, False]
+    # In random order it goes with nothing.
+    q[:, 0] = np.random.default_rng(3).permutation(q[:, 0])
+    every = random_order.with_states(replace(random_order.states, q_rad=q))
+    assert not goes_with(every)
+    assert not slow_joints(every.states).any()
+
+
+def test_a_few_rows_at_another_station_are_no_order(random_order):
+    q = random_order.states.q_rad.copy()
+    q[:, 0] = np.arange(ROWS) >= ROWS - 10
+    assert not goes_with(random_order.with_states(replace(random_order.states, q_rad=q)))
+
+
+def test_a_joint_that_creeps_by_a_microradian_stands_still(random_order):
+    q = random_order.states.q_rad.copy()
+    q[:, 0] = np.linspace(0.0, 1e-6, ROWS)
+    states = replace(random_order.states, q_rad=q)
+    assert not goes_with(random_order.with_states(states))
+    assert [driver.joint for driver in drivers(states)] == [2, 3, 4, 0]
 
 
 def test_a_joint_that_slides_is_called_so(random_order):

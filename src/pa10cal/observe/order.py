@@ -20,6 +20,9 @@ from pa10cal.observe.observations import Observations
 from pa10cal.results.numbers import plain_number
 from pa10cal.rules import ORDER
 
+#: Largest rank correlation of values that are equal in either half, with an order (statistics).
+_OF_TWO_HALVES = 0.75**0.5
+
 
 @dataclass(frozen=True)
 class Driver:
@@ -52,7 +55,11 @@ def drivers(states: PoseStates, prismatic: Mask | None = None) -> tuple[Driver, 
         return ()
     slides = np.zeros(states.n, dtype=bool) if prismatic is None else prismatic
     candidates = [*(Driver(k + 1, bool(slides[k])) for k in range(states.n)), Driver(0)]
-    return tuple(driver for driver in candidates if np.ptp(driver.of(states)) > 0.0)
+    return tuple(
+        driver
+        for driver in candidates
+        if np.ptp(driver.of(states)) > (ORDER.stood_still if driver.joint else 0.0)
+    )
 
 
 def goes_with(
@@ -60,6 +67,7 @@ def goes_with(
 ) -> tuple[tuple[Driver, float], ...]:
     """Return the joints and loads that the order of rows follows, with their rank correlations.
 
+    A correlation is relative to the largest of such values, which is below 1 where many are equal.
     Empty where the same places are measured again at other times under the same load: these
     separate time from everything else. Readings are single readings of one campaign.
     """
@@ -69,7 +77,10 @@ def goes_with(
     time = _ranks(states.time_s)
     followed = []
     for driver in drivers(states, prismatic):
-        correlation = _correlation(time, _ranks(driver.of(states)))
+        ranks = _ranks(driver.of(states))
+        largest = _correlation(np.sort(time), np.sort(ranks))
+        # Where hardly any value differs from the others, these have times of their own.
+        correlation = _correlation(time, ranks) / max(largest, _OF_TWO_HALVES)
         if abs(correlation) > ORDER.ordered:
             followed.append((driver, correlation))
     return tuple(followed)
@@ -142,9 +153,12 @@ def _ranks(values: Array) -> Array:
 def slow_joints(states: PoseStates) -> Mask:
     """Return which joints move little from one pose to the next, (n,)."""
     q_rad = states.q_rad[np.lexsort((states.time_s, campaign_numbers(states)))]
-    steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
-    spread = np.median(np.abs(q_rad - np.median(q_rad, axis=0)), axis=0)
-    return np.asarray(steps < ORDER.small_moves * spread)
+    steps = np.abs(np.diff(q_rad, axis=0))
+    # The mean: the median is zero for a rail that stands at one of two stations mostly.
+    spread = np.mean(np.abs(q_rad - np.mean(q_rad, axis=0)), axis=0)
+    small = np.median(steps, axis=0) < ORDER.small_moves * spread
+    # A rail that goes to and fro at random stands still in half of the moves.
+    return np.asarray(small & (np.mean(steps, axis=0) < spread))
 
 
 def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -> Iterator[Parting]:
