@@ -61,6 +61,12 @@ def test_a_table_says_arms_and_times_and_need_not_be_there(raw):
         ("campaign,armm\na,left\n", r"line 1: .*an unknown name \(got 'armm'\)"),
         ("campaign,arm\na,left\nb\n", r"row 3: .*too few \(got 'b'\).*each of campaign, arm"),
         ("campaign,arm\na,left,2026\n", r"row 2: a row .* has too many cells"),
+        ("campaign,measured\na,31.12.2025\n", r"row 2: no date .*\(got '31.12.2025'\)"),
+        ("campaign,measured\na,2026-13-01\n", r"row 2: no date"),
+        (
+            "campaign,arm,measured\na,left,2026-01\nb,left,\n",
+            r"row 3: some campaigns of an arm have a date, and others none",
+        ),
     ],
 )
 def test_tables_that_cannot_be_meant_are_refused(raw, text, message):
@@ -75,6 +81,14 @@ def test_what_is_not_there_is_refused(raw):
         campaigns_of("gone.csv", raw)
     with pytest.raises(SettingsError, match="no pattern of campaigns"):
         campaigns_of("../*", raw)
+
+
+@pytest.mark.parametrize(
+    "measured", ["2026", "2026-02", "2026-02-28", "2026-02-28 23:59", "2026-02-28T23:59:59.5Z"]
+)
+def test_dates_and_times_are_of_iso_8601(raw, measured):
+    (found,) = campaigns_of(table(raw, f"campaign,measured\na,{measured}\n"), raw)
+    assert found.measured == measured
 
 
 # How every arm of a fleet stands after its last campaign.
