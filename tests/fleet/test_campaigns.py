@@ -154,6 +154,17 @@ def test_arms_that_need_attention_come_first(fleet):
     }
 
 
+def test_a_damaged_outcome_loses_no_other(fleet, tmp_path):
+    fleet(GOOD, GOOD)
+    (tmp_path / "c-a" / "chain.json").write_text('{"schema"')
+    found = fleet_record([Listed("c-a", "a"), Listed("c-b", "b")], tmp_path)
+    assert [(each.arm, each.attention) for each in found.arms] == [
+        ("a", "no_result"),
+        ("b", "none"),
+    ]
+    assert "chain.json" in found.arms[0].why
+
+
 @pytest.fixture
 def one_arm(tmp_path, monkeypatch):
     """Make an arm measured again and again; comparisons say which folders they compare."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import get_args
 
-from pa10cal.errors import Pa10calError
+from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.output import csv_text
 from pa10cal.fleet.campaigns import Listed, in_order
 from pa10cal.results.calibration import UNRESERVED
@@ -32,14 +32,12 @@ _NOTHING_OPEN = ("none", "named", "not_sought")
 def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
     """Return the outcome of every campaign and the status of every arm, from their results.
 
-    A campaign without a `chain.json` counts as one that the machine ended.
+    A campaign without a `chain.json` counts as one that the machine ended, and one whose
+    `chain.json` cannot be read as failed.
 
     Args:
         listed: campaigns of the fleet.
         results_dir: holds a folder of results for each.
-
-    Raises:
-        RecordError: when a `chain.json` cannot be read.
     """
     by_name: dict[str, FleetCampaign] = {}
     arms = []
@@ -82,9 +80,12 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
 
 
 def _outcome(campaign: str, folder: Path) -> ChainRecord:
-    """Return the `chain.json` of a campaign, or one that says that there is none."""
+    """Return the `chain.json` of a campaign, or one that says why there is none."""
     if (folder / ChainRecord.FILE).exists():
-        return read(ChainRecord, folder / ChainRecord.FILE, within=folder)
+        try:
+            return read(ChainRecord, folder / ChainRecord.FILE, within=folder)
+        except RecordError as error:  # the other campaigns keep their table
+            return ChainRecord(campaign=campaign, status="fault", message=str(error))
     log = folder / "logs/chain.log"
     return ChainRecord(campaign=campaign, status="ended", message=f"it left no outcome; see {log}")
 
