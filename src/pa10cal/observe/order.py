@@ -366,7 +366,11 @@ class HeldOutPlaces:
         return cls(unseen if unseen.any() else None, beside if beside.any() else None)
 
     def counted(self, trusted: Mask) -> Mask:
-        """Return the poses (P,) that a reported error is of: the trusted ones, unseen if any."""
+        """Return the poses (P,) that a reported error is of: the trusted ones, unseen if any.
+
+        Where all unseen poses are suspected they count all the same. The model may be what is wrong
+        there, and errors between fitted poses say nothing of it.
+        """
         if self.unseen is None:
             return trusted
         rows = self.unseen & trusted
