@@ -31,8 +31,9 @@ class Order:
     # joint positions no farther apart than this are one place: robots come back to a command within
     # a tenth of it, and nothing that an arm errs by differs over it [rad, m] (size)
     one_place: float = 1e-3
-    # with more pairs a reading than this the robot stood still, and did not come back (chosen)
-    most_pairs: int = 30
+    # with more readings near each than this the robot came back only where it moved in between
+    # (chosen)
+    most_near: int = 30
     stood_still: float = 1e-4  # a joint that turned less has not moved [rad, m] (size)
     # one that turned less has not left the place where its controller had stopped it [rad, m]
     # (size)

@@ -156,6 +156,20 @@ def test_places_that_are_visited_again_give_time_whatever_their_labels(random_or
     assert not measured_again(every.with_states(replace(every.states, q_rad=creeping)))
 
 
+def test_places_that_are_visited_fifty_times_are_places(random_order):
+    """A robot's repeatability is measured at five places, in many cycles."""
+    rng, count = np.random.default_rng(2), 250
+    q = np.resize(random_order.states.q_rad[:5], (count, JOINTS))
+    states = at_rest(q + 1e-5 * rng.standard_normal(q.shape), time_s=10.0 * np.arange(count))
+    labels = np.array([f"P{k:03d}" for k in range(count)])
+    cycles = Observations.single(labels, states, Unmeasured())
+    assert len(np.unique(with_places(cycles).pose)) == 5
+    assert measured_again(cycles)
+    # A robot that stands still at one place after the other does not come back.
+    stays = cycles.with_states(replace(states, q_rad=np.repeat(q[:5], 50, axis=0)))
+    assert not measured_again(stays)
+
+
 def test_a_joint_that_goes_to_the_other_side_parts_the_rows(random_order):
     q_rad, middle = random_order.states.q_rad.copy(), 50
     q_rad[:, 1] = np.abs(q_rad[:, 1]) * np.where(np.arange(ROWS) < middle, 1.0, -1.0)

@@ -113,13 +113,20 @@ def with_time_validity(
 def with_places(every: Observations) -> Observations:
     """Give labels whose first readings have the same joint positions one common pose label."""
     _, first, label = np.unique(every.pose, return_index=True, return_inverse=True)
-    tree = cKDTree(every.states.q_rad[first])
+    q = every.states.q_rad[first]
+    tree = cKDTree(q)
     near_count = tree.count_neighbors(tree, ORDER.one_place, p=np.inf)
-    if near_count <= len(first) or near_count > ORDER.most_pairs * len(first):
+    if near_count <= len(first):
         return every
-    pairs = tree.query_pairs(ORDER.one_place, p=np.inf, output_type="ndarray")
-    place = np.arange(len(first))
-    np.minimum.at(place, pairs.max(axis=1), pairs.min(axis=1))
+    if near_count > ORDER.most_near * len(first):
+        moves = np.abs(np.diff(q[np.argsort(every.states.time_s[first], kind="stable")], axis=0))
+        if np.median(moves.max(axis=1)) <= ORDER.one_place:
+            return every  # the robot stood still, and did not come back
+    place = np.full(len(first), -1)
+    for row in range(len(first)):
+        if place[row] < 0:
+            near = np.asarray(tree.query_ball_point(q[row], ORDER.one_place, p=np.inf))
+            place[near[place[near] < 0]] = row
     return replace(every, pose=every.pose[first][place][label.ravel()])
 
 
