@@ -1,4 +1,7 @@
-"""Weights assumed from the lengths of an arm's links, where its description states none."""
+"""Weights assumed from the lengths of an arm's links, where its description states none.
+
+Masses that are implausible count as not stated.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,37 @@ import numpy as np
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm, WeightsKnown
 from pa10cal.arrays import Array
+from pa10cal.results.numbers import plain_number
 from pa10cal.rules import MASSES
+
+
+def implausible_masses(arm: Arm, total_kg: float | None) -> str:
+    """Return why stated masses are implausible; empty where they are plausible or not stated."""
+    if arm.mass_kg is None:
+        return ""
+    if np.isin(arm.mass_kg, MASSES.placeholders_kg).all():
+        return (
+            "the masses of the links are all 0 or 1 kg, as a drawing program exports them where "
+            "none were given: they are treated as not known"
+        )
+    if arm.com_m is not None:
+        far_m = np.linalg.norm(arm.com_m, axis=1)
+        link = int(far_m.argmax())
+        if far_m[link] > arm.reach_m:
+            return (
+                f"the centre of mass of link {link + 1} is stated {far_m[link]:.4g} m from its "
+                f"frame, and the arm reaches {arm.reach_m:.3g} m: masses and centres are treated "
+                "as not known"
+            )
+    sum_kg = float(arm.mass_kg.sum())
+    if total_kg is not None and abs(sum_kg - total_kg) > MASSES.total_off_share * max(
+        sum_kg, total_kg
+    ):
+        return (
+            f"masses.total_kg is {total_kg:g} kg, and the masses of the links add up to "
+            f"{plain_number(sum_kg, 4)} kg: both are treated as not known"
+        )
+    return ""
 
 
 def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:

@@ -22,7 +22,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, spread
-from pa10cal.fit.assumed_weights import with_assumed_weights
+from pa10cal.fit.assumed_weights import implausible_masses, with_assumed_weights
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.log_errors import errors_of_logs, scatter_about
 from pa10cal.fit.uncertain_weights import weight_sizes
@@ -46,12 +46,21 @@ def weighed_arm(
 ) -> Arm:
     """Return the arm of a campaign with weights and their uncertainties.
 
+    | weights stated | torques logged              | weights of the arm | by the log          |
+    |----------------|-----------------------------|--------------------|---------------------|
+    | none           | none, or not of its weights | assumed            | nothing             |
+    | none           | of its weights              | those of the log   | tool and covariance |
+    | yes            | none, or not of its weights | stated             | nothing             |
+    | yes            | as calculated               | stated             | all differences     |
+    | yes            | contradict an inner link    | those of the log   | tool and covariance |
+    | yes            | contradict last link, tool  | stated             | all differences     |
+
     Args:
         every: all readings of the campaign.
         payload_of: returns what an arm carries; None for an arm without masses.
         total_kg: mass of the whole arm as stated in a catalogue; None where not stated.
     """
-    why = _implausible_masses(arm, total_kg)
+    why = implausible_masses(arm, total_kg)
     if why:
         total_kg = None  # it or the masses of the links are wrong, and nothing says which
         arm = replace(arm, mass_kg=None, com_m=None)
@@ -59,26 +68,36 @@ def weighed_arm(
     if why and arm.weights_known is not None:
         arm = replace(arm, weights_known=replace(arm.weights_known, why=why))
     payload = payload_of(arm)
+    torques = None if payload is None else _torques_of_weights(arm, payload, every)
+    return arm if torques is None else _weighed_by(torques)
+
+
+def _torques_of_weights(arm: Arm, payload: Payload, every: Observations) -> _LoggedTorques | None:
+    """Return the logged torques of calibration poses; None where they are none of weights."""
     grid = with_arrivals(every, arm)[0].of_kind("grid")
-    if payload is None or not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
-        return arm
+    if not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
+        return None
     if not np.linalg.norm(payload.gravity_m_s2):
-        return arm
+        return None
     poses = average_repeats(grid)
     repeated = len(grid) - len(poses) > MASSES.repeated_share * len(grid)
     poses = poses.take(np.unique(spread(len(poses), MASSES.most_poses)))
     torques = _LoggedTorques.of(arm, payload, poses, repeated=repeated)
-    if not torques.are_of_weights:
-        return arm
+    return torques if torques.are_of_weights else None
+
+
+def _weighed_by(torques: _LoggedTorques) -> Arm:
+    """Return the arm with the weights that its torques have, as far as they follow them."""
+    arm = torques.arm
     if arm.weights_known is not None:
-        return torques.weighed() if torques.follow_calculated else arm
+        return torques.arm_by_log_alone() if torques.follow_calculated else arm
     if torques.follow_calculated:
-        return torques.without(torques.contradictions(arm.n))
+        return torques.arm_less_contradictions(torques.contradictions(arm.n))
     # One part may be stated so wrongly. If it takes more, the signs of the torques or the direction
     # of gravity are as likely.
     one = torques.contradictions(1)
     if one and torques.less_error_of(one[0].part).follow_calculated:
-        return torques.without(one)
+        return torques.arm_less_contradictions(one)
     return arm
 
 
@@ -113,35 +132,6 @@ def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
             would_leave_mm=None,
         ),
     )
-
-
-def _implausible_masses(arm: Arm, total_kg: float | None) -> str:
-    """Return why stated masses are implausible; empty where they are plausible or not stated."""
-    if arm.mass_kg is None:
-        return ""
-    if np.isin(arm.mass_kg, MASSES.placeholders_kg).all():
-        return (
-            "the masses of the links are all 0 or 1 kg, as a drawing program exports them where "
-            "none were given: they are treated as not known"
-        )
-    if arm.com_m is not None:
-        far_m = np.linalg.norm(arm.com_m, axis=1)
-        link = int(far_m.argmax())
-        if far_m[link] > arm.reach_m:
-            return (
-                f"the centre of mass of link {link + 1} is stated {far_m[link]:.4g} m from its "
-                f"frame, and the arm reaches {arm.reach_m:.3g} m: masses and centres are treated "
-                "as not known"
-            )
-    sum_kg = float(arm.mass_kg.sum())
-    if total_kg is not None and abs(sum_kg - total_kg) > MASSES.total_off_share * max(
-        sum_kg, total_kg
-    ):
-        return (
-            f"masses.total_kg is {total_kg:g} kg, and the masses of the links add up to "
-            f"{plain_number(sum_kg, 4)} kg: both are treated as not known"
-        )
-    return ""
 
 
 class _WeightFit(NamedTuple):
@@ -235,17 +225,17 @@ class _LoggedTorques:
         """Return whether logged torques, less zeros, correlate with those of the weights."""
         calculated_Nm = self.logged_Nm - self.residual_Nm
         less_zeros_Nm = (
-            calculated_Nm + self._without(self._errors_shown(self._any_sizes)).residual_Nm
+            calculated_Nm + self._less_errors(self._errors_shown(self._any_sizes)).residual_Nm
         )
         product = float(np.sum(calculated_Nm * less_zeros_Nm))
         size = np.linalg.norm(calculated_Nm) * np.linalg.norm(less_zeros_Nm)
         return bool(product > MASSES.follows * size)
 
-    def weighed(self) -> Arm:
+    def arm_by_log_alone(self) -> Arm:
         """Return the arm, which states no weights, with those fitted to its torques."""
-        return self._with(self._stated_sizes, weights_known(self.arm).why)
+        return self._arm_of_fit(self._stated_sizes, weights_known(self.arm).why)
 
-    def without(self, contradictions: list[_Contradiction]) -> Arm:
+    def arm_less_contradictions(self, contradictions: list[_Contradiction]) -> Arm:
         """Return the arm with those masses and centres corrected that the torques contradict.
 
         Last link and tool are told together, as either may be wrong: where only they are
@@ -255,7 +245,7 @@ class _LoggedTorques:
         parts = [each.part for each in contradictions]
         inner = [each for each in contradictions if each.part.link < arm.n - 1]
         clauses = [self._contradiction_text(each, parts) for each in inner]
-        outer = [each for each in contradictions if each not in inner]
+        outer = [each for each in contradictions if each.part.link >= arm.n - 1]
         if outer:
             links = {each.or_part.link + 1 for each in outer if each.or_part} | {arm.n}
             named = " or ".join(f"link {link}" for link in sorted(links) if link <= arm.n)
@@ -265,7 +255,7 @@ class _LoggedTorques:
             )
         why = "; ".join(clauses)
         if inner:
-            return self._with(self._freed(parts), why)
+            return self._arm_of_fit(self._freed(parts), why)
         known = weights_known(arm)
         return replace(
             arm, weights_known=replace(known, why=why or known.why, by_log=self.by_log(parts))
@@ -329,7 +319,10 @@ class _LoggedTorques:
 
     @cached_property
     def _parts(self) -> tuple[_Part, ...]:
-        """Return masses and centres that may be stated wrongly; the tool's centre is the last."""
+        """Return masses and centres that may be stated wrongly.
+
+        The centre of the last link is that of the tool as well.
+        """
         mass_kg, n = self.arm.mass_kg, self.arm.n
         assert mass_kg is not None
         tool_kg = self.payload.mass_kg if self.payload.known else 0.0
@@ -384,9 +377,8 @@ class _LoggedTorques:
             widened[mass] = max(float(stated_kg.max()), sizes[mass])
             fit = self._solve(widened)
             std_kg = float(np.sqrt(fit.covariance[mass, mass]))
-            errors = abs(float(fit.amounts[mass])) / float(
-                np.hypot(std_kg, self._stated_sizes[mass])
-            )
+            u_kg = float(np.hypot(std_kg, self._stated_sizes[mass]))
+            errors = abs(float(fit.amounts[mass])) / u_kg
             if errors > most_errors:
                 part = "the tool" if k == arm.n else f"link {k + 1}"
                 log_kg = with_half_width_95(float(stated_kg[k] + fit.amounts[mass]), std_kg)
@@ -406,10 +398,10 @@ class _LoggedTorques:
         Springs are fitted to torques with the log's scale errors, and predictions need torques with
         the same scale: the columns of scale errors, the first n, are left out.
         """
-        without = self._without(errors)
+        without = self._less_errors(errors)
         return replace(without, nuisance=without.nuisance[:, :, self.arm.n :])._solve(sizes)
 
-    def _without(self, errors: _ErrorsShown) -> _LoggedTorques:
+    def _less_errors(self, errors: _ErrorsShown) -> _LoggedTorques:
         """Return the torques less their zeros and friction."""
         residual_Nm = self.residual_Nm
         if len(errors.zero_Nm):
@@ -542,7 +534,7 @@ class _LoggedTorques:
         scaled = MASSES.any_sizes * columns
         return scatter_about(scaled, self.residual_Nm, _REWEIGHTED, least_Nm)[0]
 
-    def _with(self, sizes: Array, why: str) -> Arm:
+    def _arm_of_fit(self, sizes: Array, why: str) -> Arm:
         """Return the arm with fitted masses and centres, and their uncertainty.
 
         Args:
