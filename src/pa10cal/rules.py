@@ -17,6 +17,9 @@ class Order:
 
     # rank correlation with time from which on the order goes with a joint or a load (chosen)
     ordered: float = 0.9
+    # the largest that values have which are equal in either half of the rows: that of values with
+    # more equal ones is taken as part of no less (statistics)
+    of_two_halves: float = 0.75**0.5
     # part of the variance of the rank in time that must lie between readings of the same pose and
     # load for these to show time, whatever the order goes with (chosen)
     again_share: float = 0.01

@@ -12,7 +12,7 @@ import numpy as np
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm, WeightsKnown
 from pa10cal.arrays import Array
-from pa10cal.results.numbers import plain_number
+from pa10cal.results.record import plain_number
 from pa10cal.rules import MASSES
 
 

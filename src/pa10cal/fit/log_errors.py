@@ -1,12 +1,44 @@
-"""The usual errors of logged torques, and the scatter of these about weights."""
+"""Errors of logged torques: usual ones, scatter about weights, and those that are taken out."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 
+from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array
 from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.observations import Observations
 from pa10cal.rules import MASSES
+
+
+class ErrorsShown(NamedTuple):
+    """Zeros and friction that logged torques show."""
+
+    zero_Nm: Array = np.zeros(0)  # (n,), 0 where not shown; empty where no joint shows one
+    friction_Nm: Array = np.zeros(0)  # the same, by the direction of arrival
+    u_friction_Nm: Array = np.zeros(0)  # its standard uncertainty
+    said: str = ""  # the large ones, and what to do; empty for none
+
+
+def without_torque_errors(every: Observations, arm: Arm) -> Observations:
+    """Return readings without the zeros and friction that the weighed arm has of their torques.
+
+    A fit takes the zero of a torque, through a spring, as one of the joint, and friction of a motor
+    as lost motion. Predictions calculate torques from the weights, which have neither.
+    """
+    by_log = weights_known(arm).by_log
+    if by_log is None or not (by_log.zero_Nm.any() or by_log.friction_Nm.any()):
+        return every
+    tau_Nm = every.states.tau_Nm
+    if len(by_log.zero_Nm):
+        tau_Nm = tau_Nm - by_log.zero_Nm
+    if len(by_log.friction_Nm):
+        tau_Nm = tau_Nm - by_log.friction_Nm * with_arrivals(every, arm)[0].states.arrival
+    return every.with_states(replace(every.states, tau_Nm=tau_Nm))
 
 
 def errors_of_logs(

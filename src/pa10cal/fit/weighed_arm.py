@@ -24,13 +24,13 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, spread
 from pa10cal.fit.assumed_weights import implausible_masses, with_assumed_weights
 from pa10cal.fit.loads import statics_of
-from pa10cal.fit.log_errors import errors_of_logs, scatter_about
+from pa10cal.fit.log_errors import ErrorsShown, errors_of_logs, scatter_about
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
-from pa10cal.results.numbers import plain_number, with_half_width_95
+from pa10cal.results.record import plain_number, with_half_width_95
 from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 
@@ -101,23 +101,6 @@ def _weighed_by(torques: _LoggedTorques) -> Arm:
     return arm
 
 
-def without_torque_errors(every: Observations, arm: Arm) -> Observations:
-    """Return readings without the zeros and friction that the weighed arm has of their torques.
-
-    A fit takes the zero of a torque, through a spring, as one of the joint, and friction of a motor
-    as lost motion. Predictions calculate torques from the weights, which have neither.
-    """
-    by_log = weights_known(arm).by_log
-    if by_log is None or not (by_log.zero_Nm.any() or by_log.friction_Nm.any()):
-        return every
-    tau_Nm = every.states.tau_Nm
-    if len(by_log.zero_Nm):
-        tau_Nm = tau_Nm - by_log.zero_Nm
-    if len(by_log.friction_Nm):
-        tau_Nm = tau_Nm - by_log.friction_Nm * with_arrivals(every, arm)[0].states.arrival
-    return every.with_states(replace(every.states, tau_Nm=tau_Nm))
-
-
 def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
     """Return the finding about wrongly stated weights; empty where there is none."""
     known = arm.weights_known
@@ -142,15 +125,6 @@ class _WeightFit(NamedTuple):
     objective: float  # robust sum of squares plus that of the prior
     errors: Array  # (c,) errors of the log, over their sizes
     errors_std: Array  # (c,) their standard uncertainties
-
-
-class _ErrorsShown(NamedTuple):
-    """Zeros and friction that logged torques show."""
-
-    zero_Nm: Array = np.zeros(0)  # (n,), 0 where not shown; empty where no joint shows one
-    friction_Nm: Array = np.zeros(0)  # the same, by the direction of arrival
-    u_friction_Nm: Array = np.zeros(0)  # its standard uncertainty
-    said: str = ""  # the large ones, and what to do; empty for none
 
 
 class _Part(NamedTuple):
@@ -392,7 +366,7 @@ class _LoggedTorques:
         said = "; ".join(filter(None, (text, of_log.said)))
         return WeighedByLog(fit.amounts, fit.covariance, said, *of_log[:3])
 
-    def _in_scale_of_log(self, sizes: Array, errors: _ErrorsShown) -> _WeightFit:
+    def _in_scale_of_log(self, sizes: Array, errors: ErrorsShown) -> _WeightFit:
         """Fit weights to torques less their errors.
 
         Springs are fitted to torques with the log's scale errors, and predictions need torques with
@@ -401,7 +375,7 @@ class _LoggedTorques:
         without = self._less_errors(errors)
         return replace(without, nuisance=without.nuisance[:, :, self.arm.n :])._solve(sizes)
 
-    def _less_errors(self, errors: _ErrorsShown) -> _LoggedTorques:
+    def _less_errors(self, errors: ErrorsShown) -> _LoggedTorques:
         """Return the torques less their zeros and friction."""
         residual_Nm = self.residual_Nm
         if len(errors.zero_Nm):
@@ -410,7 +384,7 @@ class _LoggedTorques:
             residual_Nm = residual_Nm - errors.friction_Nm * self.arrival
         return replace(self, residual_Nm=residual_Nm)
 
-    def _errors_shown(self, sizes: Array) -> _ErrorsShown:
+    def _errors_shown(self, sizes: Array) -> ErrorsShown:
         """Return what the torques show beside weights of these uncertainties (4 n + 3,).
 
         Zeros no larger than those of usual logs are not told. Friction is that of motors and gears,
@@ -438,7 +412,7 @@ class _LoggedTorques:
                 "fit"
             )
         none = np.zeros(0)
-        return _ErrorsShown(
+        return ErrorsShown(
             np.where(zero_shown, zero_Nm, 0.0) if zero_shown.any() else none,
             np.where(friction_shown, friction_Nm, 0.0) if friction_shown.any() else none,
             np.where(friction_shown, u_friction_Nm, 0.0) if friction_shown.any() else none,

@@ -17,11 +17,8 @@ from scipy.special import gammaln
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.observations import Observations
-from pa10cal.results.numbers import plain_number
+from pa10cal.results.record import plain_number
 from pa10cal.rules import ORDER
-
-#: Largest rank correlation of values that are equal in either half, with an order (statistics).
-_OF_TWO_HALVES = 0.75**0.5
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ def goes_with(
         ranks = _ranks(driver.of(states))
         largest = _correlation(np.sort(time), np.sort(ranks))
         # Where hardly any value differs from the others, these have times of their own.
-        correlation = _correlation(time, ranks) / max(largest, _OF_TWO_HALVES)
+        correlation = _correlation(time, ranks) / max(largest, ORDER.of_two_halves)
         if abs(correlation) > ORDER.ordered:
             followed.append((driver, correlation))
     return tuple(followed)

@@ -13,8 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates, StaticLoads
 from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError
-from pa10cal.results.numbers import plain_number, with_half_width_95
-from pa10cal.results.record import HALF_WIDTH_95, FaultKind
+from pa10cal.results.record import HALF_WIDTH_95, FaultKind, plain_number, with_half_width_95
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
 from pa10cal.terms.term import (
     OPTIONAL,
