@@ -17,6 +17,9 @@ class Order:
 
     # rank correlation with time from which on the order goes with a joint or a load (chosen)
     ordered: float = 0.9
+    # the largest that values have which are equal in either half of the rows: that of values with
+    # more equal ones is taken as part of no less (statistics)
+    of_two_halves: float = 0.75**0.5
     # part of the variance of the rank in time that must lie between readings of the same pose and
     # load for these to show time, whatever the order goes with (chosen)
     again_share: float = 0.01
@@ -31,8 +34,9 @@ class Order:
     # joint positions no farther apart than this are one place: robots come back to a command within
     # a tenth of it, and nothing that an arm errs by differs over it [rad, m] (size)
     one_place: float = 1e-3
-    # with more pairs a reading than this the robot stood still, and did not come back (chosen)
-    most_pairs: int = 30
+    # with more readings near each than this the robot came back only where it moved in between
+    # (chosen)
+    most_near: int = 30
     stood_still: float = 1e-4  # a joint that turned less has not moved [rad, m] (size)
     # one that turned less has not left the place where its controller had stopped it [rad, m]
     # (size)
@@ -352,6 +356,9 @@ class Masses:
     # and explain them better than chance or another cause allows, by so much log evidence [nat]
     # (level)
     needed_nats: float = 12.0
+    # a wrong tool is told beside a wrong link where torques are explained by either to so much log
+    # evidence [nat] (level)
+    alike_nats: float = 3.0
     # a mass is contradicted by so many standard uncertainties of what is stated and logged
     # together; a zero of logged torques is shown by so many of its own (level)
     differs_errors: float = 4.0

@@ -18,7 +18,8 @@ from pa10cal.campaign.table import write_pose_table
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
 from pa10cal.fit.loads import statics_of
-from pa10cal.fit.weighed_arm import weighed_arm, weights_finding, without_torque_errors
+from pa10cal.fit.log_errors import without_torque_errors
+from pa10cal.fit.weighed_arm import weighed_arm, weights_finding
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.stages.inputs import read_measured
@@ -211,12 +212,14 @@ def test_torques_without_zeros_are_left_as_they_are():
 FRICTION_NM = np.array([9.0, 8.0, 4.0, 1.5, 0.02, 0.0])
 
 
-def with_friction(every, repeats=1):
+def with_friction(every, repeats=1, only=slice(None)):
     """Return readings whose torques hold friction, in a random order, each that often."""
     every = every.take(np.repeat(np.arange(len(every)), repeats))
     rng = np.random.default_rng(8)
     arrival = np.where(rng.uniform(size=every.states.tau_Nm.shape) < 0.5, -1.0, 1.0)
-    return with_torques_more(every, FRICTION_NM * arrival, arrival=arrival)
+    friction_Nm = np.zeros(6)
+    friction_Nm[only] = FRICTION_NM[only]
+    return with_torques_more(every, friction_Nm * arrival, arrival=arrival)
 
 
 @pytest.mark.parametrize("stated", [ARM, BARE])
@@ -233,6 +236,12 @@ def test_friction_of_motors_is_taken_out_and_that_of_sensors_left(stated):
     assert "logged torques hold friction at 4 joints, at the most +9" in known.said
     cleared_Nm = without_torque_errors(log, arm).states.tau_Nm
     np.testing.assert_allclose(cleared_Nm - plain.states.tau_Nm, 0.0, atol=0.3)
+
+
+def test_friction_of_one_joint_is_that_of_a_joint():
+    log = with_friction(readings(), only=0)
+    said = weights_known(weighed(described(), ARM, log)).by_log.said
+    assert "friction at 1 joint, at the most +9" in said
 
 
 def test_friction_is_an_effect_to_be_sought_where_poses_are_repeated():
@@ -324,6 +333,70 @@ def test_a_mass_that_torques_contradict_is_told_and_taken_from_them():
     (finding,) = weights_finding(arm)
     assert "link 5 is stated with 1000 kg" in finding.what
     assert arm.mass_kg[4] < 20.0
+
+
+def with_tool(tool_kg):
+    return described(tool={"mass_kg": tool_kg, "com_mm": [0, 0, 50], "load_point_mm": [0, 0, 0]})
+
+
+def carrying(tool_kg, com_m=0.05):
+    """Return readings of an arm that carries a tool of this mass and centre."""
+    payload, every = with_tool(tool_kg).payload(ARM), readings()
+    payload = replace(payload, com_m=np.array([0.0, 0.0, com_m]))
+    model = Model(Chain.of(ARM), ())
+    stated, true = (
+        statics_of(model, np.zeros(0), every.states, each).torque_Nm
+        for each in (described().payload(ARM), payload)
+    )
+    return with_torques_more(every, true - stated)
+
+
+@pytest.mark.parametrize("zero_Nm", [0.0, 20.0])
+def test_a_tool_far_heavier_than_stated_is_told_and_predictions_go_by_the_log(zero_Nm):
+    log = with_torques_more(carrying(3.0), np.where(np.arange(6) == 1, zero_Nm, 0.0))
+    arm = weighed(with_tool(1.4), ARM, log)
+    (finding,) = weights_finding(arm)
+    assert "or of the tool" in finding.what
+    known = weights_known(arm).by_log
+    assert ("zero of +20" in known.said) == (zero_Nm > 0.0)
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 6))
+    found, true = model_on_springs(arm, 1.4).predict(q), model_on_springs(ARM, 3.0).predict(q)
+    assert 1e3 * np.linalg.norm((found.T - true.T)[:, :3, 3], axis=1).max() < 0.1
+
+
+def stated_times(factor, link):
+    return replace(ARM, mass_kg=np.where(np.arange(6) == link - 1, factor, 1.0) * ARM.mass_kg)
+
+
+@pytest.mark.parametrize("tool_kg", [1.4, 4.0])
+def test_a_wrong_mass_far_in_is_told_as_mass_or_centre_whatever_the_tool(tool_kg):
+    """Torques are of products of mass and lever."""
+    arm = weighed(with_tool(1.4), stated_times(2.5, 2), carrying(tool_kg))
+    (finding,) = weights_finding(arm)
+    assert finding.what.startswith("the mass or the centre of link 2 is stated wrongly: ")
+    assert "link 2 is stated with 31.75 kg, and logged torques have it at 12." in finding.what
+    assert ("link 6, or of the tool" in finding.what) == (tool_kg != 1.4)
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (50, 6))
+    found, true = model_on_springs(arm, 1.4).predict(q), model_on_springs(ARM, tool_kg).predict(q)
+    assert 1e3 * np.linalg.norm((found.T - true.T)[:, :3, 3], axis=1).max() < 0.02
+
+
+def test_a_wrong_centre_of_the_tool_is_not_that_of_a_link():
+    arm = weighed(with_tool(1.4), ARM, carrying(1.4, com_m=0.3))
+    (finding,) = weights_finding(arm)
+    assert "the centre stated of link 5 or link 6, or of the tool" in finding.what
+    np.testing.assert_array_equal(arm.mass_kg, ARM.mass_kg)
+    np.testing.assert_array_equal(arm.com_m, ARM.com_m)
+    assert weights_known(arm).by_log.x[4 * 5 + 3] == pytest.approx(1.4 * 0.25, rel=0.1)
+
+
+@pytest.mark.parametrize("stated_kg", [3.0, 6.0])
+def test_a_tool_that_is_not_there_has_no_mass_below_zero(stated_kg):
+    arm = weighed(with_tool(stated_kg), ARM, carrying(0.0))
+    assert "or of the tool" in weights_finding(arm)[0].what
+    known = weights_known(arm).by_log
+    assert known.x[-3] >= -stated_kg
+    assert "at -" not in known.said
 
 
 # Of the last two logged torques no longer follow those of the weights described.

@@ -2,10 +2,12 @@
 
 import csv
 import io
+from types import SimpleNamespace
 
 import pytest
 
 from pa10cal.errors import SettingsError
+from pa10cal.fleet import arm_status
 from pa10cal.fleet.arm_status import fleet_csv, fleet_record
 from pa10cal.fleet.campaigns import Listed, campaigns_of, in_order
 from pa10cal.reports.page import fleet_page_text
@@ -61,6 +63,12 @@ def test_a_table_says_arms_and_times_and_need_not_be_there(raw):
         ("campaign,armm\na,left\n", r"line 1: .*an unknown name \(got 'armm'\)"),
         ("campaign,arm\na,left\nb\n", r"row 3: .*too few \(got 'b'\).*each of campaign, arm"),
         ("campaign,arm\na,left,2026\n", r"row 2: a row .* has too many cells"),
+        ("campaign,measured\na,31.12.2025\n", r"row 2: no date .*\(got '31.12.2025'\)"),
+        ("campaign,measured\na,2026-13-01\n", r"row 2: no date"),
+        (
+            "campaign,arm,measured\na,left,2026-01\nb,left,\n",
+            r"row 3: some campaigns of an arm have a date, and others none",
+        ),
     ],
 )
 def test_tables_that_cannot_be_meant_are_refused(raw, text, message):
@@ -75,6 +83,14 @@ def test_what_is_not_there_is_refused(raw):
         campaigns_of("gone.csv", raw)
     with pytest.raises(SettingsError, match="no pattern of campaigns"):
         campaigns_of("../*", raw)
+
+
+@pytest.mark.parametrize(
+    "measured", ["2026", "2026-02", "2026-02-28", "2026-02-28 23:59", "2026-02-28T23:59:59.5Z"]
+)
+def test_dates_and_times_are_of_iso_8601(raw, measured):
+    (found,) = campaigns_of(table(raw, f"campaign,measured\na,{measured}\n"), raw)
+    assert found.measured == measured
 
 
 # How every arm of a fleet stands after its last campaign.
@@ -136,6 +152,62 @@ def test_arms_that_need_attention_come_first(fleet):
         "refused": 1,
         "suspect_input": 1,
     }
+
+
+def test_a_damaged_outcome_loses_no_other(fleet, tmp_path):
+    fleet(GOOD, GOOD)
+    (tmp_path / "c-a" / "chain.json").write_text('{"schema"')
+    found = fleet_record([Listed("c-a", "a"), Listed("c-b", "b")], tmp_path)
+    assert [(each.arm, each.attention) for each in found.arms] == [
+        ("a", "no_result"),
+        ("b", "none"),
+    ]
+    assert "chain.json" in found.arms[0].why
+
+
+@pytest.fixture
+def one_arm(tmp_path, monkeypatch):
+    """Make an arm measured again and again; comparisons say which folders they compare."""
+
+    def make(*became, compared=lambda previous, current: (True, f"{previous} {current}")):
+        monkeypatch.setattr(
+            arm_status, "_compared", lambda one, other: compared(one.name, other.name)
+        )
+        listed = []
+        for number, changes in enumerate(became):
+            name = f"c-{number}"
+            (tmp_path / name).mkdir()
+            write(ChainRecord(campaign=name, **changes), tmp_path / name / "chain.json")
+            listed.append(Listed(name, "a"))
+        return fleet_record(listed, tmp_path)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    "faulty",
+    [{"grade": "suspect_input"}, {"grade": "not_converged"}, {"verdict": "check_the_log"}],
+)
+def test_no_campaign_is_compared_with_a_faulty_one(one_arm, faulty):
+    found = one_arm(GOOD, GOOD | faulty, GOOD)
+    assert [each.moved for each in found.campaigns] == [None, "c-0 c-1", "c-0 c-2"]
+
+
+def test_that_a_campaign_could_not_be_compared_is_told(one_arm):
+    found = one_arm(GOOD, GOOD, compared=lambda *_: (None, "the covariance is missing"))
+    (arm,) = found.arms
+    assert arm.attention == "none"
+    assert arm.why.endswith("not compared with the campaign before: the covariance is missing")
+
+
+@pytest.mark.parametrize("moved", [(), ("joint_zero of joint 3",)])
+def test_what_moved_is_told_where_the_flanges_agree_too(monkeypatch, tmp_path, moved):
+    what = SimpleNamespace(moved=moved, line="joint 3 moved")
+    record = SimpleNamespace(agree=True, line="the models agree", what_moved=what)
+    monkeypatch.setattr("pa10cal.evaluation.two_models.compare_models", lambda *_, **__: record)
+    monkeypatch.setattr("pa10cal.fit.fitted_model.load_model", lambda folder: folder)
+    line = "joint 3 moved; the models agree" if moved else "the models agree"
+    assert arm_status._compared(tmp_path / "one", tmp_path / "other") == (True, line)
 
 
 def test_the_table_has_a_row_a_campaign_and_runs_nothing(fleet):

@@ -213,3 +213,13 @@ def test_covariances_in_columns_may_have_labels_in_any_order():
     cov = root @ root.transpose(0, 2, 1)
     labelled = "cov_{}_{}", "zxy", np.array([1e-3, 1.0, 2.0])
     assert np.allclose(covariance_of(columns_of_covariance(cov, *labelled), *labelled), cov)
+
+
+@pytest.mark.parametrize("moves_m", [0.0, 0.3])
+def test_positions_spread_by_what_the_arm_moves_not_by_what_is_between_targets(moves_m):
+    p_m = np.zeros((40, 3, 3))
+    p_m[:, 1, 0] = 1.0
+    p_m[:, :, 2] += moves_m * np.resize([-1.0, 1.0], 40)[:, None]
+    p_m[:10, 1] = p_m[:, 2] = np.nan  # one is seen at times, one never
+    points = Points(("a", "b", "c"), p_m, np.full((40, 3, 3, 3), np.nan), None)
+    assert points.spread_mm == pytest.approx(1e3 * moves_m)

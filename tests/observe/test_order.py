@@ -15,6 +15,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.order import (
     Driver,
     at_one_end,
+    drivers,
     goes_with,
     like_a_scan,
     measured_again,
@@ -97,10 +98,38 @@ def test_rows_in_random_order_give_time_where_it_was_recorded(random_order):
     assert not marked.take(np.arange(5)).states.tells_time
 
 
-def test_a_rail_is_called_one(random_order):
+@pytest.mark.parametrize("share", [0.5, 0.51, 0.6])
+def test_a_rail_that_goes_once_from_one_station_to_the_other_is_followed(random_order, share):
+    q = random_order.states.q_rad.copy()
+    q[:, 0] = np.arange(ROWS) >= share * ROWS
+    every = random_order.with_states(replace(random_order.states, q_rad=q))
+    assert [str(found) for found, _ in goes_with(every)] == ["joint 1"]
+    assert slow_joints(every.states).tolist() == [True, False, False, False]
+    # In random order it goes with nothing.
+    q[:, 0] = np.random.default_rng(3).permutation(q[:, 0])
+    every = random_order.with_states(replace(random_order.states, q_rad=q))
+    assert not goes_with(every)
+    assert not slow_joints(every.states).any()
+
+
+def test_a_few_rows_at_another_station_are_no_order(random_order):
+    q = random_order.states.q_rad.copy()
+    q[:, 0] = np.arange(ROWS) >= ROWS - 10
+    assert not goes_with(random_order.with_states(replace(random_order.states, q_rad=q)))
+
+
+def test_a_joint_that_creeps_by_a_microradian_stands_still(random_order):
+    q = random_order.states.q_rad.copy()
+    q[:, 0] = np.linspace(0.0, 1e-6, ROWS)
+    states = replace(random_order.states, q_rad=q)
+    assert not goes_with(random_order.with_states(states))
+    assert [driver.joint for driver in drivers(states)] == [2, 3, 4, 0]
+
+
+def test_a_joint_that_slides_is_called_so(random_order):
     slides = np.array([False, False, True, False])
     (found, _), *_ = goes_with(ordered(random_order, "joint"), slides)
-    assert str(found) == "joint 3 (a rail)"
+    assert str(found) == "joint 3 (sliding)"
 
 
 def test_poses_that_are_measured_again_give_time_in_any_order(random_order):
@@ -125,6 +154,20 @@ def test_places_that_are_visited_again_give_time_whatever_their_labels(random_or
     # Rows that creep along are no places visited again, however near neighbours are.
     creeping = np.linspace(0.0, 0.05, ROWS)[:, None] * np.ones(JOINTS)
     assert not measured_again(every.with_states(replace(every.states, q_rad=creeping)))
+
+
+def test_places_that_are_visited_fifty_times_are_places(random_order):
+    """A robot's repeatability is measured at five places, in many cycles."""
+    rng, count = np.random.default_rng(2), 250
+    q = np.resize(random_order.states.q_rad[:5], (count, JOINTS))
+    states = at_rest(q + 1e-5 * rng.standard_normal(q.shape), time_s=10.0 * np.arange(count))
+    labels = np.array([f"P{k:03d}" for k in range(count)])
+    cycles = Observations.single(labels, states, Unmeasured())
+    assert len(np.unique(with_places(cycles).pose)) == 5
+    assert measured_again(cycles)
+    # A robot that stands still at one place after the other does not come back.
+    stays = cycles.with_states(replace(states, q_rad=np.repeat(q[:5], 50, axis=0)))
+    assert not measured_again(stays)
 
 
 def test_a_joint_that_goes_to_the_other_side_parts_the_rows(random_order):
@@ -305,3 +348,9 @@ def test_rows_that_lie_at_one_end_in_time_are_told(random_order, rows, told):
     assert bool(said) == bool(told)
     assert at_one_end(states.take(backwards), chosen[backwards]) == said
     assert not at_one_end(replace(states, timed=np.zeros(ROWS, dtype=bool)), chosen)
+
+
+def test_hours_are_told_as_hours(random_order):
+    chosen = np.isin(np.arange(ROWS), [*range(20, 32), 70])
+    slow = replace(random_order.states, time_s=36.0 * random_order.states.time_s)
+    assert "the first 3.1 h of 12 h" in at_one_end(slow, chosen)

@@ -85,6 +85,21 @@ def test_every_fifth_row_of_a_path_becomes_stretches_and_it_is_said(folder, tmp_
     assert not (places.unseen & places.between).any()
 
 
+@pytest.mark.parametrize(
+    ("trusted", "counted"),
+    [
+        ([1, 1, 1], [1, 1, 0]),
+        ([1, 0, 1], [1, 0, 0]),
+        ([0, 0, 1], [1, 1, 0]),
+        ([0, 0, 0], [1, 1, 0]),
+    ],
+)
+def test_errors_are_of_unseen_poses_even_where_all_are_suspected(trusted, counted):
+    unseen = np.array([True, True, False])
+    found = HeldOutPlaces(unseen, ~unseen).counted(np.array(trusted, dtype=bool))
+    assert found.tolist() == np.array(counted, dtype=bool).tolist()
+
+
 def test_the_last_part_of_a_path_stays_what_was_stated(folder, tmp_path):
     found = read_campaign(held_out_by(folder, tmp_path, {"last_fraction": 0.2}))
     times = found.held_out.states.time_s

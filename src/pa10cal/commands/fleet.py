@@ -38,7 +38,8 @@ def fleet(
 
     Args:
         campaigns: table of campaigns (.csv) with the column campaign and, where known, arm and
-            measured; or a pattern of folders of --raw-dir, such as '*'.
+            measured (ISO 8601, such as 2026-03-31); or a pattern of folders of --raw-dir, such as
+            '*'.
         raw_dir: folder of the campaigns.
         out: gets a folder of every campaign's name, and the folder fleet.
         cores: how many to use; 0 for all.

@@ -21,8 +21,8 @@ from pa10cal.discovery.rules import TORQUES
 from pa10cal.discovery.verdict import Verdict, is_sought
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.log_errors import errors_of_logs, scatter_about
 from pa10cal.fit.uncertain_weights import weight_sizes
-from pa10cal.fit.weighed_arm import errors_of_logs, scatter_about
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
 from pa10cal.results.discovery import EvidenceByTorques

@@ -10,25 +10,27 @@ first moments [kg m], then the tool's mass and two tilts of gravity (columns of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pa10cal.arm.chain import Chain, frames
+from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import Payload
-from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, spread
+from pa10cal.arrays import Array, spread
+from pa10cal.fit.assumed_weights import implausible_masses, with_assumed_weights
 from pa10cal.fit.loads import statics_of
+from pa10cal.fit.log_errors import ErrorsShown, errors_of_logs, scatter_about
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.results.calibration import InputFinding
-from pa10cal.results.record import HALF_WIDTH_95
+from pa10cal.results.record import plain_number, with_half_width_95
 from pa10cal.rules import MASSES
 from pa10cal.terms.model import Model
 
@@ -44,12 +46,21 @@ def weighed_arm(
 ) -> Arm:
     """Return the arm of a campaign with weights and their uncertainties.
 
+    | weights stated | torques logged              | weights of the arm | by the log          |
+    |----------------|-----------------------------|--------------------|---------------------|
+    | none           | none, or not of its weights | assumed            | nothing             |
+    | none           | of its weights              | those of the log   | tool and covariance |
+    | yes            | none, or not of its weights | stated             | nothing             |
+    | yes            | as calculated               | stated             | all differences     |
+    | yes            | contradict an inner link    | those of the log   | tool and covariance |
+    | yes            | contradict last link, tool  | stated             | all differences     |
+
     Args:
         every: all readings of the campaign.
         payload_of: returns what an arm carries; None for an arm without masses.
         total_kg: mass of the whole arm as stated in a catalogue; None where not stated.
     """
-    why = _implausible_masses(arm, total_kg)
+    why = implausible_masses(arm, total_kg)
     if why:
         total_kg = None  # it or the masses of the links are wrong, and nothing says which
         arm = replace(arm, mass_kg=None, com_m=None)
@@ -57,47 +68,37 @@ def weighed_arm(
     if why and arm.weights_known is not None:
         arm = replace(arm, weights_known=replace(arm.weights_known, why=why))
     payload = payload_of(arm)
+    torques = None if payload is None else _torques_of_weights(arm, payload, every)
+    return arm if torques is None else _weighed_by(torques)
+
+
+def _torques_of_weights(arm: Arm, payload: Payload, every: Observations) -> _LoggedTorques | None:
+    """Return the logged torques of calibration poses; None where they are none of weights."""
     grid = with_arrivals(every, arm)[0].of_kind("grid")
-    if payload is None or not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
-        return arm
+    if not len(grid) or not np.isfinite(grid.states.tau_Nm).all():
+        return None
     if not np.linalg.norm(payload.gravity_m_s2):
-        return arm
+        return None
     poses = average_repeats(grid)
     repeated = len(grid) - len(poses) > MASSES.repeated_share * len(grid)
     poses = poses.take(np.unique(spread(len(poses), MASSES.most_poses)))
     torques = _LoggedTorques.of(arm, payload, poses, repeated=repeated)
-    if not torques.are_of_weights:
-        return arm
+    return torques if torques.are_of_weights else None
+
+
+def _weighed_by(torques: _LoggedTorques) -> Arm:
+    """Return the arm with the weights that its torques have, as far as they follow them."""
+    arm = torques.arm
     if arm.weights_known is not None:
-        return torques.weighed() if torques.follow_calculated else arm
+        return torques.arm_by_log_alone() if torques.follow_calculated else arm
     if torques.follow_calculated:
-        corrected = torques.without_contradiction()
-        if corrected.weights_known is None:
-            known = replace(weights_known(corrected), by_log=torques.by_log())
-            corrected = replace(corrected, weights_known=known)
-        return corrected
-    # One link may be stated so wrongly. If it takes more, the signs of the torques or the direction
+        return torques.arm_less_contradictions(torques.contradictions(arm.n))
+    # One part may be stated so wrongly. If it takes more, the signs of the torques or the direction
     # of gravity are as likely.
-    corrected = torques.without_contradiction(most=1)
-    of_corrected = _LoggedTorques.of(corrected, payload, poses, repeated=repeated)
-    return corrected if of_corrected.follow_calculated else arm
-
-
-def without_torque_errors(every: Observations, arm: Arm) -> Observations:
-    """Return readings without the zeros and friction that the weighed arm has of their torques.
-
-    A fit takes the zero of a torque, through a spring, as one of the joint, and friction of a motor
-    as lost motion. Predictions calculate torques from the weights, which have neither.
-    """
-    by_log = weights_known(arm).by_log
-    if by_log is None or not (by_log.zero_Nm.any() or by_log.friction_Nm.any()):
-        return every
-    tau_Nm = every.states.tau_Nm
-    if len(by_log.zero_Nm):
-        tau_Nm = tau_Nm - by_log.zero_Nm
-    if len(by_log.friction_Nm):
-        tau_Nm = tau_Nm - by_log.friction_Nm * with_arrivals(every, arm)[0].states.arrival
-    return every.with_states(replace(every.states, tau_Nm=tau_Nm))
+    one = torques.contradictions(1)
+    if one and torques.less_error_of(one[0].part).follow_calculated:
+        return torques.arm_less_contradictions(one)
+    return arm
 
 
 def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
@@ -116,70 +117,6 @@ def weights_finding(arm: Arm) -> tuple[InputFinding, ...]:
     )
 
 
-def _implausible_masses(arm: Arm, total_kg: float | None) -> str:
-    """Return why stated masses are implausible; empty where they are plausible or not stated."""
-    if arm.mass_kg is None:
-        return ""
-    if np.isin(arm.mass_kg, MASSES.placeholders_kg).all():
-        return (
-            "the masses of the links are all 0 or 1 kg, as a drawing program exports them where "
-            "none were given: they are treated as not known"
-        )
-    if arm.com_m is not None:
-        far_m = np.linalg.norm(arm.com_m, axis=1)
-        link = int(far_m.argmax())
-        if far_m[link] > arm.reach_m:
-            return (
-                f"the centre of mass of link {link + 1} is stated {far_m[link]:.4g} m from its "
-                f"frame, and the arm reaches {arm.reach_m:.3g} m: masses and centres are treated "
-                "as not known"
-            )
-    sum_kg = float(arm.mass_kg.sum())
-    if total_kg is not None and abs(sum_kg - total_kg) > MASSES.total_off_share * max(
-        sum_kg, total_kg
-    ):
-        return (
-            f"masses.total_kg is {total_kg:g} kg, and the masses of the links add up to "
-            f"{sum_kg:.4g} kg: both are treated as not known"
-        )
-    return ""
-
-
-def errors_of_logs(
-    torque_Nm: Array, rated_Nm: Array, arrival: Array, gain: float = MASSES.gain
-) -> Array:
-    """Return the usual errors of logged torques as columns of unit expected size, (P, n, 3 n).
-
-    Scale errors, friction and zero offsets of the joints.
-
-    Args:
-        torque_Nm, arrival: (P, n) torques of the weights, and directions of arrival.
-        rated_Nm: (n,) rated torques.
-        gain: expected size of a scale error.
-    """
-    diagonal = np.eye(len(rated_Nm))
-    zeros_Nm = np.broadcast_to(
-        MASSES.zero_share * rated_Nm[:, None] * diagonal, (*torque_Nm.shape, len(rated_Nm))
-    )
-    friction_Nm = MASSES.friction_share * (rated_Nm * arrival)[:, :, None] * diagonal
-    return np.concatenate([gain * torque_Nm[:, :, None] * diagonal, friction_Nm, zeros_Nm], axis=2)
-
-
-def scatter_about(
-    columns: Array, torque_Nm: Array, rounds: int, least_Nm: float = 0.0
-) -> tuple[Array, Array]:
-    """Fit torques (P, n) by columns (P, n, k), reweighted by each joint's scatter.
-
-    Returns:
-        Scatter (n,) of the residuals, at least `least_Nm`, and coefficients (k,).
-    """
-    noise_Nm = np.maximum(_spread(torque_Nm - np.median(torque_Nm, axis=0)), least_Nm)
-    for _ in range(rounds):
-        x = Gaussian.of(columns / noise_Nm[:, None], torque_Nm / noise_Nm).mean
-        noise_Nm = np.maximum(_spread(torque_Nm - columns @ x), least_Nm)
-    return noise_Nm, x
-
-
 class _WeightFit(NamedTuple):
     """Weights fitted to logged torques."""
 
@@ -190,22 +127,24 @@ class _WeightFit(NamedTuple):
     errors_std: Array  # (c,) their standard uncertainties
 
 
-class _ErrorsShown(NamedTuple):
-    """Zeros and friction that logged torques show."""
+class _Part(NamedTuple):
+    """A mass or a centre that may be stated wrongly, of a link or of the tool."""
 
-    zero_Nm: Array = np.zeros(0)  # (n,), 0 where not shown; empty where no joint shows one
-    friction_Nm: Array = np.zeros(0)  # the same, by the direction of arrival
-    u_friction_Nm: Array = np.zeros(0)  # its standard uncertainty
-    said: str = ""  # the large ones, and what to do; empty for none
+    link: int  # number of the link, from 0; n for the tool
+    what: Literal["mass", "centre"]
+    columns: tuple[int, ...]  # which of `amounts` it is
+    wide: float  # standard uncertainty of these where nothing is known
 
 
 class _Contradiction(NamedTuple):
     """A stated mass or centre that logged torques contradict."""
 
-    link: int  # its number, from 0
-    part: str  # `mass` or `centre`
-    freed: Array  # (4 n + 3,) standard uncertainties with that of this part widened
-    objective: float  # of the fit with these
+    part: _Part
+    objective: float  # of the fit with this part freed
+    # Another part, where freeing it explains about as much. Torques are of products of mass and
+    # lever, and centres along the axis of a joint look the same on both sides of it: base
+    # parameters (Gautier and Khalil, IEEE Trans. Robot. Autom. 6(3), 1990).
+    or_part: _Part | None = None
 
 
 @dataclass(frozen=True)
@@ -260,83 +199,151 @@ class _LoggedTorques:
         """Return whether logged torques, less zeros, correlate with those of the weights."""
         calculated_Nm = self.logged_Nm - self.residual_Nm
         less_zeros_Nm = (
-            calculated_Nm + self._without(self._errors_shown(self._any_sizes)).residual_Nm
+            calculated_Nm + self._less_errors(self._errors_shown(self._any_sizes)).residual_Nm
         )
         product = float(np.sum(calculated_Nm * less_zeros_Nm))
         size = np.linalg.norm(calculated_Nm) * np.linalg.norm(less_zeros_Nm)
         return bool(product > MASSES.follows * size)
 
-    def weighed(self) -> Arm:
+    def arm_by_log_alone(self) -> Arm:
         """Return the arm, which states no weights, with those fitted to its torques."""
-        sizes = weight_sizes(self.arm, self.payload).columns(self.arm)
-        return self._with(sizes, weights_known(self.arm).why)
+        return self._arm_of_fit(self._stated_sizes, weights_known(self.arm).why)
 
-    def without_contradiction(self, most: int | None = None) -> Arm:
+    def arm_less_contradictions(self, contradictions: list[_Contradiction]) -> Arm:
         """Return the arm with those masses and centres corrected that the torques contradict.
 
-        Link by link, the mass or centre is freed that alone explains most.
-
-        Args:
-            most: number of links at most; None for all.
+        Last link and tool are told together, as either may be wrong: where only they are
+        contradicted, or nothing is, the arm stays as stated, and predictions go by the log.
         """
-        arm, contradictions = self.arm, list[_Contradiction]()
-        sizes = weight_sizes(arm, self.payload).columns(arm)
-        freed, objective = sizes, self._solve(sizes).objective
-        for _ in range(most or arm.n):
-            strongest = self._strongest_contradiction(sizes, freed)
-            if strongest is None or (objective - strongest.objective) / 2.0 < MASSES.needed_nats:
-                break
-            contradictions.append(strongest)
-            freed, objective = strongest.freed, strongest.objective
-        if not contradictions:
-            return arm
-        if any(each.link == arm.n - 1 for each in contradictions):
-            # The tool may be as wrong as the link that carries it: the verdict tells them apart.
-            why = (
-                f"logged torques contradict the mass or the centre stated of link {arm.n}, or of "
-                "the tool"
+        arm = self.arm
+        parts = [each.part for each in contradictions]
+        inner = [each for each in contradictions if each.part.link < arm.n - 1]
+        clauses = [self._contradiction_text(each, parts) for each in inner]
+        outer = [each for each in contradictions if each.part.link >= arm.n - 1]
+        if outer:
+            links = {each.or_part.link + 1 for each in outer if each.or_part} | {arm.n}
+            named = " or ".join(f"link {link}" for link in sorted(links) if link <= arm.n)
+            clauses.append(
+                f"logged torques contradict the mass or the centre stated of {named}, or of the "
+                "tool"
             )
-            return replace(arm, weights_known=replace(weights_known(arm), why=why))
-        corrected = self._with(freed, "")
-        assert corrected.weights_known is not None
-        why = "; ".join(_contradiction_text(arm, corrected, each) for each in contradictions)
-        return replace(corrected, weights_known=replace(corrected.weights_known, why=why))
+        why = "; ".join(clauses)
+        if inner:
+            return self._arm_of_fit(self._freed(parts), why)
+        known = weights_known(arm)
+        return replace(
+            arm, weights_known=replace(known, why=why or known.why, by_log=self.by_log(parts))
+        )
 
-    def _strongest_contradiction(self, sizes: Array, freed: Array) -> _Contradiction | None:
-        """Return the mass or centre of a link whose freeing explains most; None without one.
+    def less_error_of(self, part: _Part) -> _LoggedTorques:
+        """Return the torques compared with those of this part as they have it, all else stated."""
+        sizes, columns = self._freed([part]), list(part.columns)
+        amounts = self._in_scale_of_log(sizes, self._errors_shown(sizes)).amounts[columns]
+        return replace(self, residual_Nm=self.residual_Nm - self.by_weights[..., columns] @ amounts)
+
+    def contradictions(self, most: int) -> list[_Contradiction]:
+        """Return what the torques contradict, part by part that which alone explains most.
 
         Args:
-            sizes: (4 n + 3,) standard uncertainties as stated.
-            freed: the same with those widened that were found wrong before.
+            most: number of parts at most.
         """
-        arm, mass_kg = self.arm, self.arm.mass_kg
-        assert mass_kg is not None
-        reach_m = MASSES.centre_share * (1.0 + MASSES.drives_share) * arm.reach_m
-        found = []
-        for link in range(arm.n):
-            first = 4 * link
-            for part, columns, wide in (
-                ("mass", [first], float(mass_kg.max())),
-                ("centre", [first + 1, first + 2, first + 3], reach_m * mass_kg[link]),
-            ):
-                widened = freed.copy()
-                widened[columns] = np.maximum(wide, freed[columns])
-                fit = self._solve(widened)
-                errors = np.abs(fit.amounts[columns]) / np.maximum(sizes[columns], _NO_SIZE)
-                if errors.max() > MASSES.off_errors:
-                    found.append(_Contradiction(link, part, widened, fit.objective))
-        return min(found, key=lambda each: each.objective, default=None)
+        found = list[_Contradiction]()
+        objective = self._solve(self._stated_sizes).objective
+        while len(found) < most:
+            by_objective = self._contradicted_beside([each.part for each in found])
+            if not by_objective:
+                break
+            strongest = by_objective[0]
+            if (objective - strongest.objective) / 2.0 < MASSES.needed_nats:
+                break
+            found.append(self._with_alternative(by_objective))
+            objective = found[-1].objective
+        return found
 
-    def by_log(self) -> WeighedByLog:
+    def _with_alternative(self, by_objective: list[_Contradiction]) -> _Contradiction:
+        """Return the strongest contradiction, with another that torques hardly tell from it.
+
+        One of the last link or the tool goes first: a campaign states its tool by hand, and an arm
+        is described once.
+        """
+        strongest, last = by_objective[0], self.arm.n - 1
+        for other in by_objective[1:]:
+            nats = (other.objective - strongest.objective) / 2.0
+            if strongest.part.link < last <= other.part.link and nats < MASSES.alike_nats:
+                return other._replace(or_part=strongest.part)
+            if strongest.part.link == other.part.link and nats < MASSES.needed_nats:
+                return strongest._replace(or_part=other.part)
+        return strongest
+
+    def _contradicted_beside(self, freed: list[_Part]) -> list[_Contradiction]:
+        """Return the parts that torques contradict beside those freed, the strongest first."""
+        found = []
+        for part in self._parts:
+            columns = list(part.columns)
+            fit = self._solve(self._freed([*freed, part]))
+            least = np.maximum(self._stated_sizes[columns], _NO_SIZE)
+            if np.max(np.abs(fit.amounts[columns]) / least) > MASSES.off_errors:
+                found.append(_Contradiction(part, fit.objective))
+        return sorted(found, key=lambda each: each.objective)
+
+    @cached_property
+    def _stated_sizes(self) -> Array:
+        """Return the standard uncertainties (4 n + 3,) of the weights as stated."""
+        return weight_sizes(self.arm, self.payload).columns(self.arm)
+
+    @cached_property
+    def _parts(self) -> tuple[_Part, ...]:
+        """Return masses and centres that may be stated wrongly.
+
+        The centre of the last link is that of the tool as well.
+        """
+        mass_kg, n = self.arm.mass_kg, self.arm.n
+        assert mass_kg is not None
+        tool_kg = self.payload.mass_kg if self.payload.known else 0.0
+        most_kg = float(max(mass_kg.max(), tool_kg))
+        reach_m = MASSES.centre_share * (1.0 + MASSES.drives_share) * self.arm.reach_m
+        parts = []
+        for link, kg in enumerate(mass_kg.tolist()):
+            mass, carried_kg = 4 * link, kg + (tool_kg if link == n - 1 else 0.0)
+            centre = (mass + 1, mass + 2, mass + 3)
+            parts.append(_Part(link, "mass", (mass,), most_kg))
+            parts.append(_Part(link, "centre", centre, reach_m * carried_kg))
+        if tool_kg > 0.0:
+            parts.append(_Part(n, "mass", (4 * n,), most_kg))
+        return tuple(parts)
+
+    def _freed(self, parts: Iterable[_Part]) -> Array:
+        """Return the uncertainties (4 n + 3,) as stated, with those of some parts widened."""
+        sizes = self._stated_sizes.copy()
+        for part in parts:
+            columns = list(part.columns)
+            sizes[columns] = np.maximum(part.wide, sizes[columns])
+        return sizes
+
+    def _contradiction_text(self, contradiction: _Contradiction, freed: list[_Part]) -> str:
+        """Return a clause with what is stated of a link and what is in the log."""
+        link, part, or_part = contradiction.part.link, contradiction.part, contradiction.or_part
+        beside = [each for each in freed if each is not part]
+        clauses = []
+        for each in filter(None, (part, or_part)):
+            sizes = self._freed([*beside, each])
+            of_log = self._in_scale_of_log(sizes, self._errors_shown(sizes))
+            clauses.append(_part_text(self.arm, each, of_log.amounts))
+        text = ", or else ".join(clauses)
+        if or_part is None:
+            return text
+        return f"the mass or the centre of link {link + 1} is stated wrongly: {text}"
+
+    def by_log(self, contradicted: Iterable[_Part] = ()) -> WeighedByLog:
         """Return stated weights, known to their uncertainty, updated by the torques.
 
-        One mass that the torques contradict most, of a link or the tool, is determined by them
-        alone.
+        Contradicted parts are determined by the torques alone, and so is that one mass, of a link
+        or the tool, that they contradict most.
         """
         arm, tool_kg = self.arm, self.payload.mass_kg if self.payload.known else 0.0
         assert arm.mass_kg is not None
         stated_kg = np.append(arm.mass_kg, tool_kg)
-        sizes = weight_sizes(arm, self.payload).columns(arm)
+        sizes = self._freed(contradicted)
         freed, text, most_errors = sizes, "", MASSES.differs_errors
         for k in np.flatnonzero(stated_kg > 0.0):
             mass = 4 * k
@@ -344,24 +351,31 @@ class _LoggedTorques:
             widened[mass] = max(float(stated_kg.max()), sizes[mass])
             fit = self._solve(widened)
             std_kg = float(np.sqrt(fit.covariance[mass, mass]))
-            errors = abs(float(fit.amounts[mass])) / float(np.hypot(std_kg, sizes[mass]))
+            u_kg = float(np.hypot(std_kg, self._stated_sizes[mass]))
+            errors = abs(float(fit.amounts[mass])) / u_kg
             if errors > most_errors:
                 part = "the tool" if k == arm.n else f"link {k + 1}"
+                log_kg = with_half_width_95(float(stated_kg[k] + fit.amounts[mass]), std_kg)
                 text = (
-                    f"{part} is stated with {stated_kg[k]:.3g} kg, and logged torques have it at "
-                    f"{stated_kg[k] + fit.amounts[mass]:.3g} ± {HALF_WIDTH_95 * std_kg:.1g} kg: "
-                    "predictions go by the log"
+                    f"{part} is stated with {plain_number(stated_kg[k])} kg, and logged torques "
+                    f"have it at {log_kg} kg: predictions go by the log"
                 )
                 freed, most_errors = widened, errors
         of_log = self._errors_shown(freed)
-        # Springs are fitted to torques with the log's scale errors, and predictions need torques
-        # with the same scale: the columns of scale errors, the first n, are left out.
-        without = self._without(of_log)
-        fit = replace(without, nuisance=without.nuisance[:, :, arm.n :])._solve(freed)
+        fit = self._in_scale_of_log(freed, of_log)
         said = "; ".join(filter(None, (text, of_log.said)))
         return WeighedByLog(fit.amounts, fit.covariance, said, *of_log[:3])
 
-    def _without(self, errors: _ErrorsShown) -> _LoggedTorques:
+    def _in_scale_of_log(self, sizes: Array, errors: ErrorsShown) -> _WeightFit:
+        """Fit weights to torques less their errors.
+
+        Springs are fitted to torques with the log's scale errors, and predictions need torques with
+        the same scale: the columns of scale errors, the first n, are left out.
+        """
+        without = self._less_errors(errors)
+        return replace(without, nuisance=without.nuisance[:, :, self.arm.n :])._solve(sizes)
+
+    def _less_errors(self, errors: ErrorsShown) -> _LoggedTorques:
         """Return the torques less their zeros and friction."""
         residual_Nm = self.residual_Nm
         if len(errors.zero_Nm):
@@ -370,7 +384,7 @@ class _LoggedTorques:
             residual_Nm = residual_Nm - errors.friction_Nm * self.arrival
         return replace(self, residual_Nm=residual_Nm)
 
-    def _errors_shown(self, sizes: Array) -> _ErrorsShown:
+    def _errors_shown(self, sizes: Array) -> ErrorsShown:
         """Return what the torques show beside weights of these uncertainties (4 n + 3,).
 
         Zeros no larger than those of usual logs are not told. Friction is that of motors and gears,
@@ -391,13 +405,14 @@ class _LoggedTorques:
             )
         if friction_shown.any():
             most = friction_shown & (friction_Nm == friction_Nm[friction_shown].max())
+            count = int(friction_shown.sum())
             said.append(
-                f"logged torques hold friction at {friction_shown.sum()} joints, at the most "
+                f"logged torques hold friction at {count} joint{'s' * (count > 1)}, at the most "
                 f"{self._listed(friction_Nm, u_friction_Nm, most)}, which is taken out before the "
                 "fit"
             )
         none = np.zeros(0)
-        return _ErrorsShown(
+        return ErrorsShown(
             np.where(zero_shown, zero_Nm, 0.0) if zero_shown.any() else none,
             np.where(friction_shown, friction_Nm, 0.0) if friction_shown.any() else none,
             np.where(friction_shown, u_friction_Nm, 0.0) if friction_shown.any() else none,
@@ -407,7 +422,7 @@ class _LoggedTorques:
     def _listed(self, torque_Nm: Array, u_Nm: Array, told: NDArray[np.bool_]) -> str:
         """Return torques (n,) with their intervals in words, of the joints that are told (n,)."""
         return ", ".join(
-            f"{torque_Nm[j]:+.3g} ± {HALF_WIDTH_95 * u_Nm[j]:.1g} "
+            f"{with_half_width_95(torque_Nm[j], u_Nm[j], sign='+')} "
             f"{'N' if self.arm.prismatic[j] else 'N m'} at joint {j + 1}"
             for j in np.flatnonzero(told)
         )
@@ -471,8 +486,11 @@ class _LoggedTorques:
         """Return lower bounds of all unknowns over their sizes: every mass stays above zero."""
         lower, mass_kg = np.full(column_count, -np.inf), self.arm.mass_kg
         assert mass_kg is not None
-        at = 4 * np.flatnonzero((mass_kg > 0.0) & (sizes[: 4 * self.arm.n : 4] > 0.0))
-        lower[at] = -(1.0 - MASSES.least_share) * mass_kg[at // 4] / sizes[at]
+        described_kg = np.append(mass_kg, self.payload.mass_kg)  # the tool's is the last
+        masses = 4 * np.arange(len(described_kg))
+        bounded = (described_kg > 0.0) & (sizes[masses] > 0.0)
+        least_kg = -(1.0 - MASSES.least_share) * described_kg[bounded]
+        lower[masses[bounded]] = least_kg / sizes[masses[bounded]]
         return lower
 
     @cached_property
@@ -490,14 +508,14 @@ class _LoggedTorques:
         scaled = MASSES.any_sizes * columns
         return scatter_about(scaled, self.residual_Nm, _REWEIGHTED, least_Nm)[0]
 
-    def _with(self, sizes: Array, why: str) -> Arm:
+    def _arm_of_fit(self, sizes: Array, why: str) -> Arm:
         """Return the arm with fitted masses and centres, and their uncertainty.
 
         Args:
             sizes: (4 n + 3,) standard uncertainties of the weights before the fit.
         """
         errors = self._errors_shown(sizes)
-        fit = self._without(errors)._solve(sizes)
+        fit = self._in_scale_of_log(sizes, errors)
         arm, amounts = self.arm, fit.amounts
         assert arm.mass_kg is not None
         assert arm.com_m is not None
@@ -526,66 +544,20 @@ class _LoggedTorques:
         return replace(arm, mass_kg=mass_kg, com_m=com_m, weights_known=known)
 
 
-def _contradiction_text(stated: Arm, corrected: Arm, contradiction: _Contradiction) -> str:
+def _part_text(arm: Arm, part: _Part, amounts: Array) -> str:
     """Return one clause with the stated mass or centre of a link and the one in the log."""
-    link = contradiction.link
-    assert stated.mass_kg is not None
-    assert stated.com_m is not None
-    assert corrected.mass_kg is not None
-    assert corrected.com_m is not None
-    if contradiction.part == "mass":
+    assert arm.mass_kg is not None
+    assert arm.com_m is not None
+    link = part.link
+    mass_kg, com_m = arm.mass_kg[link], arm.com_m[link]
+    log_kg, moment_kg_m = mass_kg + amounts[4 * link], amounts[4 * link + 1 : 4 * link + 4]
+    if part.what == "mass":
         return (
-            f"link {link + 1} is stated with {stated.mass_kg[link]:.4g} kg, and logged torques "
-            f"have it at {corrected.mass_kg[link]:.3g} kg"
+            f"link {link + 1} is stated with {plain_number(mass_kg, 4)} kg, and logged torques "
+            f"have it at {plain_number(log_kg)} kg"
         )
+    log_m = com_m + moment_kg_m / max(log_kg, _NO_MASS_KG)
     return (
-        f"the centre of mass of link {link + 1} is stated at "
-        f"{np.round(stated.com_m[link], 3).tolist()} m, and the logged torques have it at "
-        f"{np.round(corrected.com_m[link], 3).tolist()} m"
+        f"the centre of mass of link {link + 1} is stated at {np.round(com_m, 3).tolist()} m, and "
+        f"the logged torques have it at {np.round(log_m, 3).tolist()} m"
     )
-
-
-def _spread(residual_Nm: Array) -> Array:
-    """Return the scatter (n,) of each joint's residuals (P, n), from the median of their size."""
-    sigma_Nm = MEDIAN_TO_SIGMA * np.median(np.abs(residual_Nm), axis=0)
-    return np.asarray(np.maximum(sigma_Nm, MASSES.least_of_largest * sigma_Nm.max()))
-
-
-# Weights assumed from the lengths of an arm's links, where its description states none.
-
-
-def with_assumed_weights(arm: Arm, total_kg: float | None = None) -> Arm:
-    """Return an arm with weights: itself where it states them, else with assumed ones.
-
-    Assumed masses add up to the total, where it is known.
-    """
-    if arm.mass_kg is not None:
-        return arm
-    near_m, far_m = _ends(arm)
-    length_m = np.linalg.norm(far_m - near_m, axis=1)
-    size_m = length_m + MASSES.drives_share * arm.reach_m
-    mass_kg = size_m / size_m.sum()
-    mass_kg *= MASSES.kg_at_1_m * arm.reach_m**MASSES.length_power if total_kg is None else total_kg
-    known = WeightsKnown(
-        "assumed" if total_kg is None else "total",
-        np.full(arm.n, MASSES.u_mass if total_kg is None else MASSES.u_mass_of_total),
-        MASSES.centre_share * size_m,
-    )
-    return replace(arm, mass_kg=mass_kg, com_m=0.5 * (near_m + far_m), weights_known=known)
-
-
-def _ends(arm: Arm) -> tuple[Array, Array]:
-    """Return start and end of each link, (n, 3) both, in the frame of its own row [m].
-
-    A link starts at its joint and ends at the next one; the last link ends at the end-effector.
-    """
-    chain = Chain.of(arm)
-    at = frames(chain, chain.coordinates(np.zeros((1, arm.n))))
-    places = np.concatenate([at.T_base_joints[:, 0, :3, 3], at.T_base_ee[:, :3, 3]])
-    rows = at.T_base_rows[:, 0]
-
-    def in_rows(p_base: Array) -> Array:
-        in_row: Array = np.einsum("jba,jb->ja", rows[:, :3, :3], p_base - rows[:, :3, 3])
-        return in_row
-
-    return in_rows(places[:-1]), in_rows(places[1:])

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import get_args
 
-from pa10cal.errors import Pa10calError
+from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.output import csv_text
 from pa10cal.fleet.campaigns import Listed, in_order
 from pa10cal.results.calibration import UNRESERVED
@@ -32,19 +32,17 @@ _NOTHING_OPEN = ("none", "named", "not_sought")
 def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
     """Return the outcome of every campaign and the status of every arm, from their results.
 
-    A campaign without a `chain.json` counts as one that the machine ended.
+    A campaign without a `chain.json` counts as one that the machine ended, and one whose
+    `chain.json` cannot be read as failed.
 
     Args:
         listed: campaigns of the fleet.
         results_dir: holds a folder of results for each.
-
-    Raises:
-        RecordError: when a `chain.json` cannot be read.
     """
     by_name: dict[str, FleetCampaign] = {}
     arms = []
     for arm, campaigns_of_arm in in_order(listed).items():
-        previous: Path | None = None  # results of the arm's last campaign that gave a model
+        previous: Path | None = None  # results of the arm's last campaign with a sound model
         for campaign in campaigns_of_arm:
             folder = results_dir / campaign.campaign
             outcome = _outcome(campaign.campaign, folder)
@@ -52,7 +50,8 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
             if outcome.status == "done":
                 if previous is not None:
                     agrees, moved = _compared(previous, folder)
-                previous = folder
+                if not _is_faulty(outcome):
+                    previous = folder
             last = by_name[campaign.campaign] = FleetCampaign(
                 arm=arm,
                 campaign=campaign.campaign,
@@ -81,9 +80,12 @@ def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
 
 
 def _outcome(campaign: str, folder: Path) -> ChainRecord:
-    """Return the `chain.json` of a campaign, or one that says that there is none."""
+    """Return the `chain.json` of a campaign, or one that says why there is none."""
     if (folder / ChainRecord.FILE).exists():
-        return read(ChainRecord, folder / ChainRecord.FILE, within=folder)
+        try:
+            return read(ChainRecord, folder / ChainRecord.FILE, within=folder)
+        except RecordError as error:  # the other campaigns keep their table
+            return ChainRecord(campaign=campaign, status="fault", message=str(error))
     log = folder / "logs/chain.log"
     return ChainRecord(campaign=campaign, status="ended", message=f"it left no outcome; see {log}")
 
@@ -113,9 +115,10 @@ def _compared(previous: Path, current: Path) -> tuple[bool | None, str]:
         comparison = compare_models(*models, names=(previous.name, current.name))
     except Pa10calError as error:
         return None, str(error)
-    if comparison.agree or comparison.what_moved is None:
+    what = comparison.what_moved
+    if what is None or (comparison.agree and not what.moved):
         return comparison.agree, comparison.line
-    return comparison.agree, f"{comparison.what_moved.line}; {comparison.line}"
+    return comparison.agree, f"{what.line}; {comparison.line}"
 
 
 def _attention(last: FleetCampaign) -> tuple[Attention, str]:
@@ -124,16 +127,21 @@ def _attention(last: FleetCampaign) -> tuple[Attention, str]:
     if outcome.status != "done":
         return "no_result", ": ".join(filter(None, (outcome.stage, outcome.message)))
     grade = f"{outcome.grade}: {outcome.line}"
-    if outcome.grade not in UNRESERVED:
-        return "input", grade
     notes = "; ".join(outcome.notes or ())
-    if outcome.verdict in _FAULTY_DATA:
-        return "input", notes or grade
+    if _is_faulty(outcome):
+        return "input", grade if outcome.grade not in UNRESERVED else notes or grade
     if last.agrees is False:
         return "moved", str(last.moved)
     if outcome.verdict not in _NOTHING_OPEN:
         return "incomplete", notes or grade
+    if last.agrees is None and last.moved:
+        return "none", f"{grade}; not compared with the campaign before: {last.moved}"
     return "none", grade
+
+
+def _is_faulty(outcome: ChainRecord) -> bool:
+    """Return whether a model is of data with an error, or its fit did not converge."""
+    return outcome.grade not in UNRESERVED or outcome.verdict in _FAULTY_DATA
 
 
 def fleet_csv(fleet: FleetRecord) -> str:

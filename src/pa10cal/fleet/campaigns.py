@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from pa10cal.errors import ALLOWED, SettingsError, fits_a_folder
@@ -13,6 +15,10 @@ from pa10cal.input_files import read_csv, reason
 _MOST_BYTES = 4 * 1024**2
 #: Columns of the table; the first is required.
 _COLUMNS = ("campaign", "arm", "measured")
+#: A date, or a part of one, and a time: by ISO 8601, so that its text sorts by time.
+_ISO_8601 = re.compile(
+    r"\d{4}(-\d{2}(-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d+)?)?Z?)?)?)?", flags=re.ASCII
+)
 
 
 @dataclass(frozen=True)
@@ -21,7 +27,7 @@ class Listed:
 
     campaign: str  # name of its folder
     arm: str  # name of the arm that was measured; where not stated, the campaign's own name
-    measured: str = ""  # date or time as text that sorts by time, such as 2026-03-31; may be empty
+    measured: str = ""  # date or time by ISO 8601, such as 2026-03-31; empty where not known
 
 
 def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
@@ -34,7 +40,8 @@ def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
 
     Raises:
         SettingsError: when there are none, the table cannot be read, has unknown columns or a row
-            of another length than its header, or a name is not fit for a folder or stands twice.
+            of another length than its header, `measured` is no date by ISO 8601 or stands for some
+            campaigns of an arm alone, or a name is not fit for a folder or stands twice.
     """
     if asked.endswith(".csv"):
         return _checked(_of_table(Path(asked)), asked)
@@ -60,7 +67,7 @@ def in_order(listed: Iterable[Listed]) -> dict[str, list[Listed]]:
     for campaign in listed:
         by_arm.setdefault(campaign.arm, []).append(campaign)
     return {
-        arm: sorted(campaigns, key=lambda campaign: campaign.measured)
+        arm: sorted(campaigns, key=lambda campaign: campaign.measured.replace(" ", "T"))
         for arm, campaigns in by_arm.items()
     }
 
@@ -106,9 +113,43 @@ def _of_table(path: Path) -> list[tuple[str, Listed]]:
                 remedy="complete the row, or remove what is too much",
             )
         cells = dict(zip(header, row, strict=True))
-        name = cells["campaign"]
-        listed.append((where, Listed(name, cells.get("arm") or name, cells.get("measured", ""))))
+        name, measured = cells["campaign"], cells.get("measured", "")
+        if measured and not _is_iso_8601(measured):
+            raise SettingsError(
+                "no date of a campaign",
+                where=where,
+                value=measured,
+                allowed="a date or time by ISO 8601, such as 2026-03-31 or 2026-03-31T14:05",
+                remedy="write the year first, then month and day with two digits each",
+            )
+        listed.append((where, Listed(name, cells.get("arm") or name, measured)))
+    _refuse_some_dates(listed)
     return listed
+
+
+def _is_iso_8601(text: str) -> bool:
+    """Return whether a text is a date or time, or the beginning of one, by ISO 8601."""
+    if not _ISO_8601.fullmatch(text):
+        return False
+    try:
+        datetime.fromisoformat(text if len(text) > 7 else text + "0000-01-01"[len(text) :])
+    except ValueError:
+        return False
+    return True
+
+
+def _refuse_some_dates(listed: list[tuple[str, Listed]]) -> None:
+    """Refuse arms that have a date for some of their campaigns, and none for others."""
+    dated = {campaign.arm for _, campaign in listed if campaign.measured}
+    for where, campaign in listed:
+        if campaign.arm in dated and not campaign.measured:
+            raise SettingsError(
+                "some campaigns of an arm have a date, and others none",
+                where=where,
+                value=campaign.campaign,
+                allowed="the column measured for all campaigns of an arm, or for none",
+                remedy="complete the dates: which campaign comes before which depends on them",
+            )
 
 
 def _checked(listed: list[tuple[str, Listed]], asked: str) -> tuple[Listed, ...]:

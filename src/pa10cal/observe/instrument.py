@@ -332,9 +332,14 @@ class Instrument(ABC):
 
     @property
     def spread_mm(self) -> float:
-        """Return the root mean square distance of positions or distances from their mean."""
-        places_m = self.places_m.reshape(-1, self.places_m.shape[2])
-        return 1e3 * float(np.sqrt(np.sum(np.nanvar(places_m, axis=0))))
+        """Return the root mean square distance of positions or distances from their mean.
+
+        The mean is that of each target: how far targets are from each other does not count.
+        """
+        count = np.isfinite(self.places_m).all(axis=2).sum(axis=0)
+        seen = count > 0
+        variance_m2 = np.nanvar(self.places_m[:, seen], axis=0).sum(axis=1)
+        return 1e3 * float(np.sqrt(np.average(variance_m2, weights=count[seen])))
 
     @classmethod
     @abstractmethod

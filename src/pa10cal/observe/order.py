@@ -17,6 +17,7 @@ from scipy.special import gammaln
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
 from pa10cal.observe.observations import Observations
+from pa10cal.results.record import plain_number
 from pa10cal.rules import ORDER
 
 
@@ -34,7 +35,7 @@ class Driver:
     def __str__(self) -> str:
         if not self.joint:
             return "the load"
-        return f"joint {self.joint}{' (a rail)' if self.slides else ''}"
+        return f"joint {self.joint}{' (sliding)' if self.slides else ''}"
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,11 @@ def drivers(states: PoseStates, prismatic: Mask | None = None) -> tuple[Driver, 
         return ()
     slides = np.zeros(states.n, dtype=bool) if prismatic is None else prismatic
     candidates = [*(Driver(k + 1, bool(slides[k])) for k in range(states.n)), Driver(0)]
-    return tuple(driver for driver in candidates if np.ptp(driver.of(states)) > 0.0)
+    return tuple(
+        driver
+        for driver in candidates
+        if np.ptp(driver.of(states)) > (ORDER.stood_still if driver.joint else 0.0)
+    )
 
 
 def goes_with(
@@ -59,6 +64,7 @@ def goes_with(
 ) -> tuple[tuple[Driver, float], ...]:
     """Return the joints and loads that the order of rows follows, with their rank correlations.
 
+    A correlation is relative to the largest of such values, which is below 1 where many are equal.
     Empty where the same places are measured again at other times under the same load: these
     separate time from everything else. Readings are single readings of one campaign.
     """
@@ -68,7 +74,10 @@ def goes_with(
     time = _ranks(states.time_s)
     followed = []
     for driver in drivers(states, prismatic):
-        correlation = _correlation(time, _ranks(driver.of(states)))
+        ranks = _ranks(driver.of(states))
+        largest = _correlation(np.sort(time), np.sort(ranks))
+        # Where hardly any value differs from the others, these have times of their own.
+        correlation = _correlation(time, ranks) / max(largest, ORDER.of_two_halves)
         if abs(correlation) > ORDER.ordered:
             followed.append((driver, correlation))
     return tuple(followed)
@@ -101,13 +110,20 @@ def with_time_validity(
 def with_places(every: Observations) -> Observations:
     """Give labels whose first readings have the same joint positions one common pose label."""
     _, first, label = np.unique(every.pose, return_index=True, return_inverse=True)
-    tree = cKDTree(every.states.q_rad[first])
+    q = every.states.q_rad[first]
+    tree = cKDTree(q)
     near_count = tree.count_neighbors(tree, ORDER.one_place, p=np.inf)
-    if near_count <= len(first) or near_count > ORDER.most_pairs * len(first):
+    if near_count <= len(first):
         return every
-    pairs = tree.query_pairs(ORDER.one_place, p=np.inf, output_type="ndarray")
-    place = np.arange(len(first))
-    np.minimum.at(place, pairs.max(axis=1), pairs.min(axis=1))
+    if near_count > ORDER.most_near * len(first):
+        moves = np.abs(np.diff(q[np.argsort(every.states.time_s[first], kind="stable")], axis=0))
+        if np.median(moves.max(axis=1)) <= ORDER.one_place:
+            return every  # the robot stood still, and did not come back
+    place = np.full(len(first), -1)
+    for row in range(len(first)):
+        if place[row] < 0:
+            near = np.asarray(tree.query_ball_point(q[row], ORDER.one_place, p=np.inf))
+            place[near[place[near] < 0]] = row
     return replace(every, pose=every.pose[first][place][label.ravel()])
 
 
@@ -141,9 +157,12 @@ def _ranks(values: Array) -> Array:
 def slow_joints(states: PoseStates) -> Mask:
     """Return which joints move little from one pose to the next, (n,)."""
     q_rad = states.q_rad[np.lexsort((states.time_s, campaign_numbers(states)))]
-    steps = np.median(np.abs(np.diff(q_rad, axis=0)), axis=0)
-    spread = np.median(np.abs(q_rad - np.median(q_rad, axis=0)), axis=0)
-    return np.asarray(steps < ORDER.small_moves * spread)
+    steps = np.abs(np.diff(q_rad, axis=0))
+    # The mean: the median is zero for a rail that stands at one of two stations mostly.
+    spread = np.mean(np.abs(q_rad - np.mean(q_rad, axis=0)), axis=0)
+    small = np.median(steps, axis=0) < ORDER.small_moves * spread
+    # A rail that goes to and fro at random stands still in half of the moves.
+    return np.asarray(small & (np.mean(steps, axis=0) < spread))
 
 
 def partings(states: PoseStates, time_s: float, prismatic: Mask | None = None) -> Iterator[Parting]:
@@ -212,8 +231,8 @@ def spread_over_time(poses: Observations, most: int) -> Index:
 
 # Rows that lie together at the beginning or at the end of a campaign.
 
-#: Seconds of a minute (computing).
-_MINUTE_S = 60.0
+#: Seconds of a minute and of an hour (computing).
+_MINUTE_S, _HOUR_S = 60.0, 3600.0
 
 
 def at_one_end(states: PoseStates, chosen: Mask) -> str:
@@ -249,8 +268,15 @@ def at_one_end(states: PoseStates, chosen: Mask) -> str:
     )
     return (
         f"{best + 1} of {count} are among the {end} {upto} of {many} poses, the {end} "
-        f"{part_s / _MINUTE_S:.2g} min of {np.ptp(time_s) / 3600.0:.2g} h: {why}"
+        f"{_duration(part_s)} of {_duration(float(np.ptp(time_s)), _HOUR_S)}: {why}"
     )
+
+
+def _duration(time_s: float, hours_from_s: float = 2.0 * _HOUR_S) -> str:
+    """Return a duration in minutes, or in hours from some duration on."""
+    if time_s < hours_from_s:
+        return f"{plain_number(time_s / _MINUTE_S, 2)} min"
+    return f"{plain_number(time_s / _HOUR_S, 2)} h"
 
 
 def _by_chance(inside: Index, upto: Index, count: int, many: int) -> Array:
@@ -344,7 +370,11 @@ class HeldOutPlaces:
         return cls(unseen if unseen.any() else None, beside if beside.any() else None)
 
     def counted(self, trusted: Mask) -> Mask:
-        """Return the poses (P,) that a reported error is of: the trusted ones, unseen if any."""
+        """Return the poses (P,) that a reported error is of: the trusted ones, unseen if any.
+
+        Where all unseen poses are suspected they count all the same. The model may be what is wrong
+        there, and errors between fitted poses say nothing of it.
+        """
         if self.unseen is None:
             return trusted
         rows = self.unseen & trusted

@@ -45,9 +45,11 @@ class FleetCampaign(Part):
     campaign: str  # name of its folder
     measured: str | None = optional()  # when it was measured, as the table of campaigns says
     became: ChainRecord  # its `chain.json`
-    agrees: bool | None = optional()  # whether its model agrees with the arm's campaign before it
-    # which parameters moved since the arm's campaign before it, and by how much its model differs;
-    # or why they could not be compared
+    # whether its model agrees with that of the arm's last campaign before it of which nothing is
+    # suspected
+    agrees: bool | None = optional()
+    # which parameters moved since that campaign, and by how much its model differs; or why they
+    # could not be compared
     moved: str | None = optional()
 
 

@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates, StaticLoads
 from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError
-from pa10cal.results.record import HALF_WIDTH_95, FaultKind
+from pa10cal.results.record import HALF_WIDTH_95, FaultKind, plain_number, with_half_width_95
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
 from pa10cal.terms.term import (
     OPTIONAL,
@@ -346,9 +346,9 @@ class ToolStated(WeightStated):
         axis = int(np.argmax(np.abs(off_mm)))
         return FaultText(
             "tool.mass_kg, tool.com_mm",
-            f"the tool stated as {self.tool_kg:.3g} kg seems to be {true_kg:.3g} ± "
-            f"{HALF_WIDTH_95 * std[0]:.1g} kg, its centre {off_mm[axis]:+.0f} mm along "
-            f"{'xyz'[axis]}",
+            f"the tool stated as {plain_number(self.tool_kg)} kg seems to be "
+            f"{with_half_width_95(true_kg, float(std[0]))} kg, its centre {off_mm[axis]:+.0f} mm "
+            f"along {'xyz'[axis]}",
             "weigh the tool, and correct its mass and centre in campaign.yaml",
         )
 

@@ -48,7 +48,7 @@ def test_a_tool_stated_wrongly_is_held_everywhere():
     x = np.array([0.6, 0.0, 3.0 * 0.02, 0.0])
     np.testing.assert_allclose(tool.torque_Nm(found(), x), held_Nm, atol=1e-12)
     told = tool.fault_text(x, np.full(4, 0.01))
-    assert "seems to be 3 ± 0.02 kg, its centre +20 mm along y" in told.what
+    assert "seems to be 3.00 ± 0.02 kg, its centre +20 mm along y" in told.what
 
 
 def test_a_load_is_told_as_it_seems_to_be():
