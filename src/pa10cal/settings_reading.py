@@ -115,8 +115,8 @@ def _path_of(section: type[BaseModel], raw: object, loc: tuple[int | str, ...]) 
             inside = {str(key): value for key, value in within.items()}
         elif isinstance(within, list | tuple):
             inside = {str(place): value for place, value in enumerate(within)}
-        name = str(part)
-        if name in inside or name in _section_at(section, path).model_fields:
+        name, in_list = str(part), isinstance(part, int) and isinstance(within, list | tuple)
+        if in_list or name in inside or name in _section_at(section, path).model_fields:
             path, within = (*path, name), inside.get(name)
     return path
 
