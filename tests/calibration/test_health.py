@@ -341,7 +341,7 @@ def test_poses_far_from_the_model_count_in_the_error_that_is_printed():
         "remaining error 0.031 mm rms over the poses fitted (0.017 mm without 2 far" in found.line
     )
     assert RIGID not in found.line
-    rigid = health(ended(), errors(suspected_outliers=2, all_rms_mm=0.031, acquitted=2))
+    rigid = health(ended(), errors(suspected_outliers=2, all_rms_mm=0.031, rigid_outliers=2))
     assert f"in 2 of them {RIGID}" in rigid.line
     assert rigid.outliers_show == f"in 2 of them {RIGID}"
     assert not found.outliers_show

@@ -21,7 +21,14 @@ _MASTERED = " was mastered"
 
 @dataclass(frozen=True)
 class GradeEvidence:
-    """What a grade rests on: a fit summary, and the remaining errors of the calibrated model."""
+    """What a grade rests on: a fit summary, and the remaining errors of the calibrated model.
+
+    Of the errors, all rms of positions: `train_rms_mm` remains at the poses fitted, `error_mm` is
+    that per degree of freedom, `single_mm` of one reading. Of the noise: `noise_mm` as stated or
+    found, `reading_noise_mm` as repeats show it, `noise_with_apparatus_mm` with the places of
+    targets on their apparatus. Of predictions: `u_model_mm` by the parameters, `u_promised_mm` with
+    what the model lacks and uncertain joints.
+    """
 
     ended: FitSummary  # how the fit ended
     # root mean square position error of the poses fitted, without suspected outliers
@@ -30,7 +37,7 @@ class GradeEvidence:
     noise_mm: float | None  # the error that the noise of readings makes, None where not known
     spread_mm: float  # root mean square distance of the measured positions from their mean
     suspected_outliers: int = 0  # number of poses far outside the scatter of the others
-    acquitted: int = 0  # of these, those whose targets keep their distances
+    rigid_outliers: int = 0  # of these, those whose targets keep their distances
     # where in time these lie, in words; empty where chance spreads them
     at_one_end: str = ""
     # the same as `train_rms_mm` with them; None where there are none
@@ -38,7 +45,7 @@ class GradeEvidence:
     noise_is_found: bool = False  # whether `noise_mm` is estimated from repeats, and not stated
     # error by the places of the targets on an apparatus, common to all poses, that the fit leaves
     apparatus_mm: float = 0.0
-    lacks_mm: float = 0.0  # rms of what the model lacks, in the poses fitted
+    discrepancy_mm: float = 0.0  # rms of what the model lacks, in the poses fitted
     joints_mm: float = 0.0  # rms by which stated uncertainties of joint positions put these off
     # scatter of repeats and stated uncertainty, by kind of component
     repeats: tuple[records.RepeatScatter, ...] = ()
@@ -78,7 +85,9 @@ class GradeEvidence:
     @property
     def u_promised_mm(self) -> float:
         """Return the rms standard uncertainty that predictions state in the poses fitted."""
-        return float(np.linalg.norm([self.ended.u_positions_mm, self.lacks_mm, self.joints_mm]))
+        return float(
+            np.linalg.norm([self.ended.u_positions_mm, self.discrepancy_mm, self.joints_mm])
+        )
 
     @property
     def rank(self) -> int:
@@ -96,19 +105,19 @@ class GradeEvidence:
         return tuple(sorted(self.ended.not_identifiable - self.ended.hidden))
 
     @property
-    def soft(self) -> bool:
+    def springs_explain_most(self) -> bool:
         """Return whether springs explain a large part of the squared error with rigid joints."""
         rigid_mm = self.without_springs_mm
         return rigid_mm is not None and self.train_rms_mm**2 < GRADES.mostly_share * rigid_mm**2
 
     @property
     def within_noise(self) -> bool:
-        """Return whether the remaining error is comparable with the noise, whatever its size."""
+        """Return whether the remaining error is not far above the noise."""
         over = self.over_noise
         return over is not None and over < GRADES.stated_ratio
 
     @property
-    def fits_not(self) -> bool:
+    def misfits_arm(self) -> bool:
         """Return whether the error is larger than calibrated arms have, and than the noise."""
         return self.train_rms_mm > GRADES.no_fit_share * self.spread_mm and not self.within_noise
 
@@ -124,9 +133,9 @@ class GradeEvidence:
         if held_out.accuracy.configurations < GRADES.few_held_out:
             return False
         # With a large error, another cause may look like a departure.
-        if self.fits_not or not (self.over_noise is None or self.within_noise):
+        if self.misfits_arm or not (self.over_noise is None or self.within_noise):
             return False
-        known_mm = max(self.error_mm, self.own_noise_mm or 0.0)
+        known_mm = max(self.error_mm, self.noise_with_apparatus_mm or 0.0)
         return held_out.accuracy.rms_mm < GRADES.confirmed_ratio * known_mm
 
     @property
@@ -136,7 +145,7 @@ class GradeEvidence:
         return self.train_rms_mm / float(np.sqrt(1.0 - fitted_share))
 
     @property
-    def own_noise_mm(self) -> float | None:
+    def noise_with_apparatus_mm(self) -> float | None:
         """Return the error that readings and apparatus make; None where it is not known."""
         noise_mm = self.reading_noise_mm
         return None if noise_mm is None else float(np.hypot(noise_mm, self.apparatus_mm))
@@ -185,18 +194,18 @@ class GradeEvidence:
     @property
     def single_mm(self) -> float:
         """Return the error of a single reading: the remaining one, or a much larger stated one."""
-        return (self.own_noise_mm or 0.0) if self.below_noise else self.error_mm
+        return (self.noise_with_apparatus_mm or 0.0) if self.below_noise else self.error_mm
 
     @property
     def over_noise(self) -> float | None:
         """Return the remaining error over the noise; None where that is not known."""
-        noise_mm = self.own_noise_mm
+        noise_mm = self.noise_with_apparatus_mm
         return self.error_mm / noise_mm if noise_mm else None
 
     @property
     def most_over_noise(self) -> float:
         """Return the largest remaining error over the noise that chance explains."""
-        own_mm, reading_mm = self.own_noise_mm, self.reading_noise_mm
+        own_mm, reading_mm = self.noise_with_apparatus_mm, self.reading_noise_mm
         dof = max(self.rows - self.ended.taken, 1.0)
         limit = GRADES.over_noise * (1.0 + GRADES.chance_errors / float(np.sqrt(2.0 * dof)))
         if not own_mm or reading_mm is None:

@@ -104,7 +104,7 @@ def _first(findings: Sequence[records.InputFinding]) -> str:
 
 def _beside_noise(evidence: GradeEvidence) -> str:
     """Return how the remaining error of a good calibration compares with the noise."""
-    noise_mm, over = evidence.own_noise_mm, evidence.over_noise
+    noise_mm, over = evidence.noise_with_apparatus_mm, evidence.over_noise
     if noise_mm is None:
         return ""
     if over is not None and over > GRADES.noticed_ratio:
@@ -116,7 +116,7 @@ def _beside_noise(evidence: GradeEvidence) -> str:
 
 def _compared(evidence: GradeEvidence) -> str:
     """Return the error that is compared with the noise, where it is not the one stated before."""
-    noise_mm, over = evidence.own_noise_mm or np.inf, evidence.over_noise or 0.0
+    noise_mm, over = evidence.noise_with_apparatus_mm or np.inf, evidence.over_noise or 0.0
     if f"{evidence.train_rms_mm / noise_mm:.2g}" == f"{over:.2g}":
         return ""
     return f"{evidence.error_mm:.3f} mm with the part that the fit absorbed, "
@@ -168,7 +168,7 @@ def _errors(evidence: GradeEvidence) -> str:
 
 def _suspected(evidence: GradeEvidence) -> Iterator[records.InputFinding]:
     """Return what the fit shows to be probably wrong in the input."""
-    if evidence.fits_not and not evidence.soft:
+    if evidence.misfits_arm and not evidence.springs_explain_most:
         yield records.InputFinding(
             what="the arm as described does not fit the readings",
             where="the whole campaign",
@@ -225,7 +225,7 @@ def _lacking(evidence: GradeEvidence) -> str:
         stated = "" if evidence.noise_is_found or evidence.repeats else "stated "
         text = (
             f"{_compared(evidence)}{over:.2g} times the {stated}noise of "
-            f"{evidence.own_noise_mm:.3f} mm: the model is missing an effect"
+            f"{evidence.noise_with_apparatus_mm:.3f} mm: the model is missing an effect"
         )
         if stated:
             text += ", or the stated uncertainty is too small"
@@ -239,7 +239,7 @@ def _lacking(evidence: GradeEvidence) -> str:
         )
     rigid_mm = evidence.without_springs_mm
     # Such an error would be graded as that of another robot, if springs did not explain so much.
-    if parts and evidence.fits_not and evidence.soft and rigid_mm is not None:
+    if parts and evidence.misfits_arm and evidence.springs_explain_most and rigid_mm is not None:
         parts.append(
             f"a soft arm: with rigid joints {rigid_mm:.3f} mm remain, springs explain the larger "
             "part"
@@ -337,8 +337,8 @@ def _remarks(evidence: GradeEvidence) -> Iterator[str]:
 
 def _shown_by_outliers(evidence: GradeEvidence) -> Iterator[str]:
     """Yield why suspected outliers are no wrong readings, but what the model lacks."""
-    if evidence.acquitted:
-        yield f"in {evidence.acquitted} of them {RIGID}"
+    if evidence.rigid_outliers:
+        yield f"in {evidence.rigid_outliers} of them {RIGID}"
     if evidence.at_one_end:
         yield evidence.at_one_end
 

@@ -76,7 +76,7 @@ def paper_case(
     stated = poses_of(every, "grid", average=False, covariance="instrument").take(rows)
     evidence = replace(
         _evidence(case, cubic, noise, stated),
-        lacks_mm=lacking_mm(model.discrepancy, used.states.q_rad),
+        discrepancy_mm=lacking_mm(model.discrepancy, used.states.q_rad),
     )
     found = health(evidence)
     about = FittedTo.of(used, case.load, found, campaign)

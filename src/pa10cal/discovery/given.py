@@ -156,7 +156,7 @@ def calibrate_with(
         suspected_outliers=int(flagged.sum()),
         noise_mm=accuracy.position_noise_mm(measured, noise),
         noise_is_found=True,
-        lacks_mm=lacking_mm(discrepancy, poses.states.q_rad),
+        discrepancy_mm=lacking_mm(discrepancy, poses.states.q_rad),
         joints_mm=by_uncertain_joints_mm(calibrated.model, calibrated.x, poses),
         spread_mm=measured.spread_mm,
         wanted_mm=wanted_mm,

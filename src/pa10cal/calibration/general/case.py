@@ -51,7 +51,7 @@ def suspected_outliers(
     limit = suspect_beyond(problem.components_seen)
     rows = np.flatnonzero((fit.distance > limit) | (fit.weights < RECORDS.little_weight))
     variances = np.diagonal(problem.stated_covariance, axis1=1, axis2=2)
-    acquitted = keep_their_distances(problem.observations.measured.places_m)
+    rigid_outliers = keep_their_distances(problem.observations.measured.places_m)
     found = []
     for row in rows[np.argsort(-fit.distance[rows])].tolist():
         reasons = []  # one for each kind of component; the largest deviation is reported
@@ -63,7 +63,7 @@ def suspected_outliers(
             reasons.append(
                 (times, f"{kind} off by {text}, {times:.0f} times the scatter of one axis")
             )
-        rigid = f"; {RIGID}" if acquitted[row] else ""
+        rigid = f"; {RIGID}" if rigid_outliers[row] else ""
         found.append(
             records.SuspectedOutlier(
                 row=row,
@@ -154,11 +154,11 @@ def general_case(
         train_rms_mm=accuracy.summarise(found.take(trusted)).rms_mm,
         held_out=held_out_errors,
         noise_mm=noise_mm,
-        lacks_mm=lacking_mm(calibrated.discrepancy, used.states.q_rad),
+        discrepancy_mm=lacking_mm(calibrated.discrepancy, used.states.q_rad),
         joints_mm=by_uncertain_joints_mm(calibrated.model, calibrated.x, used),
         spread_mm=used.measured.spread_mm,
         suspected_outliers=len(outliers),
-        acquitted=sum(RIGID in outlier.why for outlier in outliers),
+        rigid_outliers=sum(RIGID in outlier.why for outlier in outliers),
         at_one_end=at_one_end(used.states, flagged[rows]),
         all_rms_mm=all_rms_mm,
         repeats=uncertainty.scatter_of_repeats(readings, calibrated),
