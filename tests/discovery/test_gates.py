@@ -13,7 +13,13 @@ from made_up_model import fitted_to
 from made_up_poses import context_of
 from pa10cal.discovery import gates
 from pa10cal.discovery.evidence.by_repeats import ByRepeats
-from pa10cal.discovery.gates import gated, holds_zero, reasons_against_none, unfit, with_pulls
+from pa10cal.discovery.gates import (
+    gated,
+    holds_zero,
+    reasons_against_none,
+    unfit,
+    with_cable_torques,
+)
 from pa10cal.discovery.lack_of_fit import pure_error_test
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.verdict import with_findings
@@ -192,7 +198,7 @@ def test_an_effect_of_the_instrument_is_no_better_than_another(wave):
     )
     either = replace(own, effect=square, alternatives=(scales,))
     found = replace(wave.discovery, findings=(either,))
-    assert gates._of_the_robot(found, either) is found
+    assert gates._robot_in_place_of_instrument(found, either) is found
 
 
 def test_an_unlikely_effect_of_the_instrument_goes_whatever_held_out_poses_say(monkeypatch, wave):
@@ -337,7 +343,7 @@ def test_a_pull_looks_like_a_gear_ratio_unless_torques_are_logged(eccentric, log
     findings = tuple(replace(each, effect=gear, rivals=()) for each in found.findings)
     prepared = replace(found.prepared, torques="logged" if logged else "masses")
     found = replace(found, findings=findings, prepared=prepared)
-    after = with_pulls(found)
+    after = with_cable_torques(found)
     pulls = [(other.id, other.of) for each in after.findings for other in each.alternatives]
     assert pulls == ([] if logged else [("joint_error_map", "joint 2")])
     assert after.verdict == ("named" if logged else "ambiguous")

@@ -65,7 +65,7 @@ def gated(found: Verdict[S]) -> Verdict[S]:
     found = _with_names_that_pass(found)
     found = _with_one_kind(_with_likeliest_names(found))
     found = _without_unlikely_names(found)
-    found = _without_names_that_move_nothing(_with_other_leads(with_pulls(found)))
+    found = _without_names_that_move_nothing(_with_other_leads(with_cable_torques(found)))
     if found.verdict == "none" and (reasons := tuple(reasons_against_none(found))):
         why = f"no effect was found, yet {'; '.join(reasons)}"
         unknown = Unexplained(
@@ -133,18 +133,26 @@ def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
         (finding,) = (finding for finding in found.effects if finding.effect == effect)
         reasons = _reasons_against(found, finding)
         if not reasons:
-            found = _of_the_robot(found, finding)
+            found = _robot_in_place_of_instrument(found, finding)
             continue
-        # Where positions are commanded, a controller may stop before or beyond its command: unlike
-        # lost motion, an arrival error can have either sign.
-        stops = ArrivalError(finding.of, found.context.campaigns)
-        commanded = finding.id == Backlash.id and found.context.commanded
-        if commanded and stops not in finding.alternatives:
-            finding = replace(finding, alternatives=(stops, *finding.alternatives))
+        if finding.id == Backlash.id and found.context.commanded:
+            finding = _or_arrival_error(found, finding)
             found = replace(found, findings=instead(found, finding))
         stands_in = _alternative(found, finding, finding.alternatives)
         found = stands_in or _withdrawn(found, finding, reasons)
     return _still_passing(found)
+
+
+def _or_arrival_error(found: Verdict, finding: Finding) -> Finding:
+    """Return lost motion with an arrival error among its alternatives, first if it was not there.
+
+    Where positions are commanded, a controller may stop before or beyond its command: unlike lost
+    motion, an arrival error can have either sign.
+    """
+    stops = ArrivalError(finding.of, found.context.campaigns)
+    if stops in finding.alternatives:
+        return finding
+    return replace(finding, alternatives=(stops, *finding.alternatives))
 
 
 def _still_passing(found: Verdict[S]) -> Verdict[S]:
@@ -159,15 +167,19 @@ def _still_passing(found: Verdict[S]) -> Verdict[S]:
 def _reasons_against(found: Verdict[S], finding: Finding) -> tuple[str, ...]:
     """Return why a finding of a verdict cannot be named; empty where it can."""
     by_fit = unfit(finding, found.model, found.states)
-    return (*by_fit, *of_order(finding, found.prepared))
+    return (*by_fit, *confounded_with_order(finding, found.prepared))
 
 
 def _withdrawn(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Verdict[S]:
     """Return the verdict without a name, its part taken up by the model or else unexplained."""
-    return _taken_up(found, finding, reasons) or without_names(found, {finding: "; ".join(reasons)})
+    return _without_if_replaceable(found, finding, reasons) or without_names(
+        found, {finding: "; ".join(reasons)}
+    )
 
 
-def _taken_up(found: Verdict[S], finding: Finding, reasons: Sequence[str]) -> Verdict[S] | None:
+def _without_if_replaceable(
+    found: Verdict[S], finding: Finding, reasons: Sequence[str]
+) -> Verdict[S] | None:
     """Return the verdict without an effect that the rest of the model can replace, else None.
 
     The amount of such an effect is not significant, and poses are predicted no worse without it by
@@ -226,7 +238,7 @@ def _without_names_that_move_nothing(found: Verdict[S]) -> Verdict[S]:
     return replace(safe, unexplained=(*safe.unexplained, *unknown))
 
 
-def of_order(finding: Finding, campaign: Prepared) -> Iterator[str]:
+def confounded_with_order(finding: Finding, campaign: Prepared) -> Iterator[str]:
     """Yield why a drift cannot be named: the poses came in the order of a joint or a rail."""
     states, slides = campaign.readings.states, campaign.baseline.arm.prismatic
     if finding.id != BaseDrift.id or measured_again(campaign.readings):
@@ -238,7 +250,7 @@ def of_order(finding: Finding, campaign: Prepared) -> Iterator[str]:
         yield f"the order of the poses follows {joints}, whose error may look the same"
 
 
-def with_pulls(found: Verdict[S]) -> Verdict[S]:
+def with_cable_torques(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which a pull at a joint is an alternative of its gear ratio error.
 
     A cable that pulls like a spring turns a compliant joint in proportion to its angle, as a wrong
@@ -304,7 +316,7 @@ def _alternative(
     return None
 
 
-def _of_the_robot(found: Verdict[S], finding: Finding) -> Verdict[S]:
+def _robot_in_place_of_instrument(found: Verdict[S], finding: Finding) -> Verdict[S]:
     """Return the verdict with an effect of the robot in place of the instrument's, if one fits.
 
     Predictions omit effects of the instrument, and a wrong one falsifies the geometry fitted with
@@ -431,10 +443,12 @@ def _disagreements(found: Verdict) -> Iterator[str]:
     # Residuals of the fit are smaller than errors by the parameters it takes up; predictions have
     # its uncertainty in addition.
     unknowns, components = open_unknowns(found.model.model), int(measured.components_seen.sum())
-    taken = min(unknowns / max(components, 1), GRADES.most_taken_share)
-    compared = [("the remaining error", train.after.mean_mm / np.sqrt(1.0 - taken), floor_mm)]
+    fitted_share = min(unknowns / max(components, 1), GRADES.most_taken_share)
+    compared = [
+        ("the remaining error", train.after.mean_mm / np.sqrt(1.0 - fitted_share), floor_mm)
+    ]
     if holdout is not None:
-        expected_mm = float(np.hypot(holdout.noise_floor_mm, floor_mm * np.sqrt(taken)))
+        expected_mm = float(np.hypot(holdout.noise_floor_mm, floor_mm * np.sqrt(fitted_share)))
         compared.append(("the held-out error", holdout.after.mean_mm, expected_mm))
     # Errors below the repeatability are not those of these readings. Errors below a stated
     # uncertainty cannot be seen, and need not be.
