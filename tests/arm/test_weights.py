@@ -14,9 +14,8 @@ from pa10cal.arm.chain import Chain, link_spans_m
 from pa10cal.arm.description import weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.assumed_weights import with_assumed_weights
 from pa10cal.fit.loads import statics_of, with_torques
-from pa10cal.fit.uncertain_weights import unknown_weights, weight_sizes
+from pa10cal.fit.uncertain_weights import unknown_weights, weight_sizes, with_assumed_weights
 from pa10cal.terms.model import Model
 from pa10cal.terms.plain import term_from_plain, term_to_plain
 from pa10cal.terms.weights import Weights

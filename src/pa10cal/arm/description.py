@@ -1,7 +1,7 @@
 """The nominal description of an arm: Denavit-Hartenberg rows, limits, masses and their uncertainty.
 
 An arm described without masses still sags under its weight. It gets masses and centres assumed
-from its lengths alone (`arm.assumed_weights`), with uncertainties as wide as they are unknown, so
+from its lengths alone (`fit.uncertain_weights`), with uncertainties as wide as they are unknown, so
 that torques and moments can be computed. Its poses then determine only stiffness over weight.
 
 Hayati's beta replaces d between neighbouring joint axes that are nearly parallel. There the common

@@ -105,7 +105,7 @@ def _with_one_kind(found: Verdict[S]) -> Verdict[S]:
     kind are told.
     """
     for effect in [finding.effect for finding in found.effects if is_named(finding.effect)]:
-        (finding,) = (finding for finding in found.effects if finding.effect == effect)
+        finding = _finding_of(found, effect)
         held = {other.effect for other in found.effects}
         kinds = {other.id for other in found.effects if other.effect != effect}
         known = in_doubt(found, finding).explanations
@@ -123,14 +123,19 @@ def fitted_instead(found: Verdict[S], old: Finding, new: Finding) -> Verdict[S] 
     known = replace(old, alternatives=(new.effect, *old.alternatives))
     tried = replace(found, findings=instead(found, known))
     tried = with_findings(tried, instead(found, new, old.effect))
-    now = next(finding for finding in tried.findings if finding.effect == new.effect)
+    now = _finding_of(tried, new.effect)
     return None if any(unfit(now, tried.model, tried.states)) else tried
+
+
+def _finding_of(found: Verdict, effect: Effect) -> Finding:
+    """Return the finding of an effect as the model fitted last has it."""
+    return next(finding for finding in found.findings if finding.effect == effect)
 
 
 def _with_names_that_pass(found: Verdict[S]) -> Verdict[S]:
     """Return a verdict in which names that fail are replaced by alternatives, or withdrawn."""
     for effect in [finding.effect for finding in found.effects if is_named(finding.effect)]:
-        (finding,) = (finding for finding in found.effects if finding.effect == effect)
+        finding = _finding_of(found, effect)
         reasons = _reasons_against(found, finding)
         if not reasons:
             found = _robot_in_place_of_instrument(found, finding)
@@ -209,8 +214,7 @@ def _without_unlikely_names(found: Verdict[S]) -> Verdict[S]:
             "what has no name, or something of several effects, explains as much in its place "
             f"(probability {finding.explanations.none_of_these:.2f})"
         )
-        (now,) = (other for other in found.findings if other.effect == finding.effect)
-        without = without_names(found, {now: why})
+        without = without_names(found, {_finding_of(found, finding.effect): why})
         held_out = found.trusted_holdout
         worse_without = not harmed(held_out) and harmed(without.trusted_holdout, held_out)
         if not worse_without or finding.effect.falsifies_readings:

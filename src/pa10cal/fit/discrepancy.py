@@ -103,9 +103,7 @@ def by_uncertain_joints_mm(model: Model, x: Array, poses: Observations) -> float
     """
     if poses.log is None or not (u := poses.log.q_u_stated).any():
         return 0.0
-    chain, columns = model.chain, model.chain.joint_columns.tolist()
-    at = model.chain_coordinates(poses.states, x)
-    moved_m = end_pose_with_screws(chain, at, columns).screws[:, :3, columns] * u[:, None]
+    moved_m = _moved_by_joints(model, x, poses.states) * u[:, None]
     return 1e3 * float(np.sqrt(np.mean(np.sum(moved_m**2, axis=(1, 2)))))
 
 
@@ -115,11 +113,16 @@ def levers_m(model: Model, x: Array, states: PoseStates) -> Array:
     A joint near the end moves it by little but still turns it: its lever has a lower bound,
     relative to the largest.
     """
-    chain, columns = model.chain, model.chain.joint_columns.tolist()
-    at = model.chain_coordinates(states, x)
-    moved_m = end_pose_with_screws(chain, at, columns).screws[:, :3, columns]
+    moved_m = _moved_by_joints(model, x, states)
     lever_m = np.sqrt(np.mean(np.sum(moved_m**2, axis=1), axis=0))
     return np.asarray(np.maximum(lever_m, LACK.least_lever_share * lever_m.max()))
+
+
+def _moved_by_joints(model: Model, x: Array, states: PoseStates) -> Array:
+    """Return how the end moves for a unit of each joint, (P, 3, n)."""
+    chain, columns = model.chain, model.chain.joint_columns.tolist()
+    at = model.chain_coordinates(states, x)
+    return end_pose_with_screws(chain, at, columns).screws[:, :3, columns]
 
 
 def held_out_in_turn(

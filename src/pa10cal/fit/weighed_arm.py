@@ -22,10 +22,9 @@ from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm, WeighedByLog, WeightsKnown, weights_known
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array, spread
-from pa10cal.fit.assumed_weights import implausible_masses, with_assumed_weights
 from pa10cal.fit.loads import statics_of
 from pa10cal.fit.log_errors import ErrorsShown, errors_of_logs, scatter_about
-from pa10cal.fit.uncertain_weights import weight_sizes
+from pa10cal.fit.uncertain_weights import implausible_masses, weight_sizes, with_assumed_weights
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
