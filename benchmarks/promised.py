@@ -27,7 +27,7 @@ def promised(results: Path) -> dict[str, tuple[int, float, float, float, float]]
     """
     from pa10cal.campaign.table import read_pose_table
     from pa10cal.fit.fitted_model import load_model
-    from pa10cal.observe.order import HeldOutPlaces
+    from pa10cal.observe.paths import HeldOutPlaces
     from pa10cal.results.codec import read
     from pa10cal.results.evaluation import BETWEEN, UNSEEN, HoldoutRecord
 
@@ -63,8 +63,10 @@ def promised(results: Path) -> dict[str, tuple[int, float, float, float, float]]
     ]
     u_mm = np.sqrt(np.mean([each.u_mm**2 for each in found], axis=0))
     error_mm = judged.rows.error_mm
-    both = ((each[list(q)].to_numpy(), each["time_s"].to_numpy(float)) for each in (rows, fitted))
-    places = HeldOutPlaces.of_positions(*both)
+    places = HeldOutPlaces.of_positions(
+        *(rows[list(q)].to_numpy(), rows["time_s"].to_numpy(float)),
+        *(fitted[list(q)].to_numpy(), fitted["time_s"].to_numpy(float)),
+    )
     parts = {"": np.ones(len(error_mm), dtype=bool), UNSEEN: places.unseen, BETWEEN: places.between}
     return {
         name: (

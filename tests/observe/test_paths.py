@@ -11,7 +11,7 @@ import pytest
 from by_commands import calibrated, evaluate
 from mended import describe, simulated
 from pa10cal.campaign.read import read_campaign
-from pa10cal.observe.order import HeldOutPlaces, along_a_path, spread_of, stretches_held_out
+from pa10cal.observe.paths import HeldOutPlaces, along_a_path, spread_of, stretches_held_out
 from pa10cal.reports.errors import headline
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.evaluation import BETWEEN, UNSEEN

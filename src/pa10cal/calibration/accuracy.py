@@ -13,7 +13,7 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.tails import far_from_prediction
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations, reading_groups
-from pa10cal.observe.order import HeldOutPlaces
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.pose import Pose
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.evaluation import BETWEEN, UNSEEN, Accuracy, BeforeAfter

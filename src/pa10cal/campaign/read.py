@@ -36,7 +36,8 @@ from pa10cal.errors import RawDataError
 from pa10cal.files.controller import controller_notes, controller_warnings
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.order import along_a_path, stretches_held_out, with_time_validity
+from pa10cal.observe.paths import along_a_path, stretches_held_out
+from pa10cal.observe.time_order import with_time_validity
 from pa10cal.options import IngestOptions
 from pa10cal.results.calibration import InputFinding
 

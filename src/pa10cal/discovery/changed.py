@@ -24,7 +24,12 @@ from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.frame.rigid_fit import by_small_motion
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import like_a_scan, measured_again, partings, spread_over_time
+from pa10cal.observe.time_order import (
+    like_a_scan,
+    measured_again,
+    spread_over_time,
+    step_thresholds,
+)
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.term import Offsets
 
@@ -137,7 +142,7 @@ def change_of(
     time_s = poses.states.time_s
     middle_s = 0.5 * (time_s[best.row - 1] + time_s[best.row])
     if best.remaining > CHANGE.most_left_share or any(
-        partings(poses.states, middle_s, at.model.chain.arm.prismatic)
+        step_thresholds(poses.states, middle_s, at.model.chain.arm.prismatic)
     ):
         return None
     columns = change_columns(kind, target, at, poses)

@@ -39,7 +39,7 @@ from pa10cal.discovery.verdict import (
 from pa10cal.fit.fitted import Otherwise
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.uncertain_weights import open_unknowns
-from pa10cal.observe.order import drivers, measured_again, slow_joints
+from pa10cal.observe.time_order import covariates, measured_again, slow_joints
 from pa10cal.results.discovery import Unexplained
 from pa10cal.results.record import HALF_WIDTH_95
 from pa10cal.terms.effects.arrivals import ArrivalError
@@ -248,7 +248,7 @@ def confounded_with_order(finding: Finding, campaign: Prepared) -> Iterator[str]
     if finding.id != BaseDrift.id or measured_again(campaign.readings):
         return
     slow = slow_joints(states)
-    along = [str(by) for by in drivers(states, slides) if by.joint and slow[by.joint - 1]]
+    along = [str(by) for by in covariates(states, slides) if by.joint and slow[by.joint - 1]]
     if along:
         joints = " and ".join(along)
         yield f"the order of the poses follows {joints}, whose error may look the same"

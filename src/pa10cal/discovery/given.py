@@ -44,7 +44,7 @@ from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
 from pa10cal.fit.identifiability import identify, not_identifiable
 from pa10cal.fit.problem import Solution
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
-from pa10cal.observe.order import HeldOutPlaces
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.quantities import Deviations
 from pa10cal.options import DiscoveryOptions
 from pa10cal.results.calibration import (

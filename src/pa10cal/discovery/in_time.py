@@ -34,15 +34,15 @@ from pa10cal.discovery.rules import CANDIDATES, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import (
-    Parting,
-    drivers,
+from pa10cal.observe.time_order import (
+    Threshold,
+    covariates,
     like_a_scan,
     measured_again,
-    partings,
     slow_joints,
     spread_over_time,
-    with_places,
+    step_thresholds,
+    with_place_labels,
 )
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
@@ -343,7 +343,7 @@ def in_time_of(
     once, again = len(np.unique(poses.pose)) == len(poses), measured_again(poses)
     if not poses.states.tells_time or (once and not again and like_a_scan(poses)):
         return NO_MOTION
-    poses = with_places(poses) if again else poses
+    poses = with_place_labels(poses) if again else poses
     if len(poses) > MOTION.most_readings:
         shown: Index = spread_over_time(poses, MOTION.most_readings)
         poses, whitener = poses.take(shown), whitener[shown]
@@ -357,15 +357,15 @@ def in_time_of(
     ]
     static, of_time = by_pose_and_time(at, poses, effects, logged=logged, weights=weights)
 
-    def beside(rivals: tuple[Parting, ...]) -> TimeFindings:
+    def beside(rivals: tuple[Threshold, ...]) -> TimeFindings:
         own = np.concatenate([*held, _motions_by(rivals, at, poses)], axis=2)
-        walks = all(np.isfinite(rival.at) for rival in rivals)
+        walks = all(np.isfinite(rival.value) for rival in rivals)
         return _motion_in(_TimedRows(at, poses, whitener, own, static, of_time), walks=walks)
 
     found = beside(())
     if again:
         return found
-    rivals: tuple[Parting, ...] = ()
+    rivals: tuple[Threshold, ...] = ()
     first_mm = 0.0 if found.wander is None else found.wander.rms_mm[0]
     prismatic = at.model.chain.arm.prismatic
     for _ in range(MOTION.most_rivals):
@@ -376,17 +376,17 @@ def in_time_of(
             found = NO_MOTION
             break
         both = dict.fromkeys((*rivals, *more))
-        rivals = tuple(sorted(both, key=lambda rival: rival.at == np.inf))
+        rivals = tuple(sorted(both, key=lambda rival: rival.value == np.inf))
         found = beside(rivals)
     else:
         found = NO_MOTION
     if not rivals:
         return found
-    names = tuple(dict.fromkeys(str(rival.driver) for rival in rivals))
+    names = tuple(dict.fromkeys(str(rival.covariate) for rival in rivals))
     return replace(found, rivals=names, rivals_mm=first_mm)
 
 
-def _rivals_of(found: TimeFindings, states: PoseStates, prismatic: Mask) -> tuple[Parting, ...]:
+def _rivals_of(found: TimeFindings, states: PoseStates, prismatic: Mask) -> tuple[Threshold, ...]:
     """Return the joints or the load whose errors may explain the motion that was found.
 
     For a jump, thresholds of a joint or the load that divide the rows as it does; for a walk, slow
@@ -394,28 +394,35 @@ def _rivals_of(found: TimeFindings, states: PoseStates, prismatic: Mask) -> tupl
     """
     if (wander := found.wander) is None:
         return ()
-    rivals = [part for jump in wander.jumps for part in partings(states, jump.time_s, prismatic)]
+    rivals = [
+        threshold
+        for jump in wander.jumps
+        for threshold in step_thresholds(states, jump.time_s, prismatic)
+    ]
     if wander.walk_m:
         slow = slow_joints(states)
-        joints = [driver for driver in drivers(states, prismatic) if driver.joint]
-        rivals += [Parting(driver, np.inf) for driver in joints if slow[driver.joint - 1]]
+        rivals += [
+            Threshold(each, np.inf)
+            for each in covariates(states, prismatic)
+            if each.joint is not None and slow[each.joint - 1]
+        ]
     return tuple(rivals)
 
 
-def _motions_by(rivals: tuple[Parting, ...], at: FittedModel, poses: Observations) -> Array:
+def _motions_by(rivals: tuple[Threshold, ...], at: FittedModel, poses: Observations) -> Array:
     """Return columns (P, b, c) of motions of the base that depend on rivals: steps and waves."""
     from scipy.stats import rankdata  # imported here: it takes half a second, for few campaigns
 
     states = poses.states
     courses = [np.zeros((len(poses), 0))]
     courses += [
-        (rival.driver.of(states) > rival.at).astype(np.float64)[:, None]
+        (rival.covariate.values(states) > rival.value).astype(np.float64)[:, None]
         for rival in rivals
-        if np.isfinite(rival.at)
+        if np.isfinite(rival.value)
     ]
     waves = np.arange(1, MOTION.rival_waves + 1)
-    for driver in dict.fromkeys(rival.driver for rival in rivals):
-        rank = rankdata(driver.of(states)) / len(poses)
+    for covariate in dict.fromkeys(rival.covariate for rival in rivals):
+        rank = rankdata(covariate.values(states)) / len(poses)
         courses.append(np.cos(np.pi * np.outer(rank, waves)) / waves)
     every = np.column_stack(courses)
     sizes = np.tile(sizes_of_motions(MOTION.rival_m, 1.0), every.shape[1])

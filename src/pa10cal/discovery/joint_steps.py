@@ -29,7 +29,7 @@ from pa10cal.discovery.nuisances import Nuisance, between_rows
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import like_a_scan, partings, spread_over_time
+from pa10cal.observe.time_order import like_a_scan, spread_over_time, step_thresholds
 from pa10cal.terms.effects.effect import Effect
 
 #: A step from the first row on: columns that hold steps of their own count as they are.
@@ -116,7 +116,7 @@ def joint_steps_of(
     if not chosen:
         return None
     slides = at.model.chain.arm.prismatic
-    if any(any(partings(poses.states, time_s, slides)) for _, time_s in chosen):
+    if any(any(step_thresholds(poses.states, time_s, slides)) for _, time_s in chosen):
         return None
     every = _columns(chosen, at, poses)
     unchanged = StepRows(at, poses, whitener)

@@ -20,7 +20,7 @@ from pa10cal.discovery.linear import WhitenedPoses
 from pa10cal.discovery.preparation import sought
 from pa10cal.discovery.rules import CHANGE, MOTION, PROBABILITIES, WARMING
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.observe.order import like_a_scan, spread_over_time
+from pa10cal.observe.time_order import like_a_scan, spread_over_time
 from pa10cal.rules import ORDER
 from pa10cal.terms.effects.effect import CandidateContext
 from pa10cal.terms.effects.warm_up import WarmsUp, warm_ups

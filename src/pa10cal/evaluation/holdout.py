@@ -28,7 +28,7 @@ from pa10cal.observe.observations import (
     poses_of,
     reading_groups,
 )
-from pa10cal.observe.order import HeldOutPlaces
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results import evaluation as results
 from pa10cal.results.record import CampaignIdentity
 from pa10cal.rules import COMPARED

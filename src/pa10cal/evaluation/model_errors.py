@@ -13,7 +13,7 @@ from pa10cal.discovery.preparation import MeasurementSetup, complete
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import with_torques
 from pa10cal.observe.observations import Observations, average_repeats, measured_as_poses
-from pa10cal.observe.order import HeldOutPlaces
+from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results import evaluation as results
 from pa10cal.rules import COMPARED
 

@@ -12,7 +12,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import campaign_numbers
+from pa10cal.observe.time_order import campaign_numbers
 from pa10cal.rules import ORDER
 
 #: Poses whose frames are computed at once: they take kilobytes each (computing).

@@ -16,7 +16,7 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import average_repeats
-from pa10cal.observe.order import along_a_path
+from pa10cal.observe.paths import along_a_path
 from pa10cal_lab.cell.campaign import measure_campaign, robot_of
 from pa10cal_lab.cell.effects.vocabulary import make_effects
 from pa10cal_lab.cell.measured_trials import joint_bounds

@@ -36,8 +36,8 @@ from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.fit.tails import keep_their_distances
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.order import at_one_end
 from pa10cal.observe.quantities import Start
+from pa10cal.observe.time_order import at_one_end
 from pa10cal.results import calibration as records
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import about_moved_base, motion_of_base

@@ -23,7 +23,7 @@ from pa10cal.calibration.rules import SPRINGS
 from pa10cal.fit.discrepancy import clusters_of, levers_m, stretches_of
 from pa10cal.fit.problem import Problem
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.observe.order import along_a_path
+from pa10cal.observe.paths import along_a_path
 from pa10cal.terms.field import embedded
 from pa10cal.terms.joint_spring import is_spring
 from pa10cal.terms.model import Model

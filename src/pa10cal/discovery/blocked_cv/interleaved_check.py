@@ -21,7 +21,7 @@ from pa10cal.discovery.blocked_cv.refit import Refit
 from pa10cal.discovery.blocked_cv.survey import Survey, interleaved_blocks
 from pa10cal.discovery.preparation import computable, sought
 from pa10cal.discovery.rules import BLOCKS
-from pa10cal.observe.order import like_a_scan
+from pa10cal.observe.time_order import like_a_scan
 from pa10cal.results.record import EffectName
 from pa10cal.terms.effects.arrivals import ArrivalError
 from pa10cal.terms.effects.effect import Effect

@@ -12,19 +12,19 @@ from pa10cal.arm.chain import Chain
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.arrivals import end_travel, move_shares, reversed_joints, with_arrivals
 from pa10cal.observe.observations import Observations
-from pa10cal.observe.order import (
-    Driver,
+from pa10cal.observe.points import Distance
+from pa10cal.observe.time_order import (
+    Covariate,
     at_one_end,
-    drivers,
-    goes_with,
+    confounded_with_time,
+    covariates,
     like_a_scan,
     measured_again,
-    partings,
     slow_joints,
-    with_places,
+    step_thresholds,
+    with_place_labels,
     with_time_validity,
 )
-from pa10cal.observe.points import Distance
 
 ROWS, JOINTS = 120, 4
 NONE_SLIDES = np.zeros(JOINTS, dtype=bool)
@@ -81,14 +81,14 @@ def ordered(every, by):
 )
 def test_rows_that_follow_a_joint_or_the_load_give_no_time(random_order, by, driver):
     every = ordered(random_order, by)
-    assert [str(found) for found, _ in goes_with(every)] == [driver]
+    assert [str(found) for found, _ in confounded_with_time(every)] == [driver]
     marked, (why,) = with_time_validity(every, NONE_SLIDES, recorded=True)
     assert driver in why
     assert not marked.states.tells_time
 
 
 def test_rows_in_random_order_give_time_where_it_was_recorded(random_order):
-    assert goes_with(random_order) == ()
+    assert confounded_with_time(random_order) == ()
     same, why = with_time_validity(random_order, NONE_SLIDES, recorded=True)
     assert same is random_order
     assert why == ()
@@ -103,32 +103,32 @@ def test_a_rail_that_goes_once_from_one_station_to_the_other_is_followed(random_
     q = random_order.states.q_rad.copy()
     q[:, 0] = np.arange(ROWS) >= share * ROWS
     every = random_order.with_states(replace(random_order.states, q_rad=q))
-    assert [str(found) for found, _ in goes_with(every)] == ["joint 1"]
+    assert [str(found) for found, _ in confounded_with_time(every)] == ["joint 1"]
     assert slow_joints(every.states).tolist() == [True, False, False, False]
     # In random order it goes with nothing.
     q[:, 0] = np.random.default_rng(3).permutation(q[:, 0])
     every = random_order.with_states(replace(random_order.states, q_rad=q))
-    assert not goes_with(every)
+    assert not confounded_with_time(every)
     assert not slow_joints(every.states).any()
 
 
 def test_a_few_rows_at_another_station_are_no_order(random_order):
     q = random_order.states.q_rad.copy()
     q[:, 0] = np.arange(ROWS) >= ROWS - 10
-    assert not goes_with(random_order.with_states(replace(random_order.states, q_rad=q)))
+    assert not confounded_with_time(random_order.with_states(replace(random_order.states, q_rad=q)))
 
 
 def test_a_joint_that_creeps_by_a_microradian_stands_still(random_order):
     q = random_order.states.q_rad.copy()
     q[:, 0] = np.linspace(0.0, 1e-6, ROWS)
     states = replace(random_order.states, q_rad=q)
-    assert not goes_with(random_order.with_states(states))
-    assert [driver.joint for driver in drivers(states)] == [2, 3, 4, 0]
+    assert not confounded_with_time(random_order.with_states(states))
+    assert [each.joint for each in covariates(states)] == [2, 3, 4, None]
 
 
 def test_a_joint_that_slides_is_called_so(random_order):
     slides = np.array([False, False, True, False])
-    (found, _), *_ = goes_with(ordered(random_order, "joint"), slides)
+    (found, _), *_ = confounded_with_time(ordered(random_order, "joint"), slides)
     assert str(found) == "joint 3 (sliding)"
 
 
@@ -136,11 +136,11 @@ def test_poses_that_are_measured_again_give_time_in_any_order(random_order):
     half = ordered(random_order.take(np.arange(ROWS // 2)), "joint")
     twice = half.take(np.tile(np.arange(ROWS // 2), 2))
     later = replace(twice.states, time_s=10.0 * np.arange(ROWS))
-    assert goes_with(twice.with_states(later)) == ()
+    assert confounded_with_time(twice.with_states(later)) == ()
     # Read again at once they are no other time.
     at_once = half.take(np.repeat(np.arange(ROWS // 2), 2))
     same = replace(at_once.states, time_s=10.0 * np.arange(ROWS))
-    assert goes_with(at_once.with_states(same)) != ()
+    assert confounded_with_time(at_once.with_states(same)) != ()
 
 
 def test_places_that_are_visited_again_give_time_whatever_their_labels(random_order):
@@ -148,7 +148,7 @@ def test_places_that_are_visited_again_give_time_whatever_their_labels(random_or
     q_rad[ROWS // 2 :] = q_rad[: ROWS // 2] + 1e-4
     states = replace(random_order.states, q_rad=q_rad)
     every = random_order.with_states(replace(states, load_N=np.zeros(ROWS)))
-    assert len(np.unique(with_places(every).pose)) == ROWS // 2
+    assert len(np.unique(with_place_labels(every).pose)) == ROWS // 2
     assert measured_again(every)
     assert not measured_again(random_order)
     # Rows that creep along are no places visited again, however near neighbours are.
@@ -163,7 +163,7 @@ def test_places_that_are_visited_fifty_times_are_places(random_order):
     states = at_rest(q + 1e-5 * rng.standard_normal(q.shape), time_s=10.0 * np.arange(count))
     labels = np.array([f"P{k:03d}" for k in range(count)])
     cycles = Observations.single(labels, states, Unmeasured())
-    assert len(np.unique(with_places(cycles).pose)) == 5
+    assert len(np.unique(with_place_labels(cycles).pose)) == 5
     assert measured_again(cycles)
     # A robot that stands still at one place after the other does not come back.
     stays = cycles.with_states(replace(states, q_rad=np.repeat(q[:5], 50, axis=0)))
@@ -174,10 +174,10 @@ def test_a_joint_that_goes_to_the_other_side_parts_the_rows(random_order):
     q_rad, middle = random_order.states.q_rad.copy(), 50
     q_rad[:, 1] = np.abs(q_rad[:, 1]) * np.where(np.arange(ROWS) < middle, 1.0, -1.0)
     states = replace(random_order.states, q_rad=q_rad)
-    found = list(partings(states, states.time_s[middle] - 5.0))
-    assert [each.driver for each in found] == [Driver(2)]
-    assert abs(found[0].at) < 0.2
-    assert not list(partings(states, states.time_s[80] - 5.0))
+    found = list(step_thresholds(states, states.time_s[middle] - 5.0))
+    assert [each.covariate for each in found] == [Covariate(2)]
+    assert abs(found[0].value) < 0.2
+    assert not list(step_thresholds(states, states.time_s[80] - 5.0))
 
 
 def test_a_rail_out_and_back_parts_the_rows_near_every_time(random_order):
@@ -186,16 +186,22 @@ def test_a_rail_out_and_back_parts_the_rows_near_every_time(random_order):
     q[:, 0] = np.concatenate([there, there[::-1]])
     states = replace(random_order.states, q_rad=q)
     slides = np.array([True, False, False, False])
-    assert not goes_with(random_order.with_states(states))  # no correlation over all rows
+    assert not confounded_with_time(
+        random_order.with_states(states)
+    )  # no correlation over all rows
     assert slow_joints(states).tolist() == [True, False, False, False]
     for row in (20, 40, 80, 100):
-        found = [each.driver for each in partings(states, states.time_s[row] - 5.0, slides)]
-        assert found == [Driver(1, slides=True)]
+        found = [
+            each.covariate for each in step_thresholds(states, states.time_s[row] - 5.0, slides)
+        ]
+        assert found == [Covariate(1, slides=True)]
 
 
 def test_random_order_is_hardly_ever_parted(random_order):
     time_s = random_order.states.time_s
-    parted = [row for row in range(5, ROWS - 5) if any(partings(random_order.states, time_s[row]))]
+    parted = [
+        row for row in range(5, ROWS - 5) if any(step_thresholds(random_order.states, time_s[row]))
+    ]
     assert len(parted) <= 2
 
 
