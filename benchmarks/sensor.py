@@ -26,7 +26,7 @@ from pa10cal.discovery.pose_scatter import share_inside
 from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.verdict_records import verdict_keys
 from pa10cal.evaluation.model_errors import poses_for_model
-from pa10cal.fit.angles_seen import angles_seen
+from pa10cal.fit.validity import angles_seen
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.options import DiscoveryOptions
 

@@ -22,7 +22,7 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared
 from pa10cal.discovery.verdict import Verdict
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.frame.rigid_fit import fit_rigid, pose_by_source
+from pa10cal.frame.point_fits import fit_rigid, pose_by_source
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances

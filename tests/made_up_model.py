@@ -14,9 +14,9 @@ from pa10cal.calibration.general.case import general_case
 from pa10cal.calibration.load_case import LoadCase
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import candidates
 from pa10cal.terms.joint_spring import JointSpring

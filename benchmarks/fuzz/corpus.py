@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.fuzz.mutations import Files
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import load_arm
-from pa10cal.frame.rigid_fit import fit_rigid
+from pa10cal.frame.point_fits import fit_rigid
 from pa10cal.interface import calibrate
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.options import CellPosesOptions, SimulateOptions, TrackerOptions

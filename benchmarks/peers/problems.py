@@ -11,7 +11,7 @@ import pandas as pd
 from benchmarks.peers import simulate
 from benchmarks.peers.problem import Array, Problem
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.exports import urdf_text
+from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.files.arms import load_arm
 
 #: Numbers of poses: errors of the rows alone, and with parallel axes tilted too.

@@ -19,10 +19,10 @@ from ikpy.chain import Chain as IkpyChain
 
 from pa10cal.arm.branches import branches_of
 from pa10cal.arm.chain import BASE, TOOL, Chain, end_pose
-from pa10cal.arm.exports import UrdfSource, patched_urdf
-from pa10cal.arm.imported import arm_from_urdf_text
 from pa10cal.arm.ur_calibration import ur_kinematics
+from pa10cal.arm.urdf_import import arm_from_urdf_text
 from pa10cal.arm.urdf_reading import parse_urdf
+from pa10cal.arm.urdf_writing import UrdfSource, patched_urdf
 from pa10cal.files.output import write_text
 
 HERE = Path(__file__).parent

@@ -21,8 +21,8 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.general.calibrate import GeneralCalibration
 from pa10cal.calibration.general.unknowns import ChosenUnknowns
 from pa10cal.campaign import read
-from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_torques
+from pa10cal.fit.problem import not_identifiable
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import StatedByCampaign

@@ -10,7 +10,7 @@ import yaml
 
 from made_up_model import fitted
 from pa10cal.arm.coupling import CoupledJoint, Coupling
-from pa10cal.arm.room import above, draw_within
+from pa10cal.arm.workspace import above, draw_within
 from pa10cal.errors import ArmError, SettingsError
 from pa10cal.files.arms import arm_text, load_arm, parse_arm
 from pa10cal.files.coupling import coupling_in_words

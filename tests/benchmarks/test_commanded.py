@@ -13,12 +13,12 @@ import pytest
 from benchmarks.planned import as_designed, command, simulated_model, true_frame
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.exports import urdf_text
+from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.calibration.options import EffectOfPlace
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import pose_difference
 from pa10cal.fit.rigid import best_rigid_model, rigid_part
-from pa10cal.frame.rigid_fit import fit_rigid
+from pa10cal.frame.point_fits import fit_rigid
 from pa10cal.observe.observations import average_repeats
 from pa10cal.rules import COMMANDS
 from pa10cal.terms.model import Model

@@ -12,8 +12,8 @@ from pa10cal.calibration.load_case import load_cases, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.two_level_solver import solve
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.identifiability import identify, unidentified_directions
-from pa10cal.frame.rigid_fit import fit_rigid_weighted, pose_by_source
+from pa10cal.fit.problem import identify, unidentified_directions
+from pa10cal.frame.point_fits import fit_rigid_weighted, pose_by_source
 from pa10cal.observe.observations import average_repeats
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import baseline

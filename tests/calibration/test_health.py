@@ -13,8 +13,7 @@ from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import RIGID
 from pa10cal.calibration.health import health as health_of
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.identifiability import identify, not_identifiable
-from pa10cal.fit.problem import Solution
+from pa10cal.fit.problem import Solution, identify, not_identifiable
 from pa10cal.results.calibration import InputFinding, RepeatScatter
 from pa10cal.results.evaluation import Accuracy
 from pa10cal.terms.term import TermParameter

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from pa10cal.calibration.levels import TwoLevel, fit_base_frame, rows_of, spread_poses
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import pose_error
+from pa10cal.frame.point_fits import pose_error
 
 
 def random_poses(rng, count):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drawn_examples import examples
 from pa10cal.campaign.balls import find_outliers, touch_sigma_mm
-from pa10cal.numerics.spheres import fit_spheres
+from pa10cal.frame.point_fits import fit_spheres
 
 RADIUS_MM = 12.7
 FIVE = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=float)

@@ -11,7 +11,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.campaign.table import read_base_motion, read_observations, write_pose_table
 from pa10cal.commands.command_line import main
 from pa10cal.errors import RawDataError
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.point_fits import cross_matrix
 from pa10cal.observe.joined import Member, join
 
 WALK = ({"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}},)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from made_up_sightings import sighted
 from pa10cal.__main__ import main
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.exports import urdf_text
+from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import arm_text, joint_names, load_arm
 

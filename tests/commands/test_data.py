@@ -12,7 +12,7 @@ import yaml
 from made_up_datasets import IRB120, edit, write_ipa, write_irb120, write_titan
 from pa10cal.__main__ import main
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.exports import urdf_text
+from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm, urdf_of_arm

@@ -24,10 +24,10 @@ from pa10cal.campaign.pose_lists import commands_text
 from pa10cal.commands.command_line import REFUSED, run_command
 from pa10cal.files.arms import arm_text, load_arm
 from pa10cal.fit import compensation, fitted_model, loads
-from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
-from pa10cal.fit.contradictions import of_joints
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel, load_model, save_model
+from pa10cal.fit.misread_lists import of_joints
+from pa10cal.fit.validity import AngleCoverage, nothing_seen
 from pa10cal.options import Tolerances
 from pa10cal.results.codec import read
 from pa10cal.results.comparison import ComparisonRecord

@@ -13,7 +13,7 @@ import yaml
 from by_commands import calibrated, called, export, table_of
 from made_up_sightings import sighted
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.exports import urdf_text
+from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model
 

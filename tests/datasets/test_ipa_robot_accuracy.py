@@ -14,7 +14,7 @@ from pa10cal.campaign.read import read_campaign
 from pa10cal.datasets.importing import write_campaigns
 from pa10cal.datasets.readers import dataset_named
 from pa10cal.errors import RawDataError
-from pa10cal.frame.rigid_fit import fit_rigid
+from pa10cal.frame.point_fits import fit_rigid
 from pa10cal.options import IngestOptions
 
 DATASET = dataset_named("ipa-robot-accuracy")

@@ -8,7 +8,7 @@ import pytest
 from calibrated import calibrated
 from mended import write_simulated
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.room import PosturePoints
+from pa10cal.arm.workspace import PosturePoints
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.read import read_campaign
 from pa10cal.discovery.evidence.candidates import split_testable
@@ -30,7 +30,7 @@ from pa10cal.discovery.preparation import setup_of
 from pa10cal.discovery.rules import EVIDENCE, PROBABILITIES
 from pa10cal.errors import DiscoveryError
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
+from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.options import DiscoveryOptions
 from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import Effect, candidates

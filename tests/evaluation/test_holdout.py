@@ -25,8 +25,8 @@ from pa10cal.evaluation.holdout import Evaluation, held_out_record, said_of_part
 from pa10cal.evaluation.in_parts import worth_cutting
 from pa10cal.evaluation.model_errors import constant_tool_twist, held_out_errors
 from pa10cal.files.arms import load_arm
-from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.terms.effects.joint import GearRatioError
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
 from pa10cal.terms.field import Nameless

@@ -17,8 +17,8 @@ from pa10cal.arm.coupling import CoupledJoint
 from pa10cal.arm.description import Controller
 from pa10cal.errors import ModelError
 from pa10cal.evaluation import two_models
-from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
 from pa10cal.fit.fitted import FallBack
+from pa10cal.fit.validity import AngleCoverage, nothing_seen
 from pa10cal.options import Tolerances
 from pa10cal.terms.term import link_departures
 

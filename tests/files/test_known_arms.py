@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain
-from pa10cal.arm.exports import urdf_text
+from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.commands.command_line import main
 from pa10cal.errors import ArmError, MissingPackageError
 from pa10cal.files import known_arms

@@ -15,9 +15,9 @@ from made_up_model import fitted, fitted_to, postures, vocabulary
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import arm_names, load_arm
-from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen
 from pa10cal.fit.fitted import FallBack
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.validity import AngleCoverage, nothing_seen
 from pa10cal.options import Tolerances
 from pa10cal.terms.effects.joint import Backlash
 from pa10cal.terms.joint_spring import JointSpring

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mended import write_simulated
-from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted_model import load_model, model_from_plain, model_to_plain, save_model
+from pa10cal.fit.validity import Discrepancy
 from pa10cal.interface import calibrate, read_campaign
 from pa10cal.terms.field import embedded
 from pa10cal_lab.cell.options import HiddenEffectOptions, SimulateOptions, TrackerOptions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pa10cal.frame.base_motion import common_motion
-from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.frame.point_fits import by_small_motion
 
 U_M = 5e-6
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pa10cal.arm.chain import Chain, end_pose
-from pa10cal.arm.room import Box, PosturePoints
+from pa10cal.arm.workspace import Box, PosturePoints
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm

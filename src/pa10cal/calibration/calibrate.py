@@ -15,10 +15,9 @@ from pa10cal.calibration.rules import FIT
 from pa10cal.calibration.two_level_solver import solve
 from pa10cal.calibration.uncertainty import propagate, with_own_scatter
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.identifiability import Identifiability, identify, not_identifiable
-from pa10cal.fit.problem import Problem, Solution
+from pa10cal.fit.problem import Identifiability, Problem, Solution, identify, not_identifiable
+from pa10cal.fit.validity import angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from pa10cal.arrays import Array
 from pa10cal.calibration.accuracy import gram
 from pa10cal.calibration.rules import RECORDS
-from pa10cal.fit.identifiability import Identifiability
-from pa10cal.fit.problem import GaussianPrior, Solution
-from pa10cal.numerics.exchange import Information, greedy_order
+from pa10cal.fit.problem import GaussianPrior, Identifiability, Solution
+from pa10cal.numerics.pose_sets import Information, greedy_order
 from pa10cal.results import calibration as records
 from pa10cal.terms.joint_spring import reported_name, stiffness_by_solved
 from pa10cal.terms.term import Role, TermParameter

@@ -19,7 +19,7 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.rules import FIT
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.problem import Problem, Rows
-from pa10cal.frame.rigid_fit import cross_matrix, pose_error
+from pa10cal.frame.point_fits import cross_matrix, pose_error
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.terms.model import Model

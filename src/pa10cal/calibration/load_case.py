@@ -19,8 +19,7 @@ from pa10cal.calibration.uncertainty import calibrated_parameters
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.fitted_model import FittedModel, model_to_plain
-from pa10cal.fit.identifiability import unidentified_directions
-from pa10cal.fit.problem import Solution
+from pa10cal.fit.problem import Solution, unidentified_directions
 from pa10cal.observe.observations import Observations
 from pa10cal.results.calibration import CalibratedParameter, Covariance, Health, InputFinding
 from pa10cal.results.evaluation import ResidualRows

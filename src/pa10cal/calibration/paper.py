@@ -19,8 +19,7 @@ from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.identifiability import identify, not_identifiable
-from pa10cal.fit.problem import Problem
+from pa10cal.fit.problem import Problem, identify, not_identifiable
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.pose import Pose
 from pa10cal.results import calibration as records

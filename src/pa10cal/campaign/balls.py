@@ -19,8 +19,7 @@ from pa10cal.campaign.description import CampaignDescription
 from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.campaign.target_labels import exchange_text, stated_shape
 from pa10cal.errors import RawDataError
-from pa10cal.frame.rigid_fit import fit_rigid
-from pa10cal.numerics.spheres import Spheres, fit_spheres, normals_and_residuals
+from pa10cal.frame.point_fits import Spheres, fit_rigid, fit_spheres, normals_and_residuals
 
 #: Touches that a ball needs.
 LEAST_TOUCHES = 4

@@ -15,7 +15,7 @@ from pa10cal.campaign.column_map import ANGLES_OF_POLAR
 from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
 from pa10cal.campaign.own_columns import Polar, RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
-from pa10cal.frame.rigid_fit import Located
+from pa10cal.frame.hand_eye import Located
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 from pa10cal.rules import FRAMES

@@ -18,7 +18,7 @@ from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.nominal_fit import misfit_of
 from pa10cal.errors import RawDataError
 from pa10cal.frame.base_motion import BaseMotion, common_motion
-from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.frame.point_fits import by_small_motion
 from pa10cal.observe.base_targets import BaseTargets, Knocked, Misread, MotionFound
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.kinds import instruments

@@ -6,8 +6,7 @@ import numpy as np
 
 from pa10cal.arrays import Array, drawn
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.hand_eye import hand_eye_from_points
-from pa10cal.frame.rigid_fit import Located
+from pa10cal.frame.hand_eye import Located, hand_eye_from_points
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 

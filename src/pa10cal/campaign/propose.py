@@ -64,7 +64,7 @@ from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.times import JUDGED, time_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
-from pa10cal.frame.rigid_fit import scale_of_points
+from pa10cal.frame.target_problem import scale_of_points
 from pa10cal.options import IngestOptions
 from pa10cal.settings_reading import parse_section
 

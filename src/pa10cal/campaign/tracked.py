@@ -37,7 +37,7 @@ from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.tracked_screens import Screen
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.point_fits import cross_matrix
 from pa10cal.observe.observations import KINDS, JointLog, Observations
 from pa10cal.observe.quantities import RawColumns
 from pa10cal.options import IngestOptions

@@ -182,7 +182,7 @@ def predict(
 
     from pa10cal.campaign.pose_lists import poses_text, read_joints
     from pa10cal.files.output import whole_file
-    from pa10cal.fit import contradictions
+    from pa10cal.fit import misread_lists
 
     fitted = read_usable_model(model, force=force)
     listed = read_joints(joints, fitted.arm.axes_slide)
@@ -203,7 +203,7 @@ def predict(
             first = rows.start == 0
             file.write(poses_text(listed.ids[rows], predicted.T, columns, header=first))
             outside_count += int(np.count_nonzero(~predicted.inside))
-    warn_of("predict", joints, contradictions.of_joints(fitted, listed.q))
+    warn_of("predict", joints, misread_lists.of_joints(fitted, listed.q))
     print(
         f"{out}: {frame} of {fitted.arm.name} at {len(listed.ids)} joint positions, "
         f"{outside_count} of them away from the poses of the fit"
@@ -267,7 +267,7 @@ def compensate(
 
     from pa10cal.arm.controller_poses import controller_pose
     from pa10cal.campaign.pose_lists import read_targets
-    from pa10cal.fit import contradictions
+    from pa10cal.fit import misread_lists
 
     convention: Angles = angles or "quaternion"
     if write == "joints" and (angles or tcp or controller):
@@ -295,11 +295,9 @@ def compensate(
     poses_to_send = found.cartesian(convention) if write == "cartesian" else {}
     _write_commands(out, listed.ids, fitted, found, poses_to_send)
 
-    warnings = list(contradictions.of_targets(fitted, listed.T, listed.q, frame))
+    warnings = list(misread_lists.of_targets(fitted, listed.T, listed.q, frame))
     if not warnings:
-        warnings = list(
-            contradictions.of_answers(fitted, listed.T, found, frame, conditions.load_N)
-        )
+        warnings = list(misread_lists.of_answers(fitted, listed.T, found, frame, conditions.load_N))
     warn_of("compensate", targets, warnings)
     words, counts = np.unique(found.status, return_counts=True)
     outcome = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))

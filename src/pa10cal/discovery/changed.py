@@ -21,7 +21,7 @@ from pa10cal.discovery.in_time import by_pose_and_time
 from pa10cal.discovery.nuisances import Nuisance, Wander, between_rows
 from pa10cal.discovery.rules import CHANGE, MOTION
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.frame.point_fits import by_small_motion
 from pa10cal.numerics.gaussian import Gaussian, Gaussians
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.time_order import (

@@ -37,12 +37,11 @@ from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, 
 from pa10cal.discovery.rules import MAPS
 from pa10cal.discovery.verdict import is_named, label_of
 from pa10cal.errors import CalibrationError, remedy_for
-from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel, model_to_plain, models_of
-from pa10cal.fit.identifiability import identify, not_identifiable
-from pa10cal.fit.problem import Solution
+from pa10cal.fit.problem import Solution, identify, not_identifiable
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations, average_repeats, reading_groups
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.observe.quantities import Deviations

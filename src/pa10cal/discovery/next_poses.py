@@ -18,7 +18,7 @@ import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
 from scipy.special import entr, expit, logit
 
-from pa10cal.arm import room
+from pa10cal.arm import workspace
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
@@ -33,8 +33,8 @@ from pa10cal.discovery.preparation import targets_m
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.discovery.verdict import Plan, label_of
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AngleCoverage
-from pa10cal.numerics.exchange import Combined, SeparationCriterion, exchange, greedy_order
+from pa10cal.fit.validity import AngleCoverage
+from pa10cal.numerics.pose_sets import Combined, SeparationCriterion, exchange, greedy_order
 from pa10cal.observe.arrivals import end_travel, move_shares
 from pa10cal.results.discovery import Separation as ExpectedSeparation
 from pa10cal.results.discovery import SuggestedPose
@@ -121,20 +121,22 @@ def draw_near(measured: EvidenceProblem | Survey, count: int, random_seed: int) 
     """
     chain = measured.baseline.model.chain
     targets = targets_m(measured.baseline, measured.setup).reshape(-1, 3)
-    end = room.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
+    end = workspace.PosturePoints.of(chain, measured.cells.states.q_rad, targets).p_base_end
     lowest, highest = end.min(axis=0), end.max(axis=0)
     room_m = np.maximum((highest - lowest) / 2.0, NEXT_POSES.box_margin_m)
     off_axis_m = float(np.hypot(end[:, 0], end[:, 1]).min())
     constraints = {
-        "near the measured poses": room.end_within(room.Box(lowest - room_m, highest + room_m)),
-        "above the floor": room.above(min(NEXT_POSES.floor_m, float(lowest[2]))),
-        "off the column": room.off_column(min(NEXT_POSES.column_m, off_axis_m)),
-        "off the links": room.off_links(NEXT_POSES.clearance_m),
+        "near the measured poses": workspace.end_within(
+            workspace.Box(lowest - room_m, highest + room_m)
+        ),
+        "above the floor": workspace.above(min(NEXT_POSES.floor_m, float(lowest[2]))),
+        "off the column": workspace.off_column(min(NEXT_POSES.column_m, off_axis_m)),
+        "off the links": workspace.off_links(NEXT_POSES.clearance_m),
     }
     low, high = chain.arm.axis_limits_rad.T
     margin = NEXT_POSES.limit_share * (high - low)
     ranges = low + margin, high - margin
-    found = room.draw_within(chain, targets, ranges, constraints, count, random_seed)
+    found = workspace.draw_within(chain, targets, ranges, constraints, count, random_seed)
     if not len(found.q):
         raise DiscoveryError(
             "no configuration keeps clear of floor, column and limits near the measured positions",

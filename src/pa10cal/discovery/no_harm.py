@@ -20,8 +20,8 @@ from pa10cal.discovery.gap import PairedErrors, fallen_back, trusted
 from pa10cal.discovery.linear import position_noise, residual_and_jacobian
 from pa10cal.discovery.rules import NAMES
 from pa10cal.discovery.verdict import Basis, Scorer, Verdict, is_named, without_names
-from pa10cal.fit.angles_seen import AngleCoverage, nothing_seen, span_visited
 from pa10cal.fit.fitted import FallBack
+from pa10cal.fit.validity import AngleCoverage, nothing_seen, span_visited
 from pa10cal.observe.observations import average_repeats
 from pa10cal.observe.paths import HeldOutPlaces
 from pa10cal.results.evaluation import BeforeAfter

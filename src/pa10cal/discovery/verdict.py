@@ -45,10 +45,10 @@ from pa10cal.discovery.pose_scatter import PoseDeviations
 from pa10cal.discovery.preparation import Prepared
 from pa10cal.discovery.rules import PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison, FormulaProposal
-from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.discrepancy import discrepancy_of
 from pa10cal.fit.fitted import FallBack, FittedTo, Otherwise
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign

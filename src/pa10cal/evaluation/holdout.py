@@ -19,8 +19,8 @@ from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
 from pa10cal.evaluation.in_parts import Placed, parts_of, placed, steps_elsewhere, worth_cutting
 from pa10cal.evaluation.model_errors import held_out_errors, poses_for_model
-from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import (
     Observations,

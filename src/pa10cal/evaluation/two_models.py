@@ -21,12 +21,12 @@ from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.evaluation.what_moved import what_moved
-from pa10cal.fit.angles_seen import overlaps
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted, predicting_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.forward import Forward, states_at
 from pa10cal.fit.plain_arm import arm_to_plain
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.fit.validity import overlaps
+from pa10cal.frame.point_fits import cross_matrix
 from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.rules import COMPARED

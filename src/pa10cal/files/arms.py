@@ -17,7 +17,7 @@ from pydantic import Field
 from pa10cal.arm import description
 from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arm.description import Arm
-from pa10cal.arm.exports import UrdfSource
+from pa10cal.arm.urdf_writing import UrdfSource
 from pa10cal.arrays import Array
 from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, how_to_install, one_line, remedy_for
 from pa10cal.files import arm_places, own_description

@@ -18,13 +18,13 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
-from pa10cal.arm.exports import UrdfSource
 from pa10cal.arm.urdf_ends import ends_of_arm
+from pa10cal.arm.urdf_writing import UrdfSource
 from pa10cal.errors import ArmError, MissingPackageError, one_line
 from pa10cal.input_files import read_file, reason
 
 if TYPE_CHECKING:
-    from pa10cal.arm.imported import ImportedArm
+    from pa10cal.arm.urdf_import import ImportedArm
 
 PACKAGE = "robot_descriptions"
 XACRO = ".xacro"
@@ -63,7 +63,7 @@ def known_arm(name: str) -> KnownArm | None:
     source = known_urdf(name)
     if source is None:
         return None
-    from pa10cal.arm.imported import arm_from_urdf_text  # late: it needs pinocchio
+    from pa10cal.arm.urdf_import import arm_from_urdf_text  # late: it needs pinocchio
 
     base, tip = ends_of_arm(source.text, source.where)
     imported = arm_from_urdf_text(source.text, name, base=base, tip=tip, where=source.where)

@@ -24,10 +24,10 @@ from scipy.spatial import cKDTree
 from pa10cal.arm.chain import BASE, end_pose_with_screws
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.fitted import Fitted
 from pa10cal.fit.problem import GaussianPrior, Problem, possible_sizes
 from pa10cal.fit.tails import Tails, keep_their_distances
+from pa10cal.fit.validity import Discrepancy
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations

@@ -18,8 +18,8 @@ from pa10cal.arm.description import Arm, weights_known
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
-from pa10cal.fit.angles_seen import AngleCoverage, Discrepancy
 from pa10cal.fit.loads import with_torques
+from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Comparison, Deviations

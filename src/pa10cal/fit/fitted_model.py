@@ -18,7 +18,6 @@ from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array
 from pa10cal.errors import ModelError, Pa10calError
 from pa10cal.files.output import whole_files
-from pa10cal.fit.angles_seen import AngleCoverage, Discrepancy
 from pa10cal.fit.compensation import compensate
 from pa10cal.fit.covariance_file import (
     checked_covariance,
@@ -45,6 +44,7 @@ from pa10cal.fit.plain_arm import (
     pose_from_plain,
     rotation_from_plain,
 )
+from pa10cal.fit.validity import AngleCoverage, Discrepancy
 from pa10cal.results.calibration import CalibrationRecord, Covariance
 from pa10cal.terms.field import Field
 from pa10cal.terms.model import Model

@@ -20,8 +20,8 @@ from scipy.special import logsumexp
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
-from pa10cal.fit.angles_seen import Discrepancy
 from pa10cal.fit.problem import GaussianPrior, Problem, gain_along, remaining_disagreement
+from pa10cal.fit.validity import Discrepancy
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.rules import MOVED
 from pa10cal.terms.effects.effect import is_effect

@@ -19,8 +19,8 @@ from scipy.special import chdtri
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.frame import knocked_targets
-from pa10cal.frame.rigid_fit import by_small_motion
-from pa10cal.numerics.block_tridiagonal import BlockTridiagonal
+from pa10cal.frame.point_fits import by_small_motion
+from pa10cal.numerics.least_squares import BlockTridiagonal
 from pa10cal.rules import BASE_MOTION
 
 Form = Literal["still", "walk", "each"]

@@ -13,8 +13,8 @@ squared residuals of the poses, None for equal ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located, by_small_motion
+from pa10cal.frame.point_fits import by_small_motion, fit_rigid, fit_rigid_weighted
 from pa10cal.frame.target_problem import (
     TargetProblem,
     mean_turn,
@@ -31,7 +31,16 @@ from pa10cal.frame.target_problem import (
     turn_by_orientations,
     turns_by_positions,
 )
-from pa10cal.numerics import descent
+from pa10cal.numerics.least_squares import (
+    DESCENT_STEPS,
+    NOT_REPRODUCED,
+    SMALL_GAIN,
+    Linearised,
+    Split,
+    axis_text,
+    descend,
+    split_identified,
+)
 from pa10cal.rules import FRAMES
 
 #: The null space depends a little on the solution, so it is found again there (computing).
@@ -49,6 +58,48 @@ _TINY_M = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
+class Located:
+    """Base frame and targets, found with the nominal arm."""
+
+    T_instr_base: Array  # (4, 4) base in the instrument's frame [m]
+    scatter_m: float  # root mean square of the residuals, positions or distances
+    poses: int  # number of poses that were fitted
+    # (3,) standard uncertainty of the direction of each axis of the base, per direction across it,
+    # for independent residuals; None where the instrument measures distances alone
+    axis_u_rad: Array | None = None
+    # root mean square angle between measured and modelled orientations; None where none is measured
+    scatter_rad: float | None = None
+    # (4, 4) the one target whose orientation is measured; None where it is the end-effector itself,
+    # or there is none
+    T_ee_target: Array | None = None
+    # (B, 3) places of targets, in the order of their names
+    p_ee_targets_m: Array | None = None
+    # (4, 4) `T_ee_target` of each campaign of a group, by its name
+    T_ee_target_of: Mapping[str, Array] = field(default_factory=dict)
+    # directions of the targets that the poses do not identify, held as stated
+    held: tuple[str, ...] | None = None
+    # whether the places of the targets are stated; None where it does not matter
+    stated: bool | None = None
+
+    @property
+    def misfit_m(self) -> float:
+        """Return the rms misfit, orientations by the lengths that they make at `FRAMES.lever_m`."""
+        return float(np.hypot(self.scatter_m, FRAMES.lever_m * (self.scatter_rad or 0.0)))
+
+    @property
+    def T_ee_targets(self) -> Array:
+        """Return the targets in the end-effector frame, (B, 4, 4) [m], without turns if unknown."""
+        if self.T_ee_target is not None:
+            return self.T_ee_target[None]
+        places_m = np.zeros((0, 3)) if self.p_ee_targets_m is None else self.p_ee_targets_m
+        return homogeneous(np.eye(3), places_m)
+
+    def targets(self, T_base_ee: Array) -> Array:
+        """Return the targets in the instrument's frame, (P, B, 4, 4) [m]."""
+        return np.asarray(self.T_instr_base @ T_base_ee[:, None] @ self.T_ee_targets)
+
+
+@dataclass(frozen=True)
 class Guess:
     """Values of the unknowns: base frame and targets."""
 
@@ -62,8 +113,8 @@ class _Refined(NamedTuple):
     """A refined guess."""
 
     guess: Guess
-    problem: descent.Linearised  # linearised there
-    split: descent.Split  # which steps of the targets the poses identify
+    problem: Linearised  # linearised there
+    split: Split  # which steps of the targets the poses identify
 
 
 def first_guess(problem: TargetProblem, R_instr_base: Array, R_ee_target: Array) -> Guess:
@@ -78,7 +129,7 @@ def refined(
     guess: Guess,
     *,
     roughly: bool = False,
-    most_steps: int = descent.MAX_ITERATIONS,
+    most_steps: int = DESCENT_STEPS,
 ) -> _Refined:
     """Refine a guess; directions of the targets that the poses do not identify are held.
 
@@ -89,15 +140,15 @@ def refined(
     all_identified = False
     for _ in range(1 if roughly else _PASSES):
         by_step, base = _linearise(problem, guess).by_step, problem.base_unknowns
-        split = descent.split_identified(by_step[:, base:], by_step[:, :base])
+        split = split_identified(by_step[:, base:], by_step[:, :base])
         if all_identified and not split.unidentified.size:
             break
         all_identified = not split.unidentified.size
-        guess, linearised = descent.descend(
+        guess, linearised = descend(
             guess,
             partial(_linearise, problem, free=split.identified),
             partial(_moved, base=base, free=split.identified),
-            _ROUGHLY if roughly else descent.COST_TOLERANCE,
+            _ROUGHLY if roughly else SMALL_GAIN,
             most_steps,
         )
     return _Refined(guess, linearised, split)
@@ -145,9 +196,7 @@ def _residuals(problem: TargetProblem, guess: Guess, p_base_m: Array) -> tuple[A
     return residuals_m, Rotation.from_matrix(differences, assume_valid=True).as_rotvec()
 
 
-def _linearise(
-    problem: TargetProblem, guess: Guess, *, free: Array | None = None
-) -> descent.Linearised:
+def _linearise(problem: TargetProblem, guess: Guess, *, free: Array | None = None) -> Linearised:
     """Return the weighted problem, linear in the step of `_moved`.
 
     The derivative of a squared angle by a small turn is exact also where the angle is not small.
@@ -180,7 +229,39 @@ def _linearise(
         base, count = problem.base_unknowns, free.shape[1]
         by_step[:, base : base + count] = by_step[:, base:] @ free
         by_step = by_step[:, : base + count]
-    return descent.Linearised(by_step, np.concatenate(residual).ravel())
+    return Linearised(by_step, np.concatenate(residual).ravel())
+
+
+def seed_from_nominal(p_instr_m: Array, p_base_m: Array) -> Located:
+    """Fit the base frame to measured positions (P, 3), by those of the nominal model.
+
+    For campaigns without straight moves.
+
+    Args:
+        p_base_m: (P, 3) positions of the nominal model in the base frame.
+
+    Raises:
+        CalibrationError: with fewer than three poses, or when the positions lie on one line.
+    """
+    count = len(p_instr_m)
+    if count < 3:
+        raise CalibrationError(
+            "too few poses to fit a base frame to",
+            where="unloaded poses",
+            value=count,
+            allowed="at least 3",
+            remedy="measure more unloaded grid poses, or straight moves",
+        )
+    fit = fit_rigid(p_base_m, p_instr_m)
+    variance = float(fit.rms) ** 2 * count / (3 * count - 6)
+    # The covariance scales with the variance; a floor keeps it invertible when the fit is exact.
+    scale = max(variance, np.finfo(float).tiny ** 0.5)
+    points = np.broadcast_to(scale * np.eye(3), (1, count, 3, 3))
+    of_turn = fit_rigid_weighted(p_base_m, p_instr_m[None], points).covariance[0, 3:, 3:]
+    axes = fit.T[:3, :3]
+    about_axis = np.einsum("ik,ij,jk->k", axes, of_turn, axes)
+    across = (np.trace(of_turn) - about_axis) / 2.0
+    return Located(fit.T, float(fit.rms), count, np.sqrt(across))
 
 
 def hand_eye_from_poses(
@@ -362,9 +443,9 @@ def _leads_to(start: Guess, guess: Guess) -> bool:
 def _refuse_unidentified_point(by_point: Array) -> None:
     """Refuse poses whose directions to the fixed point, (P, 3), are nearly in one plane."""
     _, size, directions = np.linalg.svd(by_point, full_matrices=False)
-    if size[2] > descent.OPEN * size[0]:
+    if size[2] > NOT_REPRODUCED * size[0]:
         return
-    open_along = f"along {descent.axis_text(directions[2])} of the base"
+    open_along = f"along {axis_text(directions[2])} of the base"
     raise CalibrationError(
         "the distances do not identify the fixed point",
         where="poses for the fixed point",
@@ -387,13 +468,13 @@ def _direction_text(direction: Array, names: Sequence[str]) -> str:
     places, turn = direction[: 3 * len(names)].reshape(-1, 3), direction[3 * len(names) :]
     parts = []
     if len(names) > 1 and np.abs(places - places[0]).max() < _NO_MOTION:
-        parts.append(f"all targets along {descent.axis_text(places[0])}")
+        parts.append(f"all targets along {axis_text(places[0])}")
     else:
         parts += [
-            f"{name} along {descent.axis_text(place)}"
+            f"{name} along {axis_text(place)}"
             for name, place in zip(names, places, strict=True)
             if np.linalg.norm(place) > _NO_MOTION
         ]
     if len(turn) and np.linalg.norm(turn) > _NO_MOTION:
-        parts.append(f"{names[0]} about {descent.axis_text(turn)}")
+        parts.append(f"{names[0]} about {axis_text(turn)}")
     return " with ".join(parts)

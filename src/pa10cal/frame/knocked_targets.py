@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter
 from scipy.special import chdtri
 
 from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Index, Mask
-from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.frame.point_fits import by_small_motion
 from pa10cal.rules import KNOCKS
 
 #: Singular values of the rigid motions below this part of the largest are zero; and the smallest

@@ -7,23 +7,25 @@ pose of the end-effector:
 
 With S relaxed to any 3x3 matrix this is linear in S, s and p_ee. The rotation nearest to the
 solution starts the non-linear fit (`hand_eye`), and what the relaxed problem leaves is a lower
-bound of the misfit of every fit (below). A row is one target seen in one pose, K in all.
+bound of the misfit of every fit. Relaxed equations also show the unit of what was measured (both
+below). A row is one target seen in one pose, K in all.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from pa10cal.arrays import Array, Index, drawn, nearest_rotation, take_rows
 from pa10cal.errors import CalibrationError
-from pa10cal.numerics import descent
+from pa10cal.numerics.least_squares import NOT_REPRODUCED
 from pa10cal.rules import FRAMES
 
 #: Singular values below this part of the largest are zero (computing).
-NO_COLUMN = 1e-9
+_NO_COLUMN = 1e-9
 #: Poses that are needed to fit a base frame, and distances to find a fixed point.
 _NEEDED_POSES = (FRAMES.base_poses, "poses to fit a base frame to", "base frame")
 _NEEDED_DISTANCES = (FRAMES.point_distances, "distances to find the fixed point", "fixed point")
@@ -150,7 +152,7 @@ def turns_by_positions(problem: TargetProblem) -> list[Array]:
     root, offsets = problem.root_weight[:, None], problem.weighted_offsets_m
     singular_values = np.linalg.svd(offsets, compute_uv=False)
     if singular_values[1] <= max(
-        descent.OPEN * singular_values[0], FRAMES.least_spread_m * np.linalg.norm(root)
+        NOT_REPRODUCED * singular_values[0], FRAMES.least_spread_m * np.linalg.norm(root)
     ):
         return []
     stated = problem.in_base(problem.p_ee_stated_m)
@@ -220,7 +222,7 @@ def squared_distance_equations(p_base_m: Array, R_base: Array, d_m: Array) -> tu
 
 
 def _least_squares(design: Array, values: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(design, values, rcond=NO_COLUMN)[0], dtype=np.float64)
+    return np.asarray(np.linalg.lstsq(design, values, rcond=_NO_COLUMN)[0], dtype=np.float64)
 
 
 def turn_by_orientations(problem: TargetProblem, R_instr_target: Array) -> Array:
@@ -303,3 +305,70 @@ def _residual_squares(design: Array, values: Array) -> float:
     normal.flat[:: len(normal) + 1] += _RIDGE * np.trace(normal)
     solution = np.linalg.solve(normal, design.T @ values)
     return float(np.sum((values - design @ solution) ** 2))
+
+
+# The unit of what was measured: how far the nominal model moves for one measured unit.
+#
+# The place of the target on the end-effector and that of the instrument are not known. They enter
+# linearly, by columns of the nominal model's position and orientation; what these columns do not
+# explain of the model's motion is proportional to what they do not explain of the measured one.
+
+
+def scale_of_points(p_m: Array, T_base_ee: Array) -> float | None:
+    """Return the motion of the nominal model [m] for a unit of measured positions (N, 3).
+
+    It is 1 where positions are in metres, as the model's poses (N, 4, 4) are. None where the rows
+    do not determine the scale, such as positions along one line.
+    """
+    if len(p_m) < FRAMES.scale_rows:
+        return None
+    extent_m = np.linalg.svd(p_m - p_m.mean(axis=0), compute_uv=False)
+    if extent_m[1] < FRAMES.least_breadth * extent_m[0]:
+        return None
+    # x = S p + s - R u, linear in the general matrix S, in s and in the target's place u.
+    of_S = np.kron((p_m - p_m.mean(axis=0))[:, None, :], np.eye(3)).reshape(-1, 9)
+    others = np.concatenate([np.tile(np.eye(3), (len(p_m), 1, 1)), T_base_ee[:, :3, :3]], axis=2)
+    partial = _partial_regression(T_base_ee[:, :3, 3].ravel(), of_S, others.reshape(-1, 6))
+    if partial is None or partial.rms < FRAMES.least_motion_m:
+        return None
+    # The second singular value: of positions in one plane the third one is zero.
+    return float(np.linalg.svd(partial.coefficients.reshape(3, 3), compute_uv=False)[1])
+
+
+def scale_of_distances(d_m: Array, T_base_ee: Array) -> float | None:
+    """Return the motion of the nominal model [m] for a unit of measured distances (N,).
+
+    See `scale_of_points`; the distances are those of one target from a fixed point.
+    """
+    if len(d_m) < FRAMES.scale_rows:
+        return None
+    # |x|^2 = k^2 d^2 + 2 x.c - |c|^2 for a target at the origin, and with its products elsewhere.
+    x, R = T_base_ee[:, :3, 3], T_base_ee[:, :3, :3]
+    others = [x, np.ones((len(x), 1))]
+    if len(d_m) >= FRAMES.rows_for_target:
+        others += [np.einsum("pji,pj->pi", R, x), R.reshape(-1, 9)]
+    partial = _partial_regression((x**2).sum(axis=1), d_m[:, None] ** 2, np.hstack(others))
+    if partial is None or partial.rms < FRAMES.least_motion_m**2:
+        return None
+    square = partial.coefficients[0]
+    return None if square <= 0.0 else float(np.sqrt(square))
+
+
+class _Partial(NamedTuple):
+    """A regression of values on some columns, both without what other columns explain."""
+
+    coefficients: Array
+    rms: float  # of the values without what the other columns explain
+
+
+def _partial_regression(values: Array, columns: Array, others: Array) -> _Partial | None:
+    """Return a partial regression; None where the columns do not explain nearly all of the rest."""
+    together = np.column_stack([values, columns])
+    together = together - others @ np.linalg.lstsq(others, together, rcond=_NO_COLUMN)[0]
+    rest, rest_columns = together[:, 0], together[:, 1:]
+    solved = np.linalg.lstsq(rest_columns, rest, rcond=_NO_COLUMN)[0]
+    coefficients = np.asarray(solved, dtype=float)
+    residual = rest - rest_columns @ coefficients
+    if residual @ residual > (1.0 - FRAMES.explained_share) * (rest @ rest):
+        return None
+    return _Partial(coefficients, float(np.sqrt(np.mean(rest**2))))

@@ -1,32 +1,39 @@
-"""Least squares by damped Gauss-Newton steps on normal equations, with bounds and reweighting.
+"""Least squares on normal equations: the solver, what a fit identifies, and sequences of unknowns.
 
-The solver of every fit but the paper's two levels, which use scipy. Normal equations are accurate
-enough here: every unknown has a prior as a row of its own, or the problem is a small geometric one.
-Steps that raise the cost are damped as by Levenberg and Marquardt; unknowns that would leave their
-range are held at its end.
+`minimise` solves every fit but the paper's two levels, which use scipy: Gauss-Newton steps, damped
+as by Levenberg and Marquardt where they raise the cost; unknowns that would leave their range are
+held at its end. Normal equations are accurate enough here, because every unknown has a prior as a
+row of its own, or the problem is a small geometric one. `descend` is `minimise` for the latter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded, qr
 from scipy.linalg.lapack import dposv
 
 from pa10cal.arrays import Array
 
 Point = TypeVar("Point")
 
-#: Actual over predicted reduction of the cost below which a step counts as too long.
+#: Actual over predicted reduction of the cost below which a step counts as too long (computing).
 _POOR = 0.25
-#: Damping after a first step that raises the cost, and beyond which none can lower it.
+#: Damping after a first step that raises the cost, and beyond which none can lower it (computing).
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e8
-#: Relative size of rounding: of eigenvalues of normal equations with unit diagonal, and of costs.
+#: Relative size of rounding: of eigenvalues of normal equations, and of costs (computing).
 _ROUNDING = 1e-14
+#: A descent ends after so many steps, when no unknown moves by more than this [m, rad], or when the
+#: cost falls by less than this part (computing).
+DESCENT_STEPS, _SMALL_STEP, SMALL_GAIN = 100, 1e-13, 1e-15
+#: Unknowns are not identified if others can reproduce all but this part of their effect: an error
+#: of millimetres in the nominal geometry would move their estimates by metres (size).
+NOT_REPRODUCED = 1e-3
 
 
 class Ranged(Protocol):
@@ -45,9 +52,8 @@ class Ranged(Protocol):
 class Bounds:
     """Physical ranges of k unknowns."""
 
-    # (k,) bounds; infinite where there is none
-    lower: Array
-    upper: Array
+    lower: Array  # (k,) lower bounds, minus infinity where there is none
+    upper: Array  # (k,) upper bounds, infinity where there is none
 
     @classmethod
     def of(cls, parameters: Sequence[Ranged]) -> Bounds:
@@ -217,3 +223,167 @@ def solve_normal(normal: Array, right: Array, damping: float = 0.0) -> Array:
         directions = vectors[:, determined]
         solved = directions @ ((directions.T @ (right / size)) / values[determined])
     return np.asarray(solved / size, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A least-squares problem at one point."""
+
+    by_step: Array  # (m, k) derivative of the prediction by the step
+    residual: Array  # (m,) measured minus predicted; `Equations.of` takes the opposite sign
+
+    @property
+    def cost(self) -> float:
+        """Return the sum of squares."""
+        return float(self.residual @ self.residual)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Directions of k unknowns that the data identify, and those that they do not."""
+
+    identified: Array  # (k, r) a column a direction
+    unidentified: Array  # (k, k - r) a column a direction, of unit length
+
+
+def descend(
+    start: Point,
+    linearise: Callable[[Point], Linearised],
+    moved: Callable[[Point, Array], Point],
+    small_gain: float = SMALL_GAIN,
+    most_steps: int = DESCENT_STEPS,
+) -> tuple[Point, Linearised]:
+    """Minimise the sum of squares of a small geometric fit, some of whose directions may be open.
+
+    Args:
+        linearise: returns the problem at a point.
+        moved: returns the point after a step (k,).
+        small_gain: a step that lowers the cost by a smaller part is the last.
+        most_steps: largest number of steps.
+
+    Returns:
+        The point of the lowest cost, and the problem there.
+    """
+    # Points that were evaluated last: the minimum is mostly among them, and need not be anew.
+    last_two: list[tuple[Point, Linearised]] = []
+
+    def equations(at: Point) -> Equations:
+        here = linearise(at)
+        last_two[:] = [*last_two[-1:], (at, here)]
+        downhill = here.by_step.T @ here.residual
+        return _held_where_undetermined(here.cost, -downhill, here.by_step.T @ here.by_step)
+
+    def arrived(at: Point, taken: Step) -> bool:
+        del at
+        still = np.abs(taken.step).max(initial=0.0) <= _SMALL_STEP
+        return bool(still or taken.gained <= small_gain * taken.before.cost)
+
+    minimum = minimise(start, equations, moved, arrived, most_steps=most_steps)
+    for at, here in last_two:
+        if at is minimum.at:
+            return at, here
+    return minimum.at, linearise(minimum.at)
+
+
+def _held_where_undetermined(cost: float, gradient: Array, normal: Array) -> Equations:
+    """Return equations whose steps have no part along directions that the data do not determine.
+
+    Such a direction gets a gradient of zero and a large normal term. Otherwise rounding would make
+    large steps along it: in the height of a fixed point over the plane of all poses, for example,
+    which changes no distance.
+    """
+    values, vectors = np.linalg.eigh(normal)
+    undetermined = vectors[:, values <= _ROUNDING * values[-1]]
+    if undetermined.shape[1]:
+        gradient = gradient - undetermined @ (undetermined.T @ gradient)
+        normal = normal + values[-1] * undetermined @ undetermined.T
+    return Equations(cost, gradient, normal)
+
+
+def split_identified(by_these: Array, by_others: Array) -> Split:
+    """Split directions of unknowns by whether other unknowns can reproduce their effect.
+
+    Args:
+        by_these: (m, k) derivative of the prediction by the unknowns to split.
+        by_others: (m, l) derivative by the others.
+    """
+    size = np.maximum(np.sqrt((by_these**2).sum(axis=0)), np.finfo(float).tiny)
+    unit = by_these / size
+    basis = np.asarray(np.linalg.qr(by_others)[0], dtype=float)
+    not_reproduced = unit - basis @ (basis.T @ unit)
+    squares, directions = np.linalg.eigh(not_reproduced.T @ not_reproduced)
+    steps = np.asarray(directions / size[:, None], dtype=float)
+    identified = squares > NOT_REPRODUCED**2
+    return Split(steps[:, identified], _along_single_unknowns(steps[:, ~identified]))
+
+
+def axis_text(vector: Array) -> str:
+    """Return a direction for messages, its largest component positive."""
+    unit = vector / np.linalg.norm(vector) * np.sign(vector[np.argmax(np.abs(vector))])
+    return "(" + ", ".join(f"{value:.2f}" for value in unit.round(2) + 0.0) + ")"
+
+
+def _along_single_unknowns(directions: Array) -> Array:
+    """Return unit columns of the same span, along single unknowns as far as possible."""
+    if not directions.size:
+        return directions
+    pivots = qr(directions.T, pivoting=True, mode="economic")[2][: directions.shape[1]]
+    sparse = directions @ np.linalg.inv(directions[pivots])
+    return np.asarray(sparse / np.linalg.norm(sparse, axis=0))
+
+
+@dataclass(frozen=True)
+class BlockTridiagonal:
+    """Normal equations of P vectors of d unknowns, each coupled with the one before and after it.
+
+    The blocks beside the diagonal are diagonal themselves, as a random walk in d components makes
+    them. The matrix is a band of width d, so all is computed in time proportional to P.
+    """
+
+    blocks: Array  # (P, d, d) on the diagonal; the whole matrix is positive definite
+    coupling: Array  # (P - 1, d) minus the diagonals of the blocks beside it
+
+    @classmethod
+    def of(cls, information: Array, prior: Array, coupling: Array) -> BlockTridiagonal:
+        """Return the matrix with blocks information (P, d, d) plus diagonals prior (P, d)."""
+        blocks, diagonal = information.copy(), range(prior.shape[1])
+        blocks[:, diagonal, diagonal] += prior
+        return cls(blocks, coupling)
+
+    @cached_property
+    def factor(self) -> Array:
+        """Return the Cholesky factor as a lower band, (d + 1, P d)."""
+        count, d = self.blocks.shape[:2]
+        band = np.zeros((d + 1, count * d))
+        for below in range(d):
+            for column in range(d - below):
+                band[below, column::d] = self.blocks[:, column + below, column]
+        band[d, : (count - 1) * d] = -self.coupling.ravel()
+        factor: Array = cholesky_banded(band, lower=True, check_finite=False)
+        return factor
+
+    @property
+    def log_determinant(self) -> float:
+        """Return the logarithm of the determinant."""
+        return 2.0 * float(np.sum(np.log(self.factor[0])))
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution (P, d) for a right-hand side (P, d)."""
+        solution = cho_solve_banded((self.factor, True), right.ravel(), check_finite=False)
+        return np.asarray(solution, dtype=np.float64).reshape(right.shape)
+
+    def covariance(self) -> Array:
+        """Return the blocks (P, d, d) on the diagonal of the inverse.
+
+        Block elimination from both ends leaves the information of each block with all before it,
+        and with all after it; the block itself is in both.
+        """
+        count = len(self.blocks)
+        forward, backward = self.blocks.copy(), self.blocks.copy()
+        for i in range(1, count):
+            coupling = self.coupling[i - 1]
+            forward[i] -= coupling[:, None] * np.linalg.inv(forward[i - 1]) * coupling
+            j = count - 1 - i
+            coupling = self.coupling[j]
+            backward[j] -= coupling[:, None] * np.linalg.inv(backward[j + 1]) * coupling
+        return np.asarray(np.linalg.inv(forward + backward - self.blocks), dtype=np.float64)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arrays import Array, Rows, homogeneous, take_rows
-from pa10cal.frame.rigid_fit import cross_matrix
+from pa10cal.frame.point_fits import cross_matrix
 from pa10cal.observe import quantities
 
 #: Names of the components of a motion.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, Mask, Rows, take_rows
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located
+from pa10cal.frame.hand_eye import Located
 from pa10cal.observe import quantities
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.rules import READINGS

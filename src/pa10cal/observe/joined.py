@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pa10cal.arm.statics import ObservedTargets, PoseStates
 from pa10cal.arrays import Array, Index, Rows
 from pa10cal.errors import CalibrationError
-from pa10cal.frame.rigid_fit import Located
+from pa10cal.frame.hand_eye import Located
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import JointLog, Observations

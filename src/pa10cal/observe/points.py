@@ -12,10 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, homogeneous
-from pa10cal.frame import rigid_fit
-from pa10cal.frame.hand_eye import hand_eye_from_points, ranging
-from pa10cal.frame.rigid_fit import Located, scale_of_distances, scale_of_points
-from pa10cal.frame.target_problem import distance_misfit_bound_m, target_misfit_bound_m
+from pa10cal.frame import point_fits
+from pa10cal.frame.hand_eye import Located, hand_eye_from_points, ranging
+from pa10cal.frame.target_problem import (
+    distance_misfit_bound_m,
+    scale_of_distances,
+    scale_of_points,
+    target_misfit_bound_m,
+)
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import Instrument, LocatingMethod, group_means
 from pa10cal.observe.quantities import (
@@ -107,7 +111,7 @@ class Points(Instrument):
 
     def in_frame(self, T: Array) -> Self:
         R = T[:3, :3]
-        along = np.block([[R, rigid_fit.cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
+        along = np.block([[R, point_fits.cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
         return replace(
             self,
             p_instr_m=self.p_instr_m @ R.T + T[:3, 3],
@@ -155,7 +159,7 @@ class Points(Instrument):
         own = cov.reshape(count, 3 * targets, 3 * targets)
         if self.motion_cov is None:
             return own
-        by_motion = rigid_fit.by_small_motion(np.nan_to_num(self.p_instr_m))
+        by_motion = point_fits.by_small_motion(np.nan_to_num(self.p_instr_m))
         along = (by_motion * np.isfinite(self.p_instr_m)[..., None]).reshape(count, -1, 6)
         return np.asarray(own + along @ self.motion_cov @ along.swapaxes(1, 2))
 
@@ -342,7 +346,7 @@ class Distance(Instrument):
     def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
         away_m = places_m[:, 0] - self.p_instr_point_m
         along = away_m / np.linalg.norm(away_m, axis=1, keepdims=True)
-        by_motion = (along[:, None] @ rigid_fit.by_small_motion(places_m[:, 0]))[:, 0]
+        by_motion = (along[:, None] @ point_fits.by_small_motion(places_m[:, 0]))[:, 0]
         variance = np.einsum("pi,pij,pj->p", by_motion, motion_cov, by_motion)
         return replace(self, u_m=np.sqrt(self.u_m**2 + variance))
 

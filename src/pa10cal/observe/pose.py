@@ -14,10 +14,9 @@ from scipy.spatial.transform import Rotation
 from pa10cal.arm.statics import ObservedTargets
 from pa10cal.arrays import Array, Index, homogeneous, nearest_rotation
 from pa10cal.errors import CalibrationError
-from pa10cal.frame import rigid_fit
-from pa10cal.frame.hand_eye import hand_eye_from_poses, target_on_base
-from pa10cal.frame.rigid_fit import Located, scale_of_points, seed_from_nominal
-from pa10cal.frame.target_problem import target_misfit_bound_m
+from pa10cal.frame import point_fits
+from pa10cal.frame.hand_eye import Located, hand_eye_from_poses, seed_from_nominal, target_on_base
+from pa10cal.frame.target_problem import scale_of_points, target_misfit_bound_m
 from pa10cal.observe import quantities
 from pa10cal.observe.base_targets import BaseTargets
 from pa10cal.observe.instrument import Instrument, LocatingMethod, group_means
@@ -86,7 +85,7 @@ class Pose(Instrument):
 
     def with_end_uncertain(self, motion_cov: Array, places_m: Array) -> Self:
         by_motion = np.tile(np.eye(6), (len(self), 1, 1))
-        by_motion[:, :3, 3:] = -rigid_fit.cross_matrix(self.T_instr_target[:, :3, 3])
+        by_motion[:, :3, 3:] = -point_fits.cross_matrix(self.T_instr_target[:, :3, 3])
         noise = by_motion @ motion_cov @ by_motion.swapaxes(1, 2)
         return replace(self, cov=self.cov + noise)
 
@@ -109,7 +108,7 @@ class Pose(Instrument):
 
     def compare(self, T_instr_ee: Array, targets_m: Array) -> quantities.Comparison:
         count = len(T_instr_ee)
-        error = rigid_fit.pose_error(T_instr_ee, self.T_instr_target)
+        error = point_fits.pose_error(T_instr_ee, self.T_instr_target)
         by_end = np.zeros((count, 6, 6))
         by_end[:, :3, :3] = np.eye(3)
         by_end[:, 3:, 3:] = error.by_rotation
@@ -213,7 +212,7 @@ class Pose(Instrument):
     def deviations(
         self, T_base_ee: Array, T_instr_base: Array, targets_m: Array
     ) -> quantities.Deviations:
-        error = rigid_fit.pose_error(T_instr_base @ T_base_ee, self.T_instr_target)
+        error = point_fits.pose_error(T_instr_base @ T_base_ee, self.T_instr_target)
         to_base = T_instr_base[:3, :3]
         chord = np.linalg.norm(error.chord, axis=1)
         angle = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
@@ -334,13 +333,13 @@ class Touched(Pose):
             cov_balls_mm2: (P, B, 3, 3) their covariances.
             touches: (P, B) number of touches of each.
         """
-        fit = rigid_fit.fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
+        fit = point_fits.fit_rigid_weighted(p_ee_balls_mm, p_instr_balls_mm, cov_balls_mm2)
         T = fit.T.copy()
         T[:, :3, 3] *= quantities.MM
         cov = fit.covariance * np.outer(quantities.MM_RAD_TO_SI, quantities.MM_RAD_TO_SI)
         p_m, cov_m2 = quantities.MM * p_instr_balls_mm, quantities.MM**2 * cov_balls_mm2
         balls = Points(names, p_m, cov_m2, quantities.MM * p_ee_balls_mm)
-        return Touched(T, cov, rigid_fit.pose_by_source(T, p_m, cov_m2), balls, touches)
+        return Touched(T, cov, point_fits.pose_by_source(T, p_m, cov_m2), balls, touches)
 
     @classmethod
     def foreseen(cls, T_instr_ee: Array, stated: quantities.StatedByCampaign) -> Touched:
@@ -409,7 +408,7 @@ class Touched(Pose):
         T, cov = pose_of_columns(columns)
         balls = Points.from_columns(columns, stated)
         touches = np.column_stack([columns[f"ball{name}_touches"] for name in balls.names])
-        by_balls = rigid_fit.pose_by_source(T, balls.p_instr_m, balls.cov_m2)
+        by_balls = point_fits.pose_by_source(T, balls.p_instr_m, balls.cov_m2)
         return cls(T, cov, by_balls, balls, touches.astype(np.int64))
 
     def to_columns(self) -> dict[str, NDArray[Any]]:

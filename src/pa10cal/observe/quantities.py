@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Mask, Rows, take_rows
-from pa10cal.frame.rigid_fit import by_small_motion
+from pa10cal.frame.point_fits import by_small_motion
 from pa10cal.rules import FRAMES
 
 AXES = "xyz"

@@ -19,7 +19,7 @@ from pa10cal.discovery.linear import by_effects
 from pa10cal.discovery.preparation import MeasurementSetup, complete, context_of, why_unknown
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.numerics.exchange import covariance_root
+from pa10cal.numerics.pose_sets import covariance_root
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Start, StatedByCampaign, by_end_and_targets, carried_targets
 from pa10cal.pose_plan.setup import MM, PlanSetup

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pa10cal.arm import room
+from pa10cal.arm import workspace
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
@@ -15,15 +15,16 @@ from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.campaign.joint_positions import position_columns
 from pa10cal.errors import CalibrationError
 from pa10cal.files.output import csv_text, whole_files
-from pa10cal.numerics.exchange import (
+from pa10cal.numerics.pose_sets import (
     Combined,
     Criterion,
     ExchangeResult,
     Information,
     exchange,
     greedy_order,
+    path_length,
+    short_path,
 )
-from pa10cal.numerics.short_path import path_length, short_path
 from pa10cal.observe.instrument import Instrument
 from pa10cal.pose_plan.expected import (
     ExpectedRows,
@@ -129,7 +130,7 @@ def _choose(rows: ExpectedRows, poses: int, effects_share: float) -> ExchangeRes
 
 def _planned(
     setup: PlanSetup,
-    candidates: room.Candidates,
+    candidates: workspace.Candidates,
     rows: ExpectedRows,
     chosen: Index,
     criterion: tuple[float, ...],

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pa10cal.arm import room
+from pa10cal.arm import workspace
 from pa10cal.arm.chain import Chain
 from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
@@ -87,33 +87,33 @@ class PlanSetup:
         return lowest, highest
 
     @property
-    def constraints(self) -> dict[str, room.Constraint]:
+    def constraints(self) -> dict[str, workspace.Constraint]:
         """Return the constraints on poses, the quickest first, by what users know them by."""
         options, reach_m = self.options, self.arm.reach_m
-        constraints: dict[str, room.Constraint] = {}
+        constraints: dict[str, workspace.Constraint] = {}
         if options.workspace_mm is not None:
             corners_m = MM * np.array(options.workspace_mm)
-            workspace = room.Box(corners_m.min(axis=0), corners_m.max(axis=0))
-            constraints["workspace_mm"] = room.within(workspace)
+            box = workspace.Box(corners_m.min(axis=0), corners_m.max(axis=0))
+            constraints["workspace_mm"] = workspace.within(box)
         if options.reach_mm is not None:
-            constraints["reach_mm"] = room.reach(MM * options.reach_mm)
+            constraints["reach_mm"] = workspace.reach(MM * options.reach_mm)
         if options.floor_mm is not None:
-            constraints["floor_mm"] = room.above(MM * options.floor_mm)
-        constraints["the tool off the base's axis"] = room.off_column(_COLUMN_SHARE * reach_m)
-        constraints["the tool off the links"] = room.off_links(_CLEARANCE_SHARE * reach_m)
+            constraints["floor_mm"] = workspace.above(MM * options.floor_mm)
+        constraints["the tool off the base's axis"] = workspace.off_column(_COLUMN_SHARE * reach_m)
+        constraints["the tool off the links"] = workspace.off_links(_CLEARANCE_SHARE * reach_m)
         boxes = []
         for number, stated in enumerate(options.keep_out, start=1):
-            box = room.Box(MM * np.array(stated.min_mm), MM * np.array(stated.max_mm))
-            constraints[f"keep-out {number} ({stated.name})"] = room.keep_out(box)
+            box = workspace.Box(MM * np.array(stated.min_mm), MM * np.array(stated.max_mm))
+            constraints[f"keep-out {number} ({stated.name})"] = workspace.keep_out(box)
             boxes.append(box)
         if options.instrument_at_mm is not None:
             place_m = self.instrument_place_m
             if options.facing_deg is not None:
                 most_rad = float(np.radians(options.facing_deg))
                 z_axis = np.array([0.0, 0.0, 1.0])
-                constraints["facing_deg"] = room.facing(place_m, z_axis, most_rad)
+                constraints["facing_deg"] = workspace.facing(place_m, z_axis, most_rad)
             if boxes:
-                constraints["line of sight"] = room.in_sight(place_m, boxes)
+                constraints["line of sight"] = workspace.in_sight(place_m, boxes)
         return constraints
 
     @property
@@ -147,14 +147,14 @@ class PlanSetup:
         gravity = np.array(self.options.gravity_m_s2)
         return Payload(mass_kg or 0.0, com_m, com_m, gravity, known=mass_kg is not None)
 
-    def draw(self, least: int) -> room.Candidates:
+    def draw(self, least: int) -> workspace.Candidates:
         """Draw candidates within all constraints for a plan of at least so many poses.
 
         Raises:
             CalibrationError: when fewer than these remain, with the number that each constraint
                 removed.
         """
-        drawn = room.draw_within(
+        drawn = workspace.draw_within(
             Chain.of(self.arm),
             np.array(list(self.targets.values())),
             self.joint_ranges,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from pa10cal.arm.description import Arm
-    from pa10cal.arm.exports import UrdfSource
+    from pa10cal.arm.urdf_writing import UrdfSource
     from pa10cal.fit.fitted import Fitted
     from pa10cal.fit.fitted_model import FittedModel
     from pa10cal.fit.rigid import RigidError, RigidPart
@@ -194,7 +194,7 @@ def _urdf(
     part: RigidPart, source: UrdfSource | None, arm_name: str, comments: Sequence[str]
 ) -> str:
     """Return rigid links as a URDF: the arm's own with calibrated origins, where it has one."""
-    from pa10cal.arm.exports import patched_urdf, urdf_text
+    from pa10cal.arm.urdf_writing import patched_urdf, urdf_text
 
     if source is None:
         return urdf_text(part.chain, part.coordinates, arm_name, *comments, frames=part.frames)

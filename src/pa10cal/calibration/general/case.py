@@ -25,15 +25,14 @@ from pa10cal.calibration.health import RIGID, health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, RECORDS
 from pa10cal.errors import CalibrationError
-from pa10cal.fit.angles_seen import angles_seen
 from pa10cal.fit.discrepancy import by_uncertain_joints_mm, discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.identifiability import not_identifiable
 from pa10cal.fit.loads import with_loads_read_by, with_torques
-from pa10cal.fit.problem import Problem
+from pa10cal.fit.problem import Problem, not_identifiable
 from pa10cal.fit.robust_weights import suspect_beyond
 from pa10cal.fit.tails import keep_their_distances
+from pa10cal.fit.validity import angles_seen
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.quantities import Start

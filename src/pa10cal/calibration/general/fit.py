@@ -18,8 +18,7 @@ from scipy.linalg.lapack import dtrtri
 
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.rules import FIT, UNKNOWNS
-from pa10cal.fit.identifiability import Identifiability, triangle_of
-from pa10cal.fit.problem import GaussianPrior, Problem, Rows, Solution
+from pa10cal.fit.problem import GaussianPrior, Identifiability, Problem, Rows, Solution, triangle_of
 from pa10cal.fit.robust_weights import first_scatter, refreshed, weighted_rows
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise, solve_normal
 from pa10cal.rules import PARAMETERS

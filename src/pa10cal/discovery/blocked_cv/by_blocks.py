@@ -45,9 +45,9 @@ from pa10cal.discovery.short_forms import FormComparison
 from pa10cal.discovery.together import Scored, Together
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict, with_findings
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AngleCoverage
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
+from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign

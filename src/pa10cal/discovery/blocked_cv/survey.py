@@ -18,8 +18,8 @@ from pa10cal.discovery.nuisances import AttitudeLag, Nuisance, Wander, attitude_
 from pa10cal.discovery.preparation import MeasurementSetup, Prepared, complete, context_of
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.errors import DiscoveryError
-from pa10cal.fit.angles_seen import AngleCoverage, angles_seen
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.rules import ANGLES
 from pa10cal.terms.effects.effect import CandidateContext, Effect

@@ -10,12 +10,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drawn_examples import examples
-from pa10cal.numerics.exchange import (
+from pa10cal.numerics.pose_sets import (
     Combined,
     Information,
     SeparationCriterion,
     exchange,
     greedy_order,
+    path_length,
+    short_path,
 )
 
 CASES = {
@@ -154,3 +156,11 @@ def test_the_least_of_several_is_what_a_set_is_chosen_by():
         each.restart(found.chosen)
     assert found.values[-1] == pytest.approx(min(each.value for each in several))
     assert np.all(np.diff(found.values) > 0.0)
+
+
+def test_a_short_path_is_no_longer_than_the_order_given():
+    for seed in range(5):
+        q = np.random.default_rng(seed).normal(size=(30, 6))
+        order = short_path(q)
+        assert sorted(order) == list(range(30))
+        assert path_length(q[order]) < 0.7 * path_length(q)

@@ -13,9 +13,9 @@ from ikpy.chain import Chain as IkpyChain
 from changed_arm import departed, expected
 from drawn_examples import examples
 from pa10cal.arm.chain import BASE, Chain, end_pose
-from pa10cal.arm.exports import UrdfSource, patched_urdf, urdf_text
-from pa10cal.arm.imported import arm_from_urdf_text
+from pa10cal.arm.urdf_import import arm_from_urdf_text
 from pa10cal.arm.urdf_reading import parse_urdf
+from pa10cal.arm.urdf_writing import UrdfSource, patched_urdf, urdf_text
 from pa10cal.errors import ArmError, visible
 from pa10cal.files.arms import arm_names, load_arm
 

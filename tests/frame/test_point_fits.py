@@ -13,13 +13,9 @@ from made_up_poses import frames
 from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
 from pa10cal.files.arms import load_arm
-from pa10cal.frame.rigid_fit import (
-    fit_rigid,
-    fit_rigid_weighted,
-    scale_of_distances,
-    scale_of_points,
-    seed_from_nominal,
-)
+from pa10cal.frame.hand_eye import seed_from_nominal
+from pa10cal.frame.point_fits import fit_rigid, fit_rigid_weighted
+from pa10cal.frame.target_problem import scale_of_distances, scale_of_points
 
 BALLS_EE_MM = np.array([[95.0, 0.0, 310.0], [-50.0, 80.0, 310.0], [-50.0, -80.0, 312.0]])
 seeds = st.integers(0, 2**32 - 1)

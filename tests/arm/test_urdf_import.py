@@ -11,9 +11,9 @@ from drawn_examples import examples
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import neighbouring_axes
 from pa10cal.arm.dh_rows import rows_through
-from pa10cal.arm.exports import urdf_text
-from pa10cal.arm.imported import arm_from_urdf_text
 from pa10cal.arm.statics import Payload, statics
+from pa10cal.arm.urdf_import import arm_from_urdf_text
+from pa10cal.arm.urdf_writing import urdf_text
 from pa10cal.arrays import homogeneous
 from pa10cal.errors import ArmError
 from pa10cal.files.arms import arm_names, load_arm

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn_examples import examples
-from pa10cal.fit.angles_seen import angles_seen
+from pa10cal.fit.validity import angles_seen
 from pa10cal.rules import ANGLES
 
 TURN = 2.0 * np.pi
