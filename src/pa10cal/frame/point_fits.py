@@ -18,9 +18,6 @@ _MOST_STEPS, _LAST_STEP, _LAST_STEP_MM = 50, 1e-13, 1e-10
 #: Least distance that is divided by [mm]; least eigenvalue of normal equations; and eigenvalues of
 #: a scatter matrix, relative to the largest, that count as zero (computing).
 _NO_DISTANCE_MM, _NO_INFORMATION, _FLAT = 1e-12, 1e-12, 1e-4
-#: Touches within this part of the radius (rms) of one plane are coplanar: they hardly determine how
-#: far beyond the plane the centre is (size).
-_COPLANAR = 0.05
 
 
 @dataclass(frozen=True)
@@ -213,7 +210,7 @@ def fit_spheres(p_mm: Array, valid: Mask, radius_mm: float) -> Spheres:
     inverse = np.linalg.pinv(scatter, rcond=_FLAT, hermitian=True)
     centre_mm = mean_mm + 0.5 * (inverse @ moment[..., None])[..., 0]
     square_thickness = np.linalg.eigvalsh(scatter)[:, 0].clip(min=0.0) / np.maximum(count, 1)
-    coplanar = np.sqrt(square_thickness) < _COPLANAR * radius_mm
+    coplanar = np.sqrt(square_thickness) < FRAMES.coplanar * radius_mm
     for _ in range(_MOST_STEPS):
         normals, residual_mm = normals_and_residuals(p_mm, weight, centre_mm, radius_mm)
         downhill = (normals * residual_mm[..., None]).sum(axis=1)
