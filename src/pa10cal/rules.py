@@ -110,8 +110,8 @@ class Frames:
     # root mean square spread across a line that positions must have to determine a rotation [m]
     # (size)
     least_spread_m: float = 1e-3
-    # touches of a sphere within this part of its radius (rms) of one plane are coplanar: they hardly
-    # determine how far beyond the plane its centre is (size)
+    # touches of a sphere within this part of its radius (rms) of one plane are coplanar: they
+    # hardly determine how far beyond the plane its centre is (size)
     coplanar: float = 0.05
 
 
