@@ -76,6 +76,15 @@ def test_points_of_a_program_are_joined_with_readings_by_their_names(tmp_path, p
     assert is_read(found, raw.q, raw.T_instr_target, WRITTEN_RAD, WRITTEN_M)
 
 
+def test_points_in_an_array_of_kuka_are_read(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    program = PROGRAMS["kuka"][0](np.degrees(raw.q))
+    program = re.sub(r"DECL (?:GLOBAL )?E6AXIS XP(\d+)=", r"CAL[\1]=", program)
+    program = program.replace("DECL FRAME", f"DECL E6AXIS CAL[{len(raw.q)}]\r\nDECL FRAME")
+    proposed(program_dat=program, tracker_csv=tracker(points(raw), "CAL[{}]"))
+    assert is_read(read_campaign(tmp_path), raw.q, raw.T_instr_target, WRITTEN_RAD, WRITTEN_M)
+
+
 @pytest.mark.slow_but_one_in(5)
 @pytest.mark.parametrize("title", TAKES)
 def test_a_take_of_motion_capture_is_read(tmp_path, proposed, title):

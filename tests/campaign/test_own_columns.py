@@ -190,6 +190,18 @@ def test_times_of_day_become_seconds_from_the_first(tracked, form, written_as, c
     assert f"out of order: {len(own) - 1}" in found.notes[0]
 
 
+def test_times_of_day_go_on_after_midnight(tracked):
+    raw, table, _ = tracked
+    own = own_table(table).join(table[QUATERNION])
+    seconds = np.arange(len(own)) * 60.0
+    moments = pd.Timestamp("2026-03-01 23:50") + pd.to_timedelta(seconds, unit="s")
+    own["clock"] = moments.strftime("%H:%M:%S")
+    time = {"names": "clock", "format": "%H:%M:%S"}
+    found = read_campaign(written(raw, own, COLUMNS | {"time": time}))
+    np.testing.assert_allclose(found.observations.states.time_s, seconds)
+    np.testing.assert_allclose(found.observations.states.q_rad, raw.q, atol=1e-9)
+
+
 def test_milliseconds_are_seconds_and_equal_joints_are_repeats(tmp_path):
     raw = sighted(tmp_path, "pose", repeats=2, poses=20)
     table = pd.read_csv(io.StringIO("\n".join(raw.poses)))

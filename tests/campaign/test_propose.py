@@ -195,6 +195,32 @@ def test_a_date_and_a_time_of_day_are_one_time(tmp_path, written):
     assert np.ptp(read_campaign(folder).observations.states.time_s) == 10.0 * (len(table) - 1)
 
 
+def test_a_target_without_a_name_is_beside_one_that_has_its_number(tmp_path, written):
+    _, table = tracked(tmp_path, "points")
+    called = {"T1": "", "T2": "T1_"}
+    own = table.rename(
+        columns={
+            f"{was}_{axis}_mm": f"{now}{axis}_mm" for was, now in called.items() for axis in "xyz"
+        }
+    )
+    content, _, _ = written(own, "--robot", "ur10")
+    targets = content["columns"]["poses"]["targets"]
+    assert sorted(column for place in targets.values() for column in place["names"]) == sorted(
+        name for name in own if name.endswith(("x_mm", "y_mm", "z_mm"))
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "unit", "in_C"),
+    [("temp [°C]", 52.0, None, 52.0), ("temp [°F]", 32.0, "F", 0.0), ("temp", 68.0, "F", 20.0)],
+)
+def test_a_temperature_has_the_unit_of_its_header(tmp_path, written, name, value, unit, in_C):
+    _, table = tracked(tmp_path)
+    content, _, _ = written(table.assign(**{name: value}), "--robot", "ur10")
+    assert content["columns"]["poses"]["temperature"].get("unit") == unit
+    assert content["reference_temperature_C"] == in_C
+
+
 def test_several_targets_are_points_and_a_distance_is_one(tmp_path, written):
     _, table = tracked(tmp_path, "points")
     content, _, _ = written(table, "--robot", "ur10")

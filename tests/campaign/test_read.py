@@ -29,3 +29,5 @@ def test_it_says_what_was_read(raw_campaign):
     page = campaign._repr_html_()
     for words in ("made-up", "touch_trigger_cmm", "held out", "straight moves"):
         assert words in page
+    for line in campaign.lines:
+        assert f"{len(line)} readings of {len(set(line.pose))} poses" in page

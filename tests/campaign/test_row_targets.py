@@ -10,7 +10,7 @@ import yaml
 from made_up_sightings import sighted
 from pa10cal.campaign.own_columns import TargetOfRow
 from pa10cal.campaign.read import read_campaign
-from pa10cal.campaign.row_targets import label_endings
+from pa10cal.campaign.row_targets import label_endings, target_names
 from pa10cal.errors import Pa10calError
 
 Q = [f"J{j}" for j in range(1, 7)]
@@ -193,6 +193,20 @@ def test_a_target_of_the_row_goes_with_one_position(tmp_path, sightings, other):
 def test_numbers_are_words():
     stated = TargetOfRow.model_validate({"names": "SMR", "words": {1: "T1", "2": "T2"}})
     assert [stated.of(word)[1] for word in ("1", "2", "3")] == ["T1", "T2", ""]
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["A", "B"], ["A", "B"]),
+        (["1", "base1"], ["T1", "Tbase1"]),
+        (["", "T1"], ["T2", "T1"]),
+        (["T2", "u"], ["T2", "T3"]),
+        (["A1", "A-1", "T2"], ["A1", "T3", "T2"]),
+    ],
+)
+def test_every_target_has_a_name_of_its_own(words, names):
+    assert list(target_names(words).values()) == names
 
 
 def test_the_longest_ending_counts():

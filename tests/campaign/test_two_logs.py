@@ -129,6 +129,21 @@ def test_a_line_is_excluded_of_the_file_that_is_named(tmp_path):
         read_with(tmp_path, logs, exclude=[{"where": "controller.csv:12", "why": "bumped"}])
 
 
+@pytest.mark.parametrize("by", ["time", "label"])
+@pytest.mark.parametrize("lacks", ["joints", "readings"])
+def test_logs_are_joined_by_columns_that_both_have(tmp_path, by, lacks):
+    logs = two_logs(tmp_path, 5, dense=False)
+    logs.write(tmp_path / "mine")
+    content = mapped() | {"join": {"by": by}}
+    (other,) = {"joints", "readings"} - {lacks}
+    name = {"joints": logs.joints, "readings": logs.readings}[other].columns[0]
+    key = {"time": "time", "label": "pose"}[by]
+    content["columns"][other][key] = {"names": name} if by == "time" else name
+    (tmp_path / "mine" / "campaign.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(Pa10calError, match=rf"join.by: .* join .*set columns.{lacks}.{key},"):
+        read_campaign(tmp_path / "mine")
+
+
 TORQUES, U, U_TORQUES = ([f"{name}{k}" for k in range(1, 7)] for name in ("M", "u", "uM"))
 
 

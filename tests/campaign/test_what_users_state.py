@@ -199,8 +199,19 @@ def test_excluded_rows_may_be_many_and_unreadable(raw):
     assert len(found.observations) == 60
 
 
+def test_a_reading_that_is_excluded_by_its_label_need_not_be_readable(raw):
+    (row, *_) = (k for k, line in enumerate(raw.poses) if ",P003," in line)
+    cells = raw.poses[row].split(",")
+    cells[raw.column("q2_deg")] = "9999"
+    raw.poses[row] = ",".join(cells)
+    repeat = cells[raw.column("repeat")]
+    found = read(raw, exclude=[{"where": f"P003, 0 N, repeat {repeat}", "why": "a bad read-back"}])
+    assert [row.reason for row in found.quarantined] == ["excluded: a bad read-back"]
+
+
 def test_an_exclusion_that_meets_nothing_is_refused(raw):
-    for where in ("P999", "line 999", "pose P003, 0 N, repeat 9", "joints.csv:7"):
+    words = ("P999", "line 999", "pose P003, 0 N, repeat 9", "P003, 0-50 N", "joints.csv:7")
+    for where in words:
         with pytest.raises(Pa10calError, match=rf"exclude: nothing is there .*{where}.*poses.csv"):
             read(raw, exclude=[{"where": where, "why": "none"}])
 

@@ -69,8 +69,11 @@ def _moves(name: str, points: Iterable[_Point]) -> bool:
 
 # KUKA: DECL E6AXIS XP1={A1 10.0,A2 -90.0,…,E1 0.0,…}
 
-_KUKA = re.compile(
-    r"\b(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)(?:\[\d*\])?\s*=\s*\{([^}]*)(\}?)", re.I
+_KUKA_TYPES = r"\b(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)"
+#: An array is declared with its type and length; its elements are assigned without the type.
+_KUKA_ARRAY = re.compile(rf"{_KUKA_TYPES}\s*\[\s*\d*\s*\]", re.I)
+_KUKA_POINT = re.compile(
+    rf"(?:{_KUKA_TYPES}|\b(\w+))(\s*\[\s*\d*\s*\])?\s*=\s*\{{([^}}]*)(\}}?)", re.I
 )
 _KUKA_AXIS = re.compile(rf"\b([AE]\d)\s+({_NUMBER})", re.I)
 
@@ -78,16 +81,22 @@ _KUKA_AXIS = re.compile(rf"\b([AE]\d)\s+({_NUMBER})", re.I)
 def kuka_points(lines: Iterable[TextLine], where: str, notes: list[str]) -> Iterator[TextLine]:
     """Yield the E6AXIS and AXIS points of a data list: A1 … A6, and axes E1 … that are used.
 
-    Points of the inline forms are called XP1 there, and P1 by their users.
+    Points of the inline forms are called XP1 there, and P1 by their users; elements of arrays P[1].
     """
     points, last, ended = [], None, False
+    arrays: dict[str, str] = {}  # type by the name of an array
     for line in lines:
         last = line
         ended = ended or bool(re.match(r"\s*ENDDAT\b", line.text, re.I))
-        for kind, name, inside, end in _KUKA.findall(line.text.partition(";")[0]):
-            if kind.upper() == "FRAME":
+        text = line.text.partition(";")[0]
+        arrays |= {name.upper(): kind for kind, name in _KUKA_ARRAY.findall(text)}
+        for stated, typed, untyped, index, inside, end in _KUKA_POINT.findall(text):
+            name = typed or untyped
+            kind = stated or (arrays.get(name.upper(), "") if index else "")
+            if kind.upper() in ("", "FRAME"):
                 continue
             label = name[1:] if len(name) > 1 and name[0] in "Xx" else name
+            label += "".join(index.split())
             axes = {}
             if kind.upper().endswith("AXIS"):
                 for axis, value in _KUKA_AXIS.findall(inside):

@@ -20,6 +20,7 @@ from pa10cal.campaign.column_map import (
     COUNTS,
     FORCES,
     LENGTHS,
+    TEMPERATURES,
     TIMES,
     TORQUES,
 )
@@ -59,7 +60,12 @@ from pa10cal.campaign.recognise import (
     standing,
     unit_of,
 )
-from pa10cal.campaign.row_targets import labels_without_targets, named_in_other_log, target_column
+from pa10cal.campaign.row_targets import (
+    labels_without_targets,
+    named_in_other_log,
+    target_column,
+    target_names,
+)
 from pa10cal.campaign.sniffing import Sniffed, rows_at
 from pa10cal.campaign.times import JUDGED, time_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
@@ -379,7 +385,8 @@ class _Proposing:
         values, column = self.sniffed.column(name), {"names": name}
         if np.isfinite(values).any():
             middle = float(np.nanmedian(values))
-            unit = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
+            by_size = "K" if 220.0 < middle < 330.0 else "F" if 45.0 < middle < 110.0 else "C"
+            unit = self._stated([name], TEMPERATURES) or by_size
             in_C = {"K": middle - 273.15, "F": (middle - 32.0) / 1.8, "C": middle}
             self.temperature_C = round(in_C[unit], 1)
             column |= _unless(unit, "C")
@@ -433,9 +440,9 @@ class _Proposing:
         place, names = next(iter(positions.items()))
         attitude = self.roles.attitude
         if attitude is None and len(positions) > 1:
+            called = target_names(list(positions))
             targets = {
-                _label(place, k): self._place(names, T_base_ee)
-                for k, (place, names) in enumerate(positions.items(), start=1)
+                called[place]: self._place(names, T_base_ee) for place, names in positions.items()
             }
         else:
             position = self._place(names, T_base_ee)
@@ -448,7 +455,7 @@ class _Proposing:
                 self.checks.append(
                     f"position: {', '.join(names)} taken, of {len(positions)} triples"
                 )
-            targets = {_label(place, 1): position} if attitude is None else {}
+            targets = {target_names([place])[place]: position} if attitude is None else {}
         columns: dict[str, Any] = {}
         if attitude is not None:
             p_m = 1e-3 * LENGTHS[position["unit"]] * self.sniffed.columns(names)
@@ -578,9 +585,3 @@ class _Proposing:
 def _unless(unit: str, usual: str) -> dict[str, str]:
     """Return the key `unit`, unless the unit is the default."""
     return {} if unit == usual else {"unit": unit}
-
-
-def _label(place: str, k: int) -> str:
-    """Return a name for the k-th target, from the words before its x, y, z."""
-    label = "".join(letter for letter in place if letter.isascii() and letter.isalnum())
-    return label if label not in ("", "u") else f"T{k}"

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -33,7 +32,7 @@ from pa10cal.campaign.joint_positions import position_columns
 from pa10cal.campaign.own_columns import FileColumns, Polar, RotationColumns, Time
 from pa10cal.campaign.raw_rows import TEXT, RawRows
 from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
-from pa10cal.campaign.times import ISO, moments_of
+from pa10cal.campaign.times import ISO, seconds_of
 from pa10cal.errors import RawDataError
 
 #: Least standard uncertainty of a component of a quaternion computed from stated ones.
@@ -292,8 +291,7 @@ def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[s
     """Return the times of rows as seconds since 1970, or since the earliest row, and as text."""
     parts = [raw.text_of(name) for name in time.names]
     text = [" ".join(words) for words in zip(*parts, strict=True)]
-    since = (moments_of(text, time.format or ISO) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
-    seconds: Array = np.array(since, dtype=np.float64)
+    seconds = seconds_of(text, time.format or ISO)
     if from_first and not np.isnan(seconds).all():
         seconds -= np.nanmin(seconds)
     return seconds, text

@@ -213,7 +213,8 @@ _LINES = re.compile(
 )
 #: Rows by their label: `P012`, or `pose P012, 0 N, repeat 3`.
 _READING = re.compile(
-    r"(?P<label>(?:pose )?(?P<bare>[^,]+?))(?:, (?P<load>[-+.\d]+) N)?(?:, repeat (?P<repeat>\d+))?"
+    r"(?P<label>(?:pose )?(?P<bare>[^,]+?))"
+    r"(?:, (?P<load>[-+]?\d+(?:\.\d*)?) N)?(?:, repeat (?P<repeat>\d+))?"
 )
 
 
@@ -243,19 +244,25 @@ class Exclusions:
     def labels(self, raw: RawRows) -> RawRows:
         """Quarantine rows that are excluded by label, load and repeat.
 
-        Raises:
-            RawDataError: when an exclusion, of lines or of labels, has met no row.
+        An exclusion by a column that is made later is left for then.
         """
         for number, (where, why) in enumerate(self.stated):
             reading = _READING.fullmatch(where)
             if number in self.met or reading is None:
                 continue
+            stated = {"load_N": reading["load"], "repeat": reading["repeat"]}
+            numbers = {name: float(value) for name, value in stated.items() if value is not None}
+            if not {"pose", *numbers} <= raw.columns.keys():
+                continue
             poses = raw.text_of("pose")
             excluded = poses == reading["label" if reading["label"] in poses else "bare"]
-            for name, value in (("load_N", reading["load"]), ("repeat", reading["repeat"])):
-                if value is not None:
-                    excluded &= raw[name] == float(value)
+            for name, value in numbers.items():
+                excluded &= raw[name] == value
             raw = self._without(raw, excluded, number, why)
+        return raw
+
+    def refuse_missed(self, file: str) -> None:
+        """Refuse exclusions, of lines or of labels, that have met no row of a file."""
         missed = [where for k, (where, _) in enumerate(self.stated) if k not in self.met]
         if missed:
             raise RawDataError(
@@ -263,10 +270,9 @@ class Exclusions:
                 where=self.where,
                 value=missed[0],
                 allowed="the label of a pose, such as P012; pose P012, 0 N, repeat 3; line 17, or "
-                f"lines 17 to 20, of {raw.file}",
+                f"lines 17 to 20, of {file}",
                 remedy="correct it, or remove it from exclude",
             )
-        return raw
 
     def _without(self, raw: RawRows, excluded: Mask, number: int, why: str) -> RawRows:
         if excluded.any():

@@ -115,7 +115,7 @@ class Campaign:
             "instrument": self.description.instrument.kind,
             "calibration": count(self.calibration),
             "held out": count(self.held_out),
-            "straight moves": count(self.lines[0]),
+            "straight moves": " and ".join(map(count, self.lines)),
             "quarantined": f"{len(self.quarantined)} rows",
             "notes": "; ".join(self.notes) or "none",
         }

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -51,7 +52,7 @@ def target_column(
     free = [name for name in sniffed.names if name not in used]
     for name in free:
         if endings := label_endings(sniffed.words(name), p_m):
-            return {"names": name, "endings": _named(endings)}
+            return {"names": name, "endings": target_names(endings)}
     for name in free:
         words = sniffed.words(name)
         counts = Counter(words)
@@ -59,7 +60,7 @@ def target_column(
             continue
         title = words_of_name(sniffed.titled(name))
         if has_word(title, "one target") or _nearer(words, p_m, T_base_ee):
-            return {"names": name, "words": _named(sorted(counts))}
+            return {"names": name, "words": target_names(sorted(counts))}
     return None
 
 
@@ -123,15 +124,26 @@ def _nearer(words: Sequence[str], p_m: Array, T_base_ee: Array | None) -> bool:
     return fit_of_several.scatter_m * _CLEARER < fit_of_one.scatter_m
 
 
-def _named(words: Sequence[str]) -> Mapping[str, str]:
-    """Return a target's name, of letters and digits, for each word."""
+def target_names(words: Sequence[str]) -> dict[str, str]:
+    """Return for each word a target's name of its own: its ASCII letters and digits.
+
+    Words that leave none, or the name of another word, are called T1, T2, … by their places in the
+    list. Names of columns reserve `u` for uncertainties, and `base1` … for targets on the base.
+    """
+
+    def bare(word: str) -> str:
+        name = "".join(letter for letter in word if letter.isascii() and letter.isalnum())
+        return f"T{name}" if name.isdigit() or name.startswith("base") else name
+
     named: dict[str, str] = {}
+    for word in words:
+        if (name := bare(word)) not in ("", "u", *named.values()):
+            named[word] = name
     for k, word in enumerate(words, start=1):
-        bare = "".join(letter for letter in word if letter.isascii() and letter.isalnum())
-        bare = f"T{bare}" if bare.isdigit() or bare.startswith("base") else bare
-        taken = bare in ("", "u") or bare in named.values()
-        named[word] = f"T{k}" if taken else bare
-    return named
+        numbered = (f"T{number}" for number in itertools.count(k))
+        if word not in named:
+            named[word] = next(name for name in numbered if name not in named.values())
+    return {word: named[word] for word in words}
 
 
 UNKNOWN = "the row names no target that is stated"

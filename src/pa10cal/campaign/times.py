@@ -19,6 +19,8 @@ ISO = "iso"
 #: A date, and a time of day.
 _DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}")
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.I)
+#: Directives of a format that states a time of day alone.
+_OF_DAY = frozenset("HIMSfpzTRX")
 #: Days since 1900, as workbooks count time: from 1982 to 2064.
 _SERIAL_DAYS = (30_000.0, 60_000.0)
 
@@ -44,7 +46,8 @@ def time_columns(
         words = [" ".join(row) for row in zip(*map(sniffed.words, names), strict=True)]
         numbers = np.full(len(words), np.nan)
     if len(set(words)) <= 1 or len(set(words)) < 0.01 * len(words):
-        return {}, f"time: {name} is the same in all rows, so rows are numbered instead"
+        rows = "all" if len(set(words)) <= 1 else "many"
+        return {}, f"time: {name} is the same in {rows} rows, so rows are numbered instead"
     digits = pd.Series(words[:JUDGED]).str.fullmatch(r"\d{14}").mean() > 0.9
     if np.isfinite(numbers).mean() > 0.9 and not digits:
         unit, check = (stated, "") if stated else _unit_of_time(name, numbers)
@@ -90,7 +93,7 @@ def format_of(words: Sequence[str]) -> tuple[str | None, tuple[str, ...]]:
     The format in which the times span the shortest period is taken; None where no format fits.
     """
     duration_s: dict[str, float] = {}
-    for form in _formats(words[0]):
+    for form in _formats(next(filter(None, words), "")):
         moments = moments_of(words[:JUDGED], form)
         if moments.notna().mean() > 0.9:
             duration_s[form] = float((moments.max() - moments.min()).total_seconds())
@@ -112,6 +115,20 @@ def moments_of(words: Sequence[str], how: str) -> pd.Series[pd.Timestamp]:
     form = "ISO8601" if how == ISO else how
     some = pd.Series([word if len(word) <= MOST_LETTERS else "" for word in words], dtype=object)
     return pd.to_datetime(some, format=form, errors="coerce", utc=True)
+
+
+def seconds_of(words: Sequence[str], how: str) -> Array:
+    """Return dates and times as seconds since 1970, nan where a word does not fit.
+
+    Times of day alone are those of one day, or of days that follow each other: from word to word
+    less than half a day passes.
+    """
+    since_1970 = moments_of(words, how) - pd.Timestamp(0, tz="UTC")
+    seconds: Array = np.array(since_1970.dt.total_seconds(), dtype=np.float64)
+    if how != ISO and _OF_DAY.issuperset(re.findall(r"%(\w)", how)):
+        known = np.isfinite(seconds)
+        seconds[known] = np.unwrap(seconds[known], period=86400.0)
+    return seconds
 
 
 def _formats(word: str) -> Iterator[str]:

@@ -222,6 +222,7 @@ def _read_touches(
     of_known_configuration = labelled(raw.choices("kind", KINDS).finite(["load_N"]), arm)
     logged_count = len(np.unique(of_known_configuration.configurations))
     raw = exclusions.labels(exclusions.lines(raw))
+    exclusions.refuse_missed(raw.file)
     raw = raw.choices("kind", KINDS).choices("ball", ball_names)
     raw = raw.finite(["time_s", "load_N", *_PLACE])
     raw = within_bounds(raw, ["time_s", *_PLACE], arm)

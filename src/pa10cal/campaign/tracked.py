@@ -127,7 +127,8 @@ def _read_poses(
     lengths = [*measured.names, *on_base]
     optional = ["temperature_C", *(f"u_{name}" for name in (*q, *tau, *lengths))]
     raw = file.read(["time_s", *labelling, *q, *lengths], ["kind", *optional], tau)
-    raw = exclusions.lines(raw)
+    # Before rows are judged, so that one that is excluded cannot be quarantined for something else.
+    raw = exclusions.labels(exclusions.lines(raw))
     if "kind" not in raw.columns:
         raw = raw.with_columns({"kind": np.full(len(raw), "grid", dtype=object)})
     raw = raw.choices("kind", KINDS)
@@ -148,6 +149,7 @@ def _read_poses(
         raw = raw.take(~off.rows[remaining], off.reason, shown)
         remaining &= ~off.rows
     raw = exclusions.labels(with_labels(raw, q, description.repeat_tolerance_deg))
+    exclusions.refuse_missed(raw.file)
     raw = labelled(raw, arm).in_time()
 
     def numbers(name: str) -> Array:

@@ -228,6 +228,7 @@ class TwoLogs:
     ) -> RawRows:
         """Read columns of the contract of both files, joined; see `RawFile.read`."""
         self._refuse_exchanged()
+        self._refuse_without_join()
         q = position_columns(self.arm.axes_slide)
         of_joints = {*q, *together, *(f"u_{name}" for name in (*q, *together))}
         in_readings, in_joints = set(self.readings.names), set(self.joints.names)
@@ -311,6 +312,19 @@ class TwoLogs:
                 allowed=f"the columns of columns.joints in files.joints: {', '.join(of_joints)}",
                 remedy="exchange files.joints and files.readings in campaign.yaml",
             )
+
+    def _refuse_without_join(self) -> None:
+        """Refuse logs that campaign.yaml joins by times or labels which one of them lacks."""
+        name = {"time": "time_s", "label": "pose"}.get(self._by)
+        for file in (self.joints, self.readings):
+            if name is not None and name not in file.names:
+                raise RawDataError(
+                    f"{file.path.name} has no column to join the logs by {self._by}",
+                    where=f"{file.path.parent / DESCRIPTION_FILE}: join.by",
+                    value=self._by,
+                    allowed=f"{name} in both logs",
+                    remedy=f"set columns.{file.key}.{name.removesuffix('_s')}, or remove join.by",
+                )
 
     def _joints_logged(self, q: Sequence[str], together: Sequence[str]) -> tuple[RawRows, Samples]:
         """Read the joints' log, in order of time where it is joined by time."""
