@@ -9,7 +9,7 @@ import yaml
 from made_up_sightings import sighted
 from mended import mend
 from pa10cal.__main__ import main
-from pa10cal.campaign.encoder_counts import looks_like_counts, scale_of_counts
+from pa10cal.campaign.joint_positions import looks_like_counts, scale_of_counts
 from pa10cal.campaign.read import read_campaign
 from pa10cal.errors import Pa10calError
 from pa10cal.files.arms import load_arm

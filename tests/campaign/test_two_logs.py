@@ -54,6 +54,20 @@ def test_clocks_that_are_hours_apart_are_joined_by_the_motion(tmp_path, written,
         np.testing.assert_allclose(q_rad, logs.q_rad, atol=2e-4)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_blank_reading_does_not_move_the_clock_by_a_pose(tmp_path, written, seed):
+    """All poses take equally long, so only the nominal arm shows which offset is right."""
+    logs = two_logs(tmp_path, seed, regular=True)
+    _, _, folder = written(logs, sep=";", decimal=",")
+    logs.readings = logs.readings.iloc[5:-5].copy()
+    logs.readings.loc[logs.readings.index[7], PLACE] = np.nan
+    logs.write(folder, sep=";", decimal=",")
+    found = read_campaign(folder)
+    (note,) = (each for each in found.notes if "joined by time" in each)
+    offset_s = float(re.search(r"readings ([-+]\d+\.\d+) s", note)[1])
+    assert abs(offset_s - logs.offset_s) < 0.5 * np.ptp(logs.stood_s, axis=1).max()
+
+
 @pytest.mark.slow_but_one_in(4)
 @pytest.mark.parametrize("seed", some(SHIFTED))
 def test_a_row_that_is_missing_is_named(tmp_path, written, seed):

@@ -32,7 +32,6 @@ from pa10cal.campaign.conventions import (
     read_polar,
 )
 from pa10cal.campaign.description import DESCRIPTION_FILE, SCHEMA, CampaignDescription
-from pa10cal.campaign.encoder_counts import CountScale, looks_like_counts, scale_of_counts
 from pa10cal.campaign.file_roles import (
     notes_on_joints,
     read_as,
@@ -48,7 +47,13 @@ from pa10cal.campaign.headerless import (
     of_the_arm,
     roles_by_arm,
 )
-from pa10cal.campaign.joint_positions import in_radians, position_columns
+from pa10cal.campaign.joint_positions import (
+    CountScale,
+    in_radians,
+    looks_like_counts,
+    position_columns,
+    scale_of_counts,
+)
 from pa10cal.campaign.own_columns import RotationColumns
 from pa10cal.campaign.raw_file import quaternions
 from pa10cal.campaign.recognise import (

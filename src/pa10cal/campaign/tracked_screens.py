@@ -17,10 +17,16 @@ from pa10cal.campaign.column_map import UNIT_WORDS
 from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes, other_scale
 from pa10cal.campaign.coupled_logs import Coupled, coupling_that_fits
 from pa10cal.campaign.joint_positions import in_radians, position_columns
-from pa10cal.campaign.nominal_fit import misfit_of, nominal_places
+from pa10cal.campaign.nominal_fit import (
+    ReadingsAtStations,
+    find_shift,
+    misfit_of,
+    nominal_places,
+    refuse_shifted,
+    steps_agree,
+)
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import Quarantined, configurations, quarantined
-from pa10cal.campaign.shifted_rows import nominal_fit, refuse_shifted, shifted, steps_agree
 from pa10cal.campaign.target_labels import EXCHANGED, NOT_RIGID, exchange_text, exchanged, not_rigid
 from pa10cal.campaign.two_logs import TwoLogs
 from pa10cal.errors import RawDataError
@@ -294,7 +300,8 @@ class Screen:
         if measured.places_m.shape[2] == 3:
             p_m, rows = measured.places_m[:, best], np.arange(len(self.line))
             if steps_agree(T_base_ee, p_m):
-                shift = shifted(rows, len(rows), nominal_fit(measured, T_base_ee))
+                all_usable = np.ones(len(rows), dtype=bool)
+                shift = find_shift(ReadingsAtStations(measured, T_base_ee, all_usable), rows)
                 if shift is not None:
                     refuse_shifted(shift, path, self.line, "as they stand", "")
             R = None if measured.attitudes is None else measured.attitudes[seen]

@@ -34,15 +34,14 @@ from pa10cal.campaign.dwells import (
 )
 from pa10cal.campaign.instrument_motion import is_base_column
 from pa10cal.campaign.joint_positions import as_joints, as_logged, in_radians, position_columns
+from pa10cal.campaign.nominal_fit import (
+    RIGHT_ROWS_M,
+    ReadingsAtStations,
+    find_shift,
+    refuse_shifted,
+)
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows
-from pa10cal.campaign.shifted_rows import (
-    EXPECTED_SHIFTED_M,
-    Fit,
-    nominal_fit,
-    refuse_shifted,
-    shifted,
-)
 from pa10cal.campaign.streams import (
     LEAST_READINGS,
     Clock,
@@ -81,7 +80,9 @@ NOT_JOINED = {
 }
 
 
-def clock_offset(stations: Stations, time_s: Array, fit: Fit) -> tuple[float, float]:
+def clock_offset(
+    stations: Stations, time_s: Array, readings: ReadingsAtStations
+) -> tuple[float, float]:
     """Return the offset to add to times of readings for the joints' clock, and its uncertainty.
 
     Offsets that bring most readings (N,) to stations are compared by the misfit of the nominal arm:
@@ -96,10 +97,12 @@ def clock_offset(stations: Stations, time_s: Array, fit: Fit) -> tuple[float, fl
         offset_s = 0.5 * (low + high)
         station = stations.at(time_s + offset_s)
         inside = np.flatnonzero(station >= 0)
-        residual_m = fit(inside, station[inside], len(inside)) if len(ranges) > 1 else None
-        misfit_m = np.inf if residual_m is None else float(np.median(residual_m))
+        residual_m = None
+        if len(ranges) > 1:
+            residual_m = readings.misfit_m(inside, station[inside], len(inside))
+        misfit_m = np.inf if residual_m is None else float(np.nanmedian(residual_m))
         tried.append((len(inside), misfit_m, offset_s, high - low))
-        if misfit_m < EXPECTED_SHIFTED_M:
+        if misfit_m < RIGHT_ROWS_M:
             break  # offsets that bring in fewer readings need not be tried
     best_m = min(misfit_m for _, misfit_m, _, _ in tried)
     near = [one for one in tried if one[1] <= 1.5 * best_m or not np.isfinite(best_m)]
@@ -365,17 +368,17 @@ class TwoLogs:
         """Return the station (N,) of each reading, -1 for none; the stations; and a note."""
         join, count, by = self.campaign.join or Join(), len(read), self._by
         stations = stations_of(samples, count if by == "time" else len(samples), self.still_deg_s)
-        fit = self._fit(read, stations)
+        at_stations = self._at_stations(read, stations)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
         if by == "time":
             time_s, stated_s = read["time_s"], join.clock_offset_s
             offset_s, u_s = stated_s, 0.0
             if offset_s is None:
-                offset_s, u_s = clock_offset(stations, time_s, fit)
+                offset_s, u_s = clock_offset(stations, time_s, at_stations)
             station = stations.at(time_s + offset_s)
             inside = int((station >= 0).sum())
             if 2 * inside <= count:
-                raise self._apart(inside, stations, time_s, fit)
+                raise self._apart(inside, stations, time_s, at_stations)
             plus_minus = "" if stated_s is not None else f" ± {2.0 * u_s:.2g} s"
             note = (
                 f"{files} joined by time: the joints' clock is that of the readings "
@@ -387,7 +390,7 @@ class TwoLogs:
             station = by_label(logged.text_of("pose"), read.text_of("pose"))
         else:
             station = np.where(np.arange(count) < len(stations), np.arange(count), -1)
-        if (shift := shifted(station, len(stations), fit)) is not None:
+        if (shift := find_shift(at_stations, station)) is not None:
             joints, joined = self.joints.path.name, f"as they are joined by {by}"
             refuse_shifted(shift, self.readings.path, read.line, joined, joints)
         if by == "row" and count != len(stations):
@@ -423,19 +426,19 @@ class TwoLogs:
             what = "the arm is never at rest in the log of its joints"
             raise self._no_dwell(self.joints.path, len(samples), what)
         means = averaged(read, dwells.of_sample)
-        fit = self._fit(means, stations)
+        at_stations = self._at_stations(means, stations)
         middle_s = 0.5 * (dwells.start_s + dwells.end_s)
         stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
-        offset_s, u_s = (
-            (stated_s, 0.0) if stated_s is not None else clock_offset(stations, middle_s, fit)
-        )
+        offset_s, u_s = stated_s, 0.0
+        if offset_s is None:
+            offset_s, u_s = clock_offset(stations, middle_s, at_stations)
         station = stations.at(middle_s + offset_s)
         inside = int((station >= 0).sum())
         if 2 * inside <= len(dwells):
             lasts_s = (np.median(each.end_s - each.start_s) for each in (dwells, stations))
             if min(lasts_s) < SHORT_S or 2 * len(stations) < len(dwells):
                 raise self._hardly_still(inside, len(stations), len(dwells), count)
-            raise self._apart(inside, stations, middle_s, fit, "dwells of the target")
+            raise self._apart(inside, stations, middle_s, at_stations, "dwells of the target")
         clock = Clock(offset_s, u_s, float(time_s[0]), float(time_s[-1]))
         if stated_s is None:
             if in_motion:
@@ -524,8 +527,8 @@ class TwoLogs:
             "units of the time and of the positions",
         )
 
-    def _fit(self, read: RawRows, stations: Stations) -> Fit:
-        """Return the misfit of readings at stations to the nominal arm, see `nominal_fit`."""
+    def _at_stations(self, read: RawRows, stations: Stations) -> ReadingsAtStations:
+        """Return what was measured, to be compared with the nominal arm at the stations."""
         measured, instrument = self.measured_columns, self.campaign.instrument.type
         values = read.numbers_of(measured.names)
         usable = np.asarray(measured.may_be_blank | np.isfinite(values).all(axis=1))
@@ -533,10 +536,15 @@ class TwoLogs:
             usable &= ~off.rows
         unknown = np.full(values.shape, np.nan)
         seen = instrument.from_raw(measured, values, unknown, self.campaign.stated)
-        return nominal_fit(seen, self._ends(stations.q_deg), usable)
+        return ReadingsAtStations(seen, self._ends(stations.q_deg), usable)
 
     def _apart(
-        self, inside: int, stations: Stations, time_s: Array, fit: Fit, of: str = "readings"
+        self,
+        inside: int,
+        stations: Stations,
+        time_s: Array,
+        readings: ReadingsAtStations,
+        of: str = "readings",
     ) -> RawDataError:
         """Return the refusal of readings of which most lie at no station."""
         stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
@@ -548,7 +556,7 @@ class TwoLogs:
             "columns.joints.time and columns.readings.time"
         )
         if stated_s is not None:
-            other_s, _ = clock_offset(stations, time_s, fit)
+            other_s, _ = clock_offset(stations, time_s, readings)
             if 2 * (stations.at(time_s + other_s) >= 0).sum() > len(time_s):
                 where = f"{self.readings.path.parent / DESCRIPTION_FILE}: join.clock_offset_s"
                 remedy = f"remove join.clock_offset_s: it is then found, {other_s:+.2f} s"
