@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from made_up_poses import measured_poses
+from made_up_poses import at_rest, measured_poses
 from pa10cal.calibration.accuracy import summarise
 from pa10cal.calibration.calibrate import calibrate, random_starts, tolerance_rows
 from pa10cal.calibration.levels import TwoLevel, rows_of
@@ -283,10 +283,20 @@ def test_a_rigid_arm_needs_no_torques(pa10, observe, states):
 
 def test_load_cases_are_the_loads_by_rising_load_and_all_together():
     loads_N = np.array([100.0, 0.0, 22.5, 0.0])
-    assert load_cases(loads_N) == ("0N", "22.5N", "100N", "combined")
-    assert rows_of_load(loads_N, "0N").tolist() == [False, True, False, True]
-    with pytest.raises(CalibrationError, match=r"33N.*100N, 0N, 22.5N, combined"):
-        rows_of_load(loads_N, "33N")
+    states = at_rest(np.zeros((4, 6)), load_N=loads_N)
+    assert load_cases(states) == ("0N", "22.5N", "100N", "combined")
+    assert rows_of_load(states, "0N").tolist() == [False, True, False, True]
+    with pytest.raises(CalibrationError, match=r"33N.*0N, 22.5N, 100N, combined"):
+        rows_of_load(states, "33N")
+
+
+def test_load_cases_of_a_group_are_those_of_every_campaign():
+    loads_N, campaign = np.array([0.0, 44.0, 0.0, 22.0]), np.array([0, 0, 1, 1])
+    states = at_rest(np.zeros((4, 6)), load_N=loads_N, campaign=campaign)
+    assert load_cases(states) == ("0N", "combined")
+    assert rows_of_load(states, "0N").tolist() == [True, False, True, False]
+    with pytest.raises(CalibrationError, match="no grid pose with this load in some campaigns"):
+        rows_of_load(states, "44N")
 
 
 def test_null_directions_of_a_made_up_matrix():

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
-from pa10cal.arm.statics import Payload
-from pa10cal.arrays import Array
+from pa10cal.arm.statics import Payload, PoseStates
+from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.fit_summary import FitSummary
 from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
@@ -45,30 +44,41 @@ class LoadCase:
         """Return what the arm carries; None where it is not known."""
         return self.campaign.payload(self.arm)
 
-    def rows(self, load_N: Array) -> NDArray[np.bool_]:
-        """Return which poses (P,) with loads (P,) [N] belong to the load case."""
-        return rows_of_load(load_N, COMBINED if self.load == "general" else self.load)
+    def rows(self, states: PoseStates) -> Mask:
+        """Return which of P poses belong to the load case, (P,); see `rows_of_load`."""
+        return rows_of_load(states, COMBINED if self.load == "general" else self.load)
 
 
-def load_cases(load_N: Array) -> tuple[str, ...]:
-    """Return the load cases of loads (P,) [N]: each of them by rising load, then all together."""
-    return (*(f"{load:g}N" for load in np.unique(load_N)), COMBINED)
+def load_cases(states: PoseStates) -> tuple[str, ...]:
+    """Return the load cases of poses: every load by rising load, then all together.
+
+    Of a group, loads under which every campaign was measured: the others leave open where the
+    instruments of some campaigns stood.
+    """
+    loads_N = np.unique(states.load_N)
+    if states.campaign is not None:
+        for number in np.unique(states.campaign):
+            loads_N = np.intersect1d(loads_N, states.load_N[states.campaign == number])
+    return (*(f"{load:g}N" for load in loads_N), COMBINED)
 
 
-def rows_of_load(load_N: Array, load: str) -> NDArray[np.bool_]:
-    """Return which poses (P,) belong to a load case.
+def rows_of_load(states: PoseStates, load: str) -> Mask:
+    """Return which of P poses belong to a load case, (P,).
 
     Raises:
-        CalibrationError: when none is.
+        CalibrationError: when none does, or none of some campaign of a group.
     """
-    labels = np.array([f"{value:g}N" for value in load_N])
-    rows = np.ones(len(load_N), dtype=bool) if load == COMBINED else labels == load
-    if not rows.any():
+    labels = np.array([f"{value:g}N" for value in states.load_N])
+    rows = np.ones(len(labels), dtype=bool) if load == COMBINED else labels == load
+    campaign = np.zeros(len(labels)) if states.campaign is None else states.campaign
+    if not np.array_equal(np.unique(campaign[rows]), np.unique(campaign)):
         raise CalibrationError(
-            "no grid pose with this load",
+            "no grid pose with this load"
+            if not rows.any()
+            else "no grid pose with this load in some campaigns of the group",
             where="--load",
             value=load,
-            allowed=", ".join([*dict.fromkeys(labels), COMBINED]),
+            allowed=", ".join(load_cases(states)),
             remedy="choose one of the measured loads",
         )
     return rows

@@ -50,7 +50,7 @@ def paper_case(
             remedy="set calibration.model to auto",
         )
     readings = poses_of(every, "grid", average=False)
-    rows = case.rows(readings.states.load_N)
+    rows = case.rows(readings.states)
     chosen = readings.take(rows)
     grid, used = average_repeats(readings), average_repeats(chosen)
     u_apparatus_m = 1e-3 * options.apparatus_uncertainty_mm

@@ -23,7 +23,8 @@ from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.block_rows import weighted_rows
 from pa10cal.discovery.blocked_cv.family import computable_shapes
-from pa10cal.discovery.blocked_cv.refit import refit, with_tilts_shown
+from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
+from pa10cal.discovery.blocked_cv.refit import refit
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.discover import judged_by_blocks
 from pa10cal.discovery.evidence.by_repeats import fit_given
@@ -279,7 +280,7 @@ def calibrated_with(
     if not effects:
         return record
     every, options = case.every, case.options
-    fitted = case.rows(every.states.load_N) | (every.kind != "grid")
+    fitted = case.rows(every.states) | (every.kind != "grid")
     *_, model = models_of(record, f"calibration of {case.load}").values()
     setup = setup_of(case.campaign, case.arm, options, discovery)
     outliers = record.suspected_outliers if isinstance(record, GeneralCalibrationRecord) else ()

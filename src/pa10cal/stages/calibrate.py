@@ -53,6 +53,8 @@ def calibrate(
         pa10cal calibrate --campaign-dir data/raw/mine --poses poses.parquet --base-frame \\
           base_frame.json --load 44N --out 44N.json
     """
+    import numpy as np
+
     from pa10cal.calibration.campaign import calibration_record
     from pa10cal.calibration.general.case import as_load
     from pa10cal.calibration.input_checks import check_input, explained
@@ -67,9 +69,9 @@ def calibrate(
     campaign, arm, observations = read_measured(campaign_dir, poses)
     seed = read(BaseFrameRecord, base_frame, campaign.name)
     general = takes_general_model(settings.model, from_touches=campaign.from_touches)
-    names: tuple[str, ...] = (
-        (load,) if load else load_cases(observations.of_kind("grid").states.load_N)
-    )
+    states = observations.of_kind("grid").states
+    names: tuple[str, ...] = (load,) if load else load_cases(states)
+    of_one_load = len(np.unique(states.load_N)) == 1
     if not load and not general:
         names += (GENERAL,)
     findings = check_input(campaign, arm, observations, settings)
@@ -82,8 +84,8 @@ def calibrate(
     for name in names:
         began_s = time.perf_counter()
         first = next(iter(records.values()), None)
-        if isinstance(first, GeneralCalibrationRecord) and len(names) == 2:
-            records[name] = as_load(first, name)  # there is one load: the poses are the same
+        if isinstance(first, GeneralCalibrationRecord) and of_one_load:
+            records[name] = as_load(first, name)  # the poses are the same
         else:
             try:
                 case = LoadCase(campaign, arm, observations, name, settings, findings, prior_model)

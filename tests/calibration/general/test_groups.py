@@ -13,14 +13,16 @@ from pa10cal.arm.statics import Payload
 from pa10cal.calibration.general.calibrate import find_start, start_of
 from pa10cal.calibration.general.case import fitted
 from pa10cal.calibration.general.per_campaign import contradictions, per_campaign_fits
+from pa10cal.calibration.general.unknowns import choose_unknowns
 from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.fit.forward import Forward
 from pa10cal.observe.joined import Member, join
 from pa10cal.observe.pose import Touched
+from pa10cal.observe.quantities import Start
 from pa10cal.observe.seed import locate_base
-from pa10cal.options import BaseFrameOptions
+from pa10cal.options import BaseFrameOptions, Tolerances
 
 ARM = load_arm("ur10")
 NOISE_M = 2e-5
@@ -231,3 +233,18 @@ def test_tool_is_that_of_poses_else_the_first_target(members, kinds, tool):
     model = fitted(together(members(kinds, 0.0)))
     assert tool in model.frames
     np.testing.assert_array_equal(model.T_flange_frame("tool"), model.T_flange_frame(tool))
+
+
+def test_unknowns_are_chosen_by_poses_in_any_order_and_of_some_campaigns_too(members):
+    found = together(members(("points", "pose"), 0.0))
+    measured, model = found.problem.observations.measured, fitted(found)
+    start = Start(model.T_instr_base, np.zeros(3), np.eye(3), model.targets_m)
+    of_one = [np.flatnonzero(measured.campaign == k) for k in (0, 1)]
+    mixed = np.random.default_rng(0).permutation(len(measured.campaign))
+    both, shuffled, first, second = (
+        choose_unknowns(ARM, Tolerances(), measured.take(rows), start)
+        for rows in (slice(None), mixed, *of_one)
+    )
+    assert shuffled.links == both.links
+    assert len(both.places) == len(shuffled.places) == len(first.places) == 9
+    assert not len(second.places)  # the targets are those of the first campaign

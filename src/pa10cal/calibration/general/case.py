@@ -113,7 +113,7 @@ def general_case(
         every, _ = with_arrivals(every, arm)
     single = every.of_kind("grid")
     grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
-    rows = case.rows(grid.states.load_N)
+    rows = case.rows(grid.states)
     used = grid.take(rows)
     if case.prior is not None:
         refuse_own_readings(case.prior, used, case.campaign)
@@ -147,7 +147,7 @@ def general_case(
         findings = (*findings, *contradictions(group, full.problem.model.joint_zeros))
     of_geometry = fitted(geometry).deviations(grid)
     of_nominal = fitted(nominal).deviations(grid)
-    readings = single.take(case.rows(single.states.load_N))
+    readings = single.take(case.rows(single.states))
     evidence = GradeEvidence(
         ended=_fit_summary(full),
         train_rms_mm=accuracy.summarise(found.take(trusted)).rms_mm,

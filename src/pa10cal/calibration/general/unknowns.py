@@ -109,11 +109,14 @@ def _design_matrix(model: Model, measured: Instrument, start: Start, targets_at:
     """
     states = _random_states(model.chain.arm)
     if measured.campaigns:
-        # The same states in every campaign of a group, each with a reading of it, which is idle.
-        count, sizes = len(states), np.array([len(part) for _, part in measured.campaigns])
-        states = states.take(np.tile(np.arange(count), len(sizes)))
-        states = replace(states, campaign=np.repeat(np.arange(len(sizes)), count))
-        measured = measured.take(np.repeat(np.cumsum(sizes) - sizes, count))
+        # The same states in every campaign of a group that has poses, each with the first reading
+        # of that campaign, whose numbers play no part.
+        count, every = len(states), np.arange(len(measured))
+        campaigns = [k for k, (_, part) in enumerate(measured.campaigns) if len(part)]
+        first = np.array([every[poses][0] for poses, _ in measured.parts_seen])
+        states = states.take(np.tile(np.arange(count), len(campaigns)))
+        states = replace(states, campaign=np.repeat(campaigns, count))
+        measured = measured.take(np.repeat(first, count))
     predicted = model.predict_with_jacobian(states, np.zeros(len(model.parameters)))
     targets_m, R = start.targets_m, start.T_instr_base[:3, :3]
     T_instr_ee = start.T_instr_base @ predicted.T_base_ee
