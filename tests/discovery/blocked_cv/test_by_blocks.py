@@ -126,4 +126,4 @@ def test_a_set_with_more_names_has_to_predict_held_out_blocks_better_by_more(
         scorer = SimpleNamespace(remaining=SimpleNamespace(rms_mm=rms_mm))
         return SimpleNamespace(effects=(None,) * count, scorer=scorer)
 
-    assert by_blocks._better(verdict(names, rms_mm), verdict(1, 1.0)) == is_better
+    assert by_blocks._is_better(verdict(names, rms_mm), verdict(1, 1.0)) == is_better

@@ -7,7 +7,7 @@ import pytest
 
 import pa10cal
 from mended import write_simulated
-from pa10cal.discovery.blocked_cv import by_blocks
+from pa10cal.discovery.blocked_cv import by_blocks, map_causes
 from pa10cal.discovery.blocked_cv.bands import in_bands
 from pa10cal.discovery.blocked_cv.block_rows import ShapedEffect, weighted_rows
 from pa10cal.discovery.blocked_cv.linear_fit import linear_fit
@@ -70,7 +70,7 @@ def test_it_is_told_and_written(found, campaign):
 
 @pytest.mark.slow
 def test_without_agreement_it_is_the_sensor_or_the_gear(found, monkeypatch):
-    monkeypatch.setattr(by_blocks, "agreement", lambda _: None)
+    monkeypatch.setattr(map_causes, "agreement", lambda _: None)
     (finding,) = by_blocks.with_causes(found).effects
     assert (finding.id, [each.id for each in finding.alternatives]) == (
         "sensor_error",
@@ -83,8 +83,8 @@ def as_map(found, monkeypatch):
     """The verdict before its map had a name, of a joint whose motor shows no ripple."""
     effect = found.effects[0].effect
     said = JointErrorMap("joint 3", effect.knots, effect.spectrum)
-    monkeypatch.setattr(by_blocks, "witnesses", lambda *_: (None,) * 6)
-    return by_blocks._renamed(found, {effect: said}, {})
+    monkeypatch.setattr(map_causes, "witnesses", lambda *_: (None,) * 6)
+    return by_blocks._with_maps_named(found, {effect: map_causes.NamedMap(said, ())})
 
 
 @pytest.mark.slow
@@ -97,10 +97,10 @@ def test_fine_waves_that_turns_agree_on_are_a_sensor_or_a_gear(as_map):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("agreement", lambda _: None), ("MAPS", replace(by_blocks.MAPS, fine_knots=1000))],
+    [("agreement", lambda _: None), ("MAPS", replace(map_causes.MAPS, fine_knots=1000))],
 )
 def test_without_agreement_or_fine_waves_a_map_stays_a_map(as_map, monkeypatch, name, value):
-    monkeypatch.setattr(by_blocks, name, value)
+    monkeypatch.setattr(map_causes, name, value)
     (finding,) = by_blocks.with_causes(as_map).effects
     assert (finding.id, finding.alternatives) == ("joint_error_map", ())
 
@@ -129,5 +129,5 @@ def test_a_map_as_fine_as_waves_gets_a_band_where_left_out_poses_say_so(found):
 
 
 def test_a_joint_without_a_drive_has_no_cause_and_its_map_stays_a_map():
-    of_follower = JointErrorMap("joint 4", by_blocks.MAPS.fine_knots, FadingPrior(1e-4, 6.0))
-    assert by_blocks.names_by_cause((of_follower,), {}) == ({}, {})
+    of_follower = JointErrorMap("joint 4", map_causes.MAPS.fine_knots, FadingPrior(1e-4, 6.0))
+    assert map_causes.named_by_cause((of_follower,), {}) == {}

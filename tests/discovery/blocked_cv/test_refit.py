@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from made_up_survey import Hidden, at_joint, observe
-from pa10cal.discovery.blocked_cv.refit import (
-    PartialFits,
-    determined_count,
-    refit,
-    with_tilts_shown,
-)
+from pa10cal.discovery.blocked_cv.other_baselines import with_tilts_shown
+from pa10cal.discovery.blocked_cv.refit import PartialFits, determined_count, refit
 from pa10cal.discovery.given import calibrate_with
 from pa10cal.discovery.linear import at_unknowns, moved_base, residual
 from pa10cal.discovery.noise import unweighted

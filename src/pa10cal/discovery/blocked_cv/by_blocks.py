@@ -19,20 +19,18 @@ from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv import judge
 from pa10cal.discovery.blocked_cv.bands import InBands
 from pa10cal.discovery.blocked_cv.by_campaign import by_campaign
-from pa10cal.discovery.blocked_cv.outcome import SearchWithMotion, search_with_motion
-from pa10cal.discovery.blocked_cv.refit import (
-    PartialFits,
-    Refit,
-    refit,
-    seen_by_maps,
+from pa10cal.discovery.blocked_cv.map_causes import NamedMap, causes_of, named_by_cause
+from pa10cal.discovery.blocked_cv.other_baselines import (
+    survey_about,
+    with_compliances_of,
     with_tilts_shown,
 )
+from pa10cal.discovery.blocked_cv.outcome import SearchWithMotion, search_with_motion
+from pa10cal.discovery.blocked_cv.refit import PartialFits, Refit, refit
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.finding import Finding
 from pa10cal.discovery.gap import PairedErrors, errors_of, gap
-from pa10cal.discovery.joint_series import agreement, joint_series
 from pa10cal.discovery.lack_of_fit import CellResiduals, lack_of_fit
-from pa10cal.discovery.motor_ripple import witnesses
 from pa10cal.discovery.next_poses import poses_at_unseen_angles, separating_poses, unresolved
 from pa10cal.discovery.noise import AS_FOUND, Noise
 from pa10cal.discovery.nuisances import motion_unexplained, steps_in_time
@@ -40,27 +38,21 @@ from pa10cal.discovery.other_numbers import NEXT_POSES
 from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
 from pa10cal.discovery.predicted_rows import without_repeats
 from pa10cal.discovery.preparation import Prepared, complete
-from pa10cal.discovery.rules import BLOCKS, MAPS, NAMES, PROBABILITIES
+from pa10cal.discovery.rules import BLOCKS, NAMES, PROBABILITIES
 from pa10cal.discovery.short_forms import FormComparison
-from pa10cal.discovery.together import Scored, Together
+from pa10cal.discovery.together import Together
 from pa10cal.discovery.verdict import Plan, Scorer, Verdict, with_findings
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.fit.validity import AngleCoverage
+from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit
 from pa10cal.results.calibration import EffectByCampaign
 from pa10cal.results.discovery import Needed, Remaining, SearchByBlocks
 from pa10cal.results.maps import JointWitness, PoseScatter
-from pa10cal.terms.effects.effect import Effect, driven_joints
-from pa10cal.terms.effects.joint_error_map import (
-    GearError,
-    JointErrorMap,
-    SensorError,
-    is_error_map,
-)
-from pa10cal.terms.joint_spring import is_spring
+from pa10cal.terms.effects.effect import Effect
+from pa10cal.terms.effects.joint_error_map import is_error_map
 from pa10cal.terms.model import Model
 from pa10cal.terms.of_campaign import motion_of_base
 from pa10cal.terms.term import Term
@@ -98,7 +90,10 @@ class ByBlocks(Scorer):
     @cached_property
     @override
     def seen(self) -> AngleCoverage | None:
-        return seen_by_maps(self.survey, self.extended.effects)
+        order = np.zeros(self.survey.context.arm.n)  # the finest wave of the maps of each joint
+        for each in filter(is_error_map, self.extended.effects):
+            order[each.joint - 1] = max(order[each.joint - 1], each.finest_order)
+        return angles_seen(self.survey.poses.states.q_rad, order) if order.any() else None
 
     @cached_property
     @override
@@ -145,51 +140,34 @@ class ByBlocks(Scorer):
     @override
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
         # Maps that are not held stay as they were fitted; all else is fitted with the forms.
-        extended, survey = self.extended, self.survey
-        at, rows = extended.at, np.arange(len(survey.poses))
-        if most_poses is not None and len(rows) > most_poses:  # some of every block, in any order
-            rows = drawn(len(rows), most_poses)
-        whiten = extended.weights.whiteners(rows)
-        poses: Observations = survey.poses.take(rows)
-        components = whiten.shape[1]
-        seen: slice | Index = slice(None)
-        if poses.measured.campaigns:  # each pose has the components of its own campaign alone
-            seen = np.flatnonzero(poses.measured.components_seen)
-
-        def flat(columns: Sequence[Array]) -> list[Array]:
-            return [each.reshape(len(rows) * components, -1)[seen] for each in columns]
-
-        def columns_of(effects: Sequence[Effect]) -> list[Array]:
-            in_model = {term: at.values_of(term) for term in at.model.terms}
-            points = [in_model.get(effect, effect.starts[0]) for effect in effects]
-            return flat(linear.by_effects(at, poses, effects, points, whiten))
-
+        at, count = self.extended.at, len(self.survey.poses)
+        poses = np.arange(count)
+        if most_poses is not None and count > most_poses:  # some of every block, in any order
+            poses = drawn(count, most_poses)
+        rows = _FitRows(self.survey, self.extended, poses)
         fitted = [term for term in at.model.terms if not is_error_map(term) and term not in held]
-        own = flat(linear.by_own_terms(at, poses, fitted, whiten))
-        sizes = possible_sizes(at.model, poses.measured)
-        targets = whiten @ linear.by_targets(at, poses) * sizes[len(at.x) :]
-        (white,) = flat([whiten @ survey.net_residual(at)[rows][:, :, None]])
-        data = -white[:, 0]
+        by_fitted, by_held = rows.by_own_terms(fitted), rows.by_effects(held)
+        residual = rows.measured_less_predicted()
         noise_share = min(1.0, (self.remaining.floor_mm / self.remaining.mean_mm) ** 2)
-        noise = float(data @ data) * noise_share
-        # Data are measured less predicted by a model without what is held. The prior of the arm's
-        # weights is about those described, not about the fit.
-        for term, columns in zip(fitted, own, strict=True):
+        # The rows are of a model without what is held, and with the weights as described: the prior
+        # of the arm's weights is about these.
+        data = residual
+        sizes = possible_sizes(at.model)
+        for term, columns in zip(fitted, by_fitted, strict=True):
             if holds_weights(term):
                 data = data + columns @ (at.values_of(term) / sizes[at.model.columns_of(term)])
-        of_held = columns_of(held)
-        for effect, columns in zip(held, of_held, strict=True):
+        for effect, columns in zip(held, by_held, strict=True):
             if effect in at.model.terms:
                 amounts = at.values_of(effect)[: effect.linear]
                 data = data + columns @ np.linalg.solve(effect.prior_factor, amounts)
         return FormComparison(
             data=data,
-            own=np.concatenate([*own, *flat([targets])], axis=1),
-            block=np.repeat(survey.block[rows], components)[seen],
-            held=np.concatenate(of_held, axis=1) if of_held else None,
-            columns_of=columns_of,
-            states=poses.states,
-            noise=noise,
+            own=np.concatenate([*by_fitted, rows.by_targets()], axis=1),
+            block=rows.block,
+            held=np.concatenate(by_held, axis=1) if by_held else None,
+            columns_of=rows.by_effects,
+            states=rows.poses.states,
+            noise=float(residual @ residual) * noise_share,
         )
 
     @override
@@ -209,15 +187,19 @@ class ByBlocks(Scorer):
         survey, extended = self.survey, self.extended
         if survey.wander or survey.change:
             return None
-        at, whiteners = extended.at, extended.weights.whiteners()
-        sets = Together.of(at, survey.poses, whiteners, found.context, survey.setup, self.beside)
+        at, weights = extended.at, extended.weights
+        sets = Together.of(
+            at, survey.poses, weights.whiteners(), found.context, survey.setup, self.beside
+        )
         present = sets.holding(extended.model.terms)
         likeliest = sets.likeliest(present)
         if sets.giving_way(likeliest.at) == sets.giving_way(present):
             return None
-        ahead = _searched(found.prepared, _survey_about(found, sets, likeliest))
+        model = with_compliances_of(self.searched_from, sets, likeliest)
+        about = survey_about(found.prepared, model, weights)
+        ahead = _searched(found.prepared, replace(about, begins_with=sets.effects(likeliest)))
         moved = ahead.scorer.survey.wander or ahead.scorer.survey.change
-        return ahead if _better(ahead, found) and not moved else None
+        return ahead if _is_better(ahead, found) and not moved else None
 
     @override
     def next_poses(self, found: Verdict[ByBlocks], count: int, random_seed: int) -> Plan:
@@ -275,6 +257,50 @@ class ByBlocks(Scorer):
         return by_campaign(self.survey, self.extended) or None
 
 
+class _FitRows:
+    """Whitened rows of some poses about a fit: each component of each pose is one of R rows.
+
+    In a group each pose has rows of the components that its own campaign measures alone.
+    """
+
+    def __init__(self, survey: Survey, fit: Refit, poses: Index) -> None:
+        self._survey, self._at, self._chosen = survey, fit.at, poses
+        self.poses: Observations = survey.poses.take(poses)
+        self._whiteners = fit.weights.whiteners(poses)
+        seen = self.poses.measured.components_seen
+        grouped = bool(self.poses.measured.campaigns)
+        self._rows: Index | slice = np.flatnonzero(seen) if grouped else slice(None)
+        self.block = np.repeat(survey.block[poses], seen.shape[1])[self._rows]  # (R,)
+
+    def measured_less_predicted(self) -> Array:
+        """Return the whitened residual, nuisances subtracted, (R,)."""
+        residual = self._survey.net_residual(self._at)[self._chosen]
+        return -self._of(self._whiteners @ residual[:, :, None])[:, 0]
+
+    def by_own_terms(self, terms: Sequence[Term]) -> list[Array]:
+        """Return the columns (R, k) of terms of the fit, in their possible sizes."""
+        columns = linear.by_own_terms(self._at, self.poses, terms, self._whiteners)
+        return list(map(self._of, columns))
+
+    def by_effects(self, effects: Sequence[Effect]) -> list[Array]:
+        """Return the columns (R, k) of effects in plausible sizes, as fitted or at their start."""
+        at = self._at
+        values = {term: at.values_of(term) for term in at.model.terms}
+        points = [values.get(effect, effect.starts[0]) for effect in effects]
+        columns = linear.by_effects(at, self.poses, effects, points, self._whiteners)
+        return list(map(self._of, columns))
+
+    def by_targets(self) -> Array:
+        """Return the columns (R, t) of the coordinates of targets, in their possible sizes."""
+        sizes = possible_sizes(self._at.model, self.poses.measured)[len(self._at.x) :]
+        return self._of(self._whiteners @ linear.by_targets(self._at, self.poses) * sizes)
+
+    def _of(self, columns: Array) -> Array:
+        """Return columns (P, b, k) as rows (R, k)."""
+        count, b, k = columns.shape
+        return columns.reshape(count * b, k)[self._rows]
+
+
 def pose_scatter(found: Verdict[ByBlocks]) -> PoseScatter | None:
     """Return the scatter of single poses about the model; None where no map has a band."""
     scorer, model = found.scorer, found.model
@@ -301,16 +327,17 @@ def discover_by_blocks(campaign: Prepared) -> Verdict[ByBlocks]:
         DiscoveryError: when there are too few poses.
     """
     found = _searched(campaign, Survey.of(campaign))
-    tilted = (
-        with_tilts_shown(found.scorer.survey, found.scorer.extended) if found.findings else None
-    )
+    if not found.findings:
+        return found
+    extended = found.scorer.extended
+    tilted = with_tilts_shown(found.scorer.survey, extended)
     if tilted is None:
         return found
-    ahead = _searched(campaign, _survey_from(found, tilted))
-    return ahead if _better(ahead, found) else found
+    ahead = _searched(campaign, survey_about(campaign, tilted, extended.weights))
+    return ahead if _is_better(ahead, found) else found
 
 
-def _better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
+def _is_better(ahead: Verdict[ByBlocks], found: Verdict[ByBlocks]) -> bool:
     """Return whether a verdict predicts held-out blocks better than another.
 
     With more names it has to be better by more than another fit of the same model could be.
@@ -390,43 +417,6 @@ def _verdict(campaign: Prepared, searched: SearchWithMotion) -> Verdict[ByBlocks
     )
 
 
-# Surveys about another model: with springs of a likelier set, or with tilts of parallel axes.
-
-
-def _survey_about(found: Verdict[ByBlocks], sets: Together, likeliest: Scored) -> Survey:
-    """Return a survey about the calibrated model with the springs of a set, fitted again.
-
-    The set is one of what gives way under weights that nobody stated.
-    """
-    calibrated = found.scorer.searched_from
-    springs = sets.springs(likeliest)
-    effects = sets.effects(likeliest)
-    terms = [term for term in calibrated.model.terms if not is_spring(term)]
-    # springs stand after the links, else first
-    first = 1 + next((k for k, term in enumerate(terms) if term.of == "links"), -1)
-    terms[first:first] = springs
-    bent = calibrated.bending_as(effects)
-    model = Model(bent.model.chain, tuple(terms))
-    weights = sets.weights_of(likeliest)
-
-    def start(term: Term) -> Array:
-        if term in springs:
-            return springs[term]
-        if holds_weights(term):  # the set was found about weights of its own
-            return weights[list(term.columns)]
-        return calibrated.values_of(term)
-
-    about = replace(bent, model=model, x=np.concatenate([*map(start, terms)]), covariance=None)
-    return replace(_survey_from(found, about), begins_with=effects)
-
-
-def _survey_from(found: Verdict[ByBlocks], about: FittedModel) -> Survey:
-    """Return a survey whose search sets out from another model, fitted to its poses."""
-    campaign = found.prepared
-    fitted = refit(Survey.of(campaign, about), (), (), found.scorer.extended.weights).fitted()
-    return replace(Survey.of(campaign, fitted), calibrated_before=campaign.baseline)
-
-
 def _with_rivals(found: Verdict[ByBlocks], nameless: tuple[Effect, ...]) -> Verdict[ByBlocks]:
     """Return the verdict with the errors of a model that has generic effects, too."""
     if not nameless:
@@ -466,85 +456,27 @@ def with_causes(found: Verdict[ByBlocks]) -> Verdict[ByBlocks]:
     """Return a verdict in which maps whose cause is known are sensor or gear errors."""
     scorer = found.scorer
     causes = causes_of(scorer.survey, scorer.extended)
-    names, alternatives = names_by_cause(scorer.extended.effects, causes)
-    found = replace(found, scorer=replace(scorer, causes=causes))
-    return _renamed(found, names, alternatives)
+    named = named_by_cause(scorer.extended.effects, causes)
+    return _with_maps_named(replace(found, scorer=replace(scorer, causes=causes)), named)
 
 
-def _renamed(
-    found: Verdict[ByBlocks],
-    names: Mapping[Effect, Effect],
-    alternatives: Mapping[Effect, tuple[Effect, ...]],
-) -> Verdict[ByBlocks]:
-    """Return a verdict with effects under other names of the same form."""
-    if not names:
+def _with_maps_named(found: Verdict[ByBlocks], named: Mapping[Term, NamedMap]) -> Verdict[ByBlocks]:
+    """Return a verdict with maps under the names of their causes: the fit stays as it is."""
+    if not named:
         return found
     extended = found.scorer.extended
-    effects = tuple(names.get(effect, effect) for effect in extended.effects)
-    terms = tuple(names.get(term, term) for term in extended.model.terms)  # type: ignore[call-overload]
+    effects = tuple(named[e].effect if e in named else e for e in extended.effects)
+    terms = tuple(named[t].effect if t in named else t for t in extended.model.terms)
     at = replace(extended.at, model=Model(extended.model.chain, terms))
     findings = tuple(
         replace(
-            finding,
-            effect=names.get(finding.effect, finding.effect),
-            alternatives=(*finding.alternatives, *alternatives.get(finding.effect, ())),
+            each,
+            effect=named[each.effect].effect,
+            alternatives=(*each.alternatives, *named[each.effect].alternatives),
         )
-        for finding in found.findings
+        if each.effect in named
+        else each
+        for each in found.findings
     )
     scorer = found.scorer.with_model(replace(extended, effects=effects, at=at))
     return replace(found, findings=findings, scorer=scorer)
-
-
-# Names of maps by their cause, sensor or gear, as far as the motor's ripple shows it.
-
-#: The effect by which a map is named, for each cause.
-_NAMES: Mapping[str, type[JointErrorMap]] = {"sensor": SensorError, "gear": GearError}
-
-
-def causes_of(survey: Survey, found: Refit) -> dict[int, JointWitness]:
-    """Return the ripple and the agreement that show the cause of every map, by joint.
-
-    A joint that only follows others has neither sensor nor gear.
-    """
-    driven = driven_joints(survey.context)
-    maps = filter(is_error_map, found.effects)
-    joints = [each.joint for each in maps if each.joint in driven]
-    if not joints:
-        return {}
-    residual, whiteners = survey.net_residual(found.at), found.weights.whiteners()
-    rows = linear.WhitenedPoses(found.at, survey.poses, residual, whiteners)
-    series = joint_series(rows, joints)
-    ripples = witnesses(series, found.at.arm.gear_ratio)
-    return {
-        joint: JointWitness(ripple=ripples[joint - 1], agreement=agreement(series[joint - 1]))
-        for joint in sorted(joints)
-    }
-
-
-def names_by_cause(
-    effects: Sequence[Effect], causes: Mapping[int, JointWitness]
-) -> tuple[dict[Effect, Effect], dict[Effect, tuple[Effect, ...]]]:
-    """Return the named effect, and its alternatives, for each map whose cause is known.
-
-    Sensor and gear are alternatives of each other if the ripple does not decide between them.
-    Without a ripple they are the causes of a map with fine waves on which campaigns or turns agree,
-    since nothing else turns a joint to and fro ten times a turn, or of one that was named already.
-    Any other map without a ripple stays a map.
-    """
-    names: dict[Effect, Effect] = {}
-    alternatives: dict[Effect, tuple[Effect, ...]] = {}
-    for effect in effects:
-        if not is_error_map(effect) or effect.joint not in causes:
-            continue
-        witness = causes[effect.joint]
-        by_ripple = None if witness.ripple is None else witness.ripple.likely
-        agreed = witness.agreement is not None and witness.agreement.holds
-        of_joint = by_ripple or (agreed and effect.knots >= MAPS.fine_knots)
-        if witness.cause is None and not of_joint and effect.id == JointErrorMap.id:
-            continue
-        likely = witness.cause or by_ripple or "sensor"
-        form = (effect.of, effect.knots, effect.spectrum)
-        names[effect] = _NAMES[likely](*form)
-        others = [kind(*form) for name, kind in _NAMES.items() if name != likely]
-        alternatives[effect] = () if witness.cause else tuple(others)
-    return names, alternatives

@@ -1,16 +1,20 @@
-"""The non-linear fit of model and effects to a survey: weighted, robust, with sparse maps."""
+"""The calibrated model with effects fitted to a survey: all parameters, to all poses or to some.
+
+`refit` is the non-linear fit, `one_step` an estimate by some of the poses, `PartialFits` the model
+with some of the effects. All three solve the same problem (`_Problem`), which differs from that of
+a calibration in two ways: the nuisances of the survey are subtracted, and maps of joint errors have
+up to hundreds of parameters each, whose columns are sparse.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeGuard
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.calibration.general.calibrate import shown
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.normal_equations import (
     in_map_bases,
@@ -27,11 +31,9 @@ from pa10cal.fit.problem import possible_sizes
 from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
-from pa10cal.options import Tolerances
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import is_error_map
-from pa10cal.terms.model import Model
-from pa10cal.terms.term import Offsets, Term, link_departures
+from pa10cal.terms.term import Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,209 +63,198 @@ def refit(
         start_from: an earlier fit, with fewer effects, at which all else starts; None for the
             baseline.
     """
-    fit, baseline = _NormalFit(survey, effects), survey.baseline
-    base, at = (np.zeros(6), baseline) if start_from is None else (start_from.x[-6:], start_from)
-    x = np.concatenate([at.x[: len(baseline.x)], *starts, base, at.targets_m])
-    bounds, counts = fit.bounds, weights.widened(widening)
-    # covariance at the start of the last step; `minimise` calls `reweighted` first
-    before = np.zeros((0, 0))
-
-    def reweighted(x: Array, taken: Step) -> Equations:
-        nonlocal counts, before
-        before = _inverse(taken.before.normal, fit.prior, ~taken.held)
-        residual = survey.net_residual(fit.model_at(x))
-        found = pose_weights(residual, determined_count(before, fit.prior), survey.poses.measured)
-        counts = found.widened(widening)
-        return fit.equations(x, counts)
-
-    def arrived(_: Array, taken: Step) -> bool:
-        free = ~taken.held
-        std = np.sqrt(np.maximum(np.diag(before)[free], np.finfo(float).tiny))
-        return (
-            taken.damping < COMPUTING.refit_damping
-            and float(np.abs(taken.step[free] / std).max()) < COMPUTING.refit_arrived
-        )
-
+    problem, baseline = _Problem(survey, effects), survey.baseline
+    before, base = baseline, np.zeros(6)
+    if start_from is not None:
+        before, base = start_from, start_from.x[-6:]
+    x_start = np.concatenate([before.x[: len(baseline.x)], *starts, base, before.targets_m])
+    weighting, bounds = _Weighting(problem, weights, widening), problem.bounds
     found = minimise(
-        bounds.clip(x),
-        lambda x: fit.equations(x, counts),
+        bounds.clip(x_start),
+        weighting.equations,
         lambda x, step: bounds.clip(x + step),
-        arrived,
+        weighting.arrived,
         most_steps=COMPUTING.refit_steps,
         held=bounds.held,
-        cost=lambda x: fit.cost(x, counts),
-        reweighted=reweighted,
+        cost=weighting.cost,
+        reweighted=weighting.renewed,
         no_worse=COMPUTING.refit_no_worse,
     )
-    held = bounds.held(found.at, found.equations.gradient)
-    covariance = fit.covariance(found.equations.normal, ~held)
-    return Refit(effects, fit.model_at(found.at), found.converged, covariance, counts)
+    return Refit(
+        effects=effects,
+        at=problem.model_at(found.at),
+        converged=found.converged,
+        covariance=problem.covariance(found.at, found.equations),
+        weights=weighting.weights,
+    )
 
 
 def one_step(survey: Survey, found: Refit, rows: Index) -> tuple[Array, Array]:
-    """Return unknowns (k,) and their covariance by some poses alone.
+    """Return the unknowns (k,) and their covariance (k, k) by some poses alone.
 
-    By one Gauss-Newton step from the fit to all poses.
+    By one Gauss-Newton step from the fit to all poses, with the weights of that fit.
     """
-    fewer = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
+    of_rows = replace(survey, poses=survey.poses.take(rows), block=survey.block[rows])
     weights = PoseWeights(found.weights.whitener[rows], found.weights.weight[rows])
-    fit = _NormalFit(fewer, found.effects)
-    equations = fit.equations(found.x, weights)
-    held = fit.bounds.held(found.x, equations.gradient)
-    covariance = fit.covariance(equations.normal, ~held)
+    problem = _Problem(of_rows, found.effects)
+    equations = problem.equations(found.x, weights)
+    covariance = problem.covariance(found.x, equations)
     return found.x - covariance @ equations.gradient, covariance
 
 
-def with_tilts_shown(survey: Survey, found: Refit) -> FittedModel | None:
-    """Return the survey's baseline with tilts of parallel axes, if a fit with effects shows them.
+class _Problem:
+    """Least squares of a survey's poses, for k unknowns in the order of `ModelWithEffects`.
 
-    A calibration without effects may leave these tilts at zero, as an effect that it lacks hides
-    them. None where the baseline has them already or they are not shown.
-    """
-    baseline, measured = survey.baseline, survey.poses.measured
-    links = next((term for term in baseline.model.terms if _of_links(term)), None)
-    if links is None:
-        return None
-    identified = linear.chosen_unknowns(baseline, measured).links
-    roles = {
-        each.name: role for each, role in zip(identified.parameters, identified.roles, strict=True)
-    }
-    tilts = {name for name, role in roles.items() if role == "tilt"}
-    if not tilts or roles.keys() - {each.name for each in links.parameters} != tilts:
-        return None
-    tilted = _with_parameters(baseline, links, identified.only(tilts))
-    starts = tuple(map(found.of, found.effects))
-    fitted = refit(replace(survey, baseline=tilted), found.effects, starts, found.weights)
-    at = [k for k, each in enumerate(tilted.model.parameters) if each.name in tilts]
-    covariance = fitted.covariance[np.ix_(at, at)]
-    readings = int(measured.components_seen.sum())
-    return tilted if shown(fitted.x[at], covariance, readings) else None
-
-
-def _of_links(term: Term) -> TypeGuard[Offsets]:
-    return term.of == "links" and isinstance(term, Offsets)
-
-
-def _with_parameters(baseline: FittedModel, links: Offsets, added: Offsets) -> FittedModel:
-    """Return a model whose links have further parameters, at zero, in the order of the links.
-
-    Its own stay, also those that the instrument does not identify, as of another one's model.
-    """
-    order = link_departures(baseline.arm, Tolerances()).coordinates
-    own = zip(links.coordinates, links.parameters, baseline.values_of(links), strict=True)
-    new = zip(added.coordinates, added.parameters, np.zeros(len(added.parameters)), strict=True)
-    coordinates, parameters, values = zip(
-        *sorted((*own, *new), key=lambda each: order.index(each[0])), strict=True
-    )
-    wider = replace(links, coordinates=coordinates, parameters=parameters)
-    terms = tuple(wider if term is links else term for term in baseline.model.terms)
-    x = [values if term is links else baseline.values_of(term) for term in baseline.model.terms]
-    model = Model(baseline.model.chain, terms)
-    return replace(baseline, model=model, x=np.concatenate(x), covariance=None)
-
-
-class _NormalFit:
-    """Normal equations of the fit.
-
-    Order of the unknowns: parameters of the baseline, of each effect, the six small motions of the
-    base, then the coordinates of targets.
+    The prior is normal. The size expected of an effect is its own, that of any other unknown what
+    physics allows (`possible_sizes`). Shapes of effects have no prior.
     """
 
     def __init__(self, survey: Survey, effects: tuple[Effect, ...]) -> None:
         self._survey = survey
         self._model = linear.with_base_term(survey.baseline, effects)
-        self._maps = [effect for effect in effects if is_error_map(effect)]
-        self._dense = [term for term in self._model.terms if not is_error_map(term)]
-        baseline, measured = survey.baseline, survey.poses.measured
-        sizes = possible_sizes(self._model, measured)
-        every, count = np.arange(len(sizes)), len(self._model.parameters)
-        self._targets = every[count : count + len(baseline.targets_m)]
-        of_dense = [every[self._model.columns_of(term)] for term in self._dense]
-        of_maps = [every[self._model.columns_of(term)] for term in self._maps]
-        self.dense_columns = np.concatenate([*of_dense, self._targets])  # of all but maps
-        # the rows have dense columns first, then those of the maps
-        self._row_order = np.concatenate([self.dense_columns, *of_maps])
-        prior = [np.diag(sizes[: len(baseline.x)] ** -2.0)]
-        for effect in effects:
-            factor = np.linalg.inv(effect.prior_factor)
-            shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
-            prior.append(block_diag(factor.T @ factor, shapes))
-        base_and_targets = sizes[-(6 + len(self._targets)) :]
-        self.prior = block_diag(*prior, np.diag(base_and_targets**-2.0))
-        self.expected = np.zeros(len(sizes))  # mean of the prior
+        self.measured, baseline = survey.poses.measured, survey.baseline
+        self._base = slice(len(self._model.parameters) - 6, len(self._model.parameters))
+        self._targets = slice(self._base.stop, self._base.stop + len(baseline.targets_m))
+        self.bounds = linear.bounds_about(baseline, self._model, self.measured)
+        self.prior = self._precision(effects)  # (k, k) inverse covariance
+        self.expected = np.zeros(len(self.prior))  # (k,) mean
         self.expected[: len(baseline.x)] = baseline.x
         self.expected[self._targets] = baseline.targets_m
-        self._shown = np.ones(len(sizes), dtype=bool)
-        self._shown[count - 6 : count] = linear.base_shown(measured)
-        self.bounds = linear.bounds_about(baseline, self._model, measured)
+        # Columns are computed in another order than that of the unknowns: maps come last.
+        every = np.arange(len(self.prior))
+        self._maps = [effect for effect in effects if is_error_map(effect)]
+        self._dense_terms = [term for term in self._model.terms if not is_error_map(term)]
+        of_dense = [every[self._model.columns_of(term)] for term in self._dense_terms]
+        of_maps = [every[self._model.columns_of(term)] for term in self._maps]
+        self.dense = np.concatenate([*of_dense, every[self._targets]])  # (d,) all but maps
+        self._place = np.argsort(np.concatenate([self.dense, *of_maps]))  # (k,) of each unknown
+
+    def _precision(self, effects: tuple[Effect, ...]) -> Array:
+        """Return the precision of the prior, (k, k)."""
+        sizes = possible_sizes(self._model, self.measured)
+        parts = [np.diag(sizes[: len(self._survey.baseline.x)] ** -2.0)]
+        for effect in effects:
+            whitener = np.linalg.inv(effect.prior_factor)
+            shapes = np.zeros((len(effect.parameters) - effect.linear,) * 2)
+            parts.append(block_diag(whitener.T @ whitener, shapes))
+        return np.asarray(block_diag(*parts, np.diag(sizes[self._base.start :] ** -2.0)))
 
     def model_at(self, x: Array) -> FittedModel:
         """Return the model at unknowns (k,)."""
-        k = len(self._model.parameters)
-        return replace(self._survey.baseline, model=self._model, x=x[:k], targets_m=x[k:])
+        x_model, targets_m = np.split(x, [self._base.stop])
+        return replace(self._survey.baseline, model=self._model, x=x_model, targets_m=targets_m)
 
-    def columns(self, at: FittedModel, whiten: Array) -> tuple[Array, Array]:
-        """Return the whitened derivative by all but maps (P, b, d), and by the maps' joints."""
-        poses = self._survey.poses
+    def residual(self, x: Array) -> Array:
+        """Return predicted minus measured components (P, b) at unknowns (k,), less nuisances."""
+        return self._survey.net_residual(self.model_at(x))
+
+    def columns(self, x: Array, whiteners: Array) -> tuple[Array, Array]:
+        """Return the derivative of the whitened residual at unknowns (k,).
+
+        Returns:
+            By the unknowns of `dense` (P, b, d), and by the angle of each map's joint (P, b, m).
+        """
+        at, poses = self.model_at(x), self._survey.poses
         joints = linear.positions_of(at, [each.joint for each in self._maps])
-        terms: list[Term] = [*self._dense, joints]
-        points = [*map(at.values_of, self._dense), np.zeros(len(self._maps))]
-        *of_terms, by_angle = linear.by_terms(at, poses, terms, points, whiten)
-        of_targets = whiten @ linear.by_targets(at, poses)
+        terms: list[Term] = [*self._dense_terms, joints]
+        points = [*map(at.values_of, self._dense_terms), np.zeros(len(self._maps))]
+        *of_terms, by_angle = linear.by_terms(at, poses, terms, points, whiteners)
+        of_targets = whiteners @ linear.by_targets(at, poses)
         return np.concatenate([*of_terms, of_targets], axis=2), by_angle
 
     def equations(self, x: Array, weights: PoseWeights) -> Equations:
         """Return cost, gradient and normal equations at unknowns (k,), the prior included."""
-        at, whiten = self.model_at(x), weights.whiteners()
+        whiteners = weights.whiteners()
+        dense, by_angle = self.columns(x, whiteners)
+        white = (whiteners @ self.residual(x)[:, :, None]).ravel()
         knots = [each.knots for each in self._maps]
-        dense, by_angle = self.columns(at, whiten)
         q_rad = self._survey.poses.states.q_rad[:, [each.joint - 1 for each in self._maps]]
-        white = (whiten @ self._survey.net_residual(at)[:, :, None]).ravel()
         d = dense.shape[2]
-        splines = map_columns(by_angle, q_rad, knots)
-        rows = normal_equations_of(white, dense.reshape(-1, d), splines)
-        rows = in_map_bases(rows, d, [b_splines_by_knots(each) for each in knots])
-        rows = rows.along(np.argsort(self._row_order))
+        in_splines = normal_equations_of(
+            white, dense.reshape(-1, d), map_columns(by_angle, q_rad, knots)
+        )
+        rows = in_map_bases(in_splines, d, [b_splines_by_knots(each) for each in knots])
+        rows = rows.along(self._place)
         off = x - self.expected
         cost = float(white @ white + off @ self.prior @ off)
         return Equations(cost, rows.projection + self.prior @ off, rows.gram + self.prior)
 
-    def covariance(self, normal: Array, free: Mask) -> Array:
-        """Return the covariance of all unknowns (k, k), zero of those that are not free.
-
-        The base is held where readings do not show it. Coordinates of targets that the poses do
-        not determine are held one by one, as calibrations hold them as stated.
-        """
-        free = free & self._shown
-        covariance = _inverse(normal, self.prior, free)
-        variances = 1.0 / np.diag(self.prior)[self._targets]
-        while len(variances):
-            share = np.diag(covariance)[self._targets] / variances
-            if share.max() < BLOCKS.open_share:
-                break
-            free[self._targets[int(share.argmax())]] = False
-            covariance = _inverse(normal, self.prior, free)
-        return covariance
-
     def cost(self, x: Array, weights: PoseWeights) -> float:
         """Return the sum of squares at unknowns (k,), the prior included."""
-        white = weights.whiteners() @ self._survey.net_residual(self.model_at(x))[:, :, None]
-        off = x - self.expected
+        white, off = weights.whiteners() @ self.residual(x)[:, :, None], x - self.expected
         return float(np.sum(white**2) + off @ self.prior @ off)
+
+    def covariance(self, x: Array, equations: Equations) -> Array:
+        """Return the covariance (k, k) by the equations at unknowns (k,), zero of those held.
+
+        Held are unknowns at a bound, and the base where readings do not show it. Coordinates of
+        targets that the poses do not determine are held one by one, as calibrations hold them as
+        stated.
+        """
+        free = ~self.bounds.held(x, equations.gradient)
+        free[self._base] &= linear.base_shown(self.measured)
+        covariance = inverse_of_free(equations.normal, self.prior, free)
+        prior_variances = 1.0 / np.diag(self.prior)[self._targets]
+        while len(prior_variances):
+            share = np.diag(covariance)[self._targets] / prior_variances
+            if share.max() < BLOCKS.open_share:
+                break
+            free[self._targets.start + int(share.argmax())] = False
+            covariance = inverse_of_free(equations.normal, self.prior, free)
+        return covariance
+
+
+class _Weighting:
+    """A problem with weights of its poses, which are renewed after every step of a fit."""
+
+    def __init__(self, problem: _Problem, weights: PoseWeights, widening: Widening) -> None:
+        self._problem, self._widening = problem, widening
+        self.weights = weights.widened(widening)
+        self._covariance = np.zeros((0, 0))  # (k, k) where the last step began
+
+    def equations(self, x: Array) -> Equations:
+        """Return the equations at unknowns (k,) by the present weights."""
+        return self._problem.equations(x, self.weights)
+
+    def cost(self, x: Array) -> float:
+        """Return the sum of squares at unknowns (k,) by the present weights."""
+        return self._problem.cost(x, self.weights)
+
+    def renewed(self, x: Array, taken: Step) -> Equations:
+        """Renew the weights by the residuals after a step; return the equations by these."""
+        problem = self._problem
+        self._covariance = inverse_of_free(taken.before.normal, problem.prior, ~taken.held)
+        count = determined_count(self._covariance, problem.prior)
+        weights = pose_weights(problem.residual(x), count, problem.measured)
+        self.weights = weights.widened(self._widening)
+        return self.equations(x)
+
+    def arrived(self, _: Array, taken: Step) -> bool:
+        """Return whether the last step was short, in standard uncertainties, and not damped."""
+        free = ~taken.held
+        std = np.sqrt(np.maximum(np.diag(self._covariance)[free], np.finfo(float).tiny))
+        return (
+            taken.damping < COMPUTING.refit_damping
+            and float(np.abs(taken.step[free] / std).max()) < COMPUTING.refit_arrived
+        )
 
 
 def determined_count(covariance: Array, prior: Array) -> float:
     """Return how many unknowns the data determine: the others are as expected, or held.
 
-    By the covariance (k, k) of all unknowns, zero of those held, and the inverse (k, k) of the
-    covariance expected.
+    Args:
+        covariance: (k, k) of all unknowns, zero of those held.
+        prior: (k, k) precision of their prior.
     """
     free = np.count_nonzero(np.diag(covariance))
     return float(free - np.sum(prior * covariance))
 
 
-def _inverse(normal: Array, prior: Array, free: Mask) -> Array:
-    """Return the inverse of the normal equations of free parameters, zero for the others."""
+def inverse_of_free(normal: Array, prior: Array, free: Mask) -> Array:
+    """Return the inverse (k, k) of the normal equations of free unknowns, zero for the others.
+
+    The normal equations (k, k) contain the precision (k, k) of the prior.
+    """
     # the shape of an effect whose amount is zero has no information
     free = free & (np.diag(normal) > 0.0)
     at = np.ix_(free, free)
@@ -279,15 +270,6 @@ def _inverse(normal: Array, prior: Array, free: Mask) -> Array:
     return found
 
 
-def seen_by_maps(campaign: Survey, effects: tuple[Effect, ...]) -> AngleCoverage | None:
-    """Return the joint positions from which maps were estimated; None without a map."""
-    order = np.zeros(campaign.context.arm.n)
-    for effect in effects:
-        if is_error_map(effect):
-            order[effect.joint - 1] = max(order[effect.joint - 1], effect.finest_order)
-    return angles_seen(campaign.poses.states.q_rad, order) if order.any() else None
-
-
 class PartialFits:
     """The model with some of its effects: maps as they are, all else fitted again.
 
@@ -295,47 +277,42 @@ class PartialFits:
     thousandth: the derivative at the model with all effects serves every step of every fit.
     """
 
-    def __init__(self, campaign: Survey, extended: Refit) -> None:
-        """Take the model with all effects, and linearise it in all but its maps."""
-        self._campaign, self._extended = campaign, extended
-        self._fit = _NormalFit(campaign, extended.effects)
-        self._whiten = extended.weights.whiteners()
-        white, _ = self._fit.columns(extended.at, self._whiten)
-        towards = np.swapaxes(self._whiten, 1, 2) @ white
+    def __init__(self, survey: Survey, extended: Refit) -> None:
+        """Linearise the model with all effects, in all but its maps."""
+        self._extended, self._problem = extended, _Problem(survey, extended.effects)
+        self._whiteners = extended.weights.whiteners()
+        white, _ = self._problem.columns(extended.x, self._whiteners)
         flat = white.reshape(-1, white.shape[2])
-        self._towards = towards.reshape(-1, white.shape[2])  # gradient = residual @ towards
+        twice_white = np.swapaxes(self._whiteners, 1, 2) @ white
+        self._by_residual = twice_white.reshape(flat.shape)  # gradient = residual @ by_residual
         self._gram = flat.T @ flat
 
     def model_with(self, some: tuple[Effect, ...]) -> FittedModel:
         """Return the model with some of its effects."""
-        extended, fit, x = self._extended, self._fit, self._extended.x.copy()
-        fitted = np.ones(len(x), dtype=bool)
-        for effect in extended.effects:
-            columns = extended.columns_of(effect)
-            shapes = columns.start + effect.linear
+        problem, x_start = self._problem, self._extended.x.copy()
+        for effect in self._extended.effects:
             if effect not in some:
-                x[columns.start : shapes] = 0.0
-            known = effect in some and not is_error_map(effect)
-            fitted[shapes if known else columns.start : columns.stop] = False
-        there = np.flatnonzero(fitted[fit.dense_columns])
-        free, at_free = fit.dense_columns[there], np.ix_(there, there)
-        bounds = Bounds(fit.bounds.lower[free], fit.bounds.upper[free])
-        prior, expected = fit.prior[np.ix_(free, free)], fit.expected[free]
-        normal = self._gram[at_free] + prior
+                x_start[self._amounts(effect)] = 0.0
+        columns = np.flatnonzero(self._is_fitted(some)[problem.dense])  # of those of `dense`
+        fitted = problem.dense[columns]
+        bounds = Bounds(problem.bounds.lower[fitted], problem.bounds.upper[fitted])
+        prior, expected = problem.prior[np.ix_(fitted, fitted)], problem.expected[fitted]
+        normal = self._gram[np.ix_(columns, columns)] + prior
 
-        def at(values: Array) -> FittedModel:
-            x[free] = values
-            return linear.at_unknowns(extended.at, x)
+        def with_fitted(values: Array) -> Array:
+            x = x_start.copy()
+            x[fitted] = values
+            return x
 
         def equations(values: Array) -> Equations:
-            residual, off = self._campaign.net_residual(at(values)), values - expected
-            white = self._whiten @ residual[:, :, None]
+            residual, off = problem.residual(with_fitted(values)), values - expected
+            white = self._whiteners @ residual[:, :, None]
             cost = float(np.sum(white**2) + off @ prior @ off)
-            gradient = (residual.ravel() @ self._towards)[there] + prior @ off
+            gradient = (residual.ravel() @ self._by_residual)[columns] + prior @ off
             return Equations(cost, gradient, normal)
 
         found = minimise(
-            bounds.clip(x[free]),
+            bounds.clip(x_start[fitted]),
             equations,
             lambda values, step: bounds.clip(values + step),
             lambda _, taken: taken.gained <= COMPUTING.nearby_settled * taken.before.cost,
@@ -343,4 +320,19 @@ class PartialFits:
             held=bounds.held,
             beyond=bounds.beyond,
         )
-        return replace(extended, at=at(found.at)).fitted()
+        at = linear.at_unknowns(self._extended.at, with_fitted(found.at))
+        return replace(self._extended, at=at).fitted()
+
+    def _amounts(self, effect: Effect) -> slice:
+        """Return the columns of the linear parameters of an effect."""
+        first = self._extended.columns_of(effect).start
+        return slice(first, first + effect.linear)
+
+    def _is_fitted(self, some: tuple[Effect, ...]) -> Mask:
+        """Return which unknowns (k,) are fitted: no maps, no shapes, no effects but some."""
+        fitted = np.ones(len(self._extended.x), dtype=bool)
+        for effect in self._extended.effects:
+            fitted[self._extended.columns_of(effect)] = False
+            if effect in some and not is_error_map(effect):
+                fitted[self._amounts(effect)] = True
+        return fitted
