@@ -28,7 +28,6 @@ from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.problem import possible_sizes
-from pa10cal.fit.validity import AngleCoverage, angles_seen
 from pa10cal.numerics.least_squares import Bounds, Equations, Step, minimise
 from pa10cal.numerics.periodic_spline import b_splines_by_knots
 from pa10cal.terms.effects.effect import Effect
