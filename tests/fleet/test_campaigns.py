@@ -35,6 +35,20 @@ def test_a_pattern_finds_campaigns_in_the_order_of_their_names(raw):
     assert [each.campaign for each in campaigns_of(f"{raw}/2026-*", raw)] == ["2026-1", "2026-2"]
     assert campaigns_of("a", raw) == (Listed("a", "a"),)
     assert [each.campaign for each in campaigns_of("a, b", raw)] == ["a", "b"]
+    with pytest.raises(SettingsError, match="there are no campaigns"):
+        campaigns_of("", raw)
+
+
+def test_a_pattern_finds_no_campaign_deeper_than_the_folder(raw):
+    (raw / "no-campaign/deep").mkdir()
+    (raw / "no-campaign/deep/campaign.yaml").touch()
+    assert [each.campaign for each in campaigns_of("**", raw)] == ["2026-1", "2026-2", "a", "b"]
+
+
+def test_a_time_with_seconds_is_after_the_same_minute_with_a_z():
+    days = ("T14:05:30Z", "T14:05Z", "T14:05:30.5Z")
+    listed = [Listed(day, "arm", f"2026-03-31{day}") for day in days]
+    assert [each.campaign for each in in_order(listed)["arm"]] == [days[1], days[0], days[2]]
 
 
 def test_a_table_says_arms_and_times_and_need_not_be_there(raw):

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from pa10cal.errors import ALLOWED, SettingsError, fits_a_folder
@@ -15,7 +16,7 @@ from pa10cal.input_files import read_csv, reason
 _MOST_BYTES = 4 * 1024**2
 #: Columns of the table; the first is required.
 _COLUMNS = ("campaign", "arm", "measured")
-#: A date, or a part of one, and a time: by ISO 8601, so that its text sorts by time.
+#: A date, or a part of one, and a time: by ISO 8601.
 _ISO_8601 = re.compile(
     r"\d{4}(-\d{2}(-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d+)?)?Z?)?)?)?", flags=re.ASCII
 )
@@ -57,7 +58,8 @@ def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
             allowed=f"a table (.csv), or names of folders of {raw_dir} with *, such as 2026-*",
             remedy="correct it, or set raw_dir",
         )
-    names = sorted(path.parent.name for path in raw_dir.glob(f"{pattern}/campaign.yaml"))
+    folders = sorted(path.parent.name for path in raw_dir.glob("*/campaign.yaml"))
+    names = [name for name in folders if fnmatchcase(name, pattern)]
     return _checked([(f"{raw_dir}/{name}", Listed(name, name)) for name in names], asked)
 
 
@@ -66,10 +68,12 @@ def in_order(listed: Iterable[Listed]) -> dict[str, list[Listed]]:
     by_arm: dict[str, list[Listed]] = {}
     for campaign in listed:
         by_arm.setdefault(campaign.arm, []).append(campaign)
-    return {
-        arm: sorted(campaigns, key=lambda campaign: campaign.measured.replace(" ", "T"))
-        for arm, campaigns in by_arm.items()
-    }
+    return {arm: sorted(campaigns, key=_sortable_time) for arm, campaigns in by_arm.items()}
+
+
+def _sortable_time(campaign: Listed) -> str:
+    """Return when a campaign was measured as a text whose order is that of time."""
+    return campaign.measured.replace(" ", "T").removesuffix("Z")
 
 
 def _of_table(path: Path) -> list[tuple[str, Listed]]:
