@@ -106,6 +106,7 @@ def test_help_is_the_docstring(capsys):
     assert "Do a thing 100 % well. In two paragraphs. positional" in shown
     assert "--out OUT where it goes, in two lines --count" in shown
     assert "how often and how large (default: 50)" in shown
+    assert "(default: ())" not in shown
     assert "--reading {text,table}" in shown
     assert "the ingest section: a JSON object, or the path of a YAML file" in shown
     assert "--debug" in shown

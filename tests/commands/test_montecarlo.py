@@ -114,3 +114,6 @@ def test_planes_of_the_same_arm_are_taken_over_under_the_own_name(out, tmp_path,
     words = arguments(tmp_path / "other.json", robot="ur10")
     assert run_command("montecarlo", [*words, "--same-arm", str(out.parent)]) == 2
     assert "planes of another arm" in capsys.readouterr().err
+    words = arguments(tmp_path / "other.json", sigma_deg=0.1)
+    assert run_command("montecarlo", [*words, "--same-arm", str(out.parent)]) == 2
+    assert "(got 'sigma_deg 0.011'); allowed: sigma_deg 0.1" in capsys.readouterr().err

@@ -44,6 +44,7 @@ from pa10cal.errors import (
     remedy_for,
     visible,
 )
+from pa10cal.input_files import is_file
 
 #: Exit codes: input, settings or use refused; a fault of the program itself; interrupted (Ctrl-C);
 #: ended because nobody reads the output any more, as by `| head`.
@@ -282,10 +283,12 @@ def _message(error: Exception) -> tuple[str, int]:
 def _refuse_to_replace(values: Mapping[str, Any]) -> None:
     """Refuse an output that would replace a file that the command reads."""
     out = values.get("out")
-    if not isinstance(out, Path) or not out.is_file():
+    if not isinstance(out, Path) or not is_file(out):
         return
-    for name, path in values.items():
-        if name != "out" and isinstance(path, Path) and path.is_file() and out.samefile(path):
+    for name, value in values.items():
+        paths = value if isinstance(value, tuple) else (value,)
+        inputs = [path for path in paths if isinstance(path, str | Path) and is_file(Path(path))]
+        if name != "out" and any(map(out.samefile, inputs)):
             raise OutputError(
                 f"the output would replace the file of {name.replace('_', ' ')}",
                 where="--out",
@@ -393,7 +396,7 @@ def _add_argument(
     required = default is parameter.empty
     if not required:
         options["default"] = default
-        if default is not None and kind is not bool and not _is_section(kind):
+        if default not in (None, "", ()) and kind is not bool and not _is_section(kind):
             meaning += f" (default: {default})"
     options["help"] = meaning.replace("%", "%%")
     if parameter.kind is parameter.KEYWORD_ONLY:

@@ -6,8 +6,12 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pa10cal.options import MonteCarloOptions
+
+if TYPE_CHECKING:
+    from pa10cal.results.montecarlo import PlaneRecord
 
 #: Lines of progress that a plane prints.
 _PROGRESS_LINES = 10
@@ -39,7 +43,6 @@ def montecarlo(
         pa10cal montecarlo --campaign mine --robot ur10 --plane-mm 500 --out z500.json \\
           --settings '{"cycles": 1000}'
     """
-    from pa10cal.errors import RecordError
     from pa10cal.files.arms import arm_asked
     from pa10cal.montecarlo.plane import study_plane
     from pa10cal.results.codec import read, write
@@ -54,19 +57,32 @@ def montecarlo(
         else:
             path = same_arm / f"z{height_mm}.json"
             record = read(PlaneRecord, path)
-            if record.robot != robot or record.cycles != settings.cycles:
-                raise RecordError(
-                    "planes of another arm or with other settings",
-                    where=str(path),
-                    value=f"{record.robot}, {record.cycles} cycles",
-                    allowed=f"{robot}, {settings.cycles} cycles",
-                    remedy="leave --same-arm out",
-                )
+            _refuse_other_study(record, robot, settings, path)
             record = record.model_copy(update={"campaign": campaign})
         write(record, out / f"z{height_mm}.json" if plane_mm is None else out)
         print(
             f"{campaign} z = {height_mm} mm: {record.mean_mm:.4f} ± {record.std_mm:.4f} mm, "
             f"closed form {record.closed_form_mean_mm:.4f} ± {record.closed_form_std_mm:.4f} mm"
+        )
+
+
+def _refuse_other_study(
+    record: PlaneRecord, robot: str, settings: MonteCarloOptions, path: Path
+) -> None:
+    """Refuse the record of a plane, from a file, of another arm or with other settings."""
+    from pa10cal.errors import RecordError
+
+    names = ("cycles", "positions", "sigma_deg", "reach_m", "random_seed")
+    found: dict[str, Any] = {"robot": record.robot, "map_spacing_mm": record.map.spacing_mm}
+    found |= {name: getattr(record, name) for name in names}
+    wanted = {"robot": robot} | {name: getattr(settings, name) for name in found if name != "robot"}
+    if other := [name for name in wanted if found[name] != wanted[name]]:
+        raise RecordError(
+            "planes of another arm or with other settings",
+            where=str(path),
+            value=", ".join(f"{name} {found[name]}" for name in other),
+            allowed=", ".join(f"{name} {wanted[name]}" for name in other),
+            remedy="leave --same-arm out",
         )
 
 

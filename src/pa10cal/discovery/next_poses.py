@@ -271,13 +271,13 @@ def _suggested(
     problem: EvidenceProblem, pool: PoseStates, pose: int, nats: float, purposes: tuple[str, ...]
 ) -> SuggestedPose:
     """Return a pose of the pool as it is written, with the least separation after it."""
-    coupling = problem.baseline.arm.coupling
-    axes_rad = coupling.to_axes(pool.q_rad[pose])
+    arm = problem.baseline.arm
+    axes_rad = arm.coupling.to_axes(pool.q_rad[pose])
     return SuggestedPose(
-        q_deg=np.degrees(axes_rad),
+        q_deg=np.where(arm.axes_slide, 1e3 * axes_rad, np.degrees(axes_rad)),
         q_rad=axes_rad,
         load_N=float(pool.load_N[pose]),
-        arrive_from=-pool.arrival[pose][coupling.own],
+        arrive_from=-pool.arrival[pose][arm.coupling.own],
         separation_nats=nats,
         for_=purposes,
     )
@@ -440,14 +440,14 @@ def poses_at_unseen_angles(
     unseen = ~seen.covers(q_rad) & np.array(seen.turns)
     cell = np.floor(np.mod(q_rad, 2.0 * np.pi) / (2.0 * ANGLES.within_rad)).astype(np.intp)
     load_N = float(measured.cells.states.load_N.min())
-    coupling = measured.baseline.arm.coupling
+    arm = measured.baseline.arm
     chosen: list[SuggestedPose] = []
     while len(chosen) < count and unseen.any():
         best = int(np.argmax(unseen.sum(axis=1)))
         joints = np.flatnonzero(unseen[best])
         purposes = tuple(f"angle of joint {joint + 1} not seen" for joint in joints)
-        axes_rad = coupling.to_axes(q_rad[best])
-        q_deg = np.degrees(axes_rad)
+        axes_rad = arm.coupling.to_axes(q_rad[best])
+        q_deg = np.where(arm.axes_slide, 1e3 * axes_rad, np.degrees(axes_rad))
         chosen.append(SuggestedPose(q_deg=q_deg, q_rad=axes_rad, load_N=load_N, for_=purposes))
         unseen[:, joints] &= cell[:, joints] != cell[best, joints]
     return tuple(chosen)

@@ -50,15 +50,28 @@ class PlanSetup:
         """Return the lowest and highest positions of the axes, (m,) each [rad, m].
 
         Raises:
-            CalibrationError: when `joints_deg` has not one range a joint, within its limits.
+            CalibrationError: when `joints_deg` has not one range a joint, within its limits, or
+                `largest_angle_deg` leaves a joint no angle.
         """
         if self.options.joints_deg:
             return self._stated_ranges()
         low, high = self.arm.axis_limits_rad.T
         margin = self.options.limit_margin * (high - low)
+        low, high = low + margin, high - margin
         largest_rad = np.radians(self.options.largest_angle_deg)
         largest = np.where(self.arm.axes_slide, np.inf, largest_rad)
-        return np.maximum(low + margin, -largest), np.minimum(high - margin, largest)
+        beyond = (low > largest) | (high < -largest)
+        if beyond.any():
+            joint = int(np.argmax(beyond))
+            nearest_deg = np.degrees(min(abs(low[joint]), abs(high[joint])))
+            raise CalibrationError(
+                "the joint's limits leave it no angle",
+                where=f"largest_angle_deg of joint {joint + 1}",
+                value=self.options.largest_angle_deg,
+                allowed=f"{nearest_deg:.1f} or more",
+                remedy="raise it, or state joints_deg",
+            )
+        return np.maximum(low, -largest), np.minimum(high, largest)
 
     def _stated_ranges(self) -> tuple[Array, Array]:
         """Return the ranges that `joints_deg` states; see `joint_ranges`."""

@@ -316,8 +316,8 @@ class SearchByBlocks(SearchKeys):
 class SuggestedPose(record.Part):
     """A configuration to measure next."""
 
-    q_deg: record.Numbers  # joint angles [deg]
-    q_rad: record.Numbers  # joint angles [rad]
+    q_deg: record.Numbers  # joint positions [deg; mm of a sliding joint]
+    q_rad: record.Numbers  # joint positions [rad; m of a sliding joint]
     load_N: float  # load [N]
     # side from which each joint arrives: -1 from smaller angles, +1 from larger ones
     arrive_from: record.Numbers | None = record.optional()

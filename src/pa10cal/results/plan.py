@@ -75,14 +75,23 @@ class PlanRecord(Record):
 # Configurations to measure next, as a table.
 
 
-def suggestion_table(suggestions: Sequence[SuggestedPose], joints: int, *, with_sides: bool) -> str:
+def suggestion_table(
+    suggestions: Sequence[SuggestedPose], axes_slide: Sequence[bool], *, with_sides: bool
+) -> str:
     """Return the configurations to measure as the text of a CSV file that a robot can read.
 
-    Only the header where there are none. They may say from which side each joint should arrive.
+    Only the header where there are none.
+
+    Args:
+        suggestions: configurations, the first to measure first.
+        axes_slide: whether each axis of the controller slides.
+        with_sides: whether to say from which side each axis arrives, and what poses separate.
     """
-    numbers = range(1, joints + 1)
-    sides = [*(f"arrive{j}_from" for j in numbers), "separation_nats"] if with_sides else []
-    header = ["order", *(f"q{j}_deg" for j in numbers), "load_N", *sides, "for"]
+    sides: list[str] = []
+    if with_sides:
+        sides = [*(f"arrive{k}_from" for k in range(1, len(axes_slide) + 1)), "separation_nats"]
+    axes = [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(axes_slide, start=1)]
+    header = ["order", *axes, "load_N", *sides, "for"]
     rows = []
     for order, pose in enumerate(suggestions, start=1):
         cells = [order, *(f"{angle:.4f}" for angle in pose.q_deg), f"{pose.load_N:g}"]

@@ -63,7 +63,7 @@ def discover(
     model = verdict_records.extended_record(found, judged, campaign.robot, record.load)
     analysed = verdict_records.analysis_record(found, campaign)
     with_sides = suggestions.separations is not None
-    table = suggestion_table(suggestions.poses, len(arm.axes_slide), with_sides=with_sides)
+    table = suggestion_table(suggestions.poses, arm.axes_slide.tolist(), with_sides=with_sides)
     outputs = (suggested, covariance_path(extended), extended, analysis, verdict)
     with whole_files(*outputs) as files:
         suggested_file, covariance_file, extended_file, analysis_file, verdict_file = files
