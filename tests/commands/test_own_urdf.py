@@ -56,3 +56,9 @@ def test_names_stay_and_origins_are_calibrated(tmp_path, kind):
     assert kinematics["forearm"]["x"] == pytest.approx(-0.612, abs=2e-3)
     rows = list(csv.DictReader((out / "dh.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 6
+
+
+def test_a_table_of_poses_without_its_campaign_is_refused(tmp_path, capsys):
+    given = {"calibration": tmp_path / "c.json", "poses": tmp_path / "p.parquet"}
+    assert called("export", **given, model=tmp_path / "m.yaml", urdf=tmp_path / "r.urdf") == 2
+    assert "--poses together with --campaign-dir" in capsys.readouterr().err

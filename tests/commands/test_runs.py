@@ -31,6 +31,7 @@ from pa10cal.results.codec import read, write
 from pa10cal.results.outcomes import ChainRecord, FleetRecord
 from pa10cal.running import workflow
 from pa10cal.stages import readings
+from pa10cal.stages.pipeline import stages
 
 SHIPPED = Path(__file__).parents[2] / "examples/ur10-pose"
 
@@ -216,6 +217,29 @@ def test_a_campaign_that_is_refused_leaves_nothing_that_looks_like_a_result(done
     assert "q3" in found.message
     assert [path.name for path in results.iterdir()] == ["chain.json"]
     assert "pa10cal chain: bad: ingest: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("below", ["", "results"])
+def test_results_among_raw_files_are_refused_before_anything_is_removed(tmp_path, capsys, below):
+    raw = shutil.copytree(EXAMPLE, tmp_path / "raw")
+    (raw / "model").mkdir()
+    (raw / "model/notes.txt").touch()
+    assert take(raw, raw / below) == REFUSED
+    assert "--results: the results would be written among the raw" in capsys.readouterr().err
+    assert (raw / "model/notes.txt").exists()
+
+
+def test_a_campaign_is_called_by_its_folder_though_that_is_the_working_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(readings, "ingest", lambda **_: os._exit(7))
+    monkeypatch.chdir(EXAMPLE)
+    assert take(".", tmp_path) == REFUSED
+    assert read(ChainRecord, tmp_path / "chain.json").campaign == EXAMPLE.name
+
+
+def test_members_of_a_group_whose_folders_have_one_name_are_kept_apart(tmp_path):
+    folders = tmp_path / "may/cell", tmp_path / "june/cell"
+    written = [stage.writes for stage in stages(folders, tmp_path / "both") if stage.name == "ingest"]
+    assert written[0]["poses"] != written[1]["poses"]
 
 
 def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):

@@ -96,6 +96,16 @@ def test_the_iiwa_logs_the_load_on_a_joint_and_its_motor_holds_against_it(read):
     }
 
 
+def test_a_row_of_the_iiwa_whose_axes_are_of_no_frame_is_left_out(tmp_path):
+    folder = MADE_UP["iiwa7-robot-calibration"](tmp_path)
+    for file in folder.rglob("*.csv"):
+        for column in range(15, 31):
+            edit(file, 2, column, "0", ", ")
+    campaigns = dataset_named("iiwa7-robot-calibration").read(folder, 0.5)
+    assert [len(campaign.readings) for campaign in campaigns] == [2, 2, 2, 2]
+    assert "no right-handed frame" in campaigns[0].left_out[0].reason
+
+
 def test_the_motomans_quaternions_have_length_one_and_w_first(read):
     found = read("welding-motoman")["ma2010-0801"]
     np.testing.assert_allclose(joints(found, 1)[:2], [11.459155903, 11.459155903])

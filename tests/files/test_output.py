@@ -184,3 +184,8 @@ def test_a_limit_on_sizes_is_one_message(tmp_path):
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def test_a_name_that_is_too_long_is_refused(tmp_path):
+    with pytest.raises(OutputError, match="File name too long"):
+        write_text(tmp_path / ("x" * 300), "")

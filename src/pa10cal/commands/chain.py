@@ -47,7 +47,7 @@ def chain(
     """
     from functools import partial
 
-    from pa10cal.planning.campaign import check_prior
+    from pa10cal.planning.campaign import check_prior, refuse_among_raw_files
     from pa10cal.results.outcomes import ChainRecord
     from pa10cal.running.child import in_child
 
@@ -59,6 +59,9 @@ def chain(
             allowed="--dataset with --source and one folder of raw files, or neither of them",
             remedy="give both; for a group run pa10cal import first",
         )
+    campaign_dir, results = tuple(map(_by_its_name, campaign_dir)), _by_its_name(results)
+    for folder in campaign_dir:
+        refuse_among_raw_files(results.resolve(), folder.resolve(), "--results", results)
     members = campaign_dir if len(campaign_dir) > 1 else ()
     name = results.name if members else campaign_dir[0].name
     if settings.calibration.prior is not None:  # before results that hold it are removed
@@ -88,6 +91,11 @@ def chain(
     record = ChainRecord(**outcome | {"campaign": name, "stage": stage})
     write(record, results / ChainRecord.FILE)
     raise StageError(f"{name}: {stage}: {record.message}")
+
+
+def _by_its_name(folder: Path) -> Path:
+    """Return a path that ends in the name of its folder, which `.` and `x/..` do not."""
+    return folder if folder.name not in ("", "..") else folder.resolve()
 
 
 def _run_stages(

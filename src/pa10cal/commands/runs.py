@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pa10cal.errors import OutputError, Pa10calError, SettingsError
+from pa10cal.errors import Pa10calError, SettingsError
 from pa10cal.files import ARMS
 from pa10cal.files.output import writing_into
 from pa10cal.running import workflow as running
@@ -62,12 +62,15 @@ def run(
         pa10cal run after-the-crash --prior results/march/mine
     """
     # Everything that a folder can be refused for is checked before anything heavy is imported.
+    from pa10cal.planning.campaign import refuse_among_raw_files
+
     _refuse_without_group(folders, group)
     folders = tuple(Path(os.path.normpath(folder.absolute())) for folder in folders)
     out, beside_raw_files = _results_folder(folders, out)
     names = _campaign_names(folders, group, arms)
     name = group or names[0]
-    _refuse_results_among_raw_files(folders, out, name)
+    for folder in folders:
+        refuse_among_raw_files(out / name, folder, "--out", out)
     over: dict[str, object] = {"campaigns": names}
     if group is not None:
         over["groups"] = {group: names}
@@ -130,14 +133,11 @@ def _results_folder(folders: Sequence[Path], out: Path | None) -> tuple[Path, bo
 
     By default it is `results` in the working folder; beside the raw files if that lies among them.
     """
-    surrounding = [folder for folder in folders if _is_in(Path.cwd(), folder.resolve())]
+    here = Path.cwd()
+    surrounding = [folder for folder in folders if folder.resolve() in (here, *here.parents)]
     beside = out is None and bool(surrounding)
-    start = surrounding[0].parent if beside else Path.cwd()
+    start = surrounding[0].parent if beside else here
     return Path(os.path.normpath(start / (out or "results"))), beside
-
-
-def _is_in(place: Path, folder: Path) -> bool:
-    return folder in (place, *place.parents)
 
 
 def _campaign_names(folders: Sequence[Path], group: str | None, arms: Path | None) -> list[str]:
@@ -154,18 +154,6 @@ def _campaign_names(folders: Sequence[Path], group: str | None, arms: Path | Non
     if group is not None:
         description.check_names(group, names, f"--group {group}")
     return names
-
-
-def _refuse_results_among_raw_files(folders: Sequence[Path], out: Path, name: str) -> None:
-    for folder in folders:
-        if folder == out / name or _is_in(out, folder):
-            raise OutputError(
-                "the results would be written among the raw files",
-                where="--out",
-                value=str(out),
-                allowed="a folder that neither is nor lies in the folder of raw files",
-                remedy="give another one",
-            )
 
 
 def _read_small_campaigns(

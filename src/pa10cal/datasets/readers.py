@@ -383,6 +383,9 @@ def _iiwa7(folder: Path, max_left_out: float, published: Published) -> Iterator[
     for name, stated in published.stated["campaigns"].items():
         file, payload_kg = published.path(stated["file"]), stated["payload_kg"]
         raw = read_tables(folder, max_left_out, {file: names}, separator=",", header=True)
+        R = raw.numbers_of(T).reshape(-1, 4, 4)[:, :3, :3]
+        raw = raw.take(np.linalg.det(R) > 0.0, "its axes are those of no right-handed frame")
+        refuse_too_many(raw.quarantined, raw.totals, max_left_out)
         T_mm = raw.numbers_of(T).reshape(-1, 4, 4)
         wxyz = Rotation.from_matrix(T_mm[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
         columns = _joint_columns("q#_deg", np.degrees(raw.numbers_of(q)))

@@ -49,11 +49,9 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
     Raises:
         OutputError: when one of them cannot be written at its place, or there is no room for it.
     """
-    paths = tuple(path.resolve() if path.is_symlink() else path for path in paths)
+    paths = tuple(map(_place_of, paths))
     resolved: set[Path] = set()
     for path in paths:
-        with _writing(path):
-            _refuse_no_file(path)
         if path.resolve() in resolved:
             raise OutputError(
                 "two outputs have the same path",
@@ -103,12 +101,19 @@ def _is_partial_of(name: str, output: str) -> bool:
     return partial is not None and partial[1] == output
 
 
-def _refuse_no_file(path: Path) -> None:
-    """Refuse a place at which there is a folder, device or pipe, which no file can replace."""
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if path.exists() and not path.is_file():
-        raise OSError("a device or pipe is there")
+def _place_of(path: Path) -> Path:
+    """Return where an output goes, which at a link is what is linked.
+
+    Raises:
+        OutputError: when a folder, device or pipe is there, which no file can replace.
+    """
+    with _writing(path):
+        place = path.resolve() if path.is_symlink() else path
+        if place.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if place.exists() and not place.is_file():
+            raise OSError("a device or pipe is there")
+    return place
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """What planning has to know of a campaign, read leniently.
 
 Content that cannot be read gives empty answers, so that the command is planned all the same and
-refuses it, by file, line and remedy. `missing_*` and `group_like_campaign` are the refusals of
-planning itself.
+refuses it, by file, line and remedy. `missing_campaign`, `check_prior`, `refuse_among_raw_files`
+and `group_like_campaign` are the refusals of planning itself.
 
 Results of another campaign, as a prior is, are no input of a rule: Snakemake would make them anew,
 with the settings of this run. They are read as they are, and what they contain is a parameter.
@@ -17,7 +17,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from pa10cal.errors import RawDataError, SettingsError, fits_a_folder
+from pa10cal.errors import OutputError, RawDataError, SettingsError, fits_a_folder
 from pa10cal.files import own_description
 from pa10cal.input_files import is_file, open_file
 from pa10cal.running.run_lock import refuse_at_work
@@ -81,6 +81,27 @@ def check_prior(prior: str | Path, results: Iterable[Path]) -> None:
                 remedy=f"omit the prior, or do not run {folder.name} with it",
             )
     refuse_at_work(file.parents[1])
+
+
+def refuse_among_raw_files(results: Path, folder: Path, option: str, given: Path) -> None:
+    """Refuse results that would be written into a folder of raw files, or be that folder.
+
+    Args:
+        results: folder of the results of a campaign or group.
+        folder: folder of raw files.
+        option: what the results were stated by, and `given` what it states.
+
+    Raises:
+        OutputError: naming the option.
+    """
+    if folder in (results, *results.parents):
+        raise OutputError(
+            "the results would be written among the raw files",
+            where=option,
+            value=str(given),
+            allowed="a folder that neither is nor lies in the folder of raw files",
+            remedy="give another one",
+        )
 
 
 def prior_digest(prior: str | None) -> str:

@@ -52,7 +52,7 @@ def export(
         pa10cal export --calibration calibration/combined.json --extended extended.json \\
           --model model.yaml --urdf robot.urdf
     """
-    from pa10cal.errors import ModelError
+    from pa10cal.errors import ModelError, SettingsError
     from pa10cal.files.arms import maker_calibration, urdf_of_arm
     from pa10cal.files.coupling import coupling_in_words
     from pa10cal.files.output import write_text
@@ -61,6 +61,14 @@ def export(
     from pa10cal.fit.rigid import beyond_rigid, dh_text, rigid_part
     from pa10cal.stages.inputs import read_calibrated, read_measured
 
+    if poses is not None and campaign_dir is None:
+        raise SettingsError(
+            "a table of poses is read with the description of its campaign",
+            where="--poses",
+            value=str(poses),
+            allowed="--poses together with --campaign-dir",
+            remedy="give both, or neither of them",
+        )
     record, models, _ = read_calibrated(calibration)
     *_, calibrated = models.values()
     exported, warnings = _exported_model(calibrated, record, extended)

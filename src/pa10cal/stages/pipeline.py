@@ -139,7 +139,10 @@ def _joined(
     folders: tuple[Path, ...], files: CampaignFiles, settings: ChainOptions
 ) -> Iterator[Stage]:
     """Yield the stages that read and locate the members of a group, and the one that joins them."""
-    members = [CampaignFiles(files.results / MEMBERS / folder.name) for folder in folders]
+    names = [folder.name for folder in folders]
+    if len(set(names)) < len(names):  # such as 2026-03/cell and 2026-09/cell
+        names = [f"{number}-{name}" for number, name in enumerate(names, start=1)]
+    members = [CampaignFiles(files.results / MEMBERS / name) for name in names]
     for folder, member in zip(folders, members, strict=True):
         yield _ingested(folder, member, settings)
         yield _located(folder, member, settings)
