@@ -238,8 +238,8 @@ def test_a_campaign_is_called_by_its_folder_though_that_is_the_working_one(tmp_p
 
 def test_members_of_a_group_whose_folders_have_one_name_are_kept_apart(tmp_path):
     folders = tmp_path / "may/cell", tmp_path / "june/cell"
-    written = [stage.writes for stage in stages(folders, tmp_path / "both") if stage.name == "ingest"]
-    assert written[0]["poses"] != written[1]["poses"]
+    of_group = [stage for stage in stages(folders, tmp_path / "both") if stage.name == "ingest"]
+    assert of_group[0].writes["poses"] != of_group[1].writes["poses"]
 
 
 def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):

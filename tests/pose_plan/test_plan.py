@@ -141,7 +141,7 @@ def test_what_rounding_leaves_is_no_effect():
         ("touch_trigger_cmm", 20, {"targets_mm": ((0, 0, 9),) * 3}, ["not give an orientation"]),
         ("touch_trigger_cmm", 20, {"targets_mm": ((0, 0, 9),)}, ["three or more"]),
         ("pose", 20, {"joints_deg": ((0, 1),)}, ["not one range a joint"]),
-        ("pose", 20, {"largest_angle_deg": 1.0, "limit_margin": 0.49}, ["leave it no angle", "joint 3", "18.2 or more"]),
+        ("pose", 20, {"largest_angle_deg": 1, "limit_margin": 0.49}, ["joint 3", "18.2 or more"]),
         ("pose", 20, {"joints_deg": ((0, 999), *[(0, 10)] * 5)}, ["leaves the joint's limits"]),
         (
             "pose",
