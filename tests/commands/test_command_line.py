@@ -147,6 +147,13 @@ def test_refusal_is_one_message_with_all_the_reader_needs(capsys):
     )
 
 
+def test_no_input_of_several_is_replaced(tmp_path, capsys):
+    june, july = (str(tmp_path / name) for name in ("june.yaml", "july.yaml"))
+    Path(july).touch()
+    assert run_command("drift", [june, july, "--out", july]) == REFUSED
+    assert "would replace the file of models" in capsys.readouterr().err
+
+
 def test_fault_is_told_from_a_refusal(capsys):
     assert run_command("seed", ["--load", "0N"], failing(KeyError("x"))) == FAULT
     message = capsys.readouterr().err
