@@ -7,7 +7,7 @@ import pytest
 from matplotlib.text import Text
 
 from pa10cal.figures.campaign import by_joint, gap_by_step, residuals
-from pa10cal.figures.campaign.by_joint import highest_told
+from pa10cal.figures.campaign.by_joint import highest_separable
 from pa10cal.figures.registry import NothingToShowError
 
 pytestmark = pytest.mark.usefixtures("project_looks")
@@ -170,14 +170,29 @@ class TestJoints:
         assert texts.count("hardly\nturned") == still
 
 
-told = partial(highest_told, np.arange(0.5, 300.0, 0.5))
+def test_errors_of_a_joint_that_slides_are_lengths(results, changed_from):
+    def slide(record):
+        record["fitted_model"]["arm"]["rows"][2]["prismatic"] = True
+
+    source = changed_from(results, "calibration/combined.json", slide)
+    joint = source.analysis.before.by_joint[2]
+    axes = by_joint.draw_where_joints(source).axes[2]
+    assert axes.get_title(loc="left") == "joint 3 [µm]"
+    np.testing.assert_allclose(axes.lines[1].get_xdata(), 1e3 * joint.q_rad)
+    axes = by_joint.draw_where_torque(source).axes[2]
+    assert axes.get_title(loc="left") == "joint 3 [N]"
+    assert axes.get_xlim()[1] >= 1e3 * joint.q_rad.max()
+    assert "3 [µm]" in texts_of(residuals.draw_where_breakdown(source))
+
+
+separable = partial(highest_separable, np.arange(0.5, 300.0, 0.5))
 
 
 @pytest.mark.parametrize(("count", "turns"), [(21, 0.25), (101, 0.25), (101, 0.8)])
 def test_two_different_angles_an_order_are_needed(count, turns):
     q_rad = 2.0 * np.pi * np.linspace(0.0, turns, count)
-    cycles = turns * told(q_rad)
+    cycles = turns * separable(q_rad)
     assert (count - 1) / 2 <= cycles < (count + 1) / 2
     again = np.concatenate([q_rad, q_rad + 1e-6, q_rad - 1e-6])
-    assert told(again) == pytest.approx(told(q_rad), abs=4.0)
-    assert told(np.array([0.0, 3.0])) < 4.0
+    assert separable(again) == pytest.approx(separable(q_rad), abs=4.0)
+    assert separable(np.array([0.0, 3.0])) < 4.0

@@ -12,6 +12,7 @@ from pa10cal.reports.accuracy import accuracy, parameters, reductions_grid
 from pa10cal.reports.blocks import Grid
 from pa10cal.reports.errors import errors_of
 from pa10cal.reports.formatting import with_interval
+from pa10cal.reports.measured import measurement_section
 from pa10cal.reports.outcome import verdict
 from pa10cal.reports.page import SECTIONS
 from pa10cal.reports.render import images
@@ -121,6 +122,12 @@ class TestAccuracy:
     def test_an_attitude_not_seen_is_a_dash(self, sighted):
         assert {each.accuracy.orientation_deg for each in errors_of(sighted["distance"])} == {None}
         assert any(" | – | " in line for line in lines(accuracy, sighted["distance"]))
+
+
+def test_the_uncertainty_of_a_distance_is_not_along_axes(sighted):
+    for kind, along_axes in (("distance", False), ("points", True)):
+        facts = dict(next(measurement_section(sighted[kind])).rows)
+        assert ("along each axis" in facts["Instrument"]) == along_axes
 
 
 class TestHealth:

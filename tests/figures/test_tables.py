@@ -241,6 +241,17 @@ class TestTableOne:
         assert all(row[-1] == "∞" for part in table.shown[1:] for row in part.rows)
         assert one(against(rigid), "K_lin", "joint 2")["ours"] == "not estimated"
 
+    def test_a_stiffness_of_zero_at_its_bound_has_its_row(self, results, changed_from):
+        def at_zero(record):
+            changes = {"value": 0.0, "std": 0.0, "at_bound": True, "identifiable": False}
+            record["parameters"]["K_cub_2"].update(changes)
+
+        row = one(
+            against(changed_from(results, "calibration/combined.json", at_zero)), "K_cub", "joint 2"
+        )
+        assert row["ours"] == "(0.000 ± 0.000)e0"
+        assert row["remark"].endswith("at its bound; not identifiable from the poses")
+
     def test_leaves_the_paper_out_for_another_arm(self, results):
         table = paper_against_ours.tabulate_table1_parameters(elsewhere(results, robot="other"))
         assert "paper" not in table.shown[0].header

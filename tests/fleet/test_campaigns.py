@@ -298,3 +298,12 @@ RECORD = fleet_of(
 
 def test_the_last_campaigns_of_arms_stand_in_order_of_their_error():
     assert [each.campaign for each in RECORD.last_by_accuracy] == ["b-1", "a-2"]
+
+
+def test_a_page_with_a_measured_campaign_is_not_called_synthetic():
+    measured = campaign("b-1", "b", 0.1, provenance="measured in our hall")
+    text = fleet_page_text(
+        fleet_of(campaign("a-1", "a", 0.3), measured, campaign("c-1", "c", None, ""))
+    )
+    assert "no robot was measured" not in text
+    assert "Synthetic data: a-1." in text

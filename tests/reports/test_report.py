@@ -27,6 +27,7 @@ from pa10cal.results.codec import read, write
 from pa10cal.results.discovery import Separation, SuggestedPose, VerdictRecord
 from pa10cal.results.evaluation import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
 from pa10cal.results.explained import Explained, ExplainedEffect
+from pa10cal.results.outcomes import Caption, PicturesRecord
 from pa10cal.results.record import EffectName
 
 VOID = {"meta", "link", "br", "img", "input", "hr", "col"}
@@ -206,6 +207,23 @@ def test_says_by_how_much_suggested_poses_would_tell_rivals_apart(copied, page):
         "forearm: the likelier of both would come to an expected 0.93."
     )
     assert page(copied).text.count(said) == 1
+
+
+def test_positions_of_a_joint_that_slides_are_lengths(copied, page):
+    path = copied / "calibration/combined.json"
+    record = json.loads(path.read_text("utf-8"))
+    record["fitted_model"]["arm"]["rows"][2] |= {"prismatic": True, "limits_rad": [-0.15, 0.0]}
+    record["fitted_model"]["seen"][2]["intervals"] = [[-0.12, -0.02]]
+    path.write_text(json.dumps(record), encoding="utf-8")
+    shutil.rmtree(copied / "discovery")
+    q = np.array([0.0, 0.0, -0.1, 0.0, 0.0, 0.0])
+    pose = SuggestedPose(q_deg=np.degrees(q), q_rad=q, load_N=0.0, for_=())
+    path = with_verdict(copied, "ambiguous") / VerdictRecord.FILE
+    write(read(VerdictRecord, path).model_copy(update={"suggested_poses": (pose,)}), path)
+    said = page(copied).text
+    assert "3 -120.0 to -20.0 mm -150.0 to 0.0 mm" in said
+    assert "q2 [deg] q3 [mm] q4 [deg]" in said
+    assert " -100.0 " in said
 
 
 @pytest.mark.slow_but_one_in(3)
@@ -429,3 +447,21 @@ def test_what_is_no_campaign_is_refused_in_one_message_and_nothing_written(
     assert told.count("\n") == 1
     assert said in told
     assert not out.exists()
+
+
+def test_a_study_shows_its_tables_and_none_without_rows(copied, page):
+    (copied / "report.html").write_text("a page")
+    said = {"text": "What it is.", "section": ""}
+    captions = {name: Caption(title=name, **said) for name in ("full", "bare")}
+    study = copied.with_name("study")
+    (study / "tables").mkdir(parents=True)
+    record = PicturesRecord(campaign=None, drawn=("full", "bare"), omitted={}, captions=captions)
+    write(record, study / PicturesRecord.FILE)
+    (study / "tables/full.csv").write_text("kind,trials\nfault,3\n")
+    (study / "tables/bare.csv").write_text("kind,trials\n")
+    found = page(copied.parent)
+    assert "fault 3" in found.text
+    assert len(found.attributes("table")) == 1
+    (study / "tables/full.csv").write_text("kind,trials\nfault\n")
+    out = str(copied / "other.html")
+    assert run_command("report", [str(copied.parent), "--out", out]) == REFUSED

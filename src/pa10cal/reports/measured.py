@@ -151,8 +151,9 @@ def _arm(results: ResultsBundle) -> str:
 def _instrument(results: ResultsBundle) -> str:
     stated = ""
     if results.description is not None:
-        uncertainty = results.description.instrument.uncertainty_mm
-        stated = f"; stated standard uncertainty {uncertainty:g} mm along each axis"
+        instrument = results.description.instrument
+        stated = f"; stated standard uncertainty {instrument.uncertainty_mm:g} mm"
+        stated += "" if instrument.kind == "distance" else " along each axis"
     elif results.calibration is not None:
         repeats = results.calibration.health.repeats
         stated_m = [each.stated for each in repeats if not each.is_of_attitude]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -37,7 +37,7 @@ ATTENTION = {
     "incomplete": "an effect is missing",
     "none": "none",
 }
-#: Campaigns without a result that a warning lists; of more only the first are shown.
+#: Campaigns that a callout lists; of more only the first are shown.
 _MOST_NAMES = 10
 
 
@@ -100,13 +100,12 @@ def page_text(results: ResultsBundle) -> str:
     reasons: set[str] = set()  # why results are missing, as given so far
     sections = []
     for section in SECTIONS:
-        needed = [getattr(results, section.needs)] if section.needs else []
-        blocks: list[PageBlock] = []
-        if None in needed:
-            blocks = [Callout("missing", results.absent[section.needs])]
+        if section.needs in results.absent:
+            blocks: Iterable[PageBlock] = [Callout("missing", results.absent[section.needs])]
         else:
-            blocks = list(section.blocks(results, *needed))
-        shown = [block for block in blocks if not block.empty and _is_news(block, reasons)]
+            needed = [getattr(results, section.needs)] if section.needs else []
+            blocks = section.blocks(results, *needed)
+        shown = [block for block in blocks if _is_news(block, reasons)]
         shown += images(results.pictures, results.folder, section.id)
         sections.append(PageSection(section.id, section.title, tuple(shown)))
     return rendered(results.campaign, list(_glances(results)), sections, results.synthetic)
@@ -167,14 +166,22 @@ def _overview_text(folder: Path, pages: Sequence[Path]) -> str:
                 file = path.parent / f"tables/{table}.csv"
                 if os.path.lexists(file):
                     header, *rows = _table(file, folder)
-                    blocks += [grid(caption.title, header, rows), Paragraph(caption.text)]
+                    if rows:
+                        blocks += [grid(caption.title, header, rows), Paragraph(caption.text)]
             sections.append(PageSection(name, name.replace("_", " "), tuple(blocks)))
     return rendered("All results", [], sections, synthetic=False, heading="Report")
 
 
 def _table(path: Path, folder: Path) -> list[list[str]]:
+    """Return the header and the rows of a table of results.
+
+    Raises:
+        RecordError: when it cannot be read, or is no table.
+    """
     try:
         rows = [row for _, row in read_csv(path, _MOST_TABLE_BYTES, folder)]
+        if len(set(map(len, rows))) > 1:
+            raise ValueError("its rows have different lengths")
     except (OSError, ValueError) as error:
         raise RecordError(
             f"a table cannot be read: {reason(error)}",
@@ -217,18 +224,27 @@ def fleet_page_text(fleet: FleetRecord) -> str:
                 "model.",
             )
         )
-    blocks = tuple(block for block in _campaign_blocks(fleet.campaigns) if not block.empty)
-    sections.append(PageSection("campaigns", "Every campaign", blocks))
-    synthetic = any(is_synthetic(each.became.provenance or "") for each in fleet.campaigns)
+    provenances = list(filter(None, (each.became.provenance for each in fleet.campaigns)))
+    synthetic = bool(provenances) and all(map(is_synthetic, provenances))
+    blocks = list(_campaign_blocks(fleet.campaigns))
+    simulated = [c.campaign for c in fleet.campaigns if is_synthetic(c.became.provenance or "")]
+    if simulated and not synthetic:
+        blocks.insert(0, Callout("note", f"Synthetic data: {_first_of(simulated)}."))
+    sections.append(PageSection("campaigns", "Every campaign", tuple(blocks)))
     return rendered("Fleet", glances, sections, synthetic, heading="Fleet report")
+
+
+def _first_of(names: Sequence[str]) -> str:
+    """Return the first names of a list, and whether there are more."""
+    return f"{', '.join(names[:_MOST_NAMES])}{' …' * (len(names) > _MOST_NAMES)}"
 
 
 def _campaign_blocks(campaigns: Sequence[FleetCampaign]) -> Iterator[PageBlock]:
     """Yield a warning of campaigns without a result, all campaigns, and those that differ."""
     lost = [campaign.campaign for campaign in campaigns if campaign.became.status != "done"]
     if lost:
-        names = f"{', '.join(lost[:_MOST_NAMES])}{' …' * (len(lost) > _MOST_NAMES)}"
-        yield Callout("warning", f"{count(len(lost), 'campaign')} gave no result: {names}.")
+        text = f"{count(len(lost), 'campaign')} gave no result: {_first_of(lost)}."
+        yield Callout("warning", text)
     table = grid(
         "Mean position errors",
         "campaign | arm | measured | grade | verdict | effects and faults | before [mm] | "

@@ -25,7 +25,7 @@ _SYNTHETIC = "Synthetic data: simulated, no robot was measured."
 
 
 class PageSection(NamedTuple):
-    """A section as a page shows it; one without blocks is not shown."""
+    """A section of a page; blocks that are empty are not shown, nor a section without others."""
 
     id: str  # of its element in the page
     title: str  # its heading
@@ -52,11 +52,15 @@ def rendered(
     Args:
         title: the campaign, or whatever else the page is about.
         glances: the answers at its top.
-        sections: in the order of reading; those without blocks are not shown.
+        sections: in the order of reading.
         synthetic: whether what it shows was simulated.
         heading: the kind of page, which stands above the title.
     """
-    sections = [section for section in sections if section.blocks]
+    shown = (
+        section._replace(blocks=tuple(block for block in section.blocks if not block.empty))
+        for section in sections
+    )
+    sections = [section for section in shown if section.blocks]
     environment = Environment(
         loader=PackageLoader("pa10cal.reports"),
         autoescape=True,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
@@ -240,6 +240,13 @@ class ResultsBundle:
     def synthetic(self) -> bool:
         """Whether the campaign's own words say that its data were simulated."""
         return self.provenance is not None and is_synthetic(self.provenance)
+
+    @property
+    def sliding_joints(self) -> frozenset[int]:
+        """Return the numbers, from 1, of joints that slide; none where nothing is calibrated."""
+        fitted: Any = {} if self.calibration is None else self.calibration.fitted_model
+        rows = fitted.get("arm", {}).get("rows", ())
+        return frozenset(number for number, row in enumerate(rows, start=1) if row["prismatic"])
 
     @property
     def words(self) -> Words | None:

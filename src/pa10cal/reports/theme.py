@@ -121,7 +121,7 @@ def packed_figure(drawing: Drawing) -> Markup:
 
     config = _CONFIG_IN_SPACE if drawing.in_space else _CONFIG
     text = f'{{"config": {json.dumps(config)}, {drawing.figure.to_json()[1:]}'
-    return Markup(text.replace("</", "<\\/"))
+    return Markup(text.replace("<", "\\u003c"))  # in a script tags would end or hide it
 
 
 @cache

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arm.coupling import CoupledJoint, Coupling
+from pa10cal.arrays import Array
 from pa10cal.reports.blocks import Beside, Callout, Grid, Items, PageBlock, Paragraph, folded, grid
 from pa10cal.reports.formatting import NOT_KNOWN, count, display_name, listed, mm, named, sentence
 from pa10cal.reports.pictures import plane_drawings, poses_drawing
@@ -22,6 +23,9 @@ from pa10cal.results.calibration import (
     PosesNeeded,
 )
 from pa10cal.terms.wording import sag
+
+#: Of more suspected outliers a check names only the first; their table has all.
+_MOST_OUTLIERS = 6
 
 
 def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:
@@ -55,7 +59,7 @@ def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
     yield grid(
         "Joint positions that the fit has seen",
         "joint | seen | allowed",
-        _angles_seen(case if results.extended is None else results.extended),
+        _positions_seen(case if results.extended is None else results.extended),
     )
     if results.planes:
         yield Paragraph(
@@ -118,8 +122,9 @@ def _checks(case: CalibrationRecord) -> Iterator[tuple[str | bool, ...]]:
             poses.u_model_mm <= limit_mm,
         )
     if isinstance(case, GeneralCalibrationRecord):
-        names = ", ".join(outlier.pose for outlier in case.suspected_outliers[:6])
-        yield "no suspected outlier", names or "none", not case.suspected_outliers
+        names = [outlier.pose for outlier in case.suspected_outliers]
+        listing = f"{', '.join(names[:_MOST_OUTLIERS])}{' …' * (len(names) > _MOST_OUTLIERS)}"
+        yield "no suspected outlier", listing or "none", not names
     yield "starts that end in the same minimum", f"{case.starts_agreeing} of {case.starts}", ""
 
 
@@ -159,26 +164,30 @@ def _evidence(effect: discovery.FoundEffect) -> str:
     )
 
 
-def _angles_seen(
+def _positions_seen(
     model: CalibrationRecord | discovery.ExtendedRecord,
 ) -> Iterator[tuple[str, str | None, str | None]]:
-    """Yield joint, positions that the fit has seen, and those allowed."""
+    """Yield joint, positions that the fit has seen, and those within its limits."""
     fitted: Any = model.fitted_model
     rows = fitted["arm"]["rows"]
-    coupled = tuple(CoupledJoint(**joint) for joint in fitted["arm"].get("coupling", ()))
-    joints = zip(fitted.get("seen") or (), rows, strict=False)
-    for number, (seen, row) in enumerate(joints, start=1):
-        slides = bool(row.get("prismatic"))
-        limits = row.get("limits_m" if slides else "limits_rad")
-        if coupled:  # the limits are those of the axes that the controller counts
-            coupling = Coupling(len(rows), coupled)
-            of_axes = np.array([row["limits_rad"] for row in rows], float)[coupling.own]
-            limits = coupling.joint_ranges(of_axes)[number - 1].tolist()
-        allowed = [limits] if limits else []
+    coupling = _coupling_of(fitted)
+    # Limits are those of the axes that the controller counts; of one that slides in metres.
+    axis_limits = np.array([row["limits_rad"] for row in rows], float)[coupling.own]
+    joints = zip(fitted.get("seen") or (), rows, coupling.joint_ranges(axis_limits), strict=False)
+    for number, (seen, row, limits) in enumerate(joints, start=1):
+        allowed = [limits] if np.isfinite(limits).all() else []
+        slides = row["prismatic"]
         yield str(number), _ranges(seen.get("intervals"), slides), _ranges(allowed, slides)
 
 
-def _ranges(intervals: Sequence[tuple[float, float]] | None, slides: bool) -> str | None:
+def _coupling_of(fitted: Any) -> Coupling:
+    """Return how the joints of a fitted model follow from the axes that its controller counts."""
+    arm = fitted["arm"]
+    coupled = tuple(CoupledJoint(**joint) for joint in arm.get("coupling", ()))
+    return Coupling(len(arm["rows"]), coupled)
+
+
+def _ranges(intervals: Sequence[Array] | None, slides: bool) -> str | None:
     """Return intervals [m or rad] in words; None where there are none."""
     unit, scale = ("mm", 1e3) if slides else ("°", 180.0 / math.pi)
     texts = [f"{scale * low:.1f} to {scale * high:.1f} {unit}" for low, high in intervals or ()]
@@ -277,22 +286,8 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
     if not record.suggested_poses:
         yield Paragraph("No further poses are suggested to separate effects.")
         return
-    rows = []
-    for number, pose in enumerate(record.suggested_poses[:_MOST_POSES], start=1):
-        sides = [0] * len(pose.q_deg) if pose.arrive_from is None else np.sign(pose.arrive_from)
-        angles = (
-            f"{q:.1f}{('', ' ↓', ' ↑')[int(side)]}"
-            for q, side in zip(pose.q_deg, sides, strict=True)
-        )
-        rows.append((str(number), *angles, f"{pose.load_N:g}", _aim(pose)))
-    joints = " | ".join(f"q{k + 1} [deg]" for k in range(len(record.suggested_poses[0].q_deg)))
-    yield grid(
-        f"The {count(len(rows), 'pose')} with most information, also in "
-        "discovery/suggested_poses.csv. An arrow: the joint arrives from smaller "
-        "(↑) or from larger (↓) angles.",
-        f"order | {joints} | load [N] | what for",
-        rows,
-    )
+    fitted = None if results.calibration is None else results.calibration.fitted_model
+    yield _suggested_grid(record.suggested_poses, fitted)
     hopeless = []
     for pair in record.separations or ():
         if not pair.can_be_split:
@@ -307,6 +302,37 @@ def next_poses(results: ResultsBundle) -> Iterator[PageBlock]:
     if hopeless:
         names = "; ".join(hopeless)
         yield Callout("note", f"No pose of this arm and instrument shows: {names}.")
+
+
+def _suggested_grid(poses: Sequence[discovery.SuggestedPose], fitted: Any) -> Grid:
+    """Return a table of the first suggested poses, as positions of the controller's axes.
+
+    Args:
+        poses: the most informative first.
+        fitted: the fitted model, which says which axes slide; None where none is known to.
+    """
+    slides = [False] * len(poses[0].q_rad)
+    if fitted is not None:
+        rows = fitted["arm"]["rows"]
+        slides = [rows[joint]["prismatic"] for joint in _coupling_of(fitted).own]
+    units = ["mm" if each else "deg" for each in slides]
+    scales = [1e3 if each else 180.0 / math.pi for each in slides]
+    rows = []
+    for number, pose in enumerate(poses[:_MOST_POSES], start=1):
+        sides = [0] * len(scales) if pose.arrive_from is None else np.sign(pose.arrive_from)
+        positions = (
+            f"{scale * q:.1f}{('', ' ↓', ' ↑')[int(side)]}"
+            for scale, q, side in zip(scales, pose.q_rad, sides, strict=True)
+        )
+        rows.append((str(number), *positions, f"{pose.load_N:g}", _aim(pose)))
+    joints = (f"q{number} [{unit}]" for number, unit in enumerate(units, start=1))
+    return grid(
+        f"The {count(len(rows), 'pose')} with most information, also in "
+        "discovery/suggested_poses.csv. An arrow: the joint arrives from smaller "
+        "(↑) or from larger (↓) positions.",
+        ("order", *joints, "load [N]", "what for"),
+        rows,
+    )
 
 
 def _number_needed(poses: PosesNeeded) -> str:

@@ -19,11 +19,22 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import AFTER, BEFORE, BLUE, GREY, ORANGE, SEPARATOR
 from pa10cal.results.analysis import AnalysisRecord, LackOfFit, Periodogram
 
+#: Left and right end of a row of panels, and the space between two of them.
 _LEFT_MM, _RIGHT_MM, _GAP_MM = 18.0, 168.0, 2.5
 #: Part of a panel at either side that has no number, so that those of neighbours stay apart.
 _BARE = 0.18
-#: The least that is shown [deg, mm], of a joint that stood still.
+#: The least range that is shown [deg, mm], of a joint that stood still.
 _LEAST = 1.0
+#: Beneath panels whose titles say where the unit is another one.
+_POSITION = "joint angle [deg], of a joint that slides its position [mm]"
+#: Fits before and after: colour, marker, and how broadly they are drawn. Before is broader, so that
+#: it is seen beneath after where nothing changed.
+_LOOKS = ((BEFORE, "s", 1.7), (AFTER, "o", 1.0))
+
+
+def _position(q: Array, *, slides: bool) -> Array:
+    """Return positions [rad, or m of a joint that slides] as they are shown [deg or mm]."""
+    return 1e3 * q if slides else np.degrees(q)
 
 
 def _joint_panels(
@@ -46,33 +57,32 @@ def _label_below(figure: Figure, y_mm: float, text: str) -> None:
     write_text_at(figure, (_LEFT_MM + _RIGHT_MM) / 2, y_mm, text, ha="center")
 
 
-def _span_angles(axes: Axes, q_deg: Array) -> None:
-    """Let an axis span the angles of a joint, with two round numbers."""
-    middle = (float(q_deg.min()) + float(q_deg.max())) / 2.0
-    half = 0.56 * max(float(np.ptp(q_deg)), _LEAST)
+def _span_positions(axes: Axes, position: Array) -> None:
+    """Let an axis span the positions [deg or mm] of a joint, with two round numbers."""
+    middle = (float(position.min()) + float(position.max())) / 2.0
+    half = 0.56 * max(float(np.ptp(position)), _LEAST)
     axes.set_xlim(middle - half, middle + half)
     ends = middle + (1.0 - 2.0 * _BARE) * half * np.array([-1.0, 1.0])
     step = 5.0 * 10.0 ** np.floor(np.log10(half / 10.0))  # two at least lie between these ends
     axes.set_xticks(np.array([np.ceil(ends[0] / step), np.floor(ends[1] / step)]) * step)
 
 
-# Up to which order of a joint's angle the measured angles tell sines apart.
+# Up to which order of a joint's angle the measured angles separate sines.
 
 #: Angles closer than this part of a cycle count as one.
 _SAME_PHASE = 0.1
 
 
-def highest_told(orders: Array, q_rad: Array) -> float:
-    """Return the highest order (cycles a turn) up to which the angles tell all orders apart.
+def highest_separable(orders: Array, q_rad: Array) -> float:
+    """Return the highest order (cycles a turn) up to which the angles separate all orders.
 
-    A sine has two unknowns, and two orders differ over the arc that the joint moved where they are
-    one cycle of it apart. So many orders up to a highest one can be told apart only where there are
-    twice as many different angles, the mean being one unknown more; beyond that any error is a sum
-    of such sines.
+    Two orders differ over the arc that the joint moved where they are one cycle of it apart, and
+    the sine of each has two unknowns. With the mean, k orders need 1 + 2 k different angles; with
+    fewer, any error is a sum of such sines.
 
     Args:
         orders: (F,) ascending cycles a turn, of which one is returned; the first where not even
-            that can be told.
+            that can be separated.
         q_rad: (C,) angles measured.
     """
     angles = np.sort(q_rad / (2.0 * np.pi)).tolist()
@@ -95,10 +105,8 @@ _POOR = 3.0
 _KNOWN_WITH_RATIO = 4
 #: Where it is not, orders of the motor are not looked for.
 _MOST_UNGEARED = 30.0
+#: Of many orders the highest of each band is drawn.
 _BANDS_A_DECADE = 24.0
-#: Fits before and after: colour, marker, and how broadly they are drawn. Before is broader, so that
-#: it is seen beneath after where nothing changed.
-_LOOKS = ((BEFORE, "s", 1.7), (AFTER, "o", 1.0))
 
 
 @picture(
@@ -127,7 +135,7 @@ def draw_where_joints(results: ResultsBundle) -> Figure:
     figure = new_figure(131.0, "Error of each joint angle, and its orders in the angle")
     upper = _joint_panels(figure, len(joints), 76.0, 43.0, "angle error [µrad]")
     orders = _joint_panels(figure, len(joints), 29.0, 30.0, "explained, rms [µrad]")
-    _label_below(figure, 65.0, "joint angle [deg]")
+    _label_below(figure, 65.0, _POSITION if results.sliding_joints else "joint angle [deg]")
     _label_below(figure, 15.5, f"order: cycles a turn of the joint{motor}")
     limit = max(
         1.1e6
@@ -136,15 +144,17 @@ def draw_where_joints(results: ResultsBundle) -> Figure:
         for cells in fit.by_joint
     )
     for k, joint in enumerate(joints):
-        upper[k].set_title(f"joint {joint.joint}")
+        slides = joint.joint in results.sliding_joints
+        upper[k].set_title(f"joint {joint.joint}{' [µm]' if slides else ''}")
         upper[k].axhline(0.0, color=GREY, linewidth=0.6)
         for fit, (color, marker, broad) in zip(fits, _LOOKS, strict=True):
             cells = fit.by_joint[k]
+            position = _position(cells.q_rad, slides=slides)
             look = {"color": color, "marker": marker, "markersize": 1.1 * broad}
-            draw_points(upper[k], np.degrees(cells.q_rad), 1e6 * cells.error_rad, **look)
-            _span_angles(upper[k], np.degrees(cells.q_rad))
+            draw_points(upper[k], position, 1e6 * cells.error_rad, **look)
+            _span_positions(upper[k], position)
         upper[k].set_ylim(-limit, limit)
-        _draw_orders(orders[k], fits, k)
+        _draw_orders(orders[k], fits, k, without="slides" if slides else "hardly\nturned")
     drawn = [np.asarray(line.get_ydata(), dtype=float) for axes in orders for line in axes.lines]
     highest = max((float(y.max()) for y in drawn if len(y)), default=0.0)
     for axes in orders:
@@ -158,21 +168,30 @@ def draw_where_joints(results: ResultsBundle) -> Figure:
     return figure
 
 
-def _draw_orders(axes: Axes, fits: tuple[LackOfFit, LackOfFit], k: int) -> None:
-    """Draw what sines explain, order by order as far as the angles tell, and at known orders."""
-    axes.set_xscale("log")
+def _draw_orders(axes: Axes, fits: tuple[LackOfFit, LackOfFit], k: int, *, without: str) -> None:
+    """Draw the periodogram of a joint: up to the highest separable order, and at known orders.
+
+    Args:
+        axes: to draw in.
+        fits: before and after.
+        k: the joint, from 0.
+        without: why there is no periodogram, if there is none.
+    """
     axes.grid(visible=False, axis="x")
     found = fits[0].by_joint[k].periodogram
     if found is None:
-        axes.text(0.5, 0.5, "hardly\nturned", transform=axes.transAxes, ha="center")
+        axes.text(0.5, 0.5, without, transform=axes.transAxes, ha="center")
         axes.set_xticks([])
         return
-    told = highest_told(found.orders, fits[0].by_joint[k].q_rad)
-    last = found.orders[-1] if _geared(found) else min(_MOST_UNGEARED, max(told, found.marked[-1]))
-    axes.axvspan(told, last, color=SEPARATOR, alpha=0.35, linewidth=0.0)
+    axes.set_xscale("log")
+    separable = highest_separable(found.orders, fits[0].by_joint[k].q_rad)
+    last = found.orders[-1]
+    if not _geared(found):
+        last = min(_MOST_UNGEARED, max(separable, found.marked[-1]))
+    axes.axvspan(separable, last, color=SEPARATOR, alpha=0.35, linewidth=0.0)
     for fit, (color, marker, broad) in zip(fits, _LOOKS, strict=True):
         found = fit.by_joint[k].periodogram or found
-        shown = found.orders <= min(told, last)
+        shown = found.orders <= min(separable, last)
         order, explained = found.orders[shown], 1e6 * found.explained_rad[shown]
         if len(order):  # the highest in each of a few bands of orders, where there are many
             band = np.floor(_BANDS_A_DECADE * np.log10(order / order[0])).astype(int)
@@ -199,6 +218,7 @@ def _geared(found: Periodogram) -> bool:
 
 # Residual torque of every joint, by direction of arrival and joint angle.
 
+#: Half the noise band, in standard deviations.
 _NOISES = 2.0
 #: Torques below this are those of a log that was calculated [N m].
 _LEAST_NM = 1e-6
@@ -243,7 +263,7 @@ def draw_where_torque(results: ResultsBundle) -> Figure:
     if max(limits) < _LEAST_NM:
         raise NothingToShowError("the torques logged are those of the weights: none remain")
     figure = new_figure(128.0, "Residual torque, logged minus static, joint by joint")
-    _label_below(figure, 13.5, "joint angle [deg]")
+    _label_below(figure, 13.5, _POSITION if results.sliding_joints else "joint angle [deg]")
     for fit, limit, bottom_mm, when in (
         (found.before, limits[0], 76.0, "before"),
         (found.after, limits[1], 24.0, "after"),
@@ -251,16 +271,19 @@ def draw_where_torque(results: ResultsBundle) -> Figure:
         label = f"{when}: residual [N m]"
         panels = _joint_panels(figure, len(joints), bottom_mm, 38.0, label)
         for axes, joint in zip(panels, fit.by_joint, strict=True):
-            q_deg, residual_Nm = np.degrees(joint.q_rad), np.asarray(joint.torque_residual_Nm)
+            slides = joint.joint in results.sliding_joints
+            position = _position(joint.q_rad, slides=slides)
+            residual_Nm = np.asarray(joint.torque_residual_Nm)
             for sign, look, _ in _SIDES:
                 rows = np.sign(joint.arrival) == sign
                 if rows.any():
-                    draw_points(axes, q_deg[rows], residual_Nm[rows], markersize=2.5, **look)
+                    draw_points(axes, position[rows], residual_Nm[rows], markersize=2.5, **look)
             axes.axhline(0.0, color=GREY, linewidth=0.6)
-            _span_angles(axes, q_deg)
+            _span_positions(axes, position)
             noise = _NOISES * (joint.torque_noise_Nm or 0.0)
             axes.axhspan(-noise, noise, color=SEPARATOR, alpha=0.5, linewidth=0.0)
-            axes.set(ylim=(-limit, limit), title=f"joint {joint.joint}" if when == "before" else "")
+            title = f"joint {joint.joint}{' [N]' if slides else ''}" if when == "before" else ""
+            axes.set(ylim=(-limit, limit), title=title)
     sides = {int(side) for joint in joints for side in np.sign(joint.arrival)}
     shown = [mark(label, **look) for sign, look, label in _SIDES if sign in sides]
     band = Line2D([], [], color=SEPARATOR, linewidth=5.0, label="noise, ± 2 standard deviations")

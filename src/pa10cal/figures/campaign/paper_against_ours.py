@@ -201,11 +201,10 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
             parameter = case.parameters.get(f"{kind}_{joint}")
             ours, remark = "not estimated", "held rigid"
             if parameter is not None:
-                std = parameter.std or 0.0
-                power = math.floor(math.log10(max(abs(parameter.value), std)))
-                ours = f"({parameter.value / 10.0**power:.3f} ± {std / 10.0**power:.3f})e{power}"
+                ours = _with_power(parameter.value, parameter.std or 0.0)
                 remark = "± one standard uncertainty; all loads together"
                 remark += "; at its bound" if parameter.at_bound else ""
+                remark += "" if parameter.identifiable else "; not identifiable from the poses"
             paper = f"{value:.2e}".replace("e+0", "e")
             yield _Row(kind, f"joint {joint}", unit, paper, ours, source, remark)
     quantity, at = "uncertainty of the coordinate measuring machine", "one measured centre"
@@ -221,13 +220,17 @@ def _parameter_rows(results: ResultsBundle) -> Iterator[_Row]:
         yield _Row(quantity, "largest", "mm", paper, NOT_MEASURED, "apparatus")
 
 
+def _with_power(value: float, std: float) -> str:
+    """Return a value and its standard uncertainty with a common power of ten."""
+    largest = max(abs(value), std)
+    power = math.floor(math.log10(largest)) if largest > 0.0 else 0
+    return f"({value / 10.0**power:.3f} ± {std / 10.0**power:.3f})e{power}"
+
+
 def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
     """Yield distance from the Monte Carlo mean, reductions of mean and of held-out peak errors."""
-    before = {
-        load: errors.before.mean_mm for load, errors in results.paper_calibration().errors.items()
-    }
     after = {load: case.errors[load].after.mean_mm for load, case in results.load_cases().items()}
-    planes, source = {of.plane_mm: of for of in results.planes_of_settings()}, "conclusion"
+    planes = {of.plane_mm: of for of in results.planes_of_settings()}
     plane = planes.get(published.MONTE_CARLO_PLANE_MM)
     for load, stated in published.AFTER.items():
         ours, remark = (NOT_MEASURED if load not in after else NOT_COMPUTED), ""
@@ -240,36 +243,48 @@ def _conclusion_rows(results: ResultsBundle) -> Iterator[_Row]:
                     "assumes, or the calibration has absorbed it"
                 )
         yield _Row(
-            *("mean error after calibration less the Monte Carlo mean", written_load(load), "mm"),
-            *(f"< {published.CLAIMED_DISTANCE_FROM_MINIMUM_MM}", ours, source, remark),
+            quantity="mean error after calibration less the Monte Carlo mean",
+            condition=written_load(load),
+            unit="mm",
+            paper=f"< {published.CLAIMED_DISTANCE_FROM_MINIMUM_MM}",
+            ours=ours,
+            source="conclusion",
+            remark=remark,
             recomputed=f"{stated.mean_mm - published.MONTE_CARLO_MEAN_MM:.2f}",
         )
-
+    before = {
+        load: errors.before.mean_mm for load, errors in results.paper_calibration().errors.items()
+    }
     low, high = published.CLAIMED_REDUCTIONS_PERCENT
-    peaks = {name: model.peak_mm for name, model in results.sound_held_out().models.items()}
-    stated_peaks = {name: of.peak_mm for name, of in published.HELD_OUT.items()}
-    reductions = [
-        (
-            *("mean position error", written_load(load), f"{low} to {high}", source),
-            *(before.get(load), after.get(load)),
-            *(published.BEFORE[load].mean_mm, stated.mean_mm),
+    for load, stated in published.AFTER.items():
+        yield _Row(
+            quantity="reduction of the mean position error",
+            condition=written_load(load),
+            unit="%",
+            paper=f"{low} to {high}",
+            ours=_reduction(before.get(load), after.get(load)),
+            source="conclusion",
+            recomputed=_reduction(published.BEFORE[load].mean_mm, stated.mean_mm),
         )
-        for load, stated in published.AFTER.items()
-    ] + [
-        (
-            *("peak position error, held out", name),
-            *(f"≥ {published.CLAIMED_PEAK_REDUCTION_PERCENT}", "held_out"),
-            *(peaks.get("uncalibrated"), peaks.get(name)),
-            *(stated_peaks["uncalibrated"], stated_peaks[name]),
+    peaks_mm = {name: model.peak_mm for name, model in results.sound_held_out().models.items()}
+    stated_peaks_mm = {name: of.peak_mm for name, of in published.HELD_OUT.items()}
+    for name in ("linear", "cubic"):
+        yield _Row(
+            quantity="reduction of the peak position error, held out",
+            condition=name,
+            unit="%",
+            paper=f"≥ {published.CLAIMED_PEAK_REDUCTION_PERCENT}",
+            ours=_reduction(peaks_mm.get("uncalibrated"), peaks_mm.get(name)),
+            source="held_out",
+            recomputed=_reduction(stated_peaks_mm["uncalibrated"], stated_peaks_mm[name]),
         )
-        for name in ("linear", "cubic")
-    ]
-    for error, at, claim, stated_in, before_mm, after_mm, *paper_mm in reductions:
-        ours = NOT_MEASURED
-        if before_mm is not None and after_mm is not None:
-            ours = f"{reduction_percent(before_mm, after_mm):.0f}"
-        recomputed = f"{reduction_percent(*paper_mm):.0f}"
-        yield _Row(f"reduction of the {error}", at, "%", claim, ours, stated_in, "", recomputed)
+
+
+def _reduction(before_mm: float | None, after_mm: float | None) -> str:
+    """Return by how many percent an error fell; that it was not measured where one is None."""
+    if before_mm is None or after_mm is None:
+        return NOT_MEASURED
+    return f"{reduction_percent(before_mm, after_mm):.0f}"
 
 
 def _incompleteness(results: ResultsBundle) -> Iterator[str]:

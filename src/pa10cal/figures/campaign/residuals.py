@@ -15,7 +15,7 @@ from pa10cal.reports.formatting import floor_is
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import AFTER, BEFORE, BLACK, GREY
 from pa10cal.reports.trust import outliers_grid
-from pa10cal.results.analysis import AnalysisRecord
+from pa10cal.results.analysis import AnalysisRecord, LackOfFit
 from pa10cal.results.discovery import VerdictRecord
 from pa10cal.results.record import HALF_WIDTH_95
 
@@ -78,13 +78,13 @@ def draw_where_breakdown(results: ResultsBundle) -> Figure:
     ).set(title="by axis of the instrument", xlabel="axis", ylabel="rms [mm]")
     _draw_parts(
         style.panel(figure, _RIGHT_MM, _UPPER_MM, 46.0, _PANEL_MM),
-        [str(part.joint) for part in before.by_joint],
+        _joint_names(results, before),
         [[1e6 * part.rms_rad for part in fit.by_joint] for fit in (before, after)],
         [1e6 * part.floor_rad for part in before.by_joint],
     ).set(title="by joint, as an error of its angle", xlabel="joint", ylabel="rms [µrad]")
     direction = style.panel(figure, _LEFT_MM, _LOWER_MM, 85.0, _PANEL_MM)
     direction.set_title("by direction of arrival: mean angle error, with 95 % intervals")
-    _draw_directions(direction, analysis)
+    _draw_directions(direction, analysis, _joint_names(results, before))
     drift = style.panel(figure, _RIGHT_MM, _LOWER_MM, 46.0, _PANEL_MM)
     drift.set_title("drift over the whole campaign")
     _draw_drifts(drift, analysis)
@@ -113,8 +113,14 @@ def _draw_parts(axes: Axes, names: list[str], rms: list[list[float]], floor: lis
     return axes
 
 
-def _draw_directions(axes: Axes, analysis: AnalysisRecord) -> None:
-    """Draw the mean angle error of each joint by the direction in which it arrived."""
+def _joint_names(results: ResultsBundle, fit: LackOfFit) -> list[str]:
+    """Return the numbers of the joints, with the unit of the errors of those that slide."""
+    slide = results.sliding_joints
+    return [f"{part.joint}{' [µm]' if part.joint in slide else ''}" for part in fit.by_joint]
+
+
+def _draw_directions(axes: Axes, analysis: AnalysisRecord, names: list[str]) -> None:
+    """Draw the mean angle error of each joint, by its name, by the direction of arrival."""
     if not any(part.arrivals for part in analysis.before.by_joint):
         axes.text(0.5, 0.55, "no direction was logged", transform=axes.transAxes, ha="center")
         axes.set(xticks=[], yticks=[])
@@ -132,7 +138,7 @@ def _draw_directions(axes: Axes, analysis: AnalysisRecord) -> None:
         axes.set_xticks(ticks, signs, minor=True)
     joints = [part.joint for part in analysis.before.by_joint]
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    style.name_columns(axes, [f"\n{joint}" for joint in joints], joints)
+    style.name_columns(axes, [f"\n{name}" for name in names], joints)
     axes.set_xlim(joints[0] - 0.6, joints[-1] + 0.6)
     axes.set(xlabel="joint, arriving in − or + direction", ylabel="mean [µrad]")
 
