@@ -1,21 +1,28 @@
-"""Conventions that agree with the nominal arm: of orientations, axes, polar readings and scale."""
+"""Conventions that agree with the nominal arm: of orientations, axes, polar readings and joints."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import permutations, product
-from typing import Literal, cast
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pa10cal.arrays import Array, spread
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.coupling import CoupledJoint
+from pa10cal.arm.description import Arm
+from pa10cal.arrays import Array, Index, spread
+from pa10cal.campaign.bounds import outside_bounds, unwrapped
 from pa10cal.campaign.column_map import ANGLES_OF_POLAR
+from pa10cal.campaign.joint_positions import in_radians
 from pa10cal.campaign.nominal_fit import misfit_of, placed_by_points
 from pa10cal.campaign.own_columns import Polar, RotationColumns
 from pa10cal.campaign.raw_file import polar_to_xyz, quaternions
+from pa10cal.campaign.raw_rows import RawRows
 from pa10cal.frame.hand_eye import Located
+from pa10cal.numerics.branch_and_bound import best_candidate
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.quantities import Misfit
 from pa10cal.rules import FRAMES
@@ -94,56 +101,60 @@ def better_convention(
     if as_read_rad < AGREES_RAD:
         return None
     others = _of_the_contract(R) if stated is None else _of_own_columns(R, stated, key)
-    tried = [(attitude_scatter(R_ee, other), name, remedy) for name, remedy, other in others]
-    if not tried:
-        return None
+    tried = [
+        Convention(other.name, other.remedy, as_read_rad, attitude_scatter(R_ee, other.R))
+        for other in others
+    ]
     # Of equal scatters the first, which is the commonest convention.
-    scatter_rad, name, remedy = min(tried, key=lambda one: round(one[0], 3))
-    if scatter_rad > min(AGREES_RAD, as_read_rad / NEARER):
+    best = min(tried, key=lambda other: round(other.would_leave_rad, 3), default=None)
+    if best is None or best.would_leave_rad > min(AGREES_RAD, as_read_rad / NEARER):
         return None
-    return Convention(name, remedy, as_read_rad, scatter_rad)
+    return best
 
 
-def _of_the_contract(R: Array) -> Iterator[tuple[str, str, Array]]:
-    """Yield other readings of quaternions under the contract's names, the commonest first.
+class _Meant(NamedTuple):
+    """What the columns of an orientation may have been meant to be."""
 
-    Each is its name, the remedy, and the orientations (P, 3, 3) that were meant.
-    """
+    name: str  # in words
+    remedy: str
+    R: Array  # (P, 3, 3) the orientations, if so
+
+
+def _of_the_contract(R: Array) -> Iterator[_Meant]:
+    """Yield what quaternions under the contract's names may be instead, the commonest first."""
     quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True)
 
-    def ordered(order: tuple[int, ...]) -> tuple[str, str, Array]:
-        """Return the reading whose column k holds component `order[k]` of w, x, y, z."""
+    def ordered(order: tuple[int, ...]) -> _Meant:
+        """Return quaternions whose column k holds component `order[k]` of w, x, y, z."""
         held = ", ".join("wxyz"[k] for k in order)
         columns = [order.index(component) for component in range(4)]
         other = Rotation.from_quat(quaternion[:, columns], scalar_first=True)
         name = f"quaternions in the order {held} under the headers qw, qx, qy, qz"
-        return name, f"rename the columns: they hold {held}", other.as_matrix()
+        return _Meant(name, f"rename the columns: they hold {held}", other.as_matrix())
 
-    def mistaken() -> Iterator[tuple[str, str, Array]]:
+    def mistaken() -> Iterator[_Meant]:
         yield from map(ordered, ((1, 2, 3, 0), (3, 0, 1, 2)))
         for made, meant in product(SEQUENCES, repeat=2):
             if meant != made:
                 angles = Rotation.from_matrix(R).as_euler(made, suppress_warnings=True)
                 name = f"Euler angles {_sequence(meant)}, converted as {_sequence(made)}"
                 remedy = f"convert them to quaternions as angles {_sequence(meant)}"
-                yield name, remedy, Rotation.from_euler(meant, angles).as_matrix()
+                yield _Meant(name, remedy, Rotation.from_euler(meant, angles).as_matrix())
 
-    yield (
+    yield _Meant(
         "the inverse rotation (instrument in target)",
         "convert the orientations from target in instrument to instrument in target, or back",
         np.swapaxes(R, 1, 2),
     )
     for name, remedy, other in mistaken():
-        yield name, remedy, other
-        yield f"{name}, inverted", f"{remedy}, and invert them", np.swapaxes(other, 1, 2)
+        yield _Meant(name, remedy, other)
+        yield _Meant(f"{name}, inverted", f"{remedy}, and invert them", np.swapaxes(other, 1, 2))
     for axes in list(permutations((1, 2, 3)))[1:]:
         yield ordered((0, *axes))
 
 
-def _of_own_columns(
-    R: Array, stated: RotationColumns, key: str
-) -> Iterator[tuple[str, str, Array]]:
-    """Yield other readings of a user's own columns, as `_of_the_contract` does."""
+def _of_own_columns(R: Array, stated: RotationColumns, key: str) -> Iterator[_Meant]:
+    """Yield what a user's own columns may be instead of what campaign.yaml states under `key`."""
     words = {3: THREE, 4: FOUR}.get(len(stated.names), (stated.convention,))
     rotation, read_as = Rotation.from_matrix(R), stated.convention
     rotation = rotation.inv() if stated.inverse else rotation
@@ -171,7 +182,7 @@ def _of_own_columns(
                 remedy.append(f"set {key}.inverse: {str(inverse).lower()}")
             other = quaternions(np.asarray(values), stated.model_copy(update=changed))
             R_other = Rotation.from_quat(other, scalar_first=True).as_matrix()
-            yield ", and ".join(named), " and ".join(remedy), R_other
+            yield _Meant(", and ".join(named), " and ".join(remedy), R_other)
 
 
 def _in_words(convention: str) -> str:
@@ -229,30 +240,49 @@ def other_axes(T_base_ee: Array, p_m: Array, R: Array | None) -> OtherAxes | Non
             return None
         name = "mirrored: a left-handed frame"
         return OtherAxes(name, read_m, mirrored_m, (0, 1, 2), (0, 1, 2), any_one=True)
-    R, tried = R[some], []
+    R = R[some]
     R_read, R_mirrored = (
         located.T_instr_base[:3, :3] @ T_base_ee[:, :3, :3] for located in (read, mirrored)
     )
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            axes = np.diag(signs)[:, list(order)]
-            # A rotation of the frame is one of the fitted base, so two fits serve all axes.
-            right_handed = np.linalg.det(axes) > 0.0
-            left_m = read_m if right_handed else mirrored_m
-            R_model = axes @ R_read if right_handed else -axes @ R_mirrored
-            turn_rad = attitude_scatter(R_model, R)
-            # Of equal misfits the one with the fewest exchanged axes, then the fewest signs.
-            changes = (list(order) != [0, 1, 2], sum(sign < 0.0 for sign in signs))
-            total_m = left_m + FRAMES.lever_m * turn_rad
-            tried.append((round(total_m, 3), changes, left_m, turn_rad, order, signs, total_m))
-    _, changes, left_m, turn_rad, order, signs, total_m = min(tried)
-    if changes == (False, 0) or turn_rad > AGREES_RAD:
+
+    def changed(order: tuple[int, ...], signs: tuple[float, ...]) -> _ChangedAxes:
+        axes = np.diag(signs)[:, list(order)]
+        # A rotation of the frame is one of the fitted base, so two fits serve all axes.
+        if np.linalg.det(axes) > 0.0:
+            return _ChangedAxes(order, signs, read_m, attitude_scatter(axes @ R_read, R))
+        return _ChangedAxes(order, signs, mirrored_m, attitude_scatter(-axes @ R_mirrored, R))
+
+    every = product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    as_read, *others = (changed(order, signs) for order, signs in every)
+    best = min((as_read, *others), key=lambda axes: axes.rank)
+    if best is as_read or best.turn_rad > AGREES_RAD or as_read.total_m < NEARER * best.total_m:
         return None
-    if read_m + FRAMES.lever_m * attitude_scatter(R_read, R) < NEARER * total_m:
-        return None
-    turned = tuple(column for column, k in enumerate(order) if signs[k] < 0.0)
-    held = ", ".join(f"{'-' if signs[k] < 0.0 else ''}{'xyz'[k]}" for k in order)
-    return OtherAxes(f"{held} in place of x, y, z", read_m, left_m, tuple(order), turned)
+    turned = tuple(column for column, k in enumerate(best.order) if best.signs[k] < 0.0)
+    held = ", ".join(f"{'-' if best.signs[k] < 0.0 else ''}{'xyz'[k]}" for k in best.order)
+    name = f"{held} in place of x, y, z"
+    return OtherAxes(name, read_m, best.misfit_m, best.order, turned)
+
+
+@dataclass(frozen=True)
+class _ChangedAxes:
+    """Axes of the instrument exchanged or reversed, and how well the nominal arm then agrees."""
+
+    order: tuple[int, ...]  # axis that each of the columns x, y, z holds
+    signs: tuple[float, ...]  # of each axis, 1 or -1
+    misfit_m: float  # median misfit of the positions
+    turn_rad: float  # rms angle of the orientations
+
+    @property
+    def total_m(self) -> float:
+        """Return the misfit of positions and orientations together, angles times a usual lever."""
+        return self.misfit_m + FRAMES.lever_m * self.turn_rad
+
+    @property
+    def rank(self) -> tuple[float, bool, int, float, float]:
+        """Return what ranks axes: the misfit, then how many axes are exchanged and reversed."""
+        reversed_count = sum(sign < 0.0 for sign in self.signs)
+        exchanged = self.order != (0, 1, 2)
+        return round(self.total_m, 3), exchanged, reversed_count, self.misfit_m, self.turn_rad
 
 
 @dataclass(frozen=True)
@@ -342,3 +372,165 @@ def other_scale(
     as_read_m = float(np.nanmedian(misfit.length_m))
     fits = NEARER * scaled_m < as_read_m and puts_right(scaled_m, EXPECTED_M)
     return (1.0 / scale, scaled_m) if fits else None
+
+
+# Logs whose joints exceed the limits of the arm, although the rows are right. Three causes are
+# tested: the controller counts a joint together with another one (joint 3 to the horizontal), two
+# columns are exchanged or one has the other sign, or angles are whole turns off. A cause is
+# accepted only if with it the nominal arm, base and target fitted, agrees with all readings.
+
+#: All coupled joints of an arm.
+Coupled = tuple[CoupledJoint, ...]
+#: Returns the nominal end (r, 4, 4) at some rows (r,) of a log.
+EndsAt = Callable[[Index], Array]
+#: Rows by which candidates are compared; only the best of them is fitted to all rows.
+_COMPARED_ROWS = 100
+
+
+def couplings_near(arm: Arm) -> Iterator[Coupled]:
+    """Yield couplings that differ from the arm's in the factor (1, -1 or 0) of one pair of joints.
+
+    Both joints of a pair slide or both turn; pairs of neighbours come first.
+    """
+    pairs = permutations((arm.coupling.own + 1).tolist(), 2)
+    for joint, by in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
+        if arm.prismatic[joint - 1] != arm.prismatic[by - 1]:
+            continue
+        others = tuple(c for c in arm.coupled if (c.joint, c.by) != (joint, by))
+        stated = sum(c.factor for c in arm.coupled if (c.joint, c.by) == (joint, by))
+        for factor in (1.0, -1.0, 0.0):
+            if factor == stated:
+                continue
+            coupled = (*others, CoupledJoint(joint, by, factor)) if factor else others
+            if not replace(arm.coupling, joints=coupled).singular:
+                yield coupled
+
+
+def coupling_that_fits(
+    arm: Arm, axes: Array, measured: Instrument, among: Iterable[Coupled] | None = None
+) -> tuple[Coupled, Misfit] | None:
+    """Return the coupling with which the nominal arm fits all readings, and their misfit.
+
+    None where no coupling puts the readings right, or where the coupling as described does not
+    leave several times what is expected of a nominal arm.
+
+    Args:
+        arm: the arm with its coupling as described.
+        axes: (P, m) positions that the controller counts [rad, m].
+        measured: the P readings.
+        among: candidates; None for those of `couplings_near`.
+    """
+
+    def ends_with(coupled: Coupled) -> EndsAt:
+        matrix = replace(arm.coupling, joints=coupled)
+        return lambda rows: Chain.of(arm).forward(matrix.to_joints(axes[rows]))
+
+    candidates = list(couplings_near(arm) if among is None else among)
+    best = _candidate_that_fits(measured, ends_with(arm.coupled), list(map(ends_with, candidates)))
+    if best is None:
+        return None
+    number, misfit = best
+    return candidates[number], misfit
+
+
+def _candidate_that_fits(
+    measured: Instrument, as_described: EndsAt, candidates: Sequence[EndsAt]
+) -> tuple[int, Misfit] | None:
+    """Return the number of the candidate that fits all that was measured, and the misfit.
+
+    None where none puts the readings right, or where there is too little wrong `as_described`.
+    """
+    compared = spread(len(measured), _COMPARED_ROWS)
+    few = measured.take(compared)
+    described_m = few.misfit_m(as_described(compared))
+    if len(compared) < measured.least_rows or described_m <= NEARER * EXPECTED_M:
+        return None
+    T_base_ee = [ends_at(compared) for ends_at in candidates]
+    lower_bounds_m = list(map(few.least_misfit_m, T_base_ee))
+    best = best_candidate(
+        lower_bounds_m, lambda number: few.misfit_m(T_base_ee[number]), described_m / NEARER
+    )
+    if best is None:
+        return None
+    _, number = best
+    misfit = _misfit_if_right(measured, candidates[number](np.arange(len(measured))))
+    return None if misfit is None else (number, misfit)
+
+
+def _misfit_if_right(measured: Instrument, T_base_ee: Array) -> Misfit | None:
+    """Return the misfit of the nominal end (P, 4, 4); None where it is not as of right readings."""
+    misfit = misfit_of(measured, T_base_ee)
+    right = misfit is not None and puts_right(float(np.median(misfit.size_m)), EXPECTED_M)
+    return misfit if right else None
+
+
+def arm_of_log(raw: RawRows, q: Sequence[str], arm: Arm, measured: Instrument) -> Arm:
+    """Return the arm with the limits that this log obeys.
+
+    It has another coupling, two joints exchanged or one reversed, if only that brings all rows into
+    the limits and explains the readings; else it is the arm as described. Exchanged and reversed
+    joints are reported when a calibration is checked, not here.
+
+    Args:
+        raw: rows of the log.
+        q: its columns of joint positions.
+        arm: the arm as described.
+        measured: what was measured in each row.
+    """
+    within_limits = [
+        coupled
+        for coupled in couplings_near(arm)
+        if not outside_bounds(raw, q, replace(arm, coupled=coupled)).any()
+    ]
+    axes = in_radians(raw.numbers_of(q), arm.axes_slide)
+    coupling = coupling_that_fits(arm, axes, measured, within_limits)
+    if coupling is not None:
+        return replace(arm, coupled=coupling[0])
+    if arm.coupled:
+        return arm
+    slips = [
+        (slipped, order, signs)
+        for slipped, order, signs in _exchanged_or_reversed(arm)
+        if not outside_bounds(raw, q, slipped).any()
+    ]
+
+    def ends_with(order: Index, signs: Array) -> EndsAt:
+        return lambda rows: Chain.of(arm).forward(signs * axes[rows][:, order])
+
+    as_described = ends_with(np.arange(arm.n), np.ones(arm.n))
+    candidates = [ends_with(order, signs) for _, order, signs in slips]
+    best = _candidate_that_fits(measured, as_described, candidates)
+    return arm if best is None else slips[best[0]][0]
+
+
+def _exchanged_or_reversed(arm: Arm) -> Iterator[tuple[Arm, Index, Array]]:
+    """Yield arms with the limits of two joints exchanged, or of one joint reversed.
+
+    With each come the column that holds each joint (n,), and the sign of each joint (n,).
+    """
+    for first, second in combinations(range(arm.n), 2):
+        if arm.prismatic[first] == arm.prismatic[second]:
+            order = np.arange(arm.n)
+            order[[first, second]] = second, first
+            yield replace(arm, limits_rad=arm.limits_rad[order]), order, np.ones(arm.n)
+    for joint in range(arm.n):
+        signs = np.ones(arm.n)
+        signs[joint] = -1.0
+        limits_rad = arm.limits_rad.copy()
+        limits_rad[joint] = -limits_rad[joint, ::-1]
+        yield replace(arm, limits_rad=limits_rad), np.arange(arm.n), signs
+
+
+def without_turns(
+    raw: RawRows, q: Sequence[str], arm: Arm, usable: Index, measured: Instrument
+) -> RawRows:
+    """Return a log whose joints are moved by whole turns into their limits, if that fits.
+
+    `measured` is what was measured in the usable rows (U,); it decides.
+    """
+    moved = unwrapped(raw, q, arm, spread_deg=np.inf)
+    if moved is raw:
+        return raw
+    axes = in_radians(moved.at(usable).numbers_of(q), arm.axes_slide)
+    T_base_ee = Chain.of(arm).forward(arm.coupling.to_joints(axes))
+    return raw if _misfit_if_right(measured, T_base_ee) is None else moved

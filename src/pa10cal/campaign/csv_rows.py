@@ -11,7 +11,7 @@ import difflib
 import re
 import sys
 from collections import ChainMap, Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -229,77 +229,103 @@ def read_rows(
     if first is None:
         raise empty_file(path)
     header = layout.names(first.text)
-    width = len(header)
     needed = [*required, *(together if set(together) & set(header) else ())]
     _check_header(path, first, header, needed, layout, words)
     used = [name for name in header if name in needed or name in optional]
     below = lines if layout.header else chain([first], lines)
     below = (line for line in below if line.number >= layout.first_row)
-    parts: list[_Part] = []
-    last, unreadable_count, row_count = first, 0, 0
-    while lines_of_part := part_of(below):
-        part = _read_part(lines_of_part, header, used, layout)
-        parts.append(part)
-        last, row_count = lines_of_part[-1], row_count + len(lines_of_part)
-        unreadable_count += part.unreadable_count(width, repeats=repeats)
-        if unreadable_count > MOST_UNREADABLE:
-            raise RawDataError(
-                f"{unreadable_count} rows or numbers of the first {row_count} rows cannot be read "
-                "or stand there twice",
-                where=str(path),
-                allowed=f"{width} fields a row, numbers under the names of numbers, every row once",
-                remedy="export the file again; pa10cal columns shows how it is written",
-            )
-    if not parts:
+    part, last = _read_parts(path, below, header, used, layout, repeats=repeats)
+    if last is None:
         raise RawDataError(
             "there is no row under the header",
             where=f"{path}:{first.number}",
             allowed="rows",
             remedy="export it",
         )
-    line = np.concatenate([part.line for part in parts])
-    widths = np.concatenate([part.widths for part in parts])
-    hashes = np.concatenate([part.hashes for part in parts])
-    decimals = np.concatenate([part.decimals for part in parts])
-    wrong = widths != width
-    if 2 * wrong.sum() > len(widths):
-        row = int(np.argmax(wrong))
-        commas = widths[row] > width and layout.sign == ","
-        why, how = ("; decimal commas", "with decimal points") if commas else ("", "again")
-        raise RawDataError(
-            f"{wrong.sum()} of {len(widths)} rows have another number of fields than the header "
-            f"({widths[row]} for {width}){why}",
-            where=f"{path}:{line[row]}",
-            allowed="one field for each column, decimal points",
-            remedy=f"export the file {how}",
-        )
-    right = line[~wrong]
-    cut = not last.ended and widths[-1] < width
+    width, wrong = len(header), part.widths != len(header)
+    _refuse_other_widths(part, width, path, layout)
+    _refuse_long_labels(part, set(used) & set(layout.text), f"{path}:{first.number}")
+    right = part.line[~wrong]
+    cut = not last.ended and part.widths[-1] < width
     wrong[-1] &= not cut
-    listed = quarantined(path.name, line[wrong], f"{FIELDS} {width}", widths[wrong])
+    listed = quarantined(path.name, part.line[wrong], f"{FIELDS} {width}", part.widths[wrong])
     if cut:
-        listed += quarantined(path.name, line[-1:], CUT, [last.text])
+        listed += quarantined(path.name, part.line[-1:], CUT, [last.text])
     unused = tuple(name for name in header if name not in used)
-    columns = {name: np.concatenate([part.columns.pop(name) for part in parts]) for name in used}
-    for name in set(used) & set(layout.text):
-        longest = max(map(len, columns[name].tolist()), default=0)
-        if longest * len(columns[name]) > MOST_LABEL_LETTERS:
+    totals = {path.name: len(part.line)}
+    raw = RawRows(path.name, part.columns, right, totals, unused, listed, part.non_numeric)
+    once = ~pd.Series(part.hashes).duplicated().to_numpy()
+    if not last.ended and part.widths[-1] == width:
+        # The last number of a file without a line end may lack digits that all others have.
+        decimals = part.decimals
+        usual = int(np.bincount(decimals).argmax())
+        if decimals[-1] < usual and np.mean(decimals[:-1] == usual) >= SAME_FORMAT:
+            keep = np.arange(len(once)) < len(once) - 1
+            raw, once = raw.take(keep, CUT, [layout.row(last.text, width)[-1]]), once[keep]
+    return raw if repeats else raw.take(once, REPEATED)
+
+
+def _read_parts(
+    path: Path,
+    lines: Iterator[TextLine],
+    header: Sequence[str],
+    used: Sequence[str],
+    layout: Layout,
+    *,
+    repeats: bool,
+) -> tuple[_Part, TextLine | None]:
+    """Read lines part by part; return all of them, and the last line, None without any.
+
+    A file with too many unreadable rows and numbers, and repeats unless they are allowed, is
+    refused as soon as they are read, since each of them takes memory.
+    """
+    parts: list[_Part] = []
+    last, unreadable_count, row_count = None, 0, 0
+    while lines_of_part := part_of(lines):
+        part = _read_part(lines_of_part, header, used, layout)
+        parts.append(part)
+        last, row_count = lines_of_part[-1], row_count + len(lines_of_part)
+        unreadable_count += part.unreadable_count(len(header), repeats=repeats)
+        if unreadable_count > MOST_UNREADABLE:
+            raise RawDataError(
+                f"{unreadable_count} rows or numbers of the first {row_count} rows cannot be read "
+                "or stand there twice",
+                where=str(path),
+                allowed=f"{len(header)} fields a row, numbers under the names of numbers, every "
+                "row once",
+                remedy="export the file again; pa10cal columns shows how it is written",
+            )
+    return _Part.joined(parts or [_read_part([], header, used, layout)]), last
+
+
+def _refuse_other_widths(part: _Part, width: int, path: Path, layout: Layout) -> None:
+    """Refuse a file of which most rows have another number of fields than the header."""
+    wrong = part.widths != width
+    if 2 * wrong.sum() <= len(wrong):
+        return
+    row = int(np.argmax(wrong))
+    commas = part.widths[row] > width and layout.sign == ","
+    why, how = ("; decimal commas", "with decimal points") if commas else ("", "again")
+    raise RawDataError(
+        f"{wrong.sum()} of {len(wrong)} rows have another number of fields than the header "
+        f"({part.widths[row]} for {width}){why}",
+        where=f"{path}:{part.line[row]}",
+        allowed="one field for each column, decimal points",
+        remedy=f"export the file {how}",
+    )
+
+
+def _refuse_long_labels(part: _Part, names: Collection[str], where: str) -> None:
+    """Refuse columns of labels that take too much memory once all are as long as the longest."""
+    for name in sorted(names):
+        longest = max(map(len, part.columns[name].tolist()), default=0)
+        if longest * len(part.columns[name]) > MOST_LABEL_LETTERS:
             raise RawDataError(
                 f"a label under {name} has {longest} letters",
-                where=f"{path}:{first.number}",
+                where=where,
                 allowed="short labels, such as P012",
                 remedy="check the columns of labels",
             )
-    texts = {name: [part.non_numeric[name] for part in parts] for name in used}
-    non_numeric = {name: dict(ChainMap(*of_parts)) for name, of_parts in texts.items()}
-    raw = RawRows(path.name, columns, right, {path.name: len(line)}, unused, listed, non_numeric)
-    if not last.ended and widths[-1] == width:
-        # The last number of a file without a line end may lack digits that all others have.
-        usual = int(np.bincount(decimals).argmax())
-        if decimals[-1] < usual and np.mean(decimals[:-1] == usual) >= SAME_FORMAT:
-            keep = np.arange(len(hashes)) < len(hashes) - 1
-            raw, hashes = raw.take(keep, CUT, [layout.row(last.text, width)[-1]]), hashes[keep]
-    return raw if repeats else raw.take(~pd.Series(hashes).duplicated().to_numpy(), REPEATED)
 
 
 @dataclass(frozen=True)
@@ -312,6 +338,24 @@ class _Part:
     decimals: NDArray[np.int64]  # (R,) digits behind the decimal sign of the last field
     columns: dict[str, NDArray[Any]]  # (R,) text, or numbers with nan where a field is none
     non_numeric: dict[str, dict[int, str]]  # fields that are no numbers, by line, without blanks
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Part]) -> _Part:
+        """Return parts of one file as one; columns of the parts are freed one after the other."""
+
+        def stacked(key: str) -> NDArray[np.int64]:
+            return np.concatenate([getattr(part, key) for part in parts])
+
+        names = list(parts[0].columns)
+        texts = {name: ChainMap(*(part.non_numeric[name] for part in parts)) for name in names}
+        return cls(
+            stacked("line"),
+            stacked("widths"),
+            stacked("hashes"),
+            stacked("decimals"),
+            {name: np.concatenate([part.columns.pop(name) for part in parts]) for name in names},
+            {name: dict(of_parts) for name, of_parts in texts.items()},
+        )
 
     def unreadable_count(self, width: int, *, repeats: bool) -> int:
         """Return the number of rows of another width, of fields, and of repeats unless allowed."""

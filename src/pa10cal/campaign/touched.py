@@ -18,7 +18,7 @@ from pa10cal.arrays import Array, Index, Mask
 from pa10cal.campaign import balls, screens
 from pa10cal.campaign.bounds import labelled, unwrapped, whole, within_bounds
 from pa10cal.campaign.column_map import ColumnMap
-from pa10cal.campaign.coupled_logs import coupling_that_fits
+from pa10cal.campaign.conventions import coupling_that_fits
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.dwells import Samples, Stations, best_clock_offset, find_dwells
 from pa10cal.campaign.joint_positions import as_joints, as_logged

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
 from pa10cal.campaign import screens
 from pa10cal.campaign.bounds import labelled, outside_bounds, unwrapped, within_bounds
-from pa10cal.campaign.coupled_logs import arm_of_log, without_turns
+from pa10cal.campaign.conventions import arm_of_log, without_turns
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.description import CampaignDescription, exclusions_of
 from pa10cal.campaign.instrument_motion import (
@@ -59,7 +59,15 @@ def read_tracked(
         if description.files.joints is None
         else TwoLogs.of(description, folder, arm, options.still_speed_deg_s)
     )
-    raw, found, columns = _read_poses(file, description, arm, exclusions_of(description, folder))
+    base_names = base_target_names(file.names)
+    refuse_base_targets(description, file.path, file.words, base_names)
+    columns = description.instrument.type.raw_columns(
+        [name for name in file.names if not is_base_column(name)]
+    )
+    exclusions = exclusions_of(description, folder)
+    raw = _usable_rows(file, columns, description, arm, exclusions)
+    counts_per_turn = _rounded_axes(raw, arm)
+    found = _as_readings(raw, columns, base_names, description, arm, counts_per_turn)
     # Quarantined rows count as configurations, too, but for exact repeats.
     unread_count = sum(row.reason != REPEATED for row in raw.quarantined)
     configuration = raw.configurations
@@ -87,7 +95,7 @@ def read_tracked(
     corrected = without_instrument_motion(screen.found, str(file.path), screen.T_base_ee)
     found = _uncertain_as_joints(corrected.readings, Chain.of(arm))
     instrument_notes = description.instrument.type.raw_notes(columns, description.stated)
-    notes = [*raw.notes, *instrument_notes, *corrected.notes]
+    notes = [*raw.notes, *_notes_on_rounding(counts_per_turn), *instrument_notes, *corrected.notes]
     if np.isnan(found.states.tau_Nm).all():
         notes.append(NO_TORQUES if arm.mass_kg is None else THOSE_OF_MASSES)
     warnings = [
@@ -107,22 +115,20 @@ def read_tracked(
     return Ingested(found, tuple(listed), tuple(notes), tuple(warnings), "time_s" in file.names)
 
 
-def _read_poses(
-    file: RawFile | TwoLogs, description: CampaignDescription, arm: Arm, exclusions: Exclusions
-) -> tuple[RawRows, Observations, RawColumns]:
-    """Read the configurations of an instrument that touches nothing, in order of time.
+def _usable_rows(
+    file: RawFile | TwoLogs,
+    measured: RawColumns,
+    description: CampaignDescription,
+    arm: Arm,
+    exclusions: Exclusions,
+) -> RawRows:
+    """Read the rows of a file, in order of time; those that cannot be used are quarantined.
 
-    Returns:
-        The rows; the same as readings, without approach (arrivals are 0) and dwells, nan where
-        nothing was logged; and the columns that hold what was measured.
+    `measured` are the columns of what was measured of the arm.
     """
-    instrument, stated = description.instrument.type, description.stated
-    base_names = base_target_names(file.names)
-    refuse_base_targets(description, file.path, file.words, base_names)
-    on_base = base_columns(base_names)
-    measured = instrument.raw_columns([name for name in file.names if not is_base_column(name)])
-    q, coupling = position_columns(arm.axes_slide), arm.coupling
-    tau = [f"tau{axis}_Nm" for axis in range(1, len(q) + 1)]
+    instrument, on_base = description.instrument.type, base_columns(base_target_names(file.names))
+    q = position_columns(arm.axes_slide)
+    tau = _torque_columns(q)
     labelling = ["pose", "load_N", "repeat", *(["kind"] if description.holdout is None else [])]
     lengths = [*measured.names, *on_base]
     optional = ["temperature_C", *(f"u_{name}" for name in (*q, *tau, *lengths))]
@@ -136,7 +142,7 @@ def _read_poses(
     given = [name for name in optional if name in raw.columns]
     raw = raw.finite(["time_s", "load_N", *q, *logged])
     raw = raw.finite(measured.names, may_be_blank=measured.may_be_blank)
-    raw = raw.finite([*on_base], may_be_blank=True).finite(given, may_be_blank=True)
+    raw = raw.finite([*on_base, *given], may_be_blank=True)
     raw = unwrapped(raw, q, arm)
     other_bounded = ["time_s", *logged, *lengths, *given]
     arm_in_limits = arm
@@ -150,33 +156,54 @@ def _read_poses(
         remaining &= ~off.rows
     raw = exclusions.labels(with_labels(raw, q, description.repeat_tolerance_deg))
     exclusions.refuse_missed(raw.file)
-    raw = labelled(raw, arm).in_time()
+    return labelled(raw, arm).in_time()
 
-    def numbers(name: str) -> Array:
-        return raw.numbers_of([name])[:, 0]
+
+def _torque_columns(q: Sequence[str]) -> list[str]:
+    """Return the columns of torques of axes whose positions are in the columns `q`."""
+    return [f"tau{axis}_Nm" for axis in range(1, len(q) + 1)]
+
+
+def _as_readings(
+    raw: RawRows,
+    measured: RawColumns,
+    base_names: tuple[str, ...],
+    description: CampaignDescription,
+    arm: Arm,
+    counts_per_turn: Mapping[int, float],
+) -> Observations:
+    """Return rows as readings; nan where nothing was logged, 0 for arrivals that are not known.
+
+    `base_names` are the targets on the base. `counts_per_turn` of an axis, from 0, makes its
+    positions as uncertain as their rounding.
+    """
+    instrument, stated, coupling = description.instrument.type, description.stated, arm.coupling
+    q, on_base = position_columns(arm.axes_slide), base_columns(base_names)
+    tau = _torque_columns(q)
 
     def uncertainties(names: Sequence[str]) -> Array:
         return raw.numbers_of([f"u_{name}" for name in names])
 
-    arrivals = [f"arrival{joint}" for joint in range(1, arm.n + 1)]  # 0 where the file has none
+    arrivals = [f"arrival{joint}" for joint in range(1, arm.n + 1)]
     states = PoseStates(
         q_rad=coupling.to_joints(in_radians(raw.numbers_of(q), arm.axes_slide)),
         tau_Nm=coupling.beside_joints(raw.numbers_of(tau)),
         arrival=np.nan_to_num(raw.numbers_of(arrivals)),
         load_N=raw["load_N"],
-        temperature_C=numbers("temperature_C"),
+        temperature_C=raw.numbers_of(["temperature_C"])[:, 0],
         time_s=raw["time_s"],
     )
     u_q = uncertainties(q)
-    raw = replace(raw, notes=(*raw.notes, *_with_rounding(u_q, raw.numbers_of(q), arm)))
+    for axis, counts in counts_per_turn.items():
+        u_q[:, axis] = _rounding_deg(counts)
     log = JointLog(
         coupling.uncertainty(in_radians(u_q, arm.axes_slide)),
         coupling.beside_joints(uncertainties(tau)),
-        np.nan_to_num(numbers("dwell_samples")).astype(np.int64),  # 0 without a log of the joints
+        np.nan_to_num(raw.numbers_of(["dwell_samples"])[:, 0]).astype(np.int64),
     )
     values, u = raw.numbers_of(measured.names), uncertainties(measured.names)
     u_base, u_m = uncertainties(on_base), stated.uncertainty_m
-    readings = Observations(
+    return Observations(
         pose=raw.text_of("pose"),
         states=states,
         measured=instrument.from_raw(measured, values, u, stated),
@@ -186,27 +213,35 @@ def _read_poses(
         log=log,
         base=base_targets(base_names, raw.numbers_of(on_base), u_base, u_m),
     )
-    return raw, readings, measured
 
 
-def _with_rounding(u_q: Array, q: Array, arm: Arm) -> list[str]:
-    """Put the uncertainty of rounding into u_q (P, m) where none is stated; return what to note.
+def _rounded_axes(raw: RawRows, arm: Arm) -> dict[int, float]:
+    """Return the counts a turn of axes, from 0, that turn and whose positions are whole counts.
 
-    Args:
-        q: (P, m) logged positions of the axes [deg, mm].
+    Axes with stated uncertainties are not among them.
     """
-    counts = {}
-    for k in np.flatnonzero(~arm.axes_slide & np.isnan(u_q).all(axis=0)):
-        if per_turn := rounded_to_counts(q[:, k]):
-            u_q[:, k] = 360.0 / per_turn / np.sqrt(12.0)
-            counts[f"q{k + 1}"] = per_turn
-    if not counts:
+    counts: dict[int, float] = {}
+    for axis, name in enumerate(position_columns(arm.axes_slide)):
+        stated = np.isfinite(raw.numbers_of([f"u_{name}"])).any()
+        if not arm.axes_slide[axis] and not stated:
+            counts[axis] = rounded_to_counts(raw[name])
+    return {axis: per_turn for axis, per_turn in counts.items() if per_turn}
+
+
+def _rounding_deg(counts_per_turn: float) -> float:
+    """Return the standard uncertainty of positions that are rounded to counts."""
+    return 360.0 / counts_per_turn / float(np.sqrt(12.0))  # uniform over one count
+
+
+def _notes_on_rounding(counts_per_turn: Mapping[int, float]) -> list[str]:
+    """Return a note on axes, from 0, whose positions are whole counts, if there are any."""
+    if not counts_per_turn:
         return []
-    fewest = min(counts.values())
-    axes = ", ".join(counts)
+    fewest = min(counts_per_turn.values())
     return [
-        f"{axes}: positions are whole counts of encoders ({fewest:.0f} a turn), and count as "
-        f"uncertain by that rounding, {360.0 / fewest / np.sqrt(12.0):.2g} deg"
+        f"{', '.join(f'q{axis + 1}' for axis in counts_per_turn)}: positions are whole counts of "
+        f"encoders ({fewest:.0f} a turn), and count as uncertain by that rounding, "
+        f"{_rounding_deg(fewest):.2g} deg"
     ]
 
 

@@ -14,8 +14,14 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Mask
 from pa10cal.campaign import screens
 from pa10cal.campaign.column_map import UNIT_WORDS
-from pa10cal.campaign.conventions import STILL_WRONG, OtherAxes, other_axes, other_scale
-from pa10cal.campaign.coupled_logs import Coupled, coupling_that_fits
+from pa10cal.campaign.conventions import (
+    STILL_WRONG,
+    Coupled,
+    OtherAxes,
+    coupling_that_fits,
+    other_axes,
+    other_scale,
+)
 from pa10cal.campaign.joint_positions import in_radians, position_columns
 from pa10cal.campaign.nominal_fit import (
     ReadingsAtStations,
@@ -280,6 +286,41 @@ class Screen:
         Readings a row away from their joints, and exchanged or mirrored axes of the instrument, are
         refused. Other causes, and joints with the same number in all rows, are warnings.
         """
+        off = self._large_misfit(misfit)
+        if not off:
+            return
+        other_axes_warnings = []
+        if self.found.measured.places_m.shape[2] == 3:
+            self._refuse_rows_away()
+            other_axes_warnings = self._refuse_other_axes()
+        fits = f"the nominal model, base and target fitted, is {off} off in the median"
+        measured, T_base_ee = self.found.measured, self.T_base_ee
+        if self._coupled is not None:
+            coupled, with_coupling = self._coupled
+            in_words = coupling_in_words(replace(self.arm, coupled=coupled)) or "each is counted"
+            causes = [
+                f"{fits}, and {1e3 * float(np.median(with_coupling.size_m)):.2g} mm if joints move "
+                f"together ({in_words}): {set_coupling(coupled, self.arm)}"
+            ]
+        elif (scale := other_scale(measured, T_base_ee, misfit)) is not None:
+            times, left_m = scale
+            causes = [
+                f"{fits}, and {1e3 * left_m:.2g} mm if lengths are divided by {times:.3g}: check "
+                "the size of the tag or target as the instrument holds it, and their unit"
+            ]
+        else:
+            causes = [
+                f"{fits}: check robot, and order, signs and zeros of the joints and of the "
+                "quaternion",
+                *other_axes_warnings,
+            ]
+        self.warnings = (*causes, *self._joints_that_stay())
+
+    def _large_misfit(self, misfit: Misfit) -> str:
+        """Return the median misfits that are too large for a nominal arm, in words; empty if none.
+
+        A misfit of lengths is compared with their stated uncertainty, too.
+        """
         length_mm = 1e3 * float(np.nanmedian(misfit.length_m))
         turn_deg = float(np.degrees(np.median(misfit.turn_rad)))
         measured = self.found.measured
@@ -289,60 +330,49 @@ class Screen:
         stated_mm = 1e3 * float(np.sqrt(min(len(positions), 3) * np.median(seen_variance)))
         off = [f"{length_mm:.0f} mm"] if length_mm > max(WARN_MM, 2.0 * stated_mm) else []
         off += [f"{turn_deg:.0f} deg"] if turn_deg > WARN_DEG else []
-        if not off:
-            return
-        path, words, T_base_ee = self.file.path, self.file.words, self.T_base_ee
+        return " and ".join(off)
+
+    def _refuse_rows_away(self) -> None:
+        """Refuse positions that stand a row away from their joints."""
+        measured, T_base_ee, rows = self.found.measured, self.T_base_ee, np.arange(len(self.line))
+        best, _ = self._most_seen()
+        if steps_agree(T_base_ee, measured.places_m[:, best]):
+            all_usable = np.ones(len(rows), dtype=bool)
+            shift = find_shift(ReadingsAtStations(measured, T_base_ee, all_usable), rows)
+            if shift is not None:
+                refuse_shifted(shift, self.file.path, self.line, "as they stand", "")
+
+    def _refuse_other_axes(self) -> list[str]:
+        """Refuse exchanged or mirrored axes; return a warning of axes that are only better."""
         best, seen = self._most_seen()
-        warnings = [
-            f"the nominal model, base and target fitted, is {' and '.join(off)} off in the median: "
-            "check robot, and order, signs and zeros of the joints and of the quaternion"
-        ]
-        if measured.places_m.shape[2] == 3:
-            p_m, rows = measured.places_m[:, best], np.arange(len(self.line))
-            if steps_agree(T_base_ee, p_m):
-                all_usable = np.ones(len(rows), dtype=bool)
-                shift = find_shift(ReadingsAtStations(measured, T_base_ee, all_usable), rows)
-                if shift is not None:
-                    refuse_shifted(shift, path, self.line, "as they stand", "")
-            R = None if measured.attitudes is None else measured.attitudes[seen]
-            axes = other_axes(T_base_ee[seen], p_m[seen], R)
-            if axes is not None:
-                value = (
-                    f"the nominal arm, base and target fitted, is {1e3 * axes.left_m:.0f} mm off, "
-                    f"and {1e3 * axes.would_leave_m:.2g} mm with these axes"
-                )
-                if axes.puts_right:
-                    raise RawDataError(
-                        f"the instrument's axes are {axes.name}",
-                        where=f"{path}: {self._target(best)}",
-                        value=value,
-                        allowed="positions in a right-handed frame, orientations in the same",
-                        remedy=self._remedy_of_axes(axes, self.columns.targets[best]),
-                    )
-                warnings.append(f"if the instrument's axes are {axes.name}: {value}, {STILL_WRONG}")
-        if self._coupled is not None:
-            coupled, fits = self._coupled
-            in_words = coupling_in_words(replace(self.arm, coupled=coupled)) or "each is counted"
-            warnings = [
-                f"the nominal model, base and target fitted, is {' and '.join(off)} off in the "
-                f"median, and {1e3 * float(np.median(fits.size_m)):.2g} mm if joints move together "
-                f"({in_words}): {set_coupling(coupled, self.arm)}"
-            ]
-        elif (scale := other_scale(measured, T_base_ee, misfit)) is not None:
-            times, left_m = scale
-            warnings = [
-                f"the nominal model, base and target fitted, is {' and '.join(off)} off in the "
-                f"median, and {1e3 * left_m:.2g} mm if lengths are divided by {times:.3g}: check "
-                "the size of the tag or target as the instrument holds it, and their unit"
-            ]
+        measured = self.found.measured
+        R = None if measured.attitudes is None else measured.attitudes[seen]
+        axes = other_axes(self.T_base_ee[seen], measured.places_m[seen, best], R)
+        if axes is None:
+            return []
+        value = (
+            f"the nominal arm, base and target fitted, is {1e3 * axes.left_m:.0f} mm off, "
+            f"and {1e3 * axes.would_leave_m:.2g} mm with these axes"
+        )
+        if axes.puts_right:
+            raise RawDataError(
+                f"the instrument's axes are {axes.name}",
+                where=f"{self.file.path}: {self._target(best)}",
+                value=value,
+                allowed="positions in a right-handed frame, orientations in the same",
+                remedy=self._remedy_of_axes(axes, self.columns.targets[best]),
+            )
+        return [f"if the instrument's axes are {axes.name}: {value}, {STILL_WRONG}"]
+
+    def _joints_that_stay(self) -> list[str]:
+        """Return a warning for each joint with the same number in all rows."""
         names = position_columns(self.arm.axes_slide)
         logged = self.arm.coupling.to_axes(self.found.states.q_rad)
-        for k in np.flatnonzero(np.ptp(logged, axis=0) == 0.0):
-            warnings.append(
-                f"{path.name}: {words.column(names[k])}: the same number in all rows: if that "
-                "joint moved, export what was logged of it"
-            )
-        self.warnings = tuple(warnings)
+        return [
+            f"{self.file.path.name}: {self.file.words.column(names[k])}: the same number in all "
+            "rows: if that joint moved, export what was logged of it"
+            for k in np.flatnonzero(np.ptp(logged, axis=0) == 0.0)
+        ]
 
     def _remedy_of_axes(self, axes: OtherAxes, names: Sequence[str]) -> str:
         """Return the remedy for other axes of the instrument, whose columns x, y, z are `names`."""
