@@ -15,8 +15,8 @@ from pa10cal.evaluation.iso9283 import iso9283_record, repeatability
 from pa10cal.evaluation.model_errors import held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.observations import average_repeats
-from pa10cal.observe.points import Distance
+from pa10cal.observe.observations import Observations, average_repeats
+from pa10cal.observe.points import Distance, Points
 from pa10cal.rules import COMPARED
 from pa10cal.terms.model import Model
 
@@ -99,3 +99,13 @@ def test_a_configuration_of_which_no_target_was_seen_every_time_is_left_out():
     seen = SimpleNamespace(directional=True, measures_pose=False, places_m=places_m)
     code = np.repeat([0, 1], COMPARED.least_repeats)
     assert iso9283._repeated(SimpleNamespace(measured=seen), code).tolist() == [1]
+
+
+def test_repeats_without_a_target_in_all_of_them_are_not_called_too_few():
+    count = COMPARED.least_repeats
+    p_m, cov_m2 = np.ones((count, 2, 3)), np.tile(1e-8 * np.eye(3), (count, 2, 1, 1))
+    p_m[0, 0], p_m[1, 1] = np.nan, np.nan
+    states = at_rest(np.zeros((count, 6)))
+    every = Observations.single(np.full(count, "P1"), states, Points(("1", "2"), p_m, cov_m2, None))
+    found = iso9283_record(CAMPAIGN, "combined", every, {"grid": {}}, np.eye(3))
+    assert found.note == "no target was observed in all repeats of a configuration"

@@ -61,6 +61,11 @@ def iso9283_record(
         note = "a distance alone shows neither the position nor the orientation attained"
     elif not any(map(len, chosen.values())):
         note = f"no configuration has {COMPARED.least_repeats} repeats"
+        if any(
+            len(code) and np.bincount(code).max() >= COMPARED.least_repeats
+            for code in groups.values()
+        ):
+            note = "no target was observed in all repeats of a configuration"
     about = {"campaign": campaign.name, "provenance": campaign.provenance}
     if note is not None:
         return results.Iso9283Record(**about, calibration=calibration, note=note)

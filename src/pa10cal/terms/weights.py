@@ -13,7 +13,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import PoseStates, StaticLoads
 from pa10cal.arrays import Array, Mask
 from pa10cal.errors import CalibrationError
-from pa10cal.results.record import HALF_WIDTH_95, FaultKind, plain_number, with_half_width_95
+from pa10cal.results.record import FaultKind, plain_number, with_half_width_95
 from pa10cal.terms.effects.effect import CandidateContext, Effect, everywhere_but, static_loads_in
 from pa10cal.terms.term import (
     OPTIONAL,
@@ -78,11 +78,11 @@ class Weights(TorqueOnly):
     falsifies_log: ClassVar[bool] = False  # it plays a part wherever torques are calculated
 
     @classmethod
-    def about(cls, arm: Arm, sizes: WeightSizes, only: range | None = None) -> Weights:
-        """Return the uncertain weights of an arm, among all columns or some."""
+    def about(cls, arm: Arm, sizes: WeightSizes) -> Weights:
+        """Return the uncertain weights of an arm."""
         every = sizes.columns(arm)
-        chosen = [k for k in only or range(len(every)) if every[k] > 0.0]
-        return cls(arm.n, tuple(chosen), tuple(float(every[k]) for k in chosen))
+        chosen = np.flatnonzero(every > 0.0)
+        return cls(arm.n, tuple(chosen.tolist()), tuple(every[chosen].tolist()))
 
     @property
     def of_last_moment(self) -> Mask:
@@ -301,11 +301,10 @@ class LoadStated(WeightStated):
         return (load_N[:, None] * static_loads_in(states, self).by_load)[..., None]
 
     def fault_text(self, x: Array, std: Array) -> FaultText:
-        true_N, std_N = self.load_N * (1.0 + x[0]), self.load_N * std[0]
+        true_N = with_half_width_95(self.load_N * (1.0 + x[0]), self.load_N * float(std[0]))
         return FaultText(
             f"load_N = {self.load_N:g}",
-            f"the load stated as {self.load_N:g} N seems to be {true_N:.1f} ± "
-            f"{HALF_WIDTH_95 * std_N:.1f} N",
+            f"the load stated as {self.load_N:g} N seems to be {true_N} N",
             "weigh the load, and correct load_N in its rows",
         )
 

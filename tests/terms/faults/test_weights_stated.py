@@ -55,6 +55,8 @@ def test_a_load_is_told_as_it_seems_to_be():
     told = LoadStated("load 40 N", False, 40.0).fault_text(np.array([0.1]), np.array([0.005]))
     assert told.where == "load_N = 40"
     assert "44.0 ± 0.4 N" in told.what
+    small = LoadStated("load 0.5 N", False, 0.5).fault_text(np.array([0.1]), np.array([0.02]))
+    assert "seems to be 0.55 ± 0.02 N" in small.what
 
 
 @pytest.mark.parametrize(

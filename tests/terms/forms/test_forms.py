@@ -127,3 +127,23 @@ def test_nothing_is_tried_that_was_not_logged_or_has_no_place(states, context):
     assert forms_at("instrument", context, blind) == ()
     assert not any(form.form.startswith("moment") for form in forms_at("base", context, blind))
     assert forms_at("forearm", context, states) == ()
+
+
+def test_forms_of_time_are_not_tried_where_the_order_gives_no_time(states, context):
+    untimed = replace(states, timed=np.zeros(POSES, dtype=bool))
+    in_time = {"settling", "wave_in_time"}
+    for place in ("joint 2", "base"):
+        assert in_time & {form.form for form in forms_at(place, context, states)}
+        assert not in_time & {form.form for form in forms_at(place, context, untimed)}
+
+
+def test_no_wave_is_tried_along_an_axis_on_which_nothing_was_measured(states, context):
+    """An arm that moves its target in a plane."""
+    p_m = states.seen.p_instr_targets_m.copy()
+    p_m[..., 2] = 0.3
+    flat = replace(states, seen=replace(states.seen, p_instr_targets_m=p_m))
+    forms = forms_at("instrument", context, flat)
+    assert any(form.form == "wave" for form in forms)
+    assert all(
+        np.isfinite(form.derivative(flat, np.zeros(len(form.parameters)))).all() for form in forms
+    )

@@ -6,6 +6,7 @@ Errors that follow the angle of a joint are periodic in it, so powers of the ang
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -34,7 +35,12 @@ _WAVES = (0.25, 0.35, 0.5, 0.7, 1.0)
 
 
 def forms_at(place: str, context: CandidateContext, states: PoseStates) -> tuple[Form, ...]:
-    """Return the forms tried at a place: a joint that turns, `base` or `instrument`; else none."""
+    """Return the forms tried at a place: a joint that turns, `base` or `instrument`; else none.
+
+    Forms of time are not among them where the order of poses gives no time.
+    """
+    times_s = context.time_span_s if states.tells_time else (0.0, 0.0)
+    context = replace(context, time_span_s=times_s)
     if place.startswith("joint "):
         joint = joint_of(place)
         if joint in turning_joints(context):
@@ -134,7 +140,7 @@ def _of_readings(context: CandidateContext, states: PoseStates) -> Iterator[Form
         for along in range(3):
             for form in ("quadratic", "cubic"):
                 yield ReadingForm("instrument", form, (axis, along), (x, y, z))
-            for share in _WAVES:
+            for share in _WAVES if spans_m[along] > 0.0 else ():
                 numbers = (axis, along, share * spans_m[along])
                 yield ReadingForm("instrument", "wave", numbers, (x, y, z))
         for first, second in combinations(range(3), 2):
