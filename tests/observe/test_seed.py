@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from drawn_examples import examples
 from pa10cal.arrays import homogeneous
 from pa10cal.errors import CalibrationError
-from pa10cal.observe.seed import axes_from_lines, fit_line, seed_from_lines
+from pa10cal.observe.seed import EndPositions, axes_from_lines, fit_line, frame_from_lines
 from pa10cal.options import BaseFrameOptions
 
 MEASURED = {"campaign": "a", "provenance": "made up", "origin_from": "both moves"}
@@ -33,8 +33,9 @@ def cell(seed: int, noise_m: float = 0.0):
 
 
 def seed_of(x, base_x, y, base_y, limits=LIMITS):
-    both = (np.vstack([x, y]), np.vstack([base_x, base_y]))
-    return seed_from_lines((x, base_x), (y, base_y), both, limits, **MEASURED)
+    moves = EndPositions(x, base_x), EndPositions(y, base_y)
+    both = EndPositions(np.vstack([x, y]), np.vstack([base_x, base_y]))
+    return frame_from_lines(*moves, both, limits, **MEASURED)
 
 
 @examples(40)
@@ -79,7 +80,8 @@ def test_origin_is_the_mean_offset_of_the_given_poses():
     T, x, base_x, y, base_y = cell(5)
     shifted = np.array([0.003, 0.0, 0.0])
     measured = x[:2] + np.outer([0, 1], shifted)
-    found = seed_from_lines((x, base_x), (y, base_y), (measured, base_x[:2]), LIMITS, **MEASURED)
+    moves = EndPositions(x, base_x), EndPositions(y, base_y)
+    found = frame_from_lines(*moves, EndPositions(measured, base_x[:2]), LIMITS, **MEASURED)
     assert found.T_instr_base[:3, 3] == pytest.approx(T[:3, 3] + shifted / 2)
     assert found.origin_scatter_mm == pytest.approx(1.5)
     assert found.origin_poses == 2
@@ -106,9 +108,14 @@ def two_points(x, base_x, y, base_y):
     return x, base_x, y[:2], base_y[:2]
 
 
+def exchanged(x, base_x, y, base_y):
+    return y, base_y, x, base_x
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
+        (exchanged, r"line_x: .*not along x of the base.*0, 200, 0 mm.*labels"),
         (shortened, r"line_x: .*too short.*mm.*min_length_mm"),
         (bent, r"line_y: .*bent.*max_bend_mm"),
         (parallel, r"line_x and line_y: .*parallel"),

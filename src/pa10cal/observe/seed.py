@@ -7,7 +7,9 @@ without them the nominal arm is fitted to the measurements. Both use the poses a
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +22,15 @@ from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.options import BaseFrameOptions
 from pa10cal.results.calibration import BaseFrameRecord, StraightLine
 
-UNLOADED = "grid poses at the lowest load"
-#: Measured positions (N, 3) of poses, and nominal ones.
-Positions = tuple[Array, Array]
+_UNLOADED = "grid poses at the lowest load"
+
+
+@dataclass(frozen=True)
+class EndPositions:
+    """Positions of the end-effector in N poses."""
+
+    measured_instr_m: Array  # (N, 3) in the instrument's frame
+    nominal_base_m: Array  # (N, 3) by the nominal arm, in the base's frame
 
 
 def locate_base(
@@ -39,8 +47,8 @@ def locate_base(
         where: the table that the readings are of, for messages.
 
     Raises:
-        CalibrationError: when there is one straight move only, one is too short or bent, or the
-            poses do not determine base and targets.
+        CalibrationError: when there is one straight move only, one is too short, bent or along
+            another axis, or the poses do not determine base and targets.
     """
     chain = Chain.of(arm)
     grid = average_repeats(every.of_kind("grid"))
@@ -52,20 +60,19 @@ def locate_base(
     if not (every.measured.uses_lines and len(line_x)):
         return _located_record(unloaded, T_base_ee, campaign, provenance)
 
-    def positions(*kinds: Observations) -> tuple[Array, Array]:
-        """Measured and nominal positions of the end-effector."""
+    def positions(*kinds: Observations) -> EndPositions:
         measured = np.vstack([poses.measured.places_m[:, 0] for poses in kinds])
         nominal = np.vstack([chain.forward(poses.states.q_rad)[:, :3, 3] for poses in kinds])
-        return measured, nominal
+        return EndPositions(measured, nominal)
 
-    record = seed_from_lines(
+    record = frame_from_lines(
         positions(line_x),
         positions(line_y),
         positions(line_x, line_y, unloaded),
         options,
         campaign=campaign,
         provenance=provenance,
-        origin_from=f"line moves and {UNLOADED}",
+        origin_from=f"line moves and {_UNLOADED}",
     )
     target = unloaded.measured.target_on(np.asarray(record.T_instr_base), T_base_ee)
     return record.model_copy(update={"T_ee_target": target})
@@ -124,7 +131,7 @@ def _located_record(
         target_stated=found.stated,
         origin_scatter_mm=1e3 * found.scatter_m,
         origin_poses=found.poses,
-        origin_from=UNLOADED,
+        origin_from=_UNLOADED,
     )
 
 
@@ -154,7 +161,7 @@ def fit_line(p_instr_m: Array, travel_m: Array, name: str = "straight move") -> 
     """Fit a line to measured points (N, 3) by least squares of their distances from it.
 
     Args:
-        travel_m: (N,) the robot's own coordinate along the move, which gives the line's sense.
+        travel_m: (N,) nominal coordinate along the move, which gives the line's direction its sign.
         name: of the move, for messages.
 
     Raises:
@@ -199,29 +206,27 @@ def axes_from_lines(x_instr: Array, y_instr: Array) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def seed_from_lines(
-    x_move: Positions,
-    y_move: Positions,
-    origin_poses: Positions,
+def frame_from_lines(
+    x_move: EndPositions,
+    y_move: EndPositions,
+    origin_poses: EndPositions,
     options: BaseFrameOptions,
-    **measured: str,
+    **identity: str,
 ) -> BaseFrameRecord:
     """Find the base frame: axes from the straight moves, origin from the nominal model.
 
     The origin is the mean over its poses of p_instr_ee - R_instr_base p_base_ee.
 
     Args:
-        x_move, y_move, origin_poses: end-effector positions (N, 3) [m] of each: measured in the
-            instrument's frame, and the nominal model's in the base frame for the same poses.
         options: what the moves must satisfy.
-        measured: campaign, provenance and `origin_from` of the record.
+        identity: campaign, provenance and `origin_from` of the record.
 
     Raises:
-        CalibrationError: when a move has fewer than three points, is too short or bent, or the
-            two are parallel.
+        CalibrationError: when a move has fewer than three points, is too short, bent or along
+            another axis, or the two are parallel.
     """
-    line_x = _checked_line(x_move[0], x_move[1][:, 0], "line_x", options)
-    line_y = _checked_line(y_move[0], y_move[1][:, 1], "line_y", options)
+    line_x = _checked_line(x_move, "x", options)
+    line_y = _checked_line(y_move, "y", options)
     x, y = line_x.direction_instr, line_y.direction_instr
     angle = float(np.arctan2(np.linalg.norm(np.cross(x, y)), x @ y))
     least = options.min_angle_deg
@@ -234,12 +239,11 @@ def seed_from_lines(
             remedy="check the labels line_x and line_y, or move along two perpendicular axes",
         )
     R_instr_base = axes_from_lines(x, y)
-    p_instr_m, p_base_m = origin_poses
-    origins = p_instr_m - p_base_m @ R_instr_base.T
+    origins = origin_poses.measured_instr_m - origin_poses.nominal_base_m @ R_instr_base.T
     T_instr_base = homogeneous(R_instr_base, origins.mean(axis=0))
     scatter = np.sqrt(((origins - T_instr_base[:3, 3]) ** 2).sum(axis=1).mean())
     return BaseFrameRecord(
-        **measured,
+        **identity,
         method="straight_lines",
         **_frame_fields(T_instr_base),
         x_direction_u_rad=line_x.direction_u_rad,
@@ -253,9 +257,11 @@ def seed_from_lines(
 
 
 def _checked_line(
-    p_instr_m: Array, travel_m: Array, where: str, options: BaseFrameOptions
+    move: EndPositions, axis: Literal["x", "y"], options: BaseFrameOptions
 ) -> StraightLine:
-    line = fit_line(p_instr_m, travel_m, where)
+    """Return the line of a move along an axis of the base; refuse one that gives no direction."""
+    where, column = f"line_{axis}", "xyz".index(axis)
+    line = fit_line(move.measured_instr_m, move.nominal_base_m[:, column], where)
     if line.length_mm < options.min_length_mm:
         raise CalibrationError(
             "the straight move is too short",
@@ -271,5 +277,15 @@ def _checked_line(
             value=f"{line.bend_rms_mm:.3f} mm rms from the line",
             allowed=f"at most {options.max_bend_mm:g} mm (base_frame.max_bend_mm)",
             remedy="check for a point of another move, or measure the move again",
+        )
+    travelled_mm = 1e3 * np.ptp(move.nominal_base_m, axis=0)
+    if np.argmax(travelled_mm) != column:
+        along = ", ".join(f"{each:.0f}" for each in travelled_mm)
+        raise CalibrationError(
+            f"the straight move is not along {axis} of the base",
+            where=where,
+            value=f"{along} mm along x, y, z, by the joint positions and the nominal arm",
+            allowed=f"a move along {axis} of the base",
+            remedy="check the labels line_x and line_y, or measure the moves again",
         )
     return line
