@@ -243,13 +243,13 @@ def base_and_tool(folder: Path, prior: FittedModel) -> FittedModel:
     """Return the earlier model with base and tool fitted anew."""
     from pa10cal.calibration.options import CalibrationOptions
     from pa10cal.discovery.preparation import setup_of
-    from pa10cal.evaluation.in_parts import placed
+    from pa10cal.evaluation.carried_model import with_frames_refitted
     from pa10cal.interface import read_campaign
     from pa10cal.options import DiscoveryOptions
 
     campaign = read_campaign(folder)
     setup = setup_of(campaign.description, campaign.arm, CalibrationOptions(), DiscoveryOptions())
-    return placed(prior, campaign.observations, setup).model
+    return with_frames_refitted(prior, campaign.observations, setup).model
 
 
 def with_changes(folder: Path, prior: FittedModel, joints: list[int]) -> FittedModel:

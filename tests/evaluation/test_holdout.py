@@ -20,9 +20,14 @@ from pa10cal.calibration.general.case import fitted
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
-from pa10cal.evaluation import in_parts as parts
-from pa10cal.evaluation.holdout import Evaluation, held_out_record, said_of_parts, transfer_record
-from pa10cal.evaluation.in_parts import worth_cutting
+from pa10cal.evaluation import carried_model as parts
+from pa10cal.evaluation.carried_model import with_enough_poses
+from pa10cal.evaluation.holdout import (
+    Evaluation,
+    base_motion_line,
+    held_out_record,
+    transfer_record,
+)
 from pa10cal.evaluation.model_errors import constant_tool_twist, held_out_errors
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
@@ -127,7 +132,7 @@ def test_base_and_tool_are_enough_for_the_same_arm(still):
     assert still.models["linear"].rms_mm < 0.13
     assert still.models["linear"].inside.configurations <= 30
     assert not {"parts", "one_base"} & set(still.model_dump(mode="json"))
-    assert said_of_parts(still.parts or ()) == ""
+    assert base_motion_line(still.parts or ()) == ""
 
 
 def test_a_base_for_every_part_brings_back_what_the_model_is_worth(still, in_parts):
@@ -138,7 +143,7 @@ def test_a_base_for_every_part_brings_back_what_the_model_is_worth(still, in_par
     assert [set(part) for part in plain["parts"]] == [
         {"from", "to", "poses", "held_out", "moved_by_mm", "turned_by_mrad"}
     ] * 2
-    assert "a base for every part" in said_of_parts(in_parts.parts)
+    assert "a base for every part" in base_motion_line(in_parts.parts)
 
 
 def test_the_parts_and_the_motion_between_them_are_recovered(carried, in_parts):
@@ -223,7 +228,7 @@ def test_in_its_own_campaign_a_model_is_parted_where_the_verdict_tells_a_step(ca
 
     found, still = record(Extended(model, steps_s=(step_s,))), record(Extended(model))
     assert [part.poses + part.held_out for part in found.parts] == [KNOCKED_AT, POSES - KNOCKED_AT]
-    whole = Evaluation(every, models, None, setup).judge_elsewhere()
+    whole = Evaluation(every, models, None, setup).judge_carried().errors
     assert found.by_parts["linear"].rms_mm < 0.7 * whole["linear"].rms_mm
     assert still.by_parts is still.parts is None
 
@@ -255,7 +260,7 @@ def test_one_base_is_judged_where_the_poses_of_a_part_do_not_identify_its_own(
 )
 def test_a_part_with_too_few_poses_joins_its_neighbour(carried, steps, cuts):
     times_s = carried[1].states.time_s
-    assert worth_cutting(carried[1], times_s[list(steps)]) == tuple(times_s[list(cuts)])
+    assert with_enough_poses(carried[1], times_s[list(steps)]) == tuple(times_s[list(cuts)])
 
 
 def judged_with_map(carried, knots):
@@ -271,7 +276,7 @@ def judged_with_map(carried, knots):
     half = np.array([[-np.pi, 0.0]])
     seen = AngleCoverage((half, *[np.array([[-10.0, 10.0]])] * 5), (False,) * 6)
     extended = Extended(longer, seen)
-    return Evaluation(every, {"linear": model}, extended, setup).judge_elsewhere()
+    return Evaluation(every, {"linear": model}, extended, setup).judge_carried().errors
 
 
 def test_all_models_are_judged_apart_where_the_source_saw_no_such_angle(carried):
@@ -301,7 +306,7 @@ def test_what_has_no_name_and_harms_elsewhere_leaves_the_effects_there(carried, 
         covariance=None,
     )
     models = {"off": off}
-    found = Evaluation(every, models, Extended(longer, None), setup).judge_elsewhere()
-    alone = Evaluation(every, {"right": model}, None, setup).judge_elsewhere()
+    found = Evaluation(every, models, Extended(longer, None), setup).judge_carried().errors
+    alone = Evaluation(every, {"right": model}, None, setup).judge_carried().errors
     assert found["extended"].rms_mm == pytest.approx(alone["right"].rms_mm, rel=1e-9)
     assert found["extended"].rms_mm < 0.9 * found["off"].rms_mm

@@ -479,7 +479,7 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     Examples:
         pa10cal drift results/june results/july results/august --out drift.json --figures figures
     """
-    from pa10cal.evaluation.drift import drift as drift_of
+    from pa10cal.evaluation.what_moved import drift as drift_of
     from pa10cal.fit.fitted_model import load_model
     from pa10cal.results.codec import write
 

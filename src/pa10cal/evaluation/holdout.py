@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,13 @@ from pa10cal.discovery import preparation
 from pa10cal.discovery.given import Extended
 from pa10cal.discovery.preparation import MeasurementSetup
 from pa10cal.errors import CalibrationError
-from pa10cal.evaluation.in_parts import Placed, parts_of, placed, steps_elsewhere, worth_cutting
+from pa10cal.evaluation.carried_model import (
+    RefittedModel,
+    base_steps_s,
+    campaign_parts,
+    with_enough_poses,
+    with_frames_refitted,
+)
 from pa10cal.evaluation.model_errors import held_out_errors, poses_for_model
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.validity import AngleCoverage
@@ -39,11 +45,12 @@ _KINDS = ("grid", "holdout")
 UNCALIBRATED, EXTENDED = "uncalibrated", "extended"
 
 
-class _JudgedElsewhere(NamedTuple):
-    """Errors of a model on held-out poses, and in the poses that base and tool were fitted to."""
+@dataclass(frozen=True, eq=False)
+class CarriedModels:
+    """Models judged on held-out poses, with base and tool fitted to the calibration poses."""
 
-    held_out: results.HeldOutModel
-    fitted_rms_mm: float
+    errors: Mapping[str, results.HeldOutModel]  # by the model's name
+    last: RefittedModel  # the most complete model
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +68,7 @@ class Evaluation:
         """Return errors by model on poses of one kind; empty where there are no such poses."""
         if not (self.every.kind == kind).any():
             return {}
-        models = self._with_uncalibrated()
+        models = self._all_models()
         suspected = places = None
         if kind == "holdout":
             if (self.every.kind == "grid").any():
@@ -83,8 +90,8 @@ class Evaluation:
             judged[EXTENDED] = errors(extended.model, self._with_arrivals(), extended.seen)
         return judged
 
-    def judge_elsewhere(self, cuts_s: Sequence[float] = ()) -> dict[str, results.HeldOutModel]:
-        """Return errors by model on held-out poses of another campaign than that of the models.
+    def judge_carried(self, cuts_s: Sequence[float] = ()) -> CarriedModels:
+        """Judge models on held-out poses of another campaign than that of the models.
 
         Base and tool are fitted anew to the calibration poses, the base for every part between the
         times `cuts_s`. Under the name of the extended model stands what fits the calibration poses
@@ -94,56 +101,38 @@ class Evaluation:
         Raises:
             CalibrationError: when base and tool are not determined by the poses.
         """
-        if not (self.every.kind == "holdout").any():
-            return {}
-        models = self._with_uncalibrated()
-        # Joint angles are called new by the same coverage for all models.
+
+        def refit(model: FittedModel, every: Observations) -> RefittedModel:
+            return with_frames_refitted(model, every, self.setup, cuts_s)
+
+        refitted = {name: refit(model, self.every) for name, model in self._all_models().items()}
+        *_, last = refitted.values()
         seen = self._last.seen
-        if self.extended is not None and self.extended.seen is not None:
-            seen = self.extended.seen
-
-        def judged(model: FittedModel, every: Observations) -> _JudgedElsewhere:
-            refitted = placed(model, every, self.setup, cuts_s)
-            poses = poses_for_model(every, "holdout", refitted.model, self.setup, cuts_s)
-            beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
-            return _JudgedElsewhere(held_out_errors(refitted.model, poses, beyond), refitted.rms_mm)
-
-        by_name = {name: judged(model, self.every) for name, model in models.items()}
         if self.extended is not None:
             arrived = self._with_arrivals()
-            *_, last = by_name.values()
-            tried = [last, *(judged(model, arrived) for model in self._extended_variants)]
-            by_name[EXTENDED] = min(tried, key=lambda each: each.fitted_rms_mm)
-        return {name: each.held_out for name, each in by_name.items()}
+            tried = [last, *(refit(model, arrived) for model in self._extended_variants)]
+            refitted[EXTENDED] = last = min(tried, key=lambda each: each.rms_mm)
+            # Joint angles are called new by the same coverage for all models.
+            seen = self.extended.seen or seen
 
-    def judge_in_parts(
-        self, cuts_s: Sequence[float]
-    ) -> tuple[dict[str, results.HeldOutModel], tuple[results.PartOfCampaign, ...]]:
-        """Judge the models with a base for every part of the campaign; return the parts too.
+        def errors(each: RefittedModel) -> results.HeldOutModel:
+            poses = poses_for_model(each.every, "holdout", each.model, self.setup, cuts_s)
+            beyond = None if seen is None else ~seen.inside(poses.states.q_rad)
+            return held_out_errors(each.model, poses, beyond)
 
-        Raises:
-            CalibrationError: when the poses of a part do not identify its base.
-        """
-        judged = self.judge_elsewhere(cuts_s)
-        return judged, parts_of(*self.best_placed(cuts_s), cuts_s)
+        return CarriedModels({name: errors(each) for name, each in refitted.items()}, last)
 
-    def best_placed(self, cuts_s: Sequence[float] = ()) -> tuple[Placed, Observations]:
-        """Return what fits the calibration poses best, and the readings with what it needs.
-
-        The last model, or a variant of the extended one, with base and tool fitted.
-        """
-        best = placed(self._last, self.every, self.setup, cuts_s)
-        arrived = self._with_arrivals()
-        tried = [placed(model, arrived, self.setup, cuts_s) for model in self._extended_variants]
-        extended = min(tried, key=lambda each: each.rms_mm, default=best)
-        return (extended, arrived) if extended.rms_mm < best.rms_mm else (best, self.every)
+    @property
+    def has_held_out(self) -> bool:
+        """Return whether there are held-out poses."""
+        return bool((self.every.kind == "holdout").any())
 
     @property
     def _last(self) -> FittedModel:
         *_, last = self.models.values()
         return last
 
-    def _with_uncalibrated(self) -> Mapping[str, FittedModel]:
+    def _all_models(self) -> Mapping[str, FittedModel]:
         """Return the models, the nominal arm first where none is called `uncalibrated`."""
         if UNCALIBRATED in self.models:
             return self.models
@@ -178,12 +167,13 @@ def held_out_record(
     judged = evaluation.judge()
     cuts_s: Sequence[float] = ()
     if judged and evaluation.extended is not None and not evaluation.every.measured.campaigns:
-        cuts_s = worth_cutting(evaluation.every, evaluation.extended.steps_s)
+        cuts_s = with_enough_poses(evaluation.every, evaluation.extended.steps_s)
     parts = by_parts = None
     if cuts_s:
         with suppress(CalibrationError):
-            in_parts, parts = evaluation.judge_in_parts(cuts_s)
-            by_parts = _overall_errors(in_parts)
+            in_parts = evaluation.judge_carried(cuts_s)
+            parts = campaign_parts(in_parts.last, cuts_s)
+            by_parts = _overall_errors(in_parts.errors)
     return results.HoldoutRecord(
         calibration=calibration,
         parts=parts,
@@ -200,28 +190,30 @@ def transfer_record(
 
     With one base for all parts where the poses of one do not identify its own.
 
-    `from_` is the name of the models' campaign.
+    Args:
+        campaign: the other campaign, which `evaluation` holds.
+        from_: name of the models' campaign.
 
     Raises:
         CalibrationError: when base and tool are not determined by the poses.
     """
-    judged = evaluation.judge_elsewhere()
-    cuts_s: Sequence[float] = ()
-    if judged:
-        best, readings = evaluation.best_placed()
-        cuts_s = steps_elsewhere(best.model, readings, evaluation.setup)
+    errors: Mapping[str, results.HeldOutModel] = {}
     parts = one_base = None
-    if cuts_s:
-        of_one_base = judged
-        with suppress(CalibrationError):
-            judged, parts = evaluation.judge_in_parts(cuts_s)
-            one_base = _overall_errors(of_one_base)
+    if evaluation.has_held_out:
+        carried = evaluation.judge_carried()
+        errors = carried.errors
+        cuts_s = base_steps_s(carried.last, evaluation.setup)
+        if cuts_s:
+            with suppress(CalibrationError):
+                in_parts = evaluation.judge_carried(cuts_s)
+                parts = campaign_parts(in_parts.last, cuts_s)
+                errors, one_base = in_parts.errors, _overall_errors(carried.errors)
     return results.TransferRecord(
         from_=from_,
         parts=parts,
         one_base=one_base,
-        worse=said_of_worse(judged, from_) or None,
-        **_shared_keys(campaign, judged),
+        worse=worse_than_nominal(errors, from_) or None,
+        **_shared_keys(campaign, errors),
     )
 
 
@@ -261,7 +253,7 @@ def judged_where_repeated(
     return judged
 
 
-def said_of_worse(models: Mapping[str, results.HeldOutModel], from_: str) -> str:
+def worse_than_nominal(models: Mapping[str, results.HeldOutModel], from_: str) -> str:
     """Return in one sentence which carried models are worse than the nominal arm; empty if none."""
     nominal_mm = models[UNCALIBRATED].rms_mm if models else 0.0
     worse = [
@@ -278,7 +270,7 @@ def said_of_worse(models: Mapping[str, results.HeldOutModel], from_: str) -> str
     )
 
 
-def said_of_parts(parts: Sequence[results.PartOfCampaign]) -> str:
+def base_motion_line(parts: Sequence[results.PartOfCampaign]) -> str:
     """Return in one sentence how instrument or base moved between parts; empty if not at all."""
     moves = [
         f"{part.moved_by_mm:.2g} mm before {part.from_s:g} s"

@@ -15,13 +15,52 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.chain import BASE, TOOL
+from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
+from pa10cal.errors import ModelError
 from pa10cal.fit.fitted_model import FittedModel
+from pa10cal.rules import COMPARED
 from pa10cal.terms.of_campaign import motion_of_base, small_motion
 from pa10cal.terms.term import Term, TermParameter, is_tool
 
+#: Fields of an arm that define its rigid kinematics: those of each row, and its constant frames.
+_LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
+_FRAMES = ("T_base_row1", "T_row_n_ee")
 #: Least share of a variance along a direction that counts as not zero (computing).
 _NO_VARIANCE = 1e-12
+
+
+def refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
+    """Raise ModelError when two arms differ in their nominal layout, naming the models."""
+    differs = [
+        f"{word}: {getattr(one, name)!r} and {getattr(other, name)!r}"
+        for word, name in (("joints", "n"), ("convention", "convention"))
+        if getattr(one, name) != getattr(other, name)
+    ]
+    if not differs:
+        for name in _LAYOUT:
+            mine, theirs = (np.asarray(getattr(arm, name), dtype=float) for arm in (one, other))
+            differs += [
+                f"{name} of row {row + 1}: {mine[row]:g} and {theirs[row]:g}"
+                for row in np.flatnonzero(~(np.abs(mine - theirs) <= COMPARED.same))
+            ]
+        differs += [
+            name
+            for name in _FRAMES
+            if not np.allclose(
+                getattr(one, name), getattr(other, name), rtol=COMPARED.same, atol=COMPARED.same
+            )
+        ]
+    if differs:
+        more = f", and {len(differs) - 3} more" if len(differs) > 3 else ""
+        where = f"{names[0]} ({one.name}), {names[1]} ({other.name})"
+        raise ModelError(
+            "models of arms of different layouts are not compared",
+            where=where,
+            value="; ".join(differs[:3]) + more,
+            allowed="two models of the same arm",
+            remedy="give two models whose nominal rows are the same",
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
-from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Array
-from pa10cal.errors import ModelError
+from pa10cal.evaluation.parameter_differences import refuse_other_layout
 from pa10cal.evaluation.what_moved import what_moved
 from pa10cal.fit.fitted import FLANGE, TOOL_FRAME, Fitted, predicting_model
 from pa10cal.fit.fitted_model import FittedModel
@@ -31,14 +30,10 @@ from pa10cal.results import comparison as results
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.rules import COMPARED
 
-#: Fields of an arm that define its rigid kinematics: those of each row.
-_LAYOUT = ("prismatic", "theta_rad", "d_m", "a_m", "alpha_rad", "beta_rad")
-#: Its constant frames.
-_FRAMES = ("T_base_row1", "T_row_n_ee")
+#: Fields of an arm that are not of its layout, and may differ between two models.
+_OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
 #: Keys of an arm's description, as a model's file has it, that are compared as they are written.
 _WRITTEN = ("coupling", "controller")
-#: Other fields of an arm, which may differ between two models.
-_OTHERS = ("limits_rad", "gear_ratio", "torque_limit_Nm", "mass_kg", "com_m")
 #: Postures compared, and the seed of their draw (computing).
 POSTURES, SEED = 400, 1
 #: Steps of the fit of base and tool (computing).
@@ -77,33 +72,6 @@ def compare_models(
         line=line,
         what_moved=what_moved(first, second),
     )
-
-
-def refuse_other_layout(one: Arm, other: Arm, names: tuple[str, str]) -> None:
-    """Raise ModelError when two arms differ in layout, naming the models."""
-    differs = [
-        f"{word}: {getattr(one, name)!r} and {getattr(other, name)!r}"
-        for word, name in (("joints", "n"), ("convention", "convention"))
-        if getattr(one, name) != getattr(other, name)
-    ]
-    if not differs:
-        for name in _LAYOUT:
-            mine, theirs = (np.asarray(getattr(arm, name), dtype=float) for arm in (one, other))
-            differs += [
-                f"{name} of row {row + 1}: {mine[row]:g} and {theirs[row]:g}"
-                for row in np.flatnonzero(~(np.abs(mine - theirs) <= COMPARED.same))
-            ]
-        differs += [name for name in _FRAMES if not _same(getattr(one, name), getattr(other, name))]
-    if differs:
-        more = f", and {len(differs) - 3} more" if len(differs) > 3 else ""
-        where = f"{names[0]} ({one.name}), {names[1]} ({other.name})"
-        raise ModelError(
-            "models of arms of different layouts are not compared",
-            where=where,
-            value="; ".join(differs[:3]) + more,
-            allowed="two models of the same arm",
-            remedy="give two models whose nominal rows are the same",
-        )
 
 
 def _described_otherwise(first: FittedModel, second: FittedModel) -> tuple[str, ...]:

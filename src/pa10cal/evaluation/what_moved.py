@@ -1,22 +1,26 @@
-"""What moved in an arm between two campaigns, by two fitted models and their covariances.
+"""What moved in an arm from campaign to campaign, by fitted models and their covariances.
 
 Links, springs and effects that both models have are compared as they are solved; base and tool
 differ from campaign to campaign, and are reported apart. Differences are expected to scatter with
 the sum of both covariances; a part that moved adds variance along its own directions, and the
-evidence for that decides (`fit.moved`).
+evidence for that decides (`fit.moved`). Over several campaigns this is the drift of the arm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import chdtrc
 
-from pa10cal.arrays import Array
-from pa10cal.evaluation.parameter_differences import Differences, differences
+from pa10cal.errors import ModelError
+from pa10cal.evaluation.parameter_differences import (
+    Differences,
+    differences,
+    refuse_other_layout,
+)
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.moved import (
     BASE_MOVED,
@@ -31,9 +35,16 @@ from pa10cal.fit.moved import (
 )
 from pa10cal.fit.problem import gain_along, remaining_disagreement
 from pa10cal.numerics.gaussian import Gaussian
-from pa10cal.results.comparison import MovedThing, WhatMoved
+from pa10cal.results.comparison import (
+    DriftRecord,
+    DriftRows,
+    DriftStep,
+    MovedThing,
+    WhatMoved,
+)
 from pa10cal.results.record import HALF_WIDTH_95
-from pa10cal.rules import MOVED
+from pa10cal.rules import COMPARED, MOVED
+from pa10cal.terms.term import Term
 
 _FRAMES = {BASE_MOVED, TOOL_MOVED}
 #: Verdicts where parts of one kind moved and nothing else in the arm.
@@ -147,14 +158,6 @@ def _line(verdict: str, things: Sequence[MovedThing], factor: float) -> str:
     return f"{words}: {'; '.join(clauses)}" if clauses else words
 
 
-class _Motion(NamedTuple):
-    """By how much one parameter moved."""
-
-    by: float
-    std: float
-    unit: str
-
-
 def _thing(
     part: MovedPart,
     moved: Sequence[MovedPart],
@@ -164,55 +167,155 @@ def _thing(
 ) -> MovedThing:
     """Return a part that moved, with its amount where it is one parameter, and alternatives."""
     others = [other for other in moved if other is not part]
-    without_part = disagreement
+    thing = MovedThing(
+        kind=part.what.kind,
+        of=part.what.of,
+        by=None,
+        std=None,
+        unit="",
+        interval95=None,
+        gain=part.gain,
+        alternatives=_alternatives(part, others, possible, disagreement),
+    )
+    if len(part.what.columns) != 1:
+        return thing
+    (column,) = part.what.columns
+    by, std = _estimated_amount(part, others, disagreement)
+    unit = found.parameters[column].unit
+    if part.what.kind == STIFFNESS:  # relative to what it was
+        by, std, unit = by / found.x[column], abs(std / found.x[column]), "1"
+    half_width = HALF_WIDTH_95 * std
+    interval95 = (by - half_width, by + half_width)
+    return thing.model_copy(update={"by": by, "std": std, "unit": unit, "interval95": interval95})
+
+
+def _alternatives(
+    part: MovedPart,
+    others: Sequence[MovedPart],
+    possible: Sequence[Hypothesis],
+    disagreement: Gaussian,
+) -> tuple[str, ...]:
+    """Return what may have moved in place of a part, with nearly its evidence, the likeliest first.
+
+    Beside the other parts that moved.
+    """
     for other in others:
-        without_part = remaining_disagreement(without_part, other.directions)
+        disagreement = remaining_disagreement(disagreement, other.directions)
     gains = {
-        (each.kind, each.of): gain_along(without_part, each.directions, each.sizes)[0]
+        (each.kind, each.of): gain_along(disagreement, each.directions, each.sizes)[0]
         for each in possible
     }
-    moved_names = {(other.what.kind, other.what.of) for other in moved}
     listed_loss = np.log(len(possible) / MOVED.listed)
-    least_gain = max(gains[part.what.kind, part.what.of] - listed_loss, 0.0)
+    least_gain = max(gains[part.name] - listed_loss, 0.0)
+    moved_names = {part.name, *(other.name for other in others)}
     named = {JOINT_ZERO: "the zero of ", STIFFNESS: "the stiffness of "}
-    alternatives = tuple(
+    return tuple(
         f"{named.get(kind, '')}{of}"
         for (kind, of), gain in sorted(gains.items(), key=lambda item: -item[1])
         if (kind, of) not in moved_names and kind != MODEL_ERROR and gain > least_gain
     )
-    motion = interval95 = None
-    if len(part.what.columns) == 1:
-        motion = _motion(part, [other.directions for other in others], disagreement, found)
-        half_width = HALF_WIDTH_95 * motion.std
-        interval95 = (motion.by - half_width, motion.by + half_width)
-    return MovedThing(
-        kind=part.what.kind,
-        of=part.what.of,
-        by=None if motion is None else motion.by,
-        std=None if motion is None else motion.std,
-        unit="" if motion is None else motion.unit,
-        interval95=interval95,
-        gain=part.gain,
-        alternatives=alternatives,
-    )
 
 
-def _motion(
-    part: MovedPart, others: Sequence[Array], disagreement: Gaussian, found: Differences
-) -> _Motion:
-    """Estimate by how much the one parameter of a part moved; a stiffness relative to itself.
+def _estimated_amount(
+    part: MovedPart, others: Sequence[MovedPart], disagreement: Gaussian
+) -> tuple[float, float]:
+    """Estimate by how much the one parameter of a part moved, and its standard uncertainty.
 
-    Amounts of the other parts, along their directions (k, r), have the prior variance one; that of
-    the part itself has no prior.
+    Amounts of the other parts, along their directions, have the prior variance one; that of the
+    part itself has no prior.
     """
     (column,) = part.what.columns
-    directions = np.hstack([part.what.directions, *others])
+    directions = np.hstack([part.what.directions, *(other.directions for other in others)])
     information = directions.T @ disagreement.gram @ directions
     information += np.diag(np.append(0.0, np.ones(len(information) - 1)))
     covariance = np.linalg.inv(information)
     size = float(part.what.directions[column, 0])
     by = float((covariance @ (directions.T @ disagreement.projection))[0] * size)
-    std = float(np.sqrt(covariance[0, 0]) * abs(size))
-    if part.what.kind == STIFFNESS:
-        return _Motion(by / found.x[column], abs(std / found.x[column]), "1")
-    return _Motion(by, std, found.parameters[column].unit)
+    return by, float(np.sqrt(covariance[0, 0]) * abs(size))
+
+
+# The parameters of one arm over campaigns, and what moved from each to the next.
+
+
+def drift(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRecord:
+    """Return the parameters of an arm over two campaigns or more, in order of time.
+
+    Raises:
+        ModelError: when there are fewer than two, the arms differ in layout, or a covariance is not
+            known.
+    """
+    _refuse_models(models, names)
+    steps = []
+    for (first, before), (second, after) in pairwise(zip(models, names, strict=True)):
+        refuse_other_layout(first.arm, second.arm, (before, after))
+        moved = what_moved(first, second)
+        assert moved is not None
+        steps.append(DriftStep(first=before, second=after, what_moved=moved))
+    changes = [
+        f"{step.first} to {step.second}: {step.what_moved.line}"
+        for step in steps
+        if step.what_moved.verdict != "unchanged"
+    ]
+    return DriftRecord(
+        robot=models[0].arm.name,
+        campaigns=tuple(names),
+        parameters=_parameter_rows(models, names),
+        steps=tuple(steps),
+        line="; ".join(changes) or f"unchanged over {len(models)} campaigns",
+    )
+
+
+def _refuse_models(models: Sequence[FittedModel], names: Sequence[str]) -> None:
+    if len(models) < 2:
+        raise ModelError(
+            "drift over a single model",
+            where="models",
+            value=len(models),
+            allowed="two models or more, in order of time",
+            remedy="give the models of further campaigns",
+        )
+    for model, name in zip(models, names, strict=True):
+        if model.covariance is None:
+            raise ModelError(
+                "the covariance of a model is not known",
+                where=name,
+                allowed="models with the file of their covariance beside them",
+                remedy="copy model.covariance.npz together with model.yaml, or export it again",
+            )
+    if len(set(names)) < len(names):
+        raise ModelError(
+            "two models of the same name",
+            where="models",
+            value=list(names),
+            allowed="a name for each",
+            remedy="give each campaign once",
+        )
+
+
+def _parameter_rows(models: Sequence[FittedModel], names: Sequence[str]) -> DriftRows:
+    """Return the parameters of links, springs and effects of all models, with 95 % intervals.
+
+    Without those that no pose determines: they have no uncertainty (0, or nan).
+    """
+    rows = [
+        {
+            "campaign": name,
+            "term": term.id,
+            "of": term.of,
+            "parameter": parameter.name,
+            "unit": parameter.unit,
+            "value": value,
+            "std": std,
+            "low": value - HALF_WIDTH_95 * std,
+            "high": value + HALF_WIDTH_95 * std,
+        }
+        for model, name in zip(models, names, strict=True)
+        for term, parameter, value, std in model.every_reported()
+        if std > 0.0 and len(term.parameters) <= COMPARED.most_parameters and _belongs_to_arm(term)
+    ]
+    return DriftRows.model_validate(rows)
+
+
+def _belongs_to_arm(term: Term) -> bool:
+    """Return whether a term is of links, springs or effects: not of a base, tool or weight."""
+    return {"base", "tool", "weight"}.isdisjoint(term.roles)

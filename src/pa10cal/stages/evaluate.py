@@ -53,7 +53,7 @@ def evaluate(
             f"{name} {model.mean_mm:.3f}/{model.peak_mm:.3f} mm"
             for name, model in held_out.by_parts.items()
         )
-        print(f"{holdout.said_of_parts(held_out.parts)}: mean/peak {errors}")
+        print(f"{holdout.base_motion_line(held_out.parts)}: mean/peak {errors}")
 
 
 def transfer(
@@ -83,7 +83,7 @@ def transfer(
     """
     from pa10cal.discovery.preparation import setup_of
     from pa10cal.errors import CalibrationError, RecordError
-    from pa10cal.evaluation.holdout import Evaluation, said_of_parts, transfer_record
+    from pa10cal.evaluation.holdout import Evaluation, base_motion_line, transfer_record
     from pa10cal.options import DiscoveryOptions
     from pa10cal.results.calibration import GeneralCalibrationRecord
     from pa10cal.results.codec import write
@@ -116,6 +116,6 @@ def transfer(
     print(f"{campaign.name}: model of {record.campaign}, base and tool fitted: rms {summary}")
     if carried.parts and carried.one_base:
         whole = ", ".join(f"{name} {each.rms_mm:.3f} mm" for name, each in carried.one_base.items())
-        print(f"{said_of_parts(carried.parts)} (with one base: rms {whole})")
+        print(f"{base_motion_line(carried.parts)} (with one base: rms {whole})")
     if carried.worse:
         print(f"warning: {carried.worse}")

@@ -1,6 +1,6 @@
-"""Base and tool of a carried model, fitted anew in a campaign: one base, or one for every part.
+"""A model carried to another campaign: base and tool fitted anew, one base or one for every part.
 
-A campaign in which instrument or base moved suddenly is parted at the times of these steps. The
+A campaign in which instrument or base moved suddenly is divided at the times of these steps. The
 search in time (`discovery.in_time`) finds them in the residuals of the calibration poses; held-out
 poses are not used.
 """
@@ -36,17 +36,18 @@ from pa10cal.terms.of_campaign import motion_of_base
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class RefittedModel:
     """A model whose base and tool were fitted to the calibration poses of a campaign."""
 
     model: FittedModel  # the model with base and tool as fitted
-    poses: Observations  # those poses, averaged, with all that its terms read
-    rms_mm: float  # its error in them
+    every: Observations  # single readings of the campaign
+    poses: Observations  # its calibration poses, averaged, with all that the model's terms read
+    rms_mm: float  # error of the model in these poses
 
 
-def placed(
+def with_frames_refitted(
     model: FittedModel, every: Observations, setup: MeasurementSetup, cuts_s: Sequence[float] = ()
-) -> Placed:
+) -> RefittedModel:
     """Fit base and tool of a model to the calibration poses of a campaign.
 
     The base is fitted for every part between the times `cuts_s`, the tool for all together.
@@ -58,19 +59,17 @@ def placed(
     model = with_tool_of(model, setup.payload, logged=logged)
     poses = poses_for_model(every, "grid", model, setup, cuts_s)
     refitted = refit_frames(model, poses, cuts_s)
-    return Placed(refitted, poses, summarise(refitted.deviations(poses)).rms_mm)
+    return RefittedModel(refitted, every, poses, summarise(refitted.deviations(poses)).rms_mm)
 
 
-def steps_elsewhere(
-    model: FittedModel, every: Observations, setup: MeasurementSetup
-) -> tuple[float, ...]:
-    """Return the times [s] at which instrument or base moved suddenly, by a carried model.
+def base_steps_s(refitted: RefittedModel, setup: MeasurementSetup) -> tuple[float, ...]:
+    """Return the times [s] at which instrument or base moved suddenly, to divide a campaign at.
 
-    Base and tool of the model were fitted to the calibration poses. Empty where the search in time
-    finds no certain step, where rows are not in order of time, and for a group, each of whose
-    campaigns has its own base.
+    Empty where the search in time finds no certain step, where rows are not in order of time, and
+    for a group, each of whose campaigns has its own base.
     """
-    readings = every.of_kind("grid").turned(model.R_ee_target)
+    model = refitted.model
+    readings = refitted.every.of_kind("grid").turned(model.R_ee_target)
     if readings.measured.campaigns or not len(readings):
         return ()
     model = replace(model.with_bends(), covariance=None, falls_back=None)
@@ -96,14 +95,18 @@ def steps_elsewhere(
     )
     if search.wander is None:
         return ()
-    return worth_cutting(every, steps_told(steps_in_time(search.wander, with_base, poses)))
+    steps_s = steps_told(steps_in_time(search.wander, with_base, poses))
+    return with_enough_poses(refitted.every, steps_s)
 
 
-def worth_cutting(every: Observations, steps_s: Sequence[float]) -> tuple[float, ...]:
-    """Return the steps at which to part a campaign, in order of time.
+def with_enough_poses(every: Observations, steps_s: Sequence[float]) -> tuple[float, ...]:
+    """Return the steps [s] between which there are poses enough for a base, in order of time.
 
-    Of steps by falling certainty. A part with too few calibration poses for a base of its own is
-    joined to a neighbour by omitting the less certain of the steps at its ends.
+    A part with too few is joined to a neighbour by omitting the less certain of the steps at its
+    ends.
+
+    Args:
+        steps_s: times of steps, the most certain first.
     """
     readings, kept = every.of_kind("grid"), list(steps_s)
     while kept:
@@ -131,16 +134,16 @@ def _enough(readings: Observations, cuts_s: Sequence[float]) -> list[bool]:
     return enough
 
 
-def parts_of(
-    by_parts: Placed, every: Observations, cuts_s: Sequence[float]
-) -> tuple[PartOfCampaign, ...]:
+def campaign_parts(refitted: RefittedModel, cuts_s: Sequence[float]) -> tuple[PartOfCampaign, ...]:
     """Return the parts of a campaign, and how the base moved from each to the next.
 
-    By a model that was placed with these `cuts_s`.
+    Args:
+        refitted: a model with a base for every part.
+        cuts_s: times between these parts.
     """
+    every, parts = refitted.every, []
     part = part_of(every.states.time_s, cuts_s)
-    parts = []
-    for k, (moved_mm, turned_mrad) in enumerate(_base_motions(by_parts, cuts_s[0])):
+    for k, (moved_mm, turned_mrad) in enumerate(_base_motions(refitted, cuts_s[0])):
         here = every.take(part == k)
         parts.append(
             PartOfCampaign(
@@ -155,13 +158,15 @@ def parts_of(
     return tuple(parts)
 
 
-def _base_motions(by_parts: Placed, first_part_s: float) -> list[tuple[float | None, float | None]]:
+def _base_motions(
+    refitted: RefittedModel, first_part_s: float
+) -> list[tuple[float | None, float | None]]:
     """Return how far the base of each part moved from that of the part before.
 
-    As the rms displacement of the measured poses [mm], at a time of the first part, and the angle
-    [mrad]; None of the first part.
+    As the rms displacement of the measured poses [mm] and the angle [mrad]; None for the first
+    part, in which `first_part_s` is a time.
     """
-    model, states = by_parts.model, by_parts.poses.states
+    model, states = refitted.model, refitted.poses.states
     in_first_part = replace(states, time_s=np.full(len(states), first_part_s))
     ends_m = model.model.predict(in_first_part, model.x)[:, :3, 3]
     T_first_bases: list[Array] = [np.eye(4)]  # each base in that of the first part
