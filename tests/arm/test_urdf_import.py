@@ -95,6 +95,12 @@ def test_forward_kinematics_is_that_of_the_file(joints, seed):
     assert set(np.flatnonzero(arm.hayati) + 1) == near
 
 
+def test_limits_that_stand_for_none_are_no_reason_to_refuse_an_arm():
+    joints = [("revolute", (0.1, 0.2, 0.3), (0.4, 0.3, 1.1), (0, 1, 0))] * 3
+    text = robot(joints).replace('lower="-1.5" upper="2"', 'lower="-1e16" upper="1e16"')
+    assert imported(text).arm.limits_rad.tolist() == [[-1e16, 1e16]] * 3
+
+
 @examples(25)
 @given(seed=st.integers(0, 10_000), convention=st.sampled_from(["standard", "modified"]))
 def test_an_exported_arm_comes_back_the_same(random_arm, seed, convention):

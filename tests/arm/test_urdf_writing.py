@@ -231,6 +231,18 @@ def test_all_but_origins_stays():
     assert "drake:declare" in text
 
 
+def test_an_export_that_is_imported_and_exported_again_has_every_name_once():
+    text = own("tool").text
+    for _ in range(3):
+        source = UrdfSource(text, "mine.urdf", "base", "tool")
+        chain = chain_of(source)
+        text = patched_urdf(source, chain, departed(chain), {"tool": T_FLANGE_TOOL})
+    names = [link.get("name") for link in parse_urdf(text).robot.findall("link")]
+    assert len(set(names)) == len(names)
+    assert {"tool_pa10cal", "tool_pa10cal_2", "tool_pa10cal_3"} <= set(names)
+    chain_of(UrdfSource(text, "mine.urdf", "base", "tool"))
+
+
 def test_as_designed_nothing_moves():
     source = own()
     chain = chain_of(source)

@@ -225,6 +225,8 @@ TRANSPOSED[1, 3, 0] = 0.5
         (np.full((1, 4, 4), np.nan), {}, r"T\[0\]: not a pose"),
         (TRANSPOSED, {}, r"T\[1\]: not a pose.*last row 0, 0, 0, 1;.*transposed"),
         (np.eye(4), {"seed": np.zeros(5)}, "seeds of another arm"),
+        (np.eye(4), {"seed": [0.0, np.nan, 0.0, 0.0, 0.0, 0.0]}, "a seed of some joints"),
+        (np.eye(4), {"seed": np.full(6, np.inf)}, "a seed of some joints"),
         (np.eye(4), {"frame": "tol"}, "unknown frame.*flange, tool"),
         (np.eye(4), {"load_N": -1.0}, "does not know this load"),
         (np.eye(4), {"load_N": [0.0, 1.0]}, r"load_N: not one number.*shape \(1,\)"),

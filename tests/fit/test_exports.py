@@ -11,10 +11,18 @@ import pytest
 
 from made_up_model import fitted, postures, vocabulary
 from made_up_poses import at_rest
-from pa10cal.fit.rigid import best_rigid_model, beyond_rigid, beyond_rigid_mm, dh_text, rigid_part
+from pa10cal.fit.rigid import (
+    best_rigid_model,
+    beyond_rigid,
+    beyond_rigid_mm,
+    dh_text,
+    rigid_part,
+    terms_beyond_rigid,
+)
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.options import Tolerances
+from pa10cal.terms.effects.readings import Scale
 from pa10cal.terms.joint_spring import JointSpring
 from pa10cal.terms.term import link_departures, tool_frame
 
@@ -43,6 +51,11 @@ def test_tool_and_targets_hang_on_the_flange_of_the_rigid_part():
     frames = rigid_part(pointed).frames
     assert [*frames] == ["target_A", "target_B"]
     np.testing.assert_allclose(frames["target_B"][:3, 3], [0.3, 0.4, 0.5], atol=1e-15)
+
+
+def test_what_moves_no_robot_is_nothing_that_a_urdf_lacks():
+    model = fitted("ur10", 1, lambda arm: (*links(arm), Scale("instrument")))
+    assert not terms_beyond_rigid(model)
 
 
 def test_what_a_urdf_lacks_is_what_the_model_predicts_beyond_its_links():

@@ -18,7 +18,13 @@ from pa10cal.arm.statics import PoseStates
 from pa10cal.errors import ModelError, TermError
 from pa10cal.files.arms import arm_names, load_arm
 from pa10cal.fit.covariance_file import covariance_beside, write_covariance
-from pa10cal.fit.fitted_model import SCHEMA, FittedModel, load_model, save_model
+from pa10cal.fit.fitted_model import (
+    SCHEMA,
+    FittedModel,
+    load_model,
+    model_to_plain,
+    save_model,
+)
 from pa10cal.numerics.periodic_spline import (
     MapMotion,
     b_splines,
@@ -326,6 +332,17 @@ def saved(tmp_path_factory):
     return folder
 
 
+def weights(**changes):
+    """Return the weights of a six-joint arm as its file has them."""
+    known = {"from": "stated", "why": "", "mass_u": [0.1] * 6, "com_u_m": [0.01] * 6}
+    return {**known, "by_log": None, **changes}
+
+
+def by_log(**changes):
+    """Return what a log shows of these weights, as the file has it."""
+    return {"x": [0.0] * 27, "covariance": np.zeros((27, 27)).tolist(), "said": "", **changes}
+
+
 @pytest.mark.slow_but_one_in(9)
 @pytest.mark.parametrize(
     "change",
@@ -342,6 +359,23 @@ def saved(tmp_path_factory):
         lambda plain: plain["payload"].update(load_point_m=float("nan")),
         lambda plain: plain["payload"].update(com_m=[0.0, 0.0]),
         lambda plain: plain["payload"].update(mass_kg=float("inf")),
+        lambda plain: plain["arm"].update(convention="Modified"),
+        lambda plain: plain["arm"]["rows"][1].update(prismatic=None),
+        lambda plain: plain["arm"]["rows"][1].update(hayati="false"),
+        lambda plain: plain["arm"].update(coupling=[{"joint": 7, "by": 1, "factor": 1.0}]),
+        lambda plain: plain["arm"].update(
+            coupling=[{"joint": 1, "by": 2, "factor": 1.0}, {"joint": 2, "by": 1, "factor": 1.0}]
+        ),
+        lambda plain: plain["arm"].update(weights=weights(mass_u=[0.1])),
+        lambda plain: plain["arm"].update(weights=weights(com_u_m=[None] * 6)),
+        lambda plain: plain["arm"].update(weights={**weights(), "from": "hearsay"}),
+        lambda plain: plain["arm"].update(weights=weights(by_log=by_log(x=[0.0]))),
+        lambda plain: plain["arm"].update(weights=weights(by_log=by_log(zero_Nm=[1.0]))),
+        lambda plain: plain["targets_m"].update({"1": [0.0, 0.1], "2": [0.1, 0.1], "3": [0, 0]}),
+        lambda plain: plain["seen"].pop(),
+        lambda plain: plain["seen"][0].update(intervals=[[1.0, -1.0]]),
+        lambda plain: plain["seen"][0].update(intervals=[[-1.0, float("nan")]]),
+        lambda plain: plain.update(otherwise={"probability": 1.5, "model": dict(plain)}),
     ],
 )
 def test_frames_that_are_none_are_refused(change, saved, tmp_path):
@@ -349,8 +383,21 @@ def test_frames_that_are_none_are_refused(change, saved, tmp_path):
     plain = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
     change(plain)
     path.write_text(yaml.dump(plain, Dumper=yaml.CSafeDumper), encoding="utf-8")
-    with pytest.raises(ModelError, match=r"model\.yaml: .*cannot be built"):
+    with pytest.raises(ModelError, match=r"model\.yaml.*: .*cannot be built"):
         load_model(path)
+
+
+def test_a_model_to_fall_back_to_is_of_the_same_arm(saved, tmp_path):
+    path = shutil.copytree(saved, tmp_path / "saved") / "model.yaml"
+    plain = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
+    other = model_to_plain(fitted("iiwa14", 1, links_only))
+    for change in (
+        {"otherwise": {"probability": 0.1, "model": other}},
+        {"falls_back": {"within": plain["seen"], "model": other}},
+    ):
+        path.write_text(yaml.dump({**plain, **change}, Dumper=yaml.CSafeDumper), encoding="utf-8")
+        with pytest.raises(ModelError, match="7 joints"):
+            load_model(path)
 
 
 def test_a_covariance_has_the_same_bytes_under_every_python(tmp_path):

@@ -222,6 +222,19 @@ def test_covariance_never_exceeds_what_leaving_the_motion_out_costs(case):
     assert np.sqrt(np.mean(normalised(found, motion) ** 2)) < 1.4
 
 
+@pytest.mark.parametrize("targets", [2, 4])
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_target_of_which_no_reading_is_right_changes_nothing_else(targets, times):
+    t, p, u, _ = readings(np.random.default_rng(13), 100, targets + 1)
+    others = common_motion(t, p[:, :targets], u[:, :targets])
+    p[times:, targets] = np.nan
+    p[0, targets] += 5e-3
+    found = common_motion(t, p, u)
+    assert found.form == others.form
+    assert not found.used[1:, targets].any()
+    np.testing.assert_allclose(found.motion[1:], others.motion[1:], atol=2.0 * U_M)
+
+
 def test_targets_in_line_show_shifts_alone():
     rng = np.random.default_rng(5)
     t, p, u, _ = readings(rng, 200, 3, 0.0, 0.0)

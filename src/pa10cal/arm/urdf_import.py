@@ -87,7 +87,9 @@ def arm_from_urdf_text(
         **rows.arm_fields,
     )
     arm = with_hayati_rows(arm)
-    low, high = arm.limits_rad.T
+    # Some files state limits of many turns for none, at which rounding would be all that shows.
+    bound = np.where(arm.prismatic, np.inf, _FULL_TURN_RAD)
+    low, high = np.clip(arm.limits_rad.T, -bound, bound)
     q = np.random.default_rng(_SEED).uniform(low, high, (_CHECKS, arm.n))
     expected = np.array([model.T_base_ee(positions) for positions in q])
     off_m, off_rad = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from xml.etree import ElementTree
 
 import numpy as np
@@ -124,7 +125,7 @@ def patched_urdf(
     """Return a URDF with calibrated origins, and links for flange, tool and targets added.
 
     Names, axes, limits, shapes and inertials stay. The link `flange` is that of the chain. An added
-    link whose name the URDF uses already is called `<name>_pa10cal`.
+    link whose name the URDF uses already is called `<name>_pa10cal`, or `<name>_pa10cal_2`, ….
 
     Args:
         source: the URDF, which the arm of the chain was imported from.
@@ -194,11 +195,19 @@ def _add_fixed(robot: ElementTree.Element, parent: str, name: str, T: Array, use
 
     Names that are in use get a suffix; those added count as used from then on.
     """
-    link, joint = (word if word not in used else f"{word}_pa10cal" for word in (name, f"to_{name}"))
+    link, joint = _unused(name, used), _unused(f"to_{name}", used)
     used.update((link, joint))
     _joint(robot, joint, "fixed", parent, link, T).tail = "\n"
     robot[-2].tail = "\n  "
     return link
+
+
+def _unused(name: str, used: set[str]) -> str:
+    """Return a name, with the first suffix of `_pa10cal`, `_pa10cal_2`, … where it is in use."""
+    if name not in used:
+        return name
+    suffixed = (f"{name}_pa10cal{f'_{number}' * (number > 1)}" for number in count(1))
+    return next(each for each in suffixed if each not in used)
 
 
 def _refuse_another_arm(

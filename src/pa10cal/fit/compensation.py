@@ -182,6 +182,16 @@ def _seeds(model: Fitted, count: int, seed: ArrayLike | None) -> tuple[Array, Ma
             allowed=f"({n},) or ({count}, {n}) for {model.arm.name}",
             remedy="give one column a joint, in radians (metres for a joint that slides)",
         )
+    in_part = ~np.isfinite(given).all(axis=-1) & ~np.isnan(given).all(axis=-1)
+    if in_part.any():
+        row = int(np.argmax(in_part))
+        raise ModelError(
+            "a seed of some joints only",
+            where=f"seed[{row}]" if given.ndim == 2 else "seed",
+            value=np.atleast_2d(given)[row].tolist(),
+            allowed="finite positions of all joints, or nan for all",
+            remedy="complete the seed, or leave it out",
+        )
     seeds = given.copy() if given.ndim == 2 else np.full((count, n), np.nan)
     if given.ndim == 1:
         seeds[0] = given

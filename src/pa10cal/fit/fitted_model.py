@@ -367,11 +367,30 @@ def _otherwise_to_plain(other: Otherwise) -> dict[str, Any]:
     return {"probability": other.probability, "model": model_to_plain(other.model)}
 
 
-def _otherwise_from_plain(content: Any, where: str) -> Otherwise | None:
+def _otherwise_from_plain(content: Any, arm: Arm, where: str) -> Otherwise | None:
+    """Return the model under another explanation, and its probability, in the file of a model."""
     if content is None:
         return None
-    model = model_from_plain(content["model"], where=f"{where}: otherwise.model")
-    return Otherwise(model, float(content["probability"]))
+    probability = float(content["probability"])
+    if not 0.0 <= probability <= 1.0:
+        raise ValueError(f"otherwise.probability is {probability}, and not from 0 to 1")
+    return Otherwise(_of_same_arm(content["model"], arm, f"{where}: otherwise.model"), probability)
+
+
+def _fall_back_from_plain(content: Any, arm: Arm, where: str) -> FallBack | None:
+    """Return what a model falls back to, in the file of the model."""
+    if content is None:
+        return None
+    within = AngleCoverage.from_plain(content["within"], arm.n)
+    return FallBack(within, _of_same_arm(content["model"], arm, f"{where}: falls_back.model"))
+
+
+def _of_same_arm(content: Any, arm: Arm, where: str) -> FittedModel:
+    """Return a model within another one; refuse one of an arm with another number of joints."""
+    model = model_from_plain(content, where=where)
+    if model.arm.n != arm.n:
+        raise ValueError(f"{where} is of {model.arm.n} joints, and the model of {arm.n}")
+    return model
 
 
 def model_from_plain(
@@ -396,7 +415,8 @@ def model_from_plain(
             remedy="export the model again",
         )
     try:
-        field = content.get("field")  # older files have no such key
+        # Older files have none of the keys that are asked for by `get`.
+        field = content.get("field")
         entries = [*content["terms"], *([] if field is None else [field])]
         if covariance is not None:
             size = sum(len(term["x"]) for term in entries) + len(BASE)
@@ -407,8 +427,7 @@ def model_from_plain(
         chain = Chain.of(arm, bends=tuple(content["arm"]["bends"]))
         targets = content["targets_m"]
         fitted, payload, seen = content["fitted_to"], content["payload"], content["seen"]
-        # Older files have neither key.
-        falls_back, lacks = content.get("falls_back"), content.get("discrepancy")
+        lacks = content.get("discrepancy")
         return FittedModel(
             model=Model(chain, terms),
             x=np.concatenate([np.zeros(0), *(x for _, x in pairs)]),
@@ -418,21 +437,18 @@ def model_from_plain(
                 name: rotation_from_plain(R, f"R_first_target_of.{name}")
                 for name, R in content["tool"].get("R_first_target_of", {}).items()
             },
-            targets_m=finite(list(targets.values()), "targets_m").ravel(),
+            targets_m=np.concatenate(
+                [np.zeros(0), *(finite(p, name, 3) for name, p in targets.items())]
+            ),
             target_names=tuple(targets),
             targets_off_m=finite(content["targets_off_m"], "targets_off_m"),
             covariance=covariance,
             payload=None if payload is None else _payload_from_plain(payload),
             fitted_to=None if fitted is None else FittedTo.model_validate(fitted),
-            seen=None if seen is None else AngleCoverage.from_plain(seen),
+            seen=None if seen is None else AngleCoverage.from_plain(seen, arm.n),
             discrepancy=None if lacks is None else Discrepancy.from_plain(lacks, arm.n),
-            falls_back=None
-            if falls_back is None
-            else FallBack(
-                AngleCoverage.from_plain(falls_back["within"]),
-                model_from_plain(falls_back["model"], where=f"{where}: falls_back.model"),
-            ),
-            otherwise=_otherwise_from_plain(content.get("otherwise"), where),
+            falls_back=_fall_back_from_plain(content.get("falls_back"), arm, where),
+            otherwise=_otherwise_from_plain(content.get("otherwise"), arm, where),
         )
     except Pa10calError:
         raise

@@ -142,7 +142,7 @@ class Forward:
 
         def moves(term: Term) -> bool:
             """Return whether a term moves the frame in the base."""
-            if term.of == "instrument" or term.falsifies_log:
+            if not moves_robot(term):
                 return False
             if on_tool:
                 return term not in tools.values() or term is tool_term
@@ -351,6 +351,11 @@ class Forward:
 
     def _coordinates(self, states: PoseStates) -> Array:
         return self.physical.chain_coordinates(states, self.x)
+
+
+def moves_robot(term: Term) -> bool:
+    """Return whether a term moves the robot, and not only what instrument or log show of it."""
+    return term.of != "instrument" and not term.falsifies_log
 
 
 def predicted(model: Fitted, given: PoseStates, frame: str) -> Prediction:

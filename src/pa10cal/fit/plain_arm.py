@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 
 from pa10cal.arm.chain import BASE, TOOL
 from pa10cal.arm.coupling import CoupledJoint
-from pa10cal.arm.description import ROW_FIELDS, Arm, Controller, WeighedByLog, WeightsKnown
-from pa10cal.arrays import Array
+from pa10cal.arm.description import (
+    ROW_FIELDS,
+    Arm,
+    Controller,
+    WeighedByLog,
+    WeightsFrom,
+    WeightsKnown,
+)
+from pa10cal.arrays import Array, Mask
 from pa10cal.rules import LISTS
 
+#: Forward kinematics by each convention, in words for people who read the file.
 _CONVENTIONS = {
-    "standard": "T_base_row1, then Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) of every row, then "
-    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
-    "modified": "T_base_row1, then Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d) of every row, then "
-    "T_row_n_flange; q is added to theta of a joint that turns, to d of one that slides",
+    convention: f"T_base_row1, then {motions} of every row, then T_row_n_flange; q is added to "
+    "theta of a joint that turns, to d of one that slides"
+    for convention, motions in (
+        ("standard", "Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)"),
+        ("modified", "Ry(beta) Rx(alpha) Tx(a) Rz(theta) Tz(d)"),
+    )
 }
+#: Errors of logged torques, which a file has where some joint shows one.
+_OF_LOG = ("zero_Nm", "friction_Nm", "u_friction_Nm")
 
 
 def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
@@ -62,11 +74,8 @@ def arm_to_plain(arm: Arm, bends: tuple[int, ...] = ()) -> dict[str, Any]:
     return plain
 
 
-#: Errors of logged torques, which a file has where some joint shows one.
-_OF_LOG = ("zero_Nm", "friction_Nm", "u_friction_Nm")
-
-
 def _by_log_to_plain(by_log: WeighedByLog) -> dict[str, Any]:
+    """Return what a log shows of the weights; without errors of torques that no joint shows."""
     plain = {"x": by_log.x, "covariance": by_log.covariance, "said": by_log.said}
     plain |= {name: errors for name in _OF_LOG if len(errors := getattr(by_log, name))}
     return {name: plain_value(value) for name, value in plain.items()}
@@ -76,50 +85,72 @@ def arm_from_plain(content: Mapping[str, Any]) -> Arm:
     """Return the arm that `arm_to_plain` described.
 
     Raises:
+        ArmError: when the arm cannot be used.
         KeyError: when a key is missing.
         ValueError: when a value cannot be used.
     """
+    if content["convention"] not in _CONVENTIONS:
+        raise ValueError(f"convention is not one of {', '.join(_CONVENTIONS)}")
     rows = content["rows"]
-    has_masses = all(row["mass_kg"] is not None for row in rows)
-    columns: dict[str, Any] = {
-        name: np.array(
-            [np.nan if row[name] is None else row[name] for row in rows],
-            dtype=bool if name in ("hayati", "prismatic") else float,
-        )
+    masses_known = all(row["mass_kg"] is not None for row in rows)
+    columns: dict[str, Array | Mask | None] = {
+        name: _column(rows, name) if masses_known or name not in ("mass_kg", "com_m") else None
         for name in ROW_FIELDS
-        if has_masses or name not in ("mass_kg", "com_m")
     }
-    for name, values in columns.items():
-        shape = {"limits_rad": (len(rows), 2), "com_m": (len(rows), 3)}.get(name, (len(rows),))
-        if values.shape != shape:
-            raise ValueError(f"{name} of the rows has not {shape} numbers")
-        # These need not be known.
-        if name not in ("gear_ratio", "torque_limit_Nm", "limits_rad"):
-            finite(values, name)
-    if not has_masses:
-        columns |= {"mass_kg": None, "com_m": None}
-    known = None
-    if (weights := content.get("weights")) is not None:
-        mass, com_m = (np.array(weights[key], dtype=float) for key in ("mass_u", "com_u_m"))
-        known = WeightsKnown(weights["from"], mass, com_m, str(weights["why"]))
-        if (log := weights.get("by_log")) is not None:
-            log = {**log, "x": finite(log["x"], "x"), "covariance": finite(log["covariance"], "")}
-            log |= {name: finite(log[name], name) for name in _OF_LOG if name in log}
-            known = replace(known, by_log=WeighedByLog(**log))
-    return Arm(
+    arm = Arm(
         name=str(content["name"]),
         title=str(content["title"]),
         convention=content["convention"],
-        **columns,
+        **cast(dict[str, Any], columns),
         T_base_row1=pose_from_plain(content["T_base_row1"], "T_base_row1"),
         T_row_n_ee=pose_from_plain(content["T_row_n_flange"], "T_row_n_flange"),
-        weights_known=known,
+        weights_known=_weights_from_plain(content.get("weights"), len(rows)),
         coupled=tuple(CoupledJoint(**plain) for plain in content.get("coupling", ())),
-        controller=_controller(content.get("controller")),
+        controller=_controller_from_plain(content.get("controller")),
     )
+    named = {joint for coupled in arm.coupled for joint in (coupled.joint, coupled.by)}
+    if not named <= set(range(1, arm.n + 1)) or arm.coupling.singular:
+        raise ValueError("coupling is not one of the joints that the rows describe")
+    return arm
 
 
-def _controller(content: Mapping[str, Any] | None) -> Controller | None:
+def _column(rows: Sequence[Mapping[str, Any]], name: str) -> Array | Mask:
+    """Return one field of all rows as a column of `Arm`; refuse what is none (ValueError)."""
+    entries = [row[name] for row in rows]
+    if name in ("hayati", "prismatic"):
+        if not all(isinstance(entry, bool) for entry in entries):
+            raise ValueError(f"{name} of the rows is not true or false")
+        return np.array(entries, dtype=bool)
+    shape = (len(rows), *{"limits_rad": (2,), "com_m": (3,)}.get(name, ()))
+    column = np.array([np.nan if entry is None else entry for entry in entries], dtype=float)
+    if column.shape != shape:
+        raise ValueError(f"{name} of the rows has not {shape} numbers")
+    need_not_be_known = name in ("gear_ratio", "torque_limit_Nm", "limits_rad")
+    return column if need_not_be_known else finite(column, name)
+
+
+def _weights_from_plain(content: Mapping[str, Any] | None, n: int) -> WeightsKnown | None:
+    """Return how well the weights of n links are known; None where the file does not say."""
+    if content is None:
+        return None
+    if content["from"] not in get_args(WeightsFrom):
+        raise ValueError(f"weights are from none of {', '.join(get_args(WeightsFrom))}")
+    mass, com_m = (finite(content[key], key, n) for key in ("mass_u", "com_u_m"))
+    known = WeightsKnown(content["from"], mass, com_m, str(content["why"]))
+    if (log := content.get("by_log")) is None:
+        return known
+    size = 4 * n + 3
+    shapes = {"x": (size,), "covariance": (size, size), **dict.fromkeys(_OF_LOG, (n,))}
+    arrays = {
+        name: finite(log[name], f"by_log.{name}", *shape)
+        for name, shape in shapes.items()
+        if name in log
+    }
+    return replace(known, by_log=WeighedByLog(**{**log, **arrays}))
+
+
+def _controller_from_plain(content: Mapping[str, Any] | None) -> Controller | None:
+    """Return what the controller computes with; None where the file does not say."""
     if content is None:
         return None
     arm = content["arm"]
@@ -130,11 +161,13 @@ def _controller(content: Mapping[str, Any] | None) -> Controller | None:
     )
 
 
-def finite(value: Any, name: str) -> Array:
-    """Return numbers as an array; refuse others (ValueError)."""
+def finite(value: Any, name: str, *shape: int) -> Array:
+    """Return numbers as an array, of a shape if one is given; refuse others (ValueError)."""
     numbers = np.array(value, dtype=float)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} is not made of finite numbers")
+    if shape and numbers.shape != shape:
+        raise ValueError(f"{name} has not {shape} numbers")
     return numbers
 
 
@@ -149,7 +182,7 @@ def pose_from_plain(value: Any, name: str) -> Array:
 
 def rotation_from_plain(value: Any, name: str) -> Array:
     """Return a rotation (3, 3); refuse another matrix (ValueError)."""
-    R = finite(value, name).reshape(3, 3)
+    R = finite(value, name, 3, 3)
     if np.abs(R @ R.T - np.eye(3)).max() > LISTS.rotation_within or np.linalg.det(R) < 0.0:
         raise ValueError(f"{name} has no rotation: its columns are axes of length one")
     return R

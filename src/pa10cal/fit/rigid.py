@@ -11,7 +11,7 @@ from pa10cal.arrays import Array
 from pa10cal.errors import ModelError
 from pa10cal.files.output import csv_text
 from pa10cal.fit.fitted import FLANGE, TARGET, TOOL_FRAME, Fitted
-from pa10cal.fit.forward import T_flange_frame, pose_difference, predicted
+from pa10cal.fit.forward import T_flange_frame, moves_robot, pose_difference, predicted
 from pa10cal.observe.observations import Observations
 from pa10cal.options import Tolerances
 from pa10cal.rules import PARAMETERS
@@ -148,7 +148,7 @@ def beyond_rigid(model: Fitted, observations: Observations) -> str:
 
 def terms_beyond_rigid(model: Fitted) -> str:
     """Return the terms of a model that rigid links cannot hold, in words; empty where none is."""
-    beyond = [term for term in model.model.terms if not term.constant]
+    beyond = [term for term in model.model.terms if not term.constant and moves_robot(term)]
     return ", ".join(f"{term.id} of {term.of}" for term in beyond)
 
 

@@ -81,12 +81,19 @@ class AngleCoverage:
         ]
 
     @classmethod
-    def from_plain(cls, content: Any) -> Self:
-        """Return the coverage that `to_plain` described."""
-        return cls(
-            tuple(np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content),
-            tuple(bool(joint["turns"]) for joint in content),
+    def from_plain(cls, content: Any, n: int) -> Self:
+        """Return the coverage in the file of a model of n joints.
+
+        Raises:
+            ValueError: when it is of another number of joints, or its intervals do not ascend.
+        """
+        intervals = tuple(
+            np.array(joint["intervals"], dtype=float).reshape(-1, 2) for joint in content
         )
+        ascending = (np.all(np.diff(of_joint.ravel()) >= 0.0) for of_joint in intervals)
+        if len(intervals) != n or not all(ascending):
+            raise ValueError(f"joint positions seen are not ascending intervals of {n} joints")
+        return cls(intervals, tuple(bool(joint["turns"]) for joint in content))
 
 
 def overlaps(intervals: Array, others: Array) -> Array:
@@ -190,6 +197,7 @@ class Discrepancy:
             near_m=float(content["near_m"]),
         )
         finite = all(np.isfinite(array).all() for array in numbers.values())
+        finite &= bool(np.isfinite(lack.near_m))
         of_arm = lack.q.shape[1:] == lack.lever_m.shape == lack.turns.shape == (n,)
         of_steps = lack.distance_m.shape == lack.error_mm.shape == (len(lack),)
         if not (of_arm and of_steps and len(lack) and len(lack.q) and finite):

@@ -125,7 +125,7 @@ class _Readings:
         """Return the readings; turns are unknowns where most configurations show them."""
         between = np.diff(time_s)
         usual = np.median(between[between > 0.0]) if (between > 0.0).any() else 1.0
-        b_m = np.nanmean(p_m, axis=0)
+        b_m = _mean_places(p_m)
         about_m = b_m.mean(axis=0)
         seen = np.isfinite(p_m[..., 0])
         shown = _share(seen, lambda pattern: _not_collinear(b_m[pattern]))
@@ -170,7 +170,8 @@ class _Readings:
         fewer = self.thinned()
         still = _still(fewer)
         # With one target, independent motions of the configurations cannot be told from noise.
-        forms: list[Form] = ["walk", "each"] if self.p_m.shape[1] > 1 else ["walk"]
+        several = np.count_nonzero(self.seen.any(axis=0)) > 1
+        forms: list[Form] = ["walk", "each"] if several else ["walk"]
         moving = max((_moving(fewer, form) for form in forms), key=lambda fit: fit.evidence)
         if moving.evidence <= still.evidence + BASE_MOTION.needed_nats:
             return _still(self)
@@ -180,9 +181,7 @@ class _Readings:
         """Return motions of the same form and sizes, fitted to these readings."""
         if fit.form == "still":
             return _still(self)
-        return _solve_with_places(
-            self, fit.form, fit.sizes, fit.variance, np.nanmean(self.p_m, axis=0)
-        )
+        return _solve_with_places(self, fit.form, fit.sizes, fit.variance, _mean_places(self.p_m))
 
     def outliers(self, fit: _Fit) -> Mask:
         """Return the outliers (P, K) of a fit; in each configuration at most the furthest one."""
@@ -248,6 +247,18 @@ class _Readings:
         return max(shown - expected, 0.0) + expected / float(np.sqrt(rows.sum()))
 
 
+def _mean_places(p_m: Array) -> Array:
+    """Return the mean place (K, 3) of each target over its readings (P, K, 3).
+
+    A target of which no reading is left weighs nothing: it gets the mean place of the others.
+    """
+    times = np.isfinite(p_m[..., 0]).sum(axis=0)
+    places_m: Array = np.nansum(p_m, axis=0) / np.maximum(times, 1)[:, None]
+    if times.any():
+        places_m[times == 0] = places_m[times > 0].mean(axis=0)
+    return places_m
+
+
 def _share(seen: Mask, suffices: Callable[[Mask], bool]) -> float:
     """Return the share of configurations (P, K) with any target whose targets suffice."""
     patterns, times = np.unique(seen[seen.any(axis=1)], axis=0, return_counts=True)
@@ -284,7 +295,7 @@ class _Fit:
 
 def _still(readings: _Readings) -> _Fit:
     """Return the fit without any motion."""
-    places_m = np.nanmean(readings.p_m, axis=0)
+    places_m = _mean_places(readings.p_m)
     residual = np.nan_to_num(readings.p_m - places_m)
     square = float(np.sum(residual**2 * readings.weight))
     count = 3.0 * readings.seen.sum()
@@ -334,8 +345,8 @@ def _solve_with_places(
     fit = _solve(readings, form, sizes, variance, places_m)
     for _ in range(_MOST_ITERATIONS):
         moved = np.where(readings.seen[..., None], _moved(readings.modes, fit.motion), np.nan)
-        places_m = np.nanmean(readings.p_m - moved, axis=0)
-        change = float(np.nanmax(np.abs(places_m - fit.places_m)))
+        places_m = _mean_places(readings.p_m - moved)
+        change = float(np.abs(places_m - fit.places_m).max())
         fit = _solve(readings, form, sizes, variance, places_m)
         if change < _SAME_M:
             break
