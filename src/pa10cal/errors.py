@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from typing import Self
 
 #: Longer parts of a message are shortened in their middle [letters]: a file may hold anything.
-_LONGEST = 2000
+_LONGEST_MESSAGE = 2000
 
 #: Control characters, marks that change the direction of text or break its line, and code points
 #: that are no characters; without tabs and ends of lines.
@@ -76,8 +76,8 @@ class Pa10calError(Exception):
 
 def _short(text: str) -> str:
     """Return a text, or if it is too long for a message its beginning and end."""
-    half = _LONGEST // 2
-    return text if len(text) <= _LONGEST else f"{text[:half]} … {text[-half:]}"
+    half = _LONGEST_MESSAGE // 2
+    return text if len(text) <= _LONGEST_MESSAGE else f"{text[:half]} … {text[-half:]}"
 
 
 def no_memory(error: MemoryError) -> str:
@@ -149,7 +149,7 @@ class CurveError(Pa10calError):
 # The word that was probably meant, if one of those known is near enough.
 
 #: Ratio of letters in common from which a known word counts as meant (`difflib`).
-LIKENESS = 0.65
+_LIKENESS = 0.65
 #: Longer words are not compared [letters]: nobody meant them, and it takes long.
 _LONGEST_WORD = 200
 
@@ -168,7 +168,7 @@ def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
         return otherwise
     names = [name for name in known if len(name) <= _LONGEST_WORD]
     by_folded = {name.casefold(): name for name in reversed(names)}
-    close = difflib.get_close_matches(word.casefold(), by_folded, n=1, cutoff=LIKENESS)
+    close = difflib.get_close_matches(word.casefold(), by_folded, n=1, cutoff=_LIKENESS)
     near = [by_folded[folded] for folded in close]
     near = near or [name for name in names if word in name.split("_")]
     return f"did you mean {near[0]!r}?" if near else otherwise
@@ -177,18 +177,19 @@ def remedy_for(word: str, known: Iterable[str], otherwise: str) -> str:
 # Names that become folders and files: of campaigns, groups and robots.
 
 #: Longest name [letters]; with it the shortest limit of a usual file system has room for an ending.
-LONGEST = 100
+_LONGEST_NAME = 100
 
 
 def fits_a_folder(name: str) -> bool:
-    """Return whether a name may become a file or folder: one of those that `ALLOWED` describes."""
+    """Return whether a name may become a file or folder, as `NAME_RULE` describes."""
     allowed = all(letter.isalnum() or letter in "-_." for letter in name)
-    return 0 < len(name) <= LONGEST and allowed and name[0] not in ".-"
+    return 0 < len(name) <= _LONGEST_NAME and allowed and name[0] not in ".-"
 
 
 #: Names of files and folders, in words.
-ALLOWED = (
-    f"a name of at most {LONGEST} letters, digits, '-', '_' and '.', not beginning with '.' or '-'"
+NAME_RULE = (
+    f"a name of at most {_LONGEST_NAME} letters, digits, '-', '_' and '.', not beginning with '.' "
+    "or '-'"
 )
 
 

@@ -1,7 +1,10 @@
-"""Every number that readings, frames, fitted models and their comparison hang on, once.
+"""Every number on which readings, frames, fitted models and their comparison depend, once.
 
-Where it is from, in brackets: as in `discovery/rules.py`. Steps and tolerances of an algorithm
-stand where it does, under a comment that ends in `(computing)`.
+Its source is in brackets: `level`, a probability or odds that were chosen; `statistics`, what
+theory says; `size`, what parts of robots and instruments are like; `measured`, what parted right
+from wrong on measured robots; `chosen`, a plausible round number, which no study has fixed; `told`,
+how much is printed; `computing`, time and rounding alone. Steps and tolerances of an algorithm
+stand in its own module, under a comment that ends in `(computing)`.
 """
 
 from __future__ import annotations
@@ -15,38 +18,38 @@ import numpy as np
 class Order:
     """What the order of rows says: time, places, arrivals, paths."""
 
-    # rank correlation with time from which on the order goes with a joint or a load (chosen)
+    # rank correlation with time from which on the order of rows goes with a joint or load (chosen)
     ordered: float = 0.9
-    # the largest that values have which are equal in either half of the rows: that of values with
-    # more equal ones is taken as part of no less (statistics)
+    # largest rank correlation with time of a value that is constant in either half of the rows; a
+    # correlation counts as part of the largest that its equal values allow, at least this
+    # (statistics)
     of_two_halves: float = 0.75**0.5
     # part of the variance of the rank in time that must lie between readings of the same pose and
     # load for these to show time, whatever the order goes with (chosen)
     again_share: float = 0.01
-    # moves from one pose to the next, in those between any two, that are small: time then goes with
-    # the joint's angle, in pieces (chosen)
+    # moves of a joint from one pose to the next are small below this part of the moves between any
+    # two poses: time then goes with the joint's angle, in pieces (chosen)
     small_moves: float = 0.3
-    # part of the rows on either side that a place of a joint or load must sort rightly, in the mean
-    # of both sides, to part them as a time does (chosen)
+    # a joint position or load parts the rows as a time does where this part of the rows before that
+    # time lies below it and of those after it above, in the mean of both (chosen)
     parted_share: float = 0.95
-    near_rows: int = 15  # rows beside that time that are looked at alone (chosen)
+    near_rows: int = 15  # rows on either side of such a time that are looked at alone (chosen)
     least_rows: int = 8  # rows below which no order is one (statistics)
     # joint positions no farther apart than this are one place: robots come back to a command within
     # a tenth of it, and nothing that an arm errs by differs over it [rad, m] (size)
     one_place: float = 1e-3
-    # with more readings near each than this the robot came back only where it moved in between
-    # (chosen)
+    # with more readings than this beside each in the mean, the robot came back to a place only if
+    # it moved in between (chosen)
     most_near: int = 30
     stood_still: float = 1e-4  # a joint that turned less has not moved [rad, m] (size)
-    # one that turned less has not left the place where its controller had stopped it [rad, m]
-    # (size)
+    # a joint that turned less has not left where its controller had stopped it [rad, m] (size)
     stayed: float = 2e-3
     # part of the configurations that must have a time of their own for times to give an order
     # (chosen)
     own_times_share: float = 0.95
-    # directions that must be known to say that all of a joint are reversed (statistics)
+    # directions of arrival of a joint that must be known to call all of them reversed (statistics)
     least_arrivals: int = 30
-    nearly_always: float = 0.85  # and the part of them that must be (chosen)
+    nearly_always: float = 0.85  # part of these directions that must be reversed then (chosen)
     # part of the moves of joints that are small in a scan, where time and place go together
     # (chosen)
     scan_share: float = 0.5
@@ -77,7 +80,7 @@ class Readings:
     # degrees of freedom below which the scatter of repeats says too little about six components
     # (statistics)
     least_dof: int = 12
-    same: float = 1e-9  # repeats that differ by less than this are the same numbers [m, rad] (size)
+    same: float = 1e-9  # repeats that differ by less are one reading copied [m, rad] (size)
     # an orientation without a stated uncertainty is as certain as targets this far apart make it
     # [m] (size)
     target_spread_m: float = 0.1
@@ -95,13 +98,12 @@ class Frames:
     lever_m: float = 0.5
     # a set thinner than this part of its length counts as lying on one line (computing)
     in_line: float = 1e-6
-    scale_rows: int = 8  # rows below which no scale is judged (statistics)
-    # and from which an unknown target can be allowed for too in the equation of distances
-    # (statistics)
+    scale_rows: int = 8  # rows below which the scale of a unit is not judged (statistics)
+    # rows from which on distances are judged with an unknown target in their equation (statistics)
     rows_for_target: int = 34
     # part of the model's motion that the measurement must explain for a scale to be judged (chosen)
     explained_share: float = 0.5
-    least_motion_m: float = 0.02  # that motion's least size [m] (size)
+    least_motion_m: float = 0.02  # least size of the model's motion for that [m] (size)
     # positions whose extent across their line is a smaller part of that along it determine no scale
     # (chosen)
     least_breadth: float = 0.05
@@ -176,15 +178,15 @@ class Scatter:
     below_half_width: float = 0.975
     # probability that any of many right deviates, whatever their tails, is called wrong (level)
     accused_rate: float = 1e-4
-    # part of the deviates inside the inner quantile, whose ratio to the outer one tells how heavy
-    # the tails are (statistics)
+    # part of the deviates inside the inner quantile; the ratio of the outer to the inner one shows
+    # how heavy the tails are (statistics)
     inner: float = 0.5
-    outer: float = 0.95  # the same of the outer one (statistics)
-    # degrees of freedom from which on tails count as those of the normal distribution (statistics)
+    outer: float = 0.95  # part of the deviates inside the outer quantile (statistics)
+    # degrees of freedom of Student's distribution from which on it counts as normal (statistics)
     normal_dof: float = 200.0
     # standard errors by which the ratio of quantiles may be larger than it was found (level)
     surely_errors: float = 2.0
-    # its relative standard error times the root of the number of deviates (statistics)
+    # relative standard error of that ratio, times the root of the number of deviates (statistics)
     error_of_ratio: float = 1.4
     # another reading confirms one where they differ by less than this part of how far it is off
     # (chosen)
@@ -203,9 +205,9 @@ class Parameters:
     # to leave every direction that the data determine alone, and to settle those that they do not
     # (size)
     possible_scales: float = 30.0
-    windup_rad: float = 3e-2  # that of a windup [rad, m] (size)
-    cubic: float = 3.0  # that of a cubic share (size)
-    base: float = 1.0  # that of base and instrument [m, rad] (size)
+    windup_rad: float = 3e-2  # standard deviation thought possible of a windup [rad, m] (size)
+    cubic: float = 3.0  # standard deviation thought possible of a cubic share (size)
+    base: float = 1.0  # the same of motions of base and instrument [m, rad] (size)
     # singular values below this part of the largest belong to directions without any effect: exact
     # null directions come out near 1e-16, the weakest real ones above 1e-6 (computing)
     null_ratio: float = 1e-9
@@ -225,14 +227,14 @@ class Lack:
     least_in_group: int = 2  # poses that a group has at least (statistics)
     stretches: int = 5  # stretches of a path that are held out together (chosen)
     most_poses: int = 2000  # poses that are looked at, at most (computing)
-    most_places: int = 300  # those of them that distances are taken to, at most (computing)
-    steps: int = 6  # steps by distance (chosen)
-    least_errors: int = 12  # errors that each stands on at least (statistics)
+    most_places: int = 300  # poses to which their distances are taken, at most (computing)
+    steps: int = 6  # steps in which the error grows with the distance from fitted poses (chosen)
+    least_errors: int = 12  # errors that each step stands on at least (statistics)
     # of poses held out singly, this part counts as near: those farther from others are few (chosen)
     near_share: float = 0.98
-    # poses that joints apart by this would separate are taken at one place [rad] (size)
+    # two poses whose joints differ by less than this are a pair at one place [rad] (size)
     pair_rad: float = 0.01
-    least_pairs: int = 20  # pairs of them that say enough of noise (statistics)
+    least_pairs: int = 20  # such pairs from which on they determine noise (statistics)
     # poses whose residual is so many times the usual one count less in the fit of the others
     # (level)
     far: float = 3.0
@@ -248,11 +250,11 @@ class Lack:
 class Angles:
     """At which angles a joint was seen."""
 
-    # poses that must lie within so much of an angle, where a map holds the finest waves: these are
-    # ten times as long. Of coarser maps proportionally more [rad] (size)
+    # an angle was seen if poses lie within this of it: a tenth of the finest waves of a map; for
+    # coarser maps the distance grows with the wave [rad] (size)
     within_rad: float = float(np.radians(1.25))
     fine_order: float = 25.0  # finest waves of a map [cycles a turn] (size)
-    least_poses: int = 5  # poses that must lie there (statistics)
+    least_poses: int = 5  # poses that must lie within that distance (statistics)
     # gaps between neighbours, in their mean, that still count as visited: one in 150 is longer
     # (level)
     usual_gaps: float = 5.0
@@ -284,30 +286,33 @@ class Commands:
     kept: float = 2e-3
     # joint positions of neighbouring poses that differ by more are no path [rad] (chosen)
     jump_rad: float = 0.3
-    # sums of products of the axes of a pose may be off by so much, as digits of a list make
-    # (computing)
-    of_rotation: float = 1e-6
 
 
 @dataclass(frozen=True)
 class Lists:
     """Lists of poses that were read wrongly, and files that are none."""
 
-    few_share: float = 0.1  # part of the rows for which the reading taken hardly holds (chosen)
-    # part of them for which another must hold, or the one taken fail (chosen)
+    # a way to read a list (units, convention of orientations) hardly holds where it holds for no
+    # more than this part of the rows (chosen)
+    few_share: float = 0.1
+    # part of the rows for which another way must hold, or the one taken fail (chosen)
     most_share: float = 0.5
     nearly_all_share: float = 0.8  # the same where whole targets are reached (chosen)
-    times_as_many: float = 2.0  # times as many of them as with the reading taken (chosen)
-    rows: int = 10  # of so many rows joints hardly move as degrees (statistics)
-    wide_rad: float = 1.0  # where they turn by so much as radians [rad] (size)
+    # another way must hold for so many times as many rows as the one taken (chosen)
+    times_as_many: float = 2.0
+    rows: int = 10  # rows from which on joints that hardly move may be radians (statistics)
+    wide_rad: float = 1.0  # as radians, such joints turn by so much at least [rad] (size)
     # seeds further from their targets than this part of the reach contradict them (chosen)
     far_share: float = 0.5
     # seeds are those of a nominal program: the right reading brings them so much nearer, as medians
     # (chosen)
     nearer_share: float = 0.2
-    # part of the reach below which no other reading is looked for (chosen)
+    # seeds may be radians where they are farther from their targets than this part of the reach
+    # (chosen)
     near_share: float = 0.05
-    alike_rad: float = float(np.radians(20.0))  # the same of a turn [rad] (chosen)
+    # quaternions may be in another order where seeds are turned from their targets by more [rad]
+    # (chosen)
+    alike_rad: float = float(np.radians(20.0))
     # no covariance has more than this, that of eight thousand parameters: maps of twelve joints,
     # with the finest waves that were ever found, have half of them [byte] (size)
     most_bytes: int = 512_000_000
@@ -316,8 +321,8 @@ class Lists:
     # how far below zero the eigenvalues of one may lie that was solved with directions that the
     # poses hardly identify (computing)
     eigenvalues_above: float = -1e-3
-    # of the axes of a frame: what sums of products of digits that a file keeps may come to
-    # (computing)
+    # products of the axes of a frame or pose may differ from those of a rotation by so much, as the
+    # digits of a file make it (computing)
     rotation_within: float = 1e-6
 
 
@@ -334,7 +339,7 @@ class Masses:
     drives_share: float = 0.1
     # relative standard uncertainty of an assumed mass without a known total (size)
     u_mass: float = 1.0
-    u_mass_of_total: float = 0.5  # and with one (size)
+    u_mass_of_total: float = 0.5  # the same with a known total (size)
     # standard uncertainty of an assumed centre of mass along each axis, of the length that a link
     # weighs by (size)
     centre_share: float = 0.3
@@ -384,9 +389,9 @@ class Masses:
     most_poses: int = 400  # poses that are looked at, spread over all (computing)
     # standard uncertainty of the mass of a tool that is stated, relative (size)
     tool_share: float = 0.12
-    tool_com_m: float = 0.02  # and of its centre, per axis [m] (size)
-    unknown_tool_share: float = 0.1  # a tool of unknown mass weighs some part of the arm (size)
-    unknown_tool_com_m: float = 0.1  # and sits so far from the flange [m] (size)
+    tool_com_m: float = 0.02  # standard uncertainty of its centre of mass, per axis [m] (size)
+    unknown_tool_share: float = 0.1  # mass of an unknown tool, as part of the arm's (size)
+    unknown_tool_com_m: float = 0.1  # distance of its centre from the flange [m] (size)
     # standard uncertainty of the direction of gravity in the base frame [rad] (size)
     level_rad: float = 1e-3
     # the same of an arm of which no weights are stated: nobody levelled it for them [rad] (size)
@@ -398,9 +403,10 @@ class Moved:
     """What moved between two campaigns."""
 
     error_rate: float = 0.01  # probability allowed of a name where nothing moved (level)
-    # sizes of a motion, in the tolerance of the parameter or the part below of a windup (size)
+    # sizes that a change is tried with, in tolerances of the parameter; of a stiffness in
+    # `softer_share` (size)
     sizes: tuple[float, float] = (1.0, 10.0)
-    softer_share: float = 0.3  # that part (size)
+    softer_share: float = 0.3  # a change of stiffness, as part of the windup (size)
     # an arm whose model lacks something departs by more than its noise, by such factors of variance
     # (size)
     factors: tuple[float, ...] = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.errors import ALLOWED, fits_a_folder
+from pa10cal.errors import NAME_RULE, fits_a_folder
 from pa10cal.evaluation import options
 from pa10cal.evaluation.options import EvaluationOptions, FigureOptions
 from pa10cal.options import (
@@ -49,7 +49,7 @@ RESERVED = (
 def _campaign_name(name: str) -> str:
     """Refuse a name that is not fit for a folder of results."""
     if not fits_a_folder(name) or name in RESERVED:
-        raise ValueError(f"{ALLOWED}, and none of {', '.join(RESERVED)}")
+        raise ValueError(f"{NAME_RULE}, and none of {', '.join(RESERVED)}")
     return name
 
 

@@ -19,7 +19,7 @@ from pa10cal.arm.chain import roll_pitch_yaw
 from pa10cal.arm.description import Arm
 from pa10cal.arm.urdf_writing import UrdfSource
 from pa10cal.arrays import Array
-from pa10cal.errors import ALLOWED, ArmError, fits_a_folder, how_to_install, one_line, remedy_for
+from pa10cal.errors import NAME_RULE, ArmError, fits_a_folder, how_to_install, one_line, remedy_for
 from pa10cal.files import arm_places, own_description
 from pa10cal.files.arm_rows import ArmRow, Frame, check_rows, refuse_far, rows_through_far_ones
 from pa10cal.files.coupling import StatedCoupling, coupled_joints, stated_coupling
@@ -91,7 +91,7 @@ def load_arm(name: str, folder: Path | None = None, arms: Path | None = None) ->
             "no name of a robot",
             where="robot",
             value=name,
-            allowed=ALLOWED,
+            allowed=NAME_RULE,
             remedy="correct the name",
         )
     own = None if folder is None else own_description(name, folder, arms)

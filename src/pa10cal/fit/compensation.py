@@ -26,7 +26,7 @@ from pa10cal.fit.forward import (
 )
 from pa10cal.fit.inverse_search import AT_LIMIT, InverseSearch, middle_of_range, reached
 from pa10cal.fit.loads import blocks
-from pa10cal.rules import COMMANDS
+from pa10cal.rules import COMMANDS, LISTS
 
 
 def compensate(
@@ -150,8 +150,8 @@ def _refuse_no_pose(T: Array, name: str = "T") -> None:
         determinant = np.einsum("pi,pi->p", np.cross(R[:, :, 0], R[:, :, 1]), R[:, :, 2])
         off_last_row = np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
         right = np.isfinite(T).all(axis=(1, 2)) & (determinant > 0.0)
-        right &= off_orthogonal < COMMANDS.of_rotation
-        right &= off_last_row < COMMANDS.of_rotation
+        right &= off_orthogonal < LISTS.rotation_within
+        right &= off_last_row < LISTS.rotation_within
         if right.all():
             return
         first = int(np.argmin(right))

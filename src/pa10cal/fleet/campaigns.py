@@ -9,7 +9,7 @@ from datetime import datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from pa10cal.errors import ALLOWED, SettingsError, fits_a_folder
+from pa10cal.errors import NAME_RULE, SettingsError, fits_a_folder
 from pa10cal.input_files import read_csv, reason
 
 #: A larger file is not a table of campaigns [bytes].
@@ -174,7 +174,7 @@ def _checked(listed: list[tuple[str, Listed]], asked: str) -> tuple[Listed, ...]
                 "no name of a campaign",
                 where=where,
                 value=name,
-                allowed=ALLOWED,
+                allowed=NAME_RULE,
                 remedy="rename its folder, or correct the table",
             )
         if name in places:
