@@ -9,9 +9,8 @@ from pathlib import Path
 from made_up_records import effect, made_up_gap, names, verdict_keys
 from pa10cal.commands.command_line import run_command
 from pa10cal.results.codec import read, write
-from pa10cal.results.discovery import Fault, VerdictRecord
+from pa10cal.results.discovery import Fault, ProposedEvidence, ProposedFormula, VerdictRecord
 from pa10cal.results.evaluation import EffectParameter
-from pa10cal.results.explained import ProposedEvidence, ProposedFormula
 from pa10cal.results.outcomes import ChainRecord
 
 NAME = "small"

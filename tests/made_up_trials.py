@@ -8,8 +8,7 @@ import json
 from made_up_records import accuracy, effect, made_up_gap, set_gap, verdict_keys
 from pa10cal.commands.command_line import run_command
 from pa10cal.results.codec import lines
-from pa10cal.results.discovery import AllUnexplained, Fault, Unexplained
-from pa10cal.results.explained import ProposedFormula
+from pa10cal.results.discovery import AllUnexplained, Fault, ProposedFormula, Unexplained
 from pa10cal.results.record import EffectName
 from pa10cal_lab.blind_trial import BlindTrial
 from pa10cal_lab.scores import scores_record

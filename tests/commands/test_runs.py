@@ -24,7 +24,7 @@ from pa10cal.commands.command_line import INTERRUPTED, REFUSED, main, run_comman
 from pa10cal.files.output import write_text, writing_into
 from pa10cal.fit.fitted_model import load_model
 from pa10cal.fleet.arm_status import forget_ended
-from pa10cal.fleet.campaigns import Listed
+from pa10cal.fleet.campaigns import ListedCampaign
 from pa10cal.reports import page, summary
 from pa10cal.reports.summary import CampaignSummary
 from pa10cal.results.codec import read, write
@@ -312,7 +312,7 @@ def test_the_child_ends_with_its_parent(tmp_path):
     code = (
         "import os, sys, time; from pathlib import Path\n"
         "from pa10cal.running.child import in_child\n"
-        "def work(say):\n"
+        "def work(send):\n"
         "    Path(sys.argv[1]).write_text(str(os.getpid())); time.sleep(60)\n"
         "in_child(work)"
     )
@@ -342,7 +342,7 @@ def test_what_the_machine_ended_is_begun_anew(tmp_path):
         write(ChainRecord(campaign=name, status=status), tmp_path / name / "chain.json")
     (tmp_path / "d").mkdir()
     (tmp_path / "d/chain.json").write_text("[")
-    forget_ended([Listed(name, name) for name in "abcde"], tmp_path)
+    forget_ended([ListedCampaign(name, name) for name in "abcde"], tmp_path)
     assert [path.parent.name for path in sorted(tmp_path.glob("*/chain.json"))] == ["b", "c", "d"]
 
 

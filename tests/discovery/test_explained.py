@@ -11,7 +11,7 @@ import pytest
 from pa10cal.discovery.finding import GivesWay
 from pa10cal.discovery.gap import explained_by
 from pa10cal.discovery.verdict import Verdict
-from pa10cal.results.explained import ExplainedEffect
+from pa10cal.results.discovery import ExplainedEffect
 from pa10cal.results.record import EffectName
 from pa10cal.terms import wording
 

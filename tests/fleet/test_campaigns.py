@@ -9,7 +9,7 @@ import pytest
 from pa10cal.errors import SettingsError
 from pa10cal.fleet import arm_status
 from pa10cal.fleet.arm_status import fleet_csv, fleet_record
-from pa10cal.fleet.campaigns import Listed, campaigns_of, in_order
+from pa10cal.fleet.campaigns import ListedCampaign, campaigns_of, in_order
 from pa10cal.reports.page import fleet_page_text
 from pa10cal.results.codec import write
 from pa10cal.results.outcomes import ChainRecord, FleetArm, FleetCampaign, FleetRecord
@@ -33,7 +33,7 @@ def table(raw, text):
 def test_a_pattern_finds_campaigns_in_the_order_of_their_names(raw):
     assert [each.campaign for each in campaigns_of("*", raw)] == ["2026-1", "2026-2", "a", "b"]
     assert [each.campaign for each in campaigns_of(f"{raw}/2026-*", raw)] == ["2026-1", "2026-2"]
-    assert campaigns_of("a", raw) == (Listed("a", "a"),)
+    assert campaigns_of("a", raw) == (ListedCampaign("a", "a"),)
     assert [each.campaign for each in campaigns_of("a, b", raw)] == ["a", "b"]
     with pytest.raises(SettingsError, match="there are no campaigns"):
         campaigns_of("", raw)
@@ -47,7 +47,7 @@ def test_a_pattern_finds_no_campaign_deeper_than_the_folder(raw):
 
 def test_a_time_with_seconds_is_after_the_same_minute_with_a_z():
     days = ("T14:05:30Z", "T14:05Z", "T14:05:30.5Z")
-    listed = [Listed(day, "arm", f"2026-03-31{day}") for day in days]
+    listed = [ListedCampaign(day, "arm", f"2026-03-31{day}") for day in days]
     assert [each.campaign for each in in_order(listed)["arm"]] == [days[1], days[0], days[2]]
 
 
@@ -55,9 +55,9 @@ def test_a_table_says_arms_and_times_and_need_not_be_there(raw):
     text = "\ufeffarm, campaign ,measured\r\nleft,b,2026-02\r\n\r\n,a,\r\nleft,gone,2026-01\r\n"
     listed = campaigns_of(table(raw, text), raw)
     assert listed == (
-        Listed("b", "left", "2026-02"),
-        Listed("a", "a"),
-        Listed("gone", "left", "2026-01"),
+        ListedCampaign("b", "left", "2026-02"),
+        ListedCampaign("a", "a"),
+        ListedCampaign("gone", "left", "2026-01"),
     )
     assert [each.campaign for each in in_order(listed)["left"]] == ["gone", "b"]
 
@@ -134,7 +134,7 @@ def fleet(tmp_path):
             name = f"c-{letter}"
             (tmp_path / name).mkdir()
             write(ChainRecord(campaign=name, **changes), tmp_path / name / "chain.json")
-            listed.append(Listed(name, letter))
+            listed.append(ListedCampaign(name, letter))
         return fleet_record(listed, tmp_path)
 
     return make
@@ -171,7 +171,7 @@ def test_arms_that_need_attention_come_first(fleet):
 def test_a_damaged_outcome_loses_no_other(fleet, tmp_path):
     fleet(GOOD, GOOD)
     (tmp_path / "c-a" / "chain.json").write_text('{"schema"')
-    found = fleet_record([Listed("c-a", "a"), Listed("c-b", "b")], tmp_path)
+    found = fleet_record([ListedCampaign("c-a", "a"), ListedCampaign("c-b", "b")], tmp_path)
     assert [(each.arm, each.attention) for each in found.arms] == [
         ("a", "no_result"),
         ("b", "none"),
@@ -192,7 +192,7 @@ def one_arm(tmp_path, monkeypatch):
             name = f"c-{number}"
             (tmp_path / name).mkdir()
             write(ChainRecord(campaign=name, **changes), tmp_path / name / "chain.json")
-            listed.append(Listed(name, "a"))
+            listed.append(ListedCampaign(name, "a"))
         return fleet_record(listed, tmp_path)
 
     return make

@@ -24,9 +24,14 @@ from pa10cal.reports.results_bundle import ResultsBundle, results_bundle
 from pa10cal.reports.summary import summarise
 from pa10cal.results.analysis import AnalysisRecord
 from pa10cal.results.codec import read, write
-from pa10cal.results.discovery import Separation, SuggestedPose, VerdictRecord
+from pa10cal.results.discovery import (
+    Explained,
+    ExplainedEffect,
+    Separation,
+    SuggestedPose,
+    VerdictRecord,
+)
 from pa10cal.results.evaluation import AccuracyRows, Iso9283Record, PoseAccuracy, RepeatabilityRows
-from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.outcomes import Caption, PicturesRecord
 from pa10cal.results.record import EffectName
 

@@ -22,7 +22,7 @@ def test_an_interrupt_is_one_though_the_child_has_just_ended(monkeypatch, interr
 
     monkeypatch.setattr(os, "waitpid", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        in_child(lambda say: None)
+        in_child(lambda send: None)
     assert len(waits) == interrupts
     with pytest.raises(ChildProcessError):
         wait(waits[0], 0)

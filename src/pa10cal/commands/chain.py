@@ -10,7 +10,7 @@ from pa10cal.evaluation.options import ChainOptions
 from pa10cal.files.output import MAKE_ROOM, no_room
 
 if TYPE_CHECKING:
-    from pa10cal.running.child import Say
+    from pa10cal.running.child import Send
 
 #: Folders that a run makes among the results of a campaign; `members` is that of a group.
 _FOLDERS = (
@@ -69,7 +69,7 @@ def chain(
         check_prior(settings.calibration.prior, own)
     _remove(results, ChainRecord.FILE, *_FOLDERS)
     child = in_child(partial(_run_stages, campaign_dir, results, name, dataset, source, settings))
-    outcome = dict(child.said)
+    outcome = dict(child.sent)
     stage, folders = outcome.pop("stage", "import"), outcome.pop("folders", ())
     if full := outcome.pop("no_room", None):
         raise OutputError(
@@ -105,7 +105,7 @@ def _run_stages(
     dataset: str,
     source: Path | None,
     settings: ChainOptions,
-    say: Say,
+    send: Send,
 ) -> None:
     """Run the stages of a campaign; send which stage is at work, and at last the outcome.
 
@@ -126,7 +126,7 @@ def _run_stages(
             import_data(dataset, source, out=raw.parent, only=(raw.name,), settings=settings.ingest)
         for stage in stages(folders, results, settings):
             written = {path.relative_to(results).parts[0] for path in stage.writes.values()}
-            say({"stage": stage.name, "folders": sorted(written)})
+            send({"stage": stage.name, "folders": sorted(written)})
             stage.run()
         record = summarise(results, settings.evaluation.calibration).outcome
         write(record.model_copy(update={"campaign": name}), results / ChainRecord.FILE)
@@ -139,7 +139,7 @@ def _run_stages(
         traceback.print_exc()
         message = f"internal fault: {type(error).__name__}: {error}"
         outcome = {"status": "fault", "message": message}
-    say(outcome)
+    send(outcome)
 
 
 def _ended(error: Exception) -> dict[str, Any]:

@@ -21,9 +21,8 @@ from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import Deviations
 from pa10cal.results.analysis import GapRows, NamingStep
-from pa10cal.results.discovery import LoadGap, Reduction, SetGap
+from pa10cal.results.discovery import Explained, ExplainedEffect, LoadGap, Reduction, SetGap
 from pa10cal.results.evaluation import Accuracy, BeforeAfter
-from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.field import NO_NAME, Field
 

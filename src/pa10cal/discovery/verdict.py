@@ -52,9 +52,8 @@ from pa10cal.fit.validity import AngleCoverage
 from pa10cal.observe.observations import Observations
 from pa10cal.results.analysis import LackOfFit, PureErrorTest
 from pa10cal.results.calibration import EffectByCampaign
-from pa10cal.results.discovery import Separation, SuggestedPose, Unexplained
+from pa10cal.results.discovery import Explained, Separation, SuggestedPose, Unexplained
 from pa10cal.results.discovery import Verdict as Word
-from pa10cal.results.explained import Explained
 from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map

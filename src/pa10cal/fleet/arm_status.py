@@ -10,7 +10,7 @@ from typing import get_args
 
 from pa10cal.errors import Pa10calError, RecordError
 from pa10cal.files.output import csv_text
-from pa10cal.fleet.campaigns import Listed, in_order
+from pa10cal.fleet.campaigns import ListedCampaign, in_order
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read
 from pa10cal.results.outcomes import (
@@ -29,7 +29,7 @@ _FAULTY_DATA = ("check_the_log",)
 _NOTHING_OPEN = ("none", "named", "not_sought")
 
 
-def fleet_record(listed: Sequence[Listed], results_dir: Path) -> FleetRecord:
+def fleet_record(listed: Sequence[ListedCampaign], results_dir: Path) -> FleetRecord:
     """Return the outcome of every campaign and the status of every arm, from their results.
 
     A campaign without a `chain.json` counts as one that the machine ended, and one whose
@@ -90,7 +90,7 @@ def _outcome(campaign: str, folder: Path) -> ChainRecord:
     return ChainRecord(campaign=campaign, status="ended", message=f"it left no outcome; see {log}")
 
 
-def forget_ended(listed: Iterable[Listed], results_dir: Path) -> None:
+def forget_ended(listed: Iterable[ListedCampaign], results_dir: Path) -> None:
     """Remove the outcomes of campaigns that the machine ended: the next run repeats them."""
     for campaign in listed:
         path = results_dir / campaign.campaign / ChainRecord.FILE

@@ -23,7 +23,7 @@ _ISO_8601 = re.compile(
 
 
 @dataclass(frozen=True)
-class Listed:
+class ListedCampaign:
     """One campaign of a fleet."""
 
     campaign: str  # name of its folder
@@ -31,7 +31,7 @@ class Listed:
     measured: str = ""  # date or time by ISO 8601, such as 2026-03-31; empty where not known
 
 
-def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
+def campaigns_of(asked: str, raw_dir: Path) -> tuple[ListedCampaign, ...]:
     """Return the campaigns of a fleet.
 
     Args:
@@ -48,7 +48,7 @@ def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
         return _checked(_of_table(Path(asked)), asked)
     if "," in asked:
         names = [name.strip() for name in asked.split(",")]
-        return _checked([(asked, Listed(name, name)) for name in names], asked)
+        return _checked([(asked, ListedCampaign(name, name)) for name in names], asked)
     pattern = asked.removeprefix(f"{raw_dir}/")
     if "/" in pattern or ".." in pattern:
         raise SettingsError(
@@ -60,23 +60,23 @@ def campaigns_of(asked: str, raw_dir: Path) -> tuple[Listed, ...]:
         )
     folders = sorted(path.parent.name for path in raw_dir.glob("*/campaign.yaml"))
     names = [name for name in folders if fnmatchcase(name, pattern)]
-    return _checked([(f"{raw_dir}/{name}", Listed(name, name)) for name in names], asked)
+    return _checked([(f"{raw_dir}/{name}", ListedCampaign(name, name)) for name in names], asked)
 
 
-def in_order(listed: Iterable[Listed]) -> dict[str, list[Listed]]:
+def in_order(listed: Iterable[ListedCampaign]) -> dict[str, list[ListedCampaign]]:
     """Return the campaigns of each arm in the order in which they were measured."""
-    by_arm: dict[str, list[Listed]] = {}
+    by_arm: dict[str, list[ListedCampaign]] = {}
     for campaign in listed:
         by_arm.setdefault(campaign.arm, []).append(campaign)
     return {arm: sorted(campaigns, key=_sortable_time) for arm, campaigns in by_arm.items()}
 
 
-def _sortable_time(campaign: Listed) -> str:
+def _sortable_time(campaign: ListedCampaign) -> str:
     """Return when a campaign was measured as a text whose order is that of time."""
     return campaign.measured.replace(" ", "T").removesuffix("Z")
 
 
-def _of_table(path: Path) -> list[tuple[str, Listed]]:
+def _of_table(path: Path) -> list[tuple[str, ListedCampaign]]:
     """Return the campaigns of a table, each with the place that messages name."""
     try:
         rows = [[cell.strip() for cell in row] for _, row in read_csv(path, _MOST_BYTES)]
@@ -126,7 +126,7 @@ def _of_table(path: Path) -> list[tuple[str, Listed]]:
                 allowed="a date or time by ISO 8601, such as 2026-03-31 or 2026-03-31T14:05",
                 remedy="write the year first, then month and day with two digits each",
             )
-        listed.append((where, Listed(name, cells.get("arm") or name, measured)))
+        listed.append((where, ListedCampaign(name, cells.get("arm") or name, measured)))
     _refuse_some_dates(listed)
     return listed
 
@@ -142,7 +142,7 @@ def _is_iso_8601(text: str) -> bool:
     return True
 
 
-def _refuse_some_dates(listed: list[tuple[str, Listed]]) -> None:
+def _refuse_some_dates(listed: list[tuple[str, ListedCampaign]]) -> None:
     """Refuse arms that have a date for some of their campaigns, and none for others."""
     dated = {campaign.arm for _, campaign in listed if campaign.measured}
     for where, campaign in listed:
@@ -156,7 +156,7 @@ def _refuse_some_dates(listed: list[tuple[str, Listed]]) -> None:
             )
 
 
-def _checked(listed: list[tuple[str, Listed]], asked: str) -> tuple[Listed, ...]:
+def _checked(listed: list[tuple[str, ListedCampaign]], asked: str) -> tuple[ListedCampaign, ...]:
     """Return the campaigns; refuse an empty list, names unfit for folders, and names twice."""
     if not listed:
         raise SettingsError(

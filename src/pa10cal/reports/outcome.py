@@ -19,8 +19,7 @@ from pa10cal.reports.formatting import (
 from pa10cal.reports.pictures import campaigns_drawings, joint_map_drawings
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
-from pa10cal.results.discovery import FoundEffect, NamedEffect, VerdictRecord
-from pa10cal.results.explained import ProposedFormula
+from pa10cal.results.discovery import FoundEffect, NamedEffect, ProposedFormula, VerdictRecord
 from pa10cal.results.record import SURE, EffectName, shown_probability
 from pa10cal.terms.wording import done, headline, percent, sentences
 

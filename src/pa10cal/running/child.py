@@ -41,14 +41,14 @@ _USUAL_CAUSES = {
 KILLED_BY = re.compile(r"killed by signal (\d+)")
 
 #: Sends the parent a mapping that JSON can hold; keys sent again overwrite the earlier ones.
-Say = Callable[[Mapping[str, Any]], None]
+Send = Callable[[Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
 class Child:
     """How a child ended."""
 
-    said: Mapping[str, Any]  # all that it sent, merged; see `Say`
+    sent: Mapping[str, Any]  # all that it sent, merged; see `Send`
     code: int  # its exit code; minus the number of the signal that ended it
 
     @property
@@ -68,7 +68,7 @@ def signal_name(number: int) -> str:
     return names.get(number, f"signal {number}")
 
 
-def in_child(work: Callable[[Say], None]) -> Child:
+def in_child(work: Callable[[Send], None]) -> Child:
     """Do some work in a child process, which ends with this one, and return how the child ended.
 
     Fork copies locks that other threads hold: call this while no library runs any. numpy starts
@@ -103,24 +103,24 @@ def in_child(work: Callable[[Say], None]) -> Child:
     code = os.waitstatus_to_exitcode(status)
     if code in (_INTERRUPTED, -signal.SIGINT):
         raise KeyboardInterrupt
-    said: dict[str, Any] = {}
+    sent: dict[str, Any] = {}
     for line in lines[:-1]:  # after the last newline: nothing, or a line the child did not finish
-        said |= json.loads(line)
-    return Child(said, code)
+        sent |= json.loads(line)
+    return Child(sent, code)
 
 
-def _run_and_exit(work: Callable[[Say], None], writing: int) -> None:
+def _run_and_exit(work: Callable[[Send], None], writing: int) -> None:
     """Do the work in the child, then end this process."""
     code = 1
     try:
         end_with_parents()
         pipe = os.fdopen(writing, "wb")
 
-        def say(content: Mapping[str, Any]) -> None:
+        def send(content: Mapping[str, Any]) -> None:
             pipe.write(json.dumps(dict(content)).encode() + b"\n")
             pipe.flush()
 
-        work(say)
+        work(send)
         code = 0
     except KeyboardInterrupt:
         code = _INTERRUPTED

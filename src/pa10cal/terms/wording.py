@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pa10cal.results.discovery import KNOT, EvidenceOfSag, Fault
+from pa10cal.results.discovery import KNOT, EvidenceOfSag, Explained, ExplainedEffect, Fault
 from pa10cal.results.evaluation import EffectParameter
-from pa10cal.results.explained import Explained, ExplainedEffect
 from pa10cal.results.record import HALF_WIDTH_95, SURE, EffectName, shown_probability
 from pa10cal.terms.effects.effect import Effect, every_effect
 from pa10cal.terms.field import Field
