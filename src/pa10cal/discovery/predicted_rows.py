@@ -12,7 +12,11 @@ from pa10cal.arrays import Array
 from pa10cal.discovery.blocked_cv.survey import Survey
 from pa10cal.discovery.evidence.fit import EvidenceFit
 from pa10cal.discovery.evidence.noise_model import SharedVariances
-from pa10cal.discovery.evidence.problem import EvidenceProblem, noise_models
+from pa10cal.discovery.evidence.problem import (
+    EvidenceProblem,
+    pose_noise_model,
+    torque_noise_model,
+)
 from pa10cal.discovery.linear import ModelWithEffects, by_every_joint
 from pa10cal.discovery.noise import Noise, same_circumstances, whitener_of
 from pa10cal.discovery.nuisances import TimeFindings
@@ -21,7 +25,7 @@ from pa10cal.discovery.preparation import complete
 from pa10cal.discovery.rules import EVIDENCE
 from pa10cal.errors import DiscoveryError
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.fit.loads import with_torques
+from pa10cal.fit.loads import statics_of, with_torques
 from pa10cal.observe.instrument import Instrument
 from pa10cal.observe.observations import Observations
 
@@ -53,13 +57,20 @@ def predicted(problem: EvidenceProblem, found: EvidenceFit, states: PoseStates) 
         states = replace(states, tau_Nm=tau_Nm)
     poses = replace(poses, states=states, measured=_as_seen(problem, found.at, states))
     cov = _reading_cov(problem, poses) / repeats
-    torque_u_Nm = None if problem.torque is None else problem.noise.torque_Nm
-    load_N = problem.cells.states.load_N
-    pose, torque, _ = noise_models(
-        poses, cov, baseline, setup, torque_u_Nm, load_N, problem.in_time
+    torque = problem.torque
+    if torque is not None and setup.payload is not None:
+        weights = statics_of(baseline.model, baseline.x, states, setup.payload)
+        u_Nm, loads_N = problem.noise.torque_Nm, problem.cells.states.load_N
+        torque = torque_noise_model(poses, weights, baseline, setup, u_Nm, loads_N)
+    return replace(
+        problem,
+        readings=poses,
+        cells=poses,
+        cell_cov=cov,
+        pose=pose_noise_model(poses, cov, baseline, setup, problem.in_time),
+        torque=torque,
+        torque_without_weights_Nm=np.zeros_like(states.tau_Nm),
     )
-    ahead = replace(problem, readings=poses, cells=poses, cell_cov=cov, pose=pose, torque=torque)
-    return replace(ahead, torque_without_weights_Nm=np.zeros_like(states.tau_Nm))
 
 
 def _as_seen(problem: EvidenceProblem, at: FittedModel, states: PoseStates) -> Instrument:
@@ -125,8 +136,7 @@ def without_repeats(
     scatter = float(np.sum(white**2) / poses.measured.components_seen.sum())
     in_time = TimeFindings(survey.wander, has_drift=False)
     cov = noise.cov * len(rows) / count
-    setup, load_N = survey.setup, poses.states.load_N
-    pose, _, _ = noise_models(poses, cov, survey.baseline, setup, None, load_N, in_time)
+    setup = survey.setup
     problem = EvidenceProblem(
         baseline=survey.baseline,
         setup=setup,
@@ -134,7 +144,7 @@ def without_repeats(
         cells=poses,
         cell_cov=cov,
         noise=noise,
-        pose=pose,
+        pose=pose_noise_model(poses, cov, survey.baseline, setup, in_time),
         torque=None,
         torque_without_weights_Nm=np.zeros_like(poses.states.tau_Nm),
         context=survey.context,

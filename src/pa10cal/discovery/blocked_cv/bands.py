@@ -31,6 +31,7 @@ from pa10cal.discovery.other_numbers import COMPUTING
 from pa10cal.discovery.rules import BLOCKS, MAPS
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.numerics.periodic_spline import b_splines_by_knots, harmonic_orders, harmonics_at_knots
+from pa10cal.observe.instrument import Instrument
 from pa10cal.results import maps as results
 from pa10cal.terms.effects.effect import Effect
 from pa10cal.terms.effects.joint_error_map import FINE, TYPICAL, BandPrior, JointErrorMap, Spectrum
@@ -83,16 +84,16 @@ def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
     by_kind, splines = _equations_by_block(rows, members, waves)
     weight = _orientation_weight(by_kind, waves, len(maps))
     blocks = [kinds.weighted(weight) for kinds in by_kind]
-    total = summed(blocks)
-    measured = rows.survey.poses.measured
-    seen = measured.components_seen.sum(axis=0)
-    positions = int(seen[measured.position_columns].sum())
-    row_count = positions + weight**2 * (int(seen.sum()) - positions)  # a row counts by its weight
-    estimates = most_likely(Waves(total, round(row_count), waves.leading, waves.orders))
-    spectra: list[list[Spectrum | None]] = [[each.spectrum for each in maps], [*estimates.bands]]
-    sizes = [waves.sizes(each, maps, estimates.scatter) for each in spectra]
+    total, measured = summed(blocks), rows.survey.poses.measured
+    row_count = _row_count(measured, weight)
+    estimates = most_likely(Waves(total, row_count, waves.leading, waves.orders))
+    sizes = (
+        waves.sizes_as_found(maps, estimates.scatter),
+        waves.sizes(estimates.bands, estimates.scatter),
+    )
 
     def held_out(parts: Iterable[Gaussian]) -> Array:
+        """Return the squares of parts of the poses, each held out, without and with bands."""
         return np.array(
             [[_held_out_squares(total, part, [part], each)[0] for each in sizes] for part in parts]
         )
@@ -108,6 +109,13 @@ def in_bands(rows: BlockedRows, fine: LinearFit) -> InBands | None:
         of_angles,
         Widening(estimates.scatter, weight, tuple(measured.position_columns.tolist())),
     )
+
+
+def _row_count(measured: Instrument, orientation_weight: float) -> int:
+    """Return the number of components measured, those of orientations counted by their weight."""
+    seen = measured.components_seen.sum(axis=0)
+    positions = int(seen[measured.position_columns].sum())
+    return round(positions + orientation_weight**2 * (int(seen.sum()) - positions))
 
 
 def _equations_by_block(
@@ -143,7 +151,7 @@ def _orientation_weight(by_kind: Sequence[ByKind], waves: _WaveColumns, maps: in
     says. The weight is halved while held-out blocks, each kind with its own scatter, become more
     likely.
     """
-    sizes = waves.sizes([TYPICAL] * maps, [], 1.0)
+    sizes = waves.sizes([TYPICAL] * maps, 1.0)
     best, least = 1.0, np.inf
     for weight in MAPS.attitude_weights:
         blocks = [kinds.weighted(weight) for kinds in by_kind]
@@ -195,22 +203,22 @@ class _WaveColumns:
         free = np.flatnonzero(self._free)
         return in_map_bases(splines, self._dense_count, self._bases).along(free)
 
-    def sizes(
-        self, spectra: Sequence[Spectrum | None], before: Sequence[JointErrorMap], scatter: float
-    ) -> Array:
-        """Return the standard deviations (N,) of all columns, in units of the scatter of the rows.
+    def sizes(self, spectra: Sequence[Spectrum], scatter: float) -> Array:
+        """Return the standard deviations (N,) of all columns, by the spectra of the maps.
 
-        By the spectra of the maps. A spectrum that a map had before goes no further than the knots
-        that the map had.
+        In units of the scatter of the rows.
         """
-        sizes = [np.ones(self.leading)]
-        for k, spectrum in enumerate(spectra):
-            assert spectrum is not None
-            of_map = spectrum.sizes_rad(self.orders) / scatter
-            if before and spectrum == before[k].spectrum:
-                of_map[self.orders > before[k].knots / 2] = COMPUTING.no_waves_rad
-            sizes.append(of_map)
-        return np.concatenate(sizes)
+        of_maps = (spectrum.sizes_rad(self.orders) / scatter for spectrum in spectra)
+        return np.concatenate([np.ones(self.leading), *of_maps])
+
+    def sizes_as_found(self, maps: Sequence[JointErrorMap], scatter: float) -> Array:
+        """Return `sizes` by the spectra that maps have, each with no finer waves than its knots."""
+        spectra = [each.spectrum for each in maps if each.spectrum is not None]
+        sizes = self.sizes(spectra, scatter)
+        finest = np.repeat([each.knots / 2 for each in maps], len(self.orders))
+        too_fine = np.tile(self.orders, len(maps)) > finest
+        sizes[self.leading :][too_fine] = COMPUTING.no_waves_rad
+        return sizes
 
 
 def _held_out_squares(

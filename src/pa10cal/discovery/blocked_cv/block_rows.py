@@ -195,10 +195,14 @@ class BlockedRows:
     def equations_by_kind(
         self, block: int, joints: Sequence[int], knots: Sequence[int], bases: Sequence[Array] = ()
     ) -> ByKind:
-        """Return the normal equations of a block.
+        """Return the normal equations of a block, in the dense columns, then those of maps.
 
-        In the columns of model, nuisances and effects, and the B-splines of the maps of some
-        joints, each with its number of knots a turn; or in other unknowns of these maps.
+        Args:
+            block: number of the block.
+            joints: joints of the maps.
+            knots: B-splines a turn of each map.
+            bases: coefficients (K, h) of the B-splines of each map for other unknowns of it, see
+                `in_map_bases`; none where the coefficients are the unknowns.
         """
         design, measured = self.design(block), self.survey.poses.measured
         splines = design.maps(knots, [self.joints.index(joint) for joint in joints])

@@ -203,14 +203,17 @@ class EffectSet:
     def _block_with_each(self, b: int, every: Index, groups: Sequence[_SameLength]) -> Array:
         """Return the sum of squares of a block with each candidate added, (m,).
 
-        The other blocks determine a candidate's amounts, by a Schur complement, and the steps that
-        the parameters in use take with them. The squares of the block are quadratic in both.
+        With A the columns in use, C those of a candidate, r the residual, and G the inverse of the
+        set, all of the other blocks but for G, the candidate's amounts are a = (S + P)^-1 C'r, P
+        their prior precision and S = C'C - C'A G A'C the Schur complement; the parameters in use
+        take the step -G A'C a. With A, C and r of this block and that step s, its squares change by
+        |C a + A s|^2 - 2 r'(C a + A s).
         """
         in_use, solution = self.index, self.solution[b]
         gram, projection = self.equations.gram[b], self.equations.projection[b]
         gram_in_use, across = gram[np.ix_(in_use, in_use)], gram[np.ix_(in_use, every)]
         others_across = self._gram_of_others(b, in_use, every)
-        response = self.inverse[b] @ others_across
+        response = self.inverse[b] @ others_across  # G A'C
         # products of columns with the residual: of the candidates in the other blocks and in this
         # block, and of the columns in use in this block
         gradient_others = (

@@ -42,7 +42,7 @@ from pa10cal.discovery.gear_lines import gear_lines
 from pa10cal.discovery.in_time import in_time_of
 from pa10cal.discovery.joint_steps import JointSteps, joint_steps_of
 from pa10cal.discovery.linear import WhitenedPoses
-from pa10cal.discovery.noise import AS_FOUND
+from pa10cal.discovery.noise import AS_FOUND, PoseWeights
 from pa10cal.discovery.nuisances import NO_MOTION, TimeFindings
 from pa10cal.discovery.pose_scatter import weights_with_joints
 from pa10cal.discovery.preparation import sought
@@ -199,36 +199,41 @@ class SearchWithMotion(NamedTuple):
 
 def search_with_motion(survey: Survey) -> SearchWithMotion:
     """Search a survey, again with what moved or changed in time, then for a slow drift."""
-    found = _with_warm_ups(_with_lines_and_wobbles(survey))
+    found = _with_motion_shown(_with_warm_ups(_with_lines_and_wobbles(survey)))
+    outcome = found.outcome
+    drift = slow_drift(outcome.survey, outcome.interleaved_check, outcome.extended.effects)
+    return found._replace(outcome=with_effects_added(outcome, drift))
+
+
+def _with_motion_shown(found: SearchOutcome) -> SearchWithMotion:
+    """Search again with changes at rows, else with a base that moved, where residuals show any."""
     survey, fitted = found.rows.survey, found.extended  # the survey begins with what was added
     poses, logged = survey.poses, survey.torques_logged
-    left = survey.net_residual(fitted.at)
-    of_readings = fitted.weights.whiteners()
-    whiteners = weights_with_joints(fitted.weights, fitted.at, poses, left).whiteners()
+    whiteners = _weights_with_joints(survey, fitted).whiteners()
     effects = tuple(sought(survey.context, survey.baseline.model.terms))
-    rivals: Mapping[float, tuple[str, ...]] = {}
     change: Change | JointSteps | None = joint_steps_of(
-        fitted.at, poses, whiteners, of_readings, effects, logged=logged
+        fitted.at, poses, whiteners, fitted.weights.whiteners(), effects, logged=logged
     ) or change_of(fitted.at, poses, whiteners, effects, logged=logged)
-    in_time = NO_MOTION
     if change is not None:
-        found = search_survey(survey.changing(change))
-    else:
-        # An effect of time that was found is one explanation among those of a base that moved.
-        terms = fitted.at.model.terms
-        of_time = [
-            each
-            for each in terms
-            if is_effect(each) and each.goes_with_time and each not in survey.begins_with
-        ]
-        known = replace(fitted.at, covariance=None)
-        still = known.only(*(each for each in terms if each not in of_time))
-        in_time = in_time_of(still, poses, whiteners, effects, logged=logged, weights=True)
-        if in_time.wander is not None:
-            rivals = rivals_of_steps(in_time.wander, still, poses, whiteners)
-            found = search_survey(survey.moving(in_time.wander))
-    drift = slow_drift(found.survey, found.interleaved_check, found.extended.effects)
-    return SearchWithMotion(with_effects_added(found, drift), in_time, rivals)
+        return SearchWithMotion(search_survey(survey.changing(change)), NO_MOTION, {})
+    # An effect of time that was found is one explanation among those of a base that moved.
+    others = (
+        term
+        for term in fitted.model.terms
+        if not (is_effect(term) and term.goes_with_time) or term in survey.begins_with
+    )
+    still = replace(fitted.at, covariance=None).only(*others)
+    in_time = in_time_of(still, poses, whiteners, effects, logged=logged, weights=True)
+    if in_time.wander is None:
+        return SearchWithMotion(found, in_time, {})
+    rivals = rivals_of_steps(in_time.wander, still, poses, whiteners)
+    return SearchWithMotion(search_survey(survey.moving(in_time.wander)), in_time, rivals)
+
+
+def _weights_with_joints(survey: Survey, fitted: Refit) -> PoseWeights:
+    """Return weights of poses about a fit in which joints scatter, too."""
+    residual = survey.net_residual(fitted.at)
+    return weights_with_joints(fitted.weights, fitted.at, survey.poses, residual)
 
 
 def _with_lines_and_wobbles(survey: Survey) -> SearchOutcome:
@@ -253,12 +258,12 @@ def _with_warm_ups(found: SearchOutcome) -> SearchOutcome:
     In interleaved blocks: a block of the first poses would be predicted from all that came later.
     """
     survey, fitted = found.rows.survey, found.extended
-    left = survey.net_residual(fitted.at)
-    weights = weights_with_joints(fitted.weights, fitted.at, survey.poses, left)
+    weights = _weights_with_joints(survey, fitted)
     # Of readings that are right nothing is taken away.
     right = keep_their_distances(survey.poses.measured.places_m)
     weights = replace(weights, weight=np.where(right, 1.0, weights.weight))
-    rows = WhitenedPoses(fitted.at, survey.poses, left, weights.whiteners())
+    residual = survey.net_residual(fitted.at)
+    rows = WhitenedPoses(fitted.at, survey.poses, residual, weights.whiteners())
     shown = warm_ups_shown(rows, survey.context, logged=survey.torques_logged)
     if not shown:
         return found

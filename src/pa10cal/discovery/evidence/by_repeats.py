@@ -111,23 +111,28 @@ class ByRepeats(Scorer):
     def gap_on(self, poses: Observations, before: PairedErrors | None = None) -> PairedErrors:
         problem, searched = self.problem, self.judgement.found.fit
         poses = preparation.complete(poses, problem.baseline, problem.setup, self.extended.at)
-        T_moved = None
-        if (wander := problem.in_time.wander) is not None:
-            # Poses of the fit are averages: their motion is the mean of those of the readings.
-            single, times_s = problem.readings, poses.states.time_s
-            group = reading_groups(single)
-            of_groups_s = group_means(single.states.time_s, group)
-            if len(of_groups_s) == len(poses) and np.allclose(of_groups_s, times_s):
-                T_moved = motion_of_base(group_means(wander.motions(single.states.time_s), group))
-            else:
-                T_moved = motion_of_base(wander.motions(times_s))
         floor, after = floor_mm(problem, poses.readings), _exported(problem, self.extended)
+        T_moved = self._base_motion(poses.states.time_s)
         found = gap(poses, problem.baseline, after, floor, T_moved=T_moved)
         if not any(effect.generic for effect in searched.effects):
             return found
         # The model at the end of the search has generic effects, too.
         poses = preparation.complete(poses, problem.baseline, problem.setup, searched.at)
         return replace(found, with_rivals=errors_of(_exported(problem, searched), poses))
+
+    def _base_motion(self, times_s: Array) -> Array | None:
+        """Return the motion of the base at averaged poses (P, 4, 4), by their times; None at rest.
+
+        Poses of the fit are averages: their motion is the mean of those of the readings.
+        """
+        single, wander = self.problem.readings.states.time_s, self.problem.in_time.wander
+        if wander is None:
+            return None
+        group = reading_groups(self.problem.readings)
+        of_groups_s = group_means(single, group)
+        if len(of_groups_s) == len(times_s) and np.allclose(of_groups_s, times_s):
+            return motion_of_base(group_means(wander.motions(single), group))
+        return motion_of_base(wander.motions(times_s))
 
     @override
     def model_with(self, effects: tuple[Effect, ...]) -> FittedModel:
@@ -172,17 +177,13 @@ class ByRepeats(Scorer):
 
     @override
     def next_poses(self, found: Verdict[ByRepeats], count: int, random_seed: int) -> Plan:
-        """Return the configurations that best separate what the data cannot.
-
-        None where torques cannot be predicted, for lack of masses, nor for a group, where it is not
-        known which of its instruments would measure.
-        """
+        # None for a group, as it is not known which of its instruments would measure.
         if self.problem.readings.measured.campaigns:
             return Plan((), ())
         fitted, rivals = self.judgement.found.fit, unresolved(found.effects, found.not_testable)
         try:
             return separating_poses(self.problem, fitted, rivals, count, random_seed)
-        except DiscoveryError:  # the verdict stands without it
+        except DiscoveryError:  # torques cannot be predicted, for lack of masses
             return Plan((), ())
 
     @override

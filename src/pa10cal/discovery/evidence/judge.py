@@ -50,10 +50,17 @@ class _Scored(NamedTuple):
     size: int  # index in `EVIDENCE.sizes` of its best size
 
 
+class _InPlace(NamedTuple):
+    """Effects that may be present in place of a member."""
+
+    alternatives: tuple[Effect, ...]  # effects of the vocabulary that are as good there
+    rivals: tuple[Rival, ...]  # every effect that was tried there, with its score
+
+
 def judge(found: EndOfSearch, needed: float) -> Judgement:
     """Judge the effects of a search; a name needs so much log evidence."""
     found = _prefer_named(found)
-    rivals = {effect: _rivals(found, effect) for effect in found.fit.effects}
+    in_place = {effect: _in_place_of(found, effect) for effect in found.fit.effects}
     confirmations = dict(zip(found.fit.effects, confirm(found.problem, found, needed), strict=True))
     covariance = covariance_of(found.problem, found.fit)
     findings = []
@@ -61,8 +68,8 @@ def judge(found: EndOfSearch, needed: float) -> Judgement:
         if effect.generic or confirmations[effect].p_sign_flips_max_t > EVIDENCE.false_rate:
             continue
         x, of_x = found.fit.reported(effect, covariance)
-        close, every = rivals[effect]
-        findings.append(Finding(effect, x, of_x, close, confirmations[effect], every))
+        alternatives, rivals = in_place[effect]
+        findings.append(Finding(effect, x, of_x, alternatives, confirmations[effect], rivals))
     unexplained = _unexplained(found, confirmations)
     if unexplained:
         findings = [each for each in findings if not _is_replaceable(found, each.effect)]
@@ -82,13 +89,13 @@ def _prefer_named(found: EndOfSearch) -> EndOfSearch:
     return found
 
 
-def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tuple[Rival, ...]]:
-    """Return the effects of the vocabulary that are as good in an effect's place, and all rivals.
+def _in_place_of(found: EndOfSearch, effect: Effect) -> _InPlace:
+    """Return the effects that may be present in place of a member; none of a generic one.
 
-    Rivals that come near are scored by full refits, others linearly about the fit with the effect.
+    Rivals that come near are scored by full refits, others linearly about the fit with the member.
     """
     if effect.generic:
-        return (), ()
+        return _InPlace((), ())
     here = found.score.log_evidence
     linear = _linear_scores(found, effect, found.family)
     nats = {each: scored.nats for each, scored in linear.items()}
@@ -109,8 +116,8 @@ def _rivals(found: EndOfSearch, effect: Effect) -> tuple[tuple[Effect, ...], tup
     same = [found.family[k] for k in np.flatnonzero(found.same[number]) if k != number]
     # Effects that are indistinguishable in these poses are equally likely.
     nats |= dict.fromkeys((each for each in same if each in nats), here)
-    every = tuple(Rival(each, np.array([value - here])) for each, value in nats.items())
-    return tuple(dict.fromkeys([*same, *close])), every
+    rivals = tuple(Rival(each, np.array([value - here])) for each, value in nats.items())
+    return _InPlace(tuple(dict.fromkeys([*same, *close])), rivals)
 
 
 def _linear_scores(

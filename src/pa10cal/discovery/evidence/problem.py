@@ -78,22 +78,19 @@ def prepare(
     if moved_between_repeats is not None:
         deviation = deviation + moved_between_repeats
     noise = noise_of_repeats(readings, deviation, by_every_joint(about, readings))
-    # Each reading is a cell of its own where it may differ from the next one in time.
-    few = np.bincount(same_circumstances(readings)).max() <= EVIDENCE.readings_a_cell
-    alone = in_time.wander is not None or (in_time.has_drift and few)
-    most = 1 if alone else EVIDENCE.readings_a_cell
-    cells, cell_cov = average_into_cells(readings, noise.cov, most)
+    cells, cell_cov = average_into_cells(readings, noise.cov, _most_in_a_cell(readings, in_time))
     cells = complete(cells, baseline, setup, about)
+    pose = pose_noise_model(cells, cell_cov, about, setup, in_time)
     # A log that never scatters was calculated and has no information about the joints.
     scatters = bool(np.any(noise.torque_Nm > 0.0))
     logged = torques_logged and scatters and bool(np.all(np.isfinite(cells.states.tau_Nm)))
-    torque_u_Nm, load_N = noise.torque_Nm if logged else None, cells.states.load_N
-    pose, torque, of_weights_Nm = noise_models(
-        cells, cell_cov, about, setup, torque_u_Nm, load_N, in_time
-    )
-    without_weights_Nm = np.zeros_like(of_weights_Nm)
-    if torque is not None:
-        without_weights_Nm = cells.states.tau_Nm - of_weights_Nm
+    torque: NoiseModel | None = None
+    without_weights_Nm = np.zeros_like(cells.states.q_rad)
+    if logged and setup.payload is not None:
+        weights = statics_of(about.model, about.x, cells.states, setup.payload)
+        loads_N = cells.states.load_N
+        torque = torque_noise_model(cells, weights, about, setup, noise.torque_Nm, loads_N)
+        without_weights_Nm = cells.states.tau_Nm - weights.torque_Nm
     return EvidenceProblem(
         baseline=baseline,
         setup=setup,
@@ -110,40 +107,63 @@ def prepare(
     )
 
 
-def noise_models(
+def _most_in_a_cell(readings: Observations, in_time: TimeFindings) -> int:
+    """Return how many readings a cell has at most: one where the next may differ in time."""
+    few = np.bincount(same_circumstances(readings)).max() <= EVIDENCE.readings_a_cell
+    alone = in_time.wander is not None or (in_time.has_drift and few)
+    return 1 if alone else EVIDENCE.readings_a_cell
+
+
+def pose_noise_model(
     cells: Observations,
     cell_cov: Array,
     about: FittedModel,
     setup: MeasurementSetup,
-    torque_u_Nm: Array | None,
-    load_N: Array,
     in_time: TimeFindings = NO_MOTION,
-) -> tuple[NoiseModel, NoiseModel | None, Array]:
-    """Return the noise models of poses and of torques, and the torques of all weights (C, n).
+) -> NoiseModel:
+    """Return the noise model of the poses of cells.
+
+    Common to all poses are the places of targets on the apparatus, and motion in time.
 
     Args:
-        cells: averaged readings, complete with their static loads.
+        cells: averaged readings.
         cell_cov: (C, b, b) covariance of each cell's mean by the noise of readings.
-        about: model about which weights and motions are computed.
+        about: model about which motions are computed.
         setup: what is known besides the poses.
-        torque_u_Nm: (n,) standard deviation of a reading's torques; None for no model of these.
-        load_N: loads of the campaign, of which each one has an error of its own.
         in_time: motion of base or instrument.
     """
-    shared = shared_error(cells)
     common = setup.apparatus_m * cells.measured.by_stated_targets
     if in_time.wander is not None:
         common = np.concatenate([common, in_time.wander.columns(about, cells)], axis=2)
-    pose = NoiseModel.of(whitener_of(cell_cov), shared, common)
-    if setup.payload is None or torque_u_Nm is None:
-        return pose, None, np.zeros_like(cells.states.q_rad)
-    weights = statics_of(about.model, about.x, cells.states, setup.payload)
-    scale = np.sqrt(cells.readings)[:, None] / torque_u_Nm
-    common = _common_torques(
-        cells, weights, about, setup.payload, setup.options, np.unique(load_N[load_N > 0])
-    )
-    torque = NoiseModel.of(scale[:, :, None] * np.eye(cells.states.n), shared, common)
-    return pose, torque, weights.torque_Nm
+    return NoiseModel.of(whitener_of(cell_cov), shared_error(cells), common)
+
+
+def torque_noise_model(
+    cells: Observations,
+    weights: Statics,
+    about: FittedModel,
+    setup: MeasurementSetup,
+    torque_u_Nm: Array,
+    load_N: Array,
+) -> NoiseModel:
+    """Return the noise model of the torques of cells.
+
+    Common to all poses are errors of masses, centres of mass, loads, and zeros of torques.
+
+    Args:
+        cells: averaged readings, complete with their static loads.
+        weights: torques of all weights in them, and derivatives of these.
+        about: model about which the weights are computed.
+        setup: what is known besides the poses, the payload too.
+        torque_u_Nm: (n,) standard deviation of a reading's torques.
+        load_N: loads of the campaign, of which each one has an error of its own.
+    """
+    assert setup.payload is not None
+    loads_N = np.unique(load_N[load_N > 0])
+    common = _common_torques(cells, weights, about, setup.payload, setup.options, loads_N)
+    per_Nm = np.sqrt(cells.readings)[:, None] / torque_u_Nm
+    whitener = per_Nm[:, :, None] * np.eye(cells.states.n)
+    return NoiseModel.of(whitener, shared_error(cells), common)
 
 
 def _common_torques(

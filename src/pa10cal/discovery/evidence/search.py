@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -117,12 +117,12 @@ def _improve(
     """Add, exchange and remove effects until nothing helps and each of them is needed."""
     forbidden: set[int] = set()
     while chosen := _forward(evidence, same, chosen, forbidden):
-        weakest, loss, rest = _weakest(evidence, chosen, needed)
-        if loss >= needed:
+        weakest = _weakest(evidence, chosen, needed)
+        if weakest.lost_nats >= needed:
             break
         # A member that was not needed is not tried again: it would be added at once.
-        forbidden.add(weakest)
-        chosen = rest
+        forbidden.add(weakest.candidate)
+        chosen = weakest.others
     return chosen
 
 
@@ -149,9 +149,10 @@ def _forward(
 def _best_addition(
     evidence: SetEvidence, same: Mask, chosen: CandidateSet, forbidden: set[int]
 ) -> tuple[float, CandidateSet]:
-    """Return the evidence of the best set with one more member, and that set.
+    """Return the log evidence of the best set with one more member, and that set.
 
-    A candidate that is forbidden, or indistinguishable from a member, is not added.
+    A candidate that is forbidden, or indistinguishable from a member, is not added. Without any
+    other the evidence is -inf.
     """
     is_distinct = ~same[:, [k for k, _ in chosen]].any(axis=1)
     open_to = [k for k in np.flatnonzero(is_distinct).tolist() if k not in forbidden]
@@ -163,18 +164,28 @@ def _best_addition(
     return evidence.score(chosen).log_evidence, chosen
 
 
-def _weakest(
-    evidence: SetEvidence, chosen: CandidateSet, needed: float
-) -> tuple[int, float, CandidateSet]:
-    """Return the least needed member, the loss of evidence without it, and the set without it."""
+class _Weakest(NamedTuple):
+    """The least needed member of a set."""
+
+    candidate: int  # its number in the family
+    lost_nats: float  # loss of log evidence without it
+    others: CandidateSet  # the set without it
+
+
+def _weakest(evidence: SetEvidence, chosen: CandidateSet, needed: float) -> _Weakest:
+    """Return the least needed member of a set; a needed one is needed by all sizes of the others.
+
+    Args:
+        needed: loss of log evidence from which on a member is needed.
+    """
     whole = evidence.score(chosen).log_evidence
     without = [less(chosen, k) for k in range(len(chosen))]
     scores = [evidence.score(rest).log_evidence for rest in without]
     if whole - max(scores) >= needed:  # with a proxy in the set the true effect is too small
         without = [resized(evidence, rest) for rest in without]
         scores = [evidence.score(rest).log_evidence for rest in without]
-    weakest = int(np.argmax(scores))
-    return chosen[weakest][0], whole - scores[weakest], without[weakest]
+    k = int(np.argmax(scores))
+    return _Weakest(chosen[k][0], whole - scores[k], without[k])
 
 
 def resized(evidence: SetEvidence, chosen: CandidateSet) -> CandidateSet:
