@@ -15,10 +15,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pa10cal.arm.statics import PoseStates
-from pa10cal.calibration.calibrate import random_starts, tolerance_rows
-from pa10cal.calibration.levels import TwoLevel, rows_of, spread_poses
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.two_level_solver import solve
+from pa10cal.calibration.two_level_fit import random_starts, solve, tolerance_rows
+from pa10cal.calibration.two_level_problem import TwoLevel, rows_of, spread_poses
 from pa10cal.files.arms import load_arm
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.calibrate import calibrate
 from pa10cal.calibration.general.calibrate import calibrate_general, find_start
 from pa10cal.calibration.general.unknowns import ChosenUnknowns, choose_unknowns
 from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.calibration.paper import parameter_records
+from pa10cal.calibration.two_level_fit import calibrate
 from pa10cal.files.arms import load_arm
 from pa10cal.files.output import csv_text
 from pa10cal.observe.kinds import instruments

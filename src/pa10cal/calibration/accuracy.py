@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arrays import Array, Index, Mask
-from pa10cal.calibration.levels import fit_base_frame
+from pa10cal.calibration.two_level_problem import fit_base_frame
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.tails import far_from_prediction
 from pa10cal.observe.instrument import Instrument

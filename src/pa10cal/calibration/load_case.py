@@ -12,8 +12,8 @@ from pa10cal.arm.description import Arm
 from pa10cal.arm.statics import Payload, PoseStates
 from pa10cal.arrays import Array, Mask
 from pa10cal.calibration.fit_summary import FitSummary
-from pa10cal.calibration.levels import report_base
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.calibration.two_level_problem import report_base
 from pa10cal.calibration.uncertainty import calibrated_parameters
 from pa10cal.campaign.description import CampaignDescription
 from pa10cal.errors import CalibrationError

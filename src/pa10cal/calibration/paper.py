@@ -9,12 +9,12 @@ import numpy as np
 
 from pa10cal.arrays import Array
 from pa10cal.calibration import accuracy, uncertainty
-from pa10cal.calibration.calibrate import Calibration, calibrate, pull_beyond_bounds
 from pa10cal.calibration.fit_summary import FitSummary, names_of
 from pa10cal.calibration.grade_evidence import GradeEvidence
 from pa10cal.calibration.health import health
 from pa10cal.calibration.load_case import LoadCase, base_parameters, case_keys, fit_keys
 from pa10cal.calibration.rules import GRADES, UNKNOWNS
+from pa10cal.calibration.two_level_fit import Calibration, calibrate, pull_beyond_bounds
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.discrepancy import discrepancy_of, lacking_mm
 from pa10cal.fit.fitted import FittedTo

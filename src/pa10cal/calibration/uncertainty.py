@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.chain import end_pose_with_screws
 from pa10cal.arrays import Array
-from pa10cal.calibration.levels import TwoLevelRows
 from pa10cal.calibration.rules import GRADES
+from pa10cal.calibration.two_level_problem import TwoLevelRows
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.observe.observations import (
     Observations,

@@ -13,7 +13,7 @@ import numpy as np
 from typing_extensions import override
 
 from pa10cal.arrays import Array
-from pa10cal.calibration.calibrate import check_torques
+from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery import linear
 from pa10cal.discovery.blocked_cv.survey import LEAST_FOR_BLOCKS
 from pa10cal.discovery.compliance import with_compliance

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pa10cal.calibration.levels import report_base
+from pa10cal.calibration.two_level_problem import report_base
 from pa10cal.calibration.uncertainty import reported_keys
 from pa10cal.discovery.finding import name_of, steps_told, with_a_name
 from pa10cal.discovery.rules import JUDGING, decisions

@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from pa10cal.arm.statics import PoseStates
 from pa10cal.arrays import Array
-from pa10cal.calibration.calibrate import check_torques
+from pa10cal.calibration.two_level_fit import check_torques
 from pa10cal.discovery import preparation
 from pa10cal.discovery.evidence.candidates import split_testable
 from pa10cal.discovery.evidence.confirmation import whitened_rows

@@ -6,11 +6,10 @@ from scipy.optimize import least_squares
 
 from made_up_poses import at_rest, measured_poses
 from pa10cal.calibration.accuracy import summarise
-from pa10cal.calibration.calibrate import calibrate, random_starts, tolerance_rows
-from pa10cal.calibration.levels import TwoLevel, rows_of
 from pa10cal.calibration.load_case import load_cases, rows_of_load
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.calibration.two_level_solver import solve
+from pa10cal.calibration.two_level_fit import calibrate, random_starts, solve, tolerance_rows
+from pa10cal.calibration.two_level_problem import TwoLevel, rows_of
 from pa10cal.errors import CalibrationError
 from pa10cal.fit.problem import identify, unidentified_directions
 from pa10cal.frame.point_fits import fit_rigid_weighted, pose_by_source

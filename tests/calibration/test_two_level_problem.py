@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drawn_examples import examples
-from pa10cal.calibration.levels import TwoLevel, fit_base_frame, rows_of, spread_poses
+from pa10cal.calibration.two_level_problem import TwoLevel, fit_base_frame, rows_of, spread_poses
 from pa10cal.errors import CalibrationError
 from pa10cal.frame.point_fits import pose_error
 
