@@ -11,7 +11,7 @@ import pytest
 from benchmarks.broken_fleet import workbook
 
 from made_up_exports import _ods
-from pa10cal.campaign import binary_rows
+from pa10cal.campaign import text_lines
 from pa10cal.campaign.text_lines import lines_of
 from pa10cal.errors import RawDataError
 
@@ -54,7 +54,7 @@ def test_what_is_not_needed_is_not_waited_for(tmp_path):
 
 
 def test_a_reader_that_dies_is_a_refusal(tmp_path, monkeypatch):
-    monkeypatch.setattr(binary_rows, "MOST_BYTES", 40 * MB)
+    monkeypatch.setattr(text_lines, "MOST_BYTES", 40 * MB)
     rows = (f'<row r="{k}"><c r="A{k}"><v>{k}</v></c></row>' for k in range(1, 500_000))
     with pytest.raises(RawDataError, match=r"a\.xlsx: .*more memory.*save the sheet as CSV"):
         list(lines_of(written(tmp_path / "a.xlsx", *rows)))

@@ -96,6 +96,7 @@ def test_joints_in_another_log_have_the_labels_without_targets(sightings, read, 
     readings.insert(0, labels, table["Name"] + "_" + table["Target"])
     text, found = read(joints, readings)
     assert "joined by label" in text
+    assert any("rows of one target each" in note for note in found.notes)
     same_places(found, raw, table)
 
 

@@ -8,8 +8,7 @@ import yaml
 
 from made_up_sightings import sighted
 from pa10cal.campaign.read import read_campaign
-from pa10cal.campaign.sniffing import sniff
-from pa10cal.campaign.times import format_of
+from pa10cal.campaign.sniffing import sniff, time_format
 
 NAMES = [*(f"Joint {k}" for k in range(1, 7)), "Pos X", "Pos Y", "Pos Z"]
 
@@ -107,4 +106,4 @@ def test_a_line_that_holds_no_names_gives_none(tmp_path, rows, above):
     ],
 )
 def test_of_a_date_whose_day_may_be_a_month_both_are_told(word, form, other):
-    assert format_of([word, word.replace("10:00", "10:10")]) == (form, other)
+    assert time_format([word, word.replace("10:00", "10:10")]) == (form, other)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -103,10 +104,10 @@ def mapped():
     )
 
 
-def read_with(tmp_path, logs, of_readings=(), exclude=(), **of_joints):
+def read_with(tmp_path, logs, of_readings=(), exclude=(), sep=",", **of_joints):
     """Read two logs with further columns mapped."""
     folder, content = tmp_path / "mine", mapped() | {"exclude": list(exclude)}
-    logs.write(folder)
+    logs.write(folder, sep=sep)
     content["columns"]["joints"] |= of_joints
     content["columns"]["readings"] |= dict(of_readings)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content))
@@ -133,6 +134,22 @@ def test_rows_that_belong_together_are_joined_by_row(tmp_path, time_of_joints, s
     assert found.warnings == ()
 
 
+def test_poses_to_which_the_arm_came_again_are_joined_by_row(tmp_path):
+    """The log of the joints holds commands, which are the same in every digit."""
+    logs = two_logs(tmp_path, 5, dense=False)
+    joints = logs.joints[JOINTS]
+    logs.joints = pd.concat([joints, joints], ignore_index=True)
+    readings = logs.readings.drop(columns="Zeitstempel")
+    again = readings.assign(**{PLACE[0]: readings[PLACE[0]] + 0.01})
+    logs.readings = pd.concat([readings, again], ignore_index=True)
+    found = read_with(tmp_path, logs)
+    assert found.quarantined == ()
+    assert len(found.observations) == 2 * len(joints)
+    np.testing.assert_allclose(
+        found.observations.states.q_rad[len(joints) :], logs.q_rad, atol=2e-4
+    )
+
+
 def test_a_line_is_excluded_of_the_file_that_is_named(tmp_path):
     logs = two_logs(tmp_path, 5, dense=False)
     exclude = [{"where": "tracker.csv:12", "why": "bumped"}]
@@ -141,6 +158,17 @@ def test_a_line_is_excluded_of_the_file_that_is_named(tmp_path):
     assert (row.file, row.line) == ("tracker.csv", 12)
     with pytest.raises(Pa10calError, match=r"nothing is there .*controller\.csv:12.*tracker\.csv"):
         read_with(tmp_path, logs, exclude=[{"where": "controller.csv:12", "why": "bumped"}])
+
+
+@pytest.mark.parametrize("timed", [False, True])
+def test_readings_of_which_none_can_be_read_are_refused_for_that(tmp_path, timed):
+    logs = two_logs(tmp_path, 5, dense=False)
+    logs.readings = logs.readings.astype(str).apply(lambda column: column.str.replace(".", ","))
+    time = {"time": {"names": logs.joints.columns[0]}} if timed else {}
+    of_readings = {"separator": ";"}
+    of_readings |= {"time": {"names": logs.readings.columns[0], "format": "iso"}} if timed else {}
+    with pytest.raises(Pa10calError, match=r"40 of 40 rows .*set columns.readings.decimal: ','"):
+        read_with(tmp_path, logs, of_readings, sep=";", separator=";", **time)
 
 
 @pytest.mark.parametrize("by", ["time", "label"])

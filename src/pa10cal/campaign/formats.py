@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.campaign.binary_rows import BAGS
 from pa10cal.campaign.controller_programs import (
     abb_points,
     fanuc_points,
@@ -33,7 +32,7 @@ from pa10cal.campaign.instrument_exports import (
     vicon_table,
 )
 from pa10cal.campaign.recognise import matrix_columns, polar_columns, roles_of
-from pa10cal.campaign.text_lines import TextLine, binary_kind, lines_of
+from pa10cal.campaign.text_lines import BAGS, TextLine, binary_kind, lines_of
 from pa10cal.errors import RawDataError
 
 #: Lines at the beginning of a file by which its format is recognised.

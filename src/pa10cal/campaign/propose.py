@@ -71,8 +71,7 @@ from pa10cal.campaign.row_targets import (
     target_column,
     target_names,
 )
-from pa10cal.campaign.sniffing import Sniffed, rows_at
-from pa10cal.campaign.times import JUDGED, time_columns
+from pa10cal.campaign.sniffing import JUDGED, Sniffed, rows_at, time_columns
 from pa10cal.campaign.two_logs import LABELS, TwoLogs, shared_labels
 from pa10cal.errors import RawDataError
 from pa10cal.frame.target_problem import scale_of_points
@@ -225,7 +224,7 @@ def _at_joints(
     }
     description = parse_section(CampaignDescription, keys, where=DESCRIPTION_FILE)
     try:
-        two = TwoLogs.of(description, files[0].parent, arm, IngestOptions().still_speed_deg_s)
+        two = TwoLogs.of(description, files[0].parent, arm, IngestOptions())
         two = replace(two, joints=replace(two.joints, path=files[0]))
         two = replace(two, readings=replace(two.readings, path=files[1]))
         raw = two.read([*LABELS[:-1], *two.measured_columns.names])

@@ -32,7 +32,7 @@ from pa10cal.campaign.joint_positions import position_columns
 from pa10cal.campaign.own_columns import FileColumns, Polar, RotationColumns, Time
 from pa10cal.campaign.raw_rows import TEXT, RawRows
 from pa10cal.campaign.row_targets import one_row_a_pose, targets_of_rows
-from pa10cal.campaign.times import ISO, seconds_of
+from pa10cal.campaign.sniffing import ISO, seconds_of
 from pa10cal.errors import RawDataError
 
 #: Least standard uncertainty of a component of a quaternion computed from stated ones.
@@ -163,7 +163,12 @@ class RawFile:
         return columns.model_copy(update={"header": 1, "first_row": 0})
 
     def read(
-        self, required: Sequence[str], optional: Sequence[str] = (), together: Sequence[str] = ()
+        self,
+        required: Sequence[str],
+        optional: Sequence[str] = (),
+        together: Sequence[str] = (),
+        *,
+        repeats: bool = False,
     ) -> RawRows:
         """Read columns of the contract; see `read_rows`. All required columns must be mapped.
 
@@ -174,7 +179,8 @@ class RawFile:
             # Poses without times are numbered.
             timed = self.key != "poses" or "time_s" in self.names
             needed = [name for name in required if name != "time_s" or timed]
-            raw = read_rows(self.path, needed, optional, together, within=self.path.parent)
+            within = self.path.parent
+            raw = read_rows(self.path, needed, optional, together, repeats=repeats, within=within)
         else:
             filled = FILLED.get(self.key, ())
             needed = [*required, *(together if set(together) & set(self.words.sources) else ())]
@@ -182,7 +188,7 @@ class RawFile:
             if missing:
                 raise self._unmapped(missing)
             wanted = {name for name in (*needed, *optional) if name in self.words}
-            raw = self._translated(self.columns, wanted)
+            raw = self._translated(self.columns, wanted, repeats=repeats)
         fill = {"load_N": np.zeros(len(raw)), "repeat": np.ones(len(raw))}
         made_later = {"pose", "repeat"} if self.key == "poses" else set()  # see `with_labels`
         for name in set(FILLED.get(self.key, ())) & set(required) - set(raw.columns) - made_later:
@@ -206,10 +212,16 @@ class RawFile:
                 own[name] = replace(was, factor=sign * was.factor, offset=sign * was.offset + added)
         return replace(raw, columns=columns, own=ColumnMap(own))
 
-    def _translated(self, columns: FileColumns, wanted: set[str]) -> RawRows:
+    def _translated(self, columns: FileColumns, wanted: set[str], *, repeats: bool) -> RawRows:
         """Return rows under the contract's names, in its units."""
-        layout, within = self._layout, self.path.parent
-        raw = read_rows(self.path, self.own_names, layout=layout, words=self.words, within=within)
+        raw = read_rows(
+            self.path,
+            self.own_names,
+            layout=self._layout,
+            words=self.words,
+            repeats=repeats,
+            within=self.path.parent,
+        )
         raw = replace(raw, unused=())
         of_row = poses = np.zeros(0, dtype=str)
         if columns.target is not None and columns.position is not None:

@@ -19,7 +19,7 @@ from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
 from pa10cal.campaign.column_map import CONTRACT_COLUMNS, LENGTHS, UNIT_WORDS, ColumnMap
 from pa10cal.campaign.csv_rows import REPEATED
 from pa10cal.campaign.raw_rows import COMMA, EXCLUDED, Quarantined
-from pa10cal.campaign.times import format_of
+from pa10cal.campaign.sniffing import time_format
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import Misfit
 
@@ -332,7 +332,7 @@ def _remedy_of_rows(
         )
     if key.endswith(".time"):
         texts = [value.strip("'\"") for value in values]
-        if all(texts) and (how := format_of(texts)[0]):
+        if all(texts) and (how := time_format(texts)[0]):
             return f"set {key}.format: '{how}'"
     if key.endswith(".kind"):
         return f"add {', '.join(dict.fromkeys(values))} to {key}.words, as grid or as holdout"

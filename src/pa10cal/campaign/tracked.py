@@ -57,7 +57,7 @@ def read_tracked(
     file: RawFile | TwoLogs = (
         RawFile.of(description, folder, "poses", arm.axes_slide)
         if description.files.joints is None
-        else TwoLogs.of(description, folder, arm, options.still_speed_deg_s)
+        else TwoLogs.of(description, folder, arm, options)
     )
     base_names = base_target_names(file.names)
     refuse_base_targets(description, file.path, file.words, base_names)

@@ -22,7 +22,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array, Index
 from pa10cal.campaign.bounds import LEAST_U, unwrapped
 from pa10cal.campaign.column_map import ColumnMap
-from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription, Join
+from pa10cal.campaign.description import DESCRIPTION_FILE, CampaignDescription
 from pa10cal.campaign.dwells import (
     BRIEF_WINDOW_S,
     DENSE,
@@ -42,6 +42,7 @@ from pa10cal.campaign.nominal_fit import (
 )
 from pa10cal.campaign.raw_file import RawFile
 from pa10cal.campaign.raw_rows import RawRows
+from pa10cal.campaign.screens import refuse_too_many
 from pa10cal.campaign.streams import (
     LEAST_READINGS,
     Clock,
@@ -55,6 +56,7 @@ from pa10cal.campaign.streams import (
 )
 from pa10cal.errors import RawDataError
 from pa10cal.observe.quantities import RawColumns
+from pa10cal.options import IngestOptions
 
 #: Later times are counted from 1970, not from the first reading [s].
 SINCE_1970 = 1e8
@@ -188,17 +190,17 @@ class TwoLogs:
     readings: RawFile
     campaign: CampaignDescription
     arm: Arm
-    still_deg_s: float  # `ingest.still_speed_deg_s`
+    options: IngestOptions
 
     @classmethod
     def of(
-        cls, campaign: CampaignDescription, folder: Path, arm: Arm, still_deg_s: float
+        cls, campaign: CampaignDescription, folder: Path, arm: Arm, options: IngestOptions
     ) -> TwoLogs:
         """Return the two logs that campaign.yaml names."""
         joints, readings = (
             RawFile.of(campaign, folder, key, arm.axes_slide) for key in ("joints", "readings")
         )
-        return cls(joints, readings, campaign, arm, still_deg_s)
+        return cls(joints, readings, campaign, arm, options)
 
     @property
     def path(self) -> Path:
@@ -245,7 +247,11 @@ class TwoLogs:
         read = self.readings.read(
             [name for name in others if name not in labels],
             [name for name in optional if name not in of_joints],
+            repeats=self._by == "row",
         )
+        if not len(read):  # refused as one file, since there is nothing to join
+            most = self.options.max_quarantined_fraction
+            refuse_too_many(read.quarantined, read.totals, most, self.words)
         logged, samples = self._joints_logged(q, together)
         if self._by == "time" and is_stream(read["time_s"]):
             read, station, stations, note = self._streams(read, samples)
@@ -276,7 +282,7 @@ class TwoLogs:
             unused=(*read.unused, *logged.unused),
             quarantined=(*read.quarantined, *logged.quarantined),
             own=logged.own | read.own,
-            notes=(note, *logged.notes),
+            notes=(note, *read.notes, *logged.notes),
         )
         return whole.take(station >= 0, NOT_JOINED[self._by])
 
@@ -333,7 +339,10 @@ class TwoLogs:
         """Read the joints' log, in order of time where it is joined by time."""
         text = [name for name in LABELS if name in self.joints.names]
         uncertain = [f"u_{name}" for name in (*q, *together)]
-        raw = self.joints.read([*q, *text], ["temperature_C", *uncertain], together)
+        # Joined by row, equal rows are of poses to which the arm came again.
+        raw = self.joints.read(
+            [*q, *text], ["temperature_C", *uncertain], together, repeats=self._by == "row"
+        )
         logged = [*q, *(name for name in together if name in raw.columns)]
         raw = raw.finite([*logged, *(["time_s"] if "time_s" in text else [])])
         raw = raw.finite([name for name in uncertain if name in raw.columns], may_be_blank=True)
@@ -362,24 +371,37 @@ class TwoLogs:
         stated = None if self.campaign.join is None else self.campaign.join.by
         return stated or ("label" if "pose" in both else "time" if "time_s" in both else "row")
 
+    @property
+    def _stated_offset_s(self) -> float | None:
+        """Return the offset of the clocks that campaign.yaml states; None where it is found."""
+        return None if self.campaign.join is None else self.campaign.join.clock_offset_s
+
+    def _offset(
+        self, stations: Stations, time_s: Array, readings: ReadingsAtStations
+    ) -> tuple[float, float]:
+        """Return the offset of the clocks as stated, of uncertainty 0, else see `clock_offset`."""
+        if self._stated_offset_s is not None:
+            return self._stated_offset_s, 0.0
+        return clock_offset(stations, time_s, readings)
+
     def _joined(
         self, read: RawRows, logged: RawRows, samples: Samples
     ) -> tuple[Index, Stations, str]:
         """Return the station (N,) of each reading, -1 for none; the stations; and a note."""
-        join, count, by = self.campaign.join or Join(), len(read), self._by
-        stations = stations_of(samples, count if by == "time" else len(samples), self.still_deg_s)
+        count, by = len(read), self._by
+        stations = stations_of(
+            samples, count if by == "time" else len(samples), self.options.still_speed_deg_s
+        )
         at_stations = self._at_stations(read, stations)
         files = f"{self.joints.path.name} and {self.readings.path.name}"
         if by == "time":
-            time_s, stated_s = read["time_s"], join.clock_offset_s
-            offset_s, u_s = stated_s, 0.0
-            if offset_s is None:
-                offset_s, u_s = clock_offset(stations, time_s, at_stations)
+            time_s = read["time_s"]
+            offset_s, u_s = self._offset(stations, time_s, at_stations)
             station = stations.at(time_s + offset_s)
             inside = int((station >= 0).sum())
             if 2 * inside <= count:
                 raise self._apart(inside, stations, time_s, at_stations)
-            plus_minus = "" if stated_s is not None else f" ± {2.0 * u_s:.2g} s"
+            plus_minus = "" if self._stated_offset_s is not None else f" ± {2.0 * u_s:.2g} s"
             note = (
                 f"{files} joined by time: the joints' clock is that of the readings "
                 f"{offset_s:+.2f} s{plus_minus}; {inside} of {count} readings lie in "
@@ -428,10 +450,7 @@ class TwoLogs:
         means = averaged(read, dwells.of_sample)
         at_stations = self._at_stations(means, stations)
         middle_s = 0.5 * (dwells.start_s + dwells.end_s)
-        stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
-        offset_s, u_s = stated_s, 0.0
-        if offset_s is None:
-            offset_s, u_s = clock_offset(stations, middle_s, at_stations)
+        offset_s, u_s = self._offset(stations, middle_s, at_stations)
         station = stations.at(middle_s + offset_s)
         inside = int((station >= 0).sum())
         if 2 * inside <= len(dwells):
@@ -440,11 +459,10 @@ class TwoLogs:
                 raise self._hardly_still(inside, len(stations), len(dwells), count)
             raise self._apart(inside, stations, middle_s, at_stations, "dwells of the target")
         clock = Clock(offset_s, u_s, float(time_s[0]), float(time_s[-1]))
-        if stated_s is None:
+        if self._stated_offset_s is None:
             if in_motion:
                 clock = self._clock(clock, samples, stations, station, dwells, time_s, p_mm)
-            u_s = float(np.hypot(clock.u_s, rounded_s / np.sqrt(12.0)))
-            clock = replace(clock, u_s=u_s)
+            clock = replace(clock, u_s=float(np.hypot(clock.u_s, rounded_s / np.sqrt(12.0))))
         station = stations.at(clock.joints_s(time_s))
         steady = (dwells.of_sample >= 0) & (station >= 0)
         # Readings at one station are averaged, if there are enough.
@@ -469,7 +487,7 @@ class TwoLogs:
 
         def at_rest(window_s: float) -> tuple[int, Stations, Stations]:
             dwells = reading_dwells(time_s, p_mm, window_s)
-            stations = stations_of(samples, len(dwells), self.still_deg_s, window_s)
+            stations = stations_of(samples, len(dwells), self.options.still_speed_deg_s, window_s)
             both = min(len(dwells), len(stations) if len(stations) < len(samples) else 0)
             return both, dwells, stations
 
@@ -547,7 +565,7 @@ class TwoLogs:
         of: str = "readings",
     ) -> RawDataError:
         """Return the refusal of readings of which most lie at no station."""
-        stated_s = None if self.campaign.join is None else self.campaign.join.clock_offset_s
+        stated_s = self._stated_offset_s
         offset = "the best offset of the clocks" if stated_s is None else f"{stated_s:+g} s"
         value = f"{inside} of {len(time_s)} {of} lie where the arm stood, at {offset}"
         where = str(self.readings.path)
