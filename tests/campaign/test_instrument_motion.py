@@ -12,7 +12,7 @@ from pa10cal.campaign.table import read_base_motion, read_observations, write_po
 from pa10cal.commands.command_line import main
 from pa10cal.errors import RawDataError
 from pa10cal.frame.point_fits import cross_matrix
-from pa10cal.observe.joined import Member, join
+from pa10cal.observe.joined import GroupCampaign, join
 
 WALK = ({"id": "random_walk", "parameters": {"size_mm": 0.05, "turn_mrad": 0.01}},)
 
@@ -349,7 +349,7 @@ def test_a_file_with_names_of_its_own_maps_them_as_targets(tmp_path, usual):
 def test_a_group_keeps_what_the_motion_is_uncertain_by(tmp_path, usual):
     first, second = usual, read_campaign(written(tmp_path / "b", seed=4))
     members = [
-        Member(name, each.observations, find_start(each.arm, each.observations))
+        GroupCampaign(name, each.observations, find_start(each.arm, each.observations))
         for name, each in (("a", first), ("b", second))
     ]
     together = join(members)

@@ -9,7 +9,7 @@ from pa10cal.discovery.linear import by_joints
 from pa10cal.discovery.pose_scatter import PoseDeviations, scatter_of, share_inside
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel
-from pa10cal.observe.joined import joined
+from pa10cal.observe.joined import concatenated
 from pa10cal.observe.observations import Observations
 from pa10cal.observe.pose import Pose
 from pa10cal.results.record import HALF_WIDTH_95
@@ -78,7 +78,7 @@ def test_intervals_hold_what_they_say(model):
 
 def test_poses_of_one_campaign_of_a_group_scatter_as_that_one_does(model):
     each = [seen_by(model, seed, 40)[0] for seed in (4, 5)]
-    every = joined(each, ("june", "july"))
+    every = concatenated(each, ("june", "july"))
     names = [name for name, _ in every.measured.component_kinds]
     scatter = PoseDeviations(TRUE.joints, dict(zip(names, (1e-5, 2e-5, 3e-5, 4e-5), strict=True)))
     found = scatter.covariance(model, every.take(np.arange(40, 80)))

@@ -34,7 +34,7 @@ from pa10cal.campaign.touched import read_touched
 from pa10cal.campaign.tracked import read_tracked
 from pa10cal.errors import RawDataError
 from pa10cal.files.controller import controller_notes, controller_warnings
-from pa10cal.observe.joined import Member, join
+from pa10cal.observe.joined import GroupCampaign, join
 from pa10cal.observe.observations import Observations, average_repeats
 from pa10cal.observe.paths import along_a_path, stretches_held_out
 from pa10cal.observe.time_order import with_time_validity
@@ -325,7 +325,7 @@ def read_group(
         grid = average_repeats(each.calibration)
         unloaded = grid.take(grid.states.load_N == grid.states.load_N.min())
         start = unloaded.measured.find_start(Chain.of(each.arm).forward(unloaded.states.q_rad))
-        placed.append(Member(each.name, each.observations, start))
+        placed.append(GroupCampaign(each.name, each.observations, start))
     together = join(placed)
     quarantined = (
         replace(row, file=f"{each.name}/{row.file}") for each in read for row in each.quarantined

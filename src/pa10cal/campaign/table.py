@@ -24,7 +24,7 @@ from pa10cal.errors import RawDataError
 from pa10cal.fit.weighed_arm import weighed_arm
 from pa10cal.input_files import open_file, reason
 from pa10cal.observe.base_targets import BaseTargets, MotionFound
-from pa10cal.observe.joined import joined
+from pa10cal.observe.joined import concatenated
 from pa10cal.observe.observations import JointLog, Observations
 from pa10cal.results.calibration import InputFinding
 
@@ -86,7 +86,7 @@ def read_observations(path: Path, description: CampaignDescription) -> Observati
         rows.append(here)
     known = json.loads(_metadata(path).get(b"targets", b"{}"))
     targets = {name: np.array(R) for name, R in known.items()}
-    whole = joined(parts, tuple(campaign.name for campaign in description.campaigns), targets)
+    whole = concatenated(parts, tuple(campaign.name for campaign in description.campaigns), targets)
     return whole.take(np.argsort(np.concatenate(rows), kind="stable"))
 
 

@@ -65,7 +65,7 @@ from pa10cal.terms.effects.effect import (
 )
 from pa10cal.terms.effects.joint import GearLine
 from pa10cal.terms.term import Role
-from pa10cal.terms.wording import sized
+from pa10cal.terms.wording import parameters_text
 
 R = TypeVar("R", bound=CalibrationRecord)
 
@@ -242,7 +242,7 @@ def _may_be_zero(found: linear.ModelWithEffects, covariance: Array) -> Iterator[
     """Yield the effects whose amounts are not significant, each with a warning."""
     for effect in filter(is_named, found.effects):
         for why in holds_zero(effect, found.fitted(covariance)):
-            values = sized(effect_parameters(effect, *found.reported(effect, covariance)))
+            values = parameters_text(effect_parameters(effect, *found.reported(effect, covariance)))
             yield effect, f"{label_of(effect, None)} is not in the model: {why} ({values})"
 
 

@@ -58,7 +58,7 @@ from pa10cal.results.maps import JointWitness
 from pa10cal.terms.effects.effect import CandidateContext, Effect
 from pa10cal.terms.effects.joint_error_map import JointErrorMap, is_error_map
 from pa10cal.terms.weights import is_fault
-from pa10cal.terms.wording import sized
+from pa10cal.terms.wording import parameters_text
 
 
 @dataclass(frozen=True)
@@ -368,7 +368,9 @@ class Verdict(Generic[S]):
         """Return the lines that are shown in addition to the word of the verdict."""
         if self.why is not None and self.remedy is not None:
             return self.why, self.remedy
-        found = [f"{label_of(e.effect, None)}: {sized(e.parameters)}" for e in self.effects]
+        found = [
+            f"{label_of(e.effect, None)}: {parameters_text(e.parameters)}" for e in self.effects
+        ]
         found += [f"proposed, no name: {each.form.formula}" for each in self.proposed]
         more = len(found) - PLACES.most_shown
         found[PLACES.most_shown :] = [f"and {more} more"] if more > 0 else []

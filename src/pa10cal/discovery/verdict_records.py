@@ -26,7 +26,6 @@ from pa10cal.results.evaluation import Parameter
 from pa10cal.results.maps import FallsBack
 from pa10cal.results.record import CampaignIdentity, shown_probability
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
-from pa10cal.terms.wording import wrong
 
 
 def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
@@ -159,7 +158,7 @@ def warnings_of(verdict: VerdictKeys) -> tuple[str, ...]:
     if verdict.verdict == "unexplained" and verdict.unexplained is not None:
         place = verdict.unexplained.of or "unknown place"
         found.append(f"an unidentified effect of {place} is missing: uncertainties do not cover it")
-    found += map(wrong, verdict.faults)
+    found += map(fault_text, verdict.faults)
     if verdict.falls_back is not None:
         found.append(verdict.falls_back.why)
     if verdict.search is not None and (count := verdict.search.excluded):

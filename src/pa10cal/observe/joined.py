@@ -372,7 +372,7 @@ class Joined(Instrument):
 
 
 @dataclass(frozen=True)
-class Member:
+class GroupCampaign:
     """A campaign of a group."""
 
     name: str
@@ -380,7 +380,7 @@ class Member:
     start: Start  # approximate base, tool and targets, in the same frame
 
 
-def join(members: Sequence[Member]) -> Observations[Joined]:
+def join(campaigns: Sequence[GroupCampaign]) -> Observations[Joined]:
     """Join campaigns of one robot.
 
     Every campaign is moved so that its base coincides with that of the first, and its orientations
@@ -388,11 +388,11 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
     and unknowns of its own. Labels of poses get the name of their campaign; campaigns follow each
     other in time.
     """
-    first = members[0].start
+    first = campaigns[0].start
     parts: list[Observations] = []
     end_s = 0.0
-    for member in members:
-        part, start = member.observations, member.start
+    for each in campaigns:
+        part, start = each.observations, each.start
         if start is not first:
             T_first_own = first.T_instr_base @ np.linalg.inv(start.T_instr_base)
             measured = part.measured.in_frame(T_first_own)
@@ -403,21 +403,24 @@ def join(members: Sequence[Member]) -> Observations[Joined]:
         if parts and len(time_s):
             time_s = time_s - time_s.min() + end_s + _APART_S
         end_s = time_s.max(initial=end_s)
-        labels = np.char.add(member.name + _OF_CAMPAIGN, part.pose)
+        labels = np.char.add(each.name + _OF_CAMPAIGN, part.pose)
         parts.append(replace(part, pose=labels, states=replace(part.states, time_s=time_s)))
     R_first = first.R_ee_target
-    targets = {member.name: R_first.T @ member.start.R_ee_target for member in members}
-    return joined(parts, tuple(targets), targets)
+    targets = {each.name: R_first.T @ each.start.R_ee_target for each in campaigns}
+    return concatenated(parts, tuple(targets), targets)
 
 
-def joined(
+def concatenated(
     parts: Sequence[Observations],
     names: tuple[str, ...],
     targets: Mapping[str, Array] | None = None,
 ) -> Observations[Joined]:
-    """Join single readings of campaigns in one frame, with labels and times of their own.
+    """Return the single readings of campaigns one after the other.
 
-    Targets are those of `Joined`; None where no orientations were turned.
+    Args:
+        parts: those of each, in one frame, with labels and times that no other has.
+        names: of the campaigns.
+        targets: see `Joined`; None where no orientations were turned.
     """
     campaign = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     fields = ("q_rad", "tau_Nm", "arrival", "load_N", "temperature_C", "time_s")
@@ -427,10 +430,7 @@ def joined(
     timed = None
     if not all(part.states.tells_time for part in parts):
         timed = np.concatenate(
-            [
-                np.ones(len(part), bool) if part.states.timed is None else part.states.timed
-                for part in parts
-            ]
+            [np.broadcast_to(part.states.tells_time, len(part)) for part in parts]
         )
     logs = [part.log for part in parts if part.log is not None]
     log = None

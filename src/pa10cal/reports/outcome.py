@@ -21,7 +21,7 @@ from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import UNRESERVED, CalibrationRecord
 from pa10cal.results.discovery import FoundEffect, NamedEffect, ProposedFormula, VerdictRecord
 from pa10cal.results.record import SURE, EffectName, shown_probability
-from pa10cal.terms.wording import done, headline, percent, sentences
+from pa10cal.terms.wording import explained_or_predicted, headline, percent, sentences
 
 #: What each grade means.
 _GRADES = {
@@ -191,7 +191,10 @@ def verdict_glance(record: VerdictRecord) -> tuple[str, str]:
     parts = "Of the error beyond noise."
     if len(explanations) > 1:
         parts = sentence(headline(lead))
-    return f"{percent(lead.share)} {done(lead)}", f"{parts} {explanations[0]} Verdict: {word}."
+    return (
+        f"{percent(lead.share)} {explained_or_predicted(lead)}",
+        f"{parts} {explanations[0]} Verdict: {word}.",
+    )
 
 
 def verdict_sentence(record: VerdictRecord) -> str:

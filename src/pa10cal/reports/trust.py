@@ -22,7 +22,7 @@ from pa10cal.results.calibration import (
     GeneralCalibrationRecord,
     PosesNeeded,
 )
-from pa10cal.terms.wording import sag
+from pa10cal.terms.wording import sag_text
 
 #: Of more suspected outliers a check names only the first; their table has all.
 _MOST_OUTLIERS = 6
@@ -137,7 +137,7 @@ def _evidence(effect: discovery.FoundEffect) -> str:
             rigid_mm, elastic_mm = evidence.held_out_rigid_mm, evidence.held_out_gives_way_mm
             which = "held-out poses"
         return (
-            f"{sag(evidence)} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
+            f"{sag_text(evidence)} under the arm's weight; held rigid it leaves {rigid_mm:.3f} mm "
             f"rms of {which}, as it is {elastic_mm:.3f} mm; log evidence "
             f"{evidence.lost_without_it_nats:.3g} nats, {evidence.needed_nats:.3g} needed"
         )

@@ -81,7 +81,7 @@ def discover(
 
 def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
     """Yield a verdict in a few lines; in one, and its faults, where effects were not sought."""
-    from pa10cal.terms.wording import headline, sentences, sized, wrong
+    from pa10cal.terms.wording import fault_text, headline, parameters_text, sentences
 
     word, lead = verdict.verdict, verdict.explained
     if word == "not_sought":
@@ -89,7 +89,7 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
     else:
         yield word if lead is None else f"{headline(lead)} (verdict: {word})"
     for fault in verdict.faults:
-        yield f"  {wrong(fault)}"
+        yield f"  {fault_text(fault)}"
     if word == "not_sought":
         return
     for sentence in () if lead is None else sentences(lead):
@@ -99,7 +99,7 @@ def verdict_lines(verdict: VerdictKeys) -> Iterator[str]:
     for place in verdict.unexplained.all if verdict.unexplained else ():
         yield f"  without a name, of {place.of or 'unknown place'}: {place.why}"
     for proposed in verdict.proposed or ():
-        size = sized(proposed.parameters)
+        size = parameters_text(proposed.parameters)
         yield f"  proposed for {proposed.of}, no name: {proposed.formula}, {size}"
     yield from _gap_lines("train", verdict.gap.train)
     if verdict.gap.holdout is not None:
@@ -110,12 +110,12 @@ def _effect_line(effect: FoundEffect) -> str:
     """Return an effect with its size, its evidence, its probability and its rivals."""
     from pa10cal.results.discovery import EvidenceOfSag
     from pa10cal.results.record import shown_probability
-    from pa10cal.terms.wording import sag, sized
+    from pa10cal.terms.wording import parameters_text, sag_text
 
-    values = sized(effect.parameters) or f"{len(effect.parameters)} knots a turn"
+    values = parameters_text(effect.parameters) or f"{len(effect.parameters)} knots a turn"
     parts = [f"{effect.id} of {effect.of}: {values}"]
     if isinstance(effect.evidence, EvidenceOfSag):
-        parts.append(sag(effect.evidence))
+        parts.append(sag_text(effect.evidence))
     rivals = [
         f"{rival.id} of {rival.of} ({shown_probability(rival.probability)})"
         for rival in effect.likely

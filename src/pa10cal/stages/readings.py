@@ -73,7 +73,7 @@ def join(
     from pa10cal.errors import RawDataError
     from pa10cal.files.arms import copy_description
     from pa10cal.files.output import whole_files, write_text
-    from pa10cal.observe.joined import Member
+    from pa10cal.observe.joined import GroupCampaign
     from pa10cal.observe.joined import join as join_campaigns
     from pa10cal.results.calibration import BaseFrameRecord
     from pa10cal.results.codec import read
@@ -93,7 +93,7 @@ def join(
         seed_record = read(BaseFrameRecord, frame, campaign.name)
         described.append((campaign, description.nominal_arm(campaign, folder)))
         start = start_of(seed_record, observations.measured)
-        members.append(Member(campaign.name, observations, start))
+        members.append(GroupCampaign(campaign.name, observations, start))
         for finding in read_findings(table):
             where = f"{campaign.name}: {finding.where}"
             findings.append(finding.model_copy(update={"where": where}))

@@ -48,7 +48,7 @@ class Model:
     chain: Chain  # the nominal chain
     terms: tuple[Term, ...]  # what moves it off nominal
     # cache of derivatives for many fits of the same terms in the same poses; None for none
-    kept: Kept | None = field(default=None, compare=False, repr=False)
+    derivative_cache: DerivativeCache | None = field(default=None, compare=False, repr=False)
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:
@@ -178,10 +178,10 @@ class Model:
         by_torque: Array | None = None
         for term, point in zip(terms, points, strict=True):
             screws = end.screws[:, :, self.chain.columns(term.coordinates)]
-            if self.kept is None:
+            if self.derivative_cache is None:
                 by_parameter = term.derivative(carried, point)
             else:
-                by_parameter = self.kept.derivative(term, carried, point)
+                by_parameter = self.derivative_cache.derivative(term, carried, point)
             plain = by_parameter.base is identity(by_parameter.shape[2])  # offsets, mostly
             by_term = screws if plain else screws @ by_parameter
             if yielding and shows_torque(term) and not term.acts_on_joint:
@@ -280,10 +280,10 @@ class Model:
         coordinates = self.chain.coordinates(states.q_rad)
         carried = self.carried(states, x)
         for term, columns in self._slices:
-            if self.kept is None:
+            if self.derivative_cache is None:
                 shift = term.shift(carried, x[columns])
             else:
-                shift = self.kept.shift(term, carried, x[columns])
+                shift = self.derivative_cache.shift(term, carried, x[columns])
             coordinates[:, self.chain.columns(term.coordinates)] += shift
         return coordinates
 
@@ -338,7 +338,7 @@ class _Watched(PoseStates):
         return super().__getattribute__(name)
 
 
-class Kept:
+class DerivativeCache:
     """The derivative of each proportional term at the states it was last computed for."""
 
     def __init__(self) -> None:

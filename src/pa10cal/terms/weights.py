@@ -61,7 +61,8 @@ class Weights(TorqueOnly):
     """
 
     n: int  # joints of the arm
-    columns: tuple[int, ...]  # which columns of `StaticLoads.by_weights` are unknowns
+    # (k,) which columns of `StaticLoads.by_weights` are unknowns; see `WeightSizes.columns`
+    columns: tuple[int, ...]
     sizes: tuple[float, ...]  # standard uncertainty of each, about what is described
     unknown_tool: bool = False  # whether nobody stated the mass of the tool
     # column that is a linear function of the others, so that the torques keep their overall size:
@@ -87,17 +88,17 @@ class Weights(TorqueOnly):
     @property
     def of_last_moment(self) -> Mask:
         """Return which columns (k,) are the first moment of the last link, and of the tool."""
-        return self._beyond(-4) & ~self._beyond(-1)
+        return self._between(4 * self.n - 3, 4 * self.n)
 
     @property
     def of_tool_mass(self) -> Mask:
         """Return which columns (k,) are the mass of the tool, one at most."""
-        return self._beyond(-1) & ~self._beyond(0)
+        return self._between(4 * self.n, 4 * self.n + 1)
 
     @property
     def of_level(self) -> Mask:
         """Return which columns (k,) are tilts of gravity."""
-        return self._beyond(0)
+        return self._between(4 * self.n + 1, 4 * self.n + 3)
 
     @property
     def formula(self) -> str:
@@ -115,8 +116,11 @@ class Weights(TorqueOnly):
         """Return the weights with their overall size held.
 
         With springs of unknown stiffness, poses determine only torque over stiffness. So torques
-        that the weights add are held orthogonal to the calculated ones (P, n), over poses and
-        joints; for the derivative (P, n, 4 n + 3) see `StaticLoads.by_weights`.
+        that the weights add are held orthogonal to the calculated ones, over poses and joints.
+
+        Args:
+            torque_Nm: (P, n) calculated torques.
+            by_weights: (P, n, 4 n + 3) their derivative, see `StaticLoads.by_weights`.
         """
         grows = np.einsum("pj,pjc->c", torque_Nm, by_weights)[list(self.columns)]
         has_mass = ~self.of_level
@@ -193,9 +197,10 @@ class Weights(TorqueOnly):
     def report(self, x: Array) -> Report:
         return report_as_solved(self.parameters, x)
 
-    def _beyond(self, number: int) -> Mask:
-        """Return which columns (k,) come after a number, counted from the mass of the tool, 0."""
-        return np.array(self.columns, dtype=np.intp) > 4 * self.n + number
+    def _between(self, first: int, stop: int) -> Mask:
+        """Return which of `columns` (k,) are from `first` on and before `stop`."""
+        columns = np.array(self.columns, dtype=np.intp)
+        return (first <= columns) & (columns < stop)
 
     def _name(self, column: int) -> tuple[str, str]:
         """Return the name of a column's parameter, and its unit."""

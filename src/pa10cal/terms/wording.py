@@ -18,9 +18,9 @@ from pa10cal.terms.weights import FAULTS
 _JOINT = "joint "
 #: Alternatives at other places that a sentence lists; of more it gives their number.
 _MOST_OTHERS = 3
-#: Joints listed for an unexplained error: with at least this part of the largest share. Of more
-#: than two they are told where they are fewer than half.
-_MOSTLY = 0.3
+#: Joints that an error without a name mostly goes with: those with at least this part of the
+#: largest share. More than two of them are only named where they are fewer than half of all.
+_MAIN_SHARE = 0.3
 #: Decimals of an error below 0.01 mm; one less above that, and above 0.1 mm.
 _DECIMALS = 4
 
@@ -30,12 +30,15 @@ def headline(explained: Explained) -> str:
     if not explained.of or explained.share <= 0.0:
         return "none of the error beyond noise is explained"
     every = _groups(explained)
-    groups = "; ".join(_short(group) for group in _that_count(every, explained) or every)
-    return f"{percent(explained.share)} of the error beyond noise is {done(explained)}: {groups}"
+    groups = "; ".join(
+        _noun_phrase(group) for group in _with_visible_gain(every, explained) or every
+    )
+    share = f"{percent(explained.share)} of the error beyond noise"
+    return f"{share} is {explained_or_predicted(explained)}: {groups}"
 
 
-def done(explained: Explained) -> str:
-    """Return `explained`, or `predicted` where some of the error has no name."""
+def explained_or_predicted(explained: Explained) -> str:
+    """Return the word `explained`, or `predicted` where some of the error has no name."""
     named = all(each.joints is None and not _is_nameless(each) for each in explained.of)
     return "explained" if named else "predicted"
 
@@ -46,8 +49,8 @@ def sentences(explained: Explained) -> tuple[str, ...]:
     None for a group without which the error would be the same, as it is written.
     """
     groups = [group for group in _groups(explained) if any(each.share > 0.0 for each in group)]
-    told = _that_count(groups, explained)
-    return tuple(_sentence(group, explained.before_mm) for group in told)
+    shown = _with_visible_gain(groups, explained)
+    return tuple(_sentence(group, explained.before_mm) for group in shown)
 
 
 def percent(share: float) -> str:
@@ -59,13 +62,13 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
-def sag(evidence: EvidenceOfSag) -> str:
+def sag_text(evidence: EvidenceOfSag) -> str:
     """Return how far a joint sags, which poses show whatever the weights of the arm."""
     u_mrad = HALF_WIDTH_95 * evidence.sag_u_mrad
     return f"sags by up to {evidence.sag_mrad:.2f} ± {u_mrad:.2g} mrad"
 
 
-def sized(parameters: Mapping[str, EffectParameter]) -> str:
+def parameters_text(parameters: Mapping[str, EffectParameter]) -> str:
     """Return parameters with their 95 % intervals in a line, those at knots of maps omitted."""
     return ", ".join(
         f"{key} = {entry.value:.4g} ± {HALF_WIDTH_95 * entry.std:.1g} {entry.unit}"
@@ -74,19 +77,19 @@ def sized(parameters: Mapping[str, EffectParameter]) -> str:
     )
 
 
-def wrong(fault: Fault) -> str:
+def fault_text(fault: Fault) -> str:
     """Return a fault of a log in a line: where, what, and what to do about it."""
     return f"{fault.where}: {fault.what}; {fault.remedy}"
 
 
 def noun_of(effect: str, *, many: bool = False) -> str:
     """Return what an effect is called, by its id, of one place or of several."""
-    return _filled(_kind_of(effect).nouns, effect, "", many=many)
+    return _filled_in(_kind_of(effect).nouns, effect, "", many=many)
 
 
 def clause_of(effect: str, at: str, *, many: bool = False) -> str:
     """Return what an effect does at one place, or at several, by its id."""
-    return _filled(_kind_of(effect).clauses, effect, at, many=many)
+    return _filled_in(_kind_of(effect).clauses, effect, at, many=many)
 
 
 def driver_of(effect: str, *, many: bool = False) -> str:
@@ -95,7 +98,7 @@ def driver_of(effect: str, *, many: bool = False) -> str:
     return words.replace("its ", "their ") if many else words
 
 
-def _filled(words: tuple[str, ...], effect: str, at: str, *, many: bool) -> str:
+def _filled_in(words: tuple[str, ...], effect: str, at: str, *, many: bool) -> str:
     return words[-1 if many else 0].format(id=effect.replace("_", " "), at=at)
 
 
@@ -132,15 +135,15 @@ def _groups(explained: Explained) -> list[list[ExplainedEffect]]:
     return sorted(groups.values(), key=lambda group: -sum(effect.share for effect in group))
 
 
-def _short(group: list[ExplainedEffect]) -> str:
+def _noun_phrase(group: list[ExplainedEffect]) -> str:
     """Return a group in a few words: `sensor or gear of joints 1 and 2`."""
     if group[0].joints is not None:
-        mostly = _mostly(group[0].joints)
+        mostly = _main_joints(group[0].joints)
         return noun_of(group[0].ids[0]) + (f" (mostly by {mostly})" if mostly else "")
     here, elsewhere = _candidates(group)
     if _is_nameless(group[0]):
         driver = driver_of(here[0].id, many=len(group) > 1)
-        tried = _tried(here, elsewhere)
+        tried = _likeliest_names(here, elsewhere)
         return f"something without a name of {here[0].at}, by {driver} ({tried})"
     alone = not elsewhere and len(here) == 1
     many = len(group) > 1 and alone
@@ -180,7 +183,7 @@ def _candidates(group: list[ExplainedEffect]) -> tuple[list[_Candidate], list[_C
     The effect that was found comes first, unless another is likelier.
     """
     ids, elsewhere = _shared(group)
-    first, at = group[0], _at(group)
+    first, at = group[0], _place_of_group(group)
     probabilities = [each.probability for each in group if each.probability is not None]
     others = [(id_, at) for id_ in ids[1:]]
     others += [(name.id, _place(name.of)) for name in elsewhere]
@@ -212,7 +215,7 @@ def _placed(nouns: str, at: str) -> str:
     return nouns if at.removeprefix("the ") in nouns.split() else f"{nouns} of {at}"
 
 
-def _tried(here: list[_Candidate], elsewhere: list[_Candidate]) -> str:
+def _likeliest_names(here: list[_Candidate], elsewhere: list[_Candidate]) -> str:
     """Return the likeliest names of something that is likelier none of them."""
     names = [f"{noun_of(each.id)} {each.probability}" for each in here]
     names += [f"{_placed(noun_of(each.id), each.at)} {each.probability}" for each in elsewhere]
@@ -224,22 +227,22 @@ def _place(of: str) -> str:
     return of if of.startswith(_JOINT) else f"the {of.replace('_', ' ')}"
 
 
-def _at(group: list[ExplainedEffect]) -> str:
+def _place_of_group(group: list[ExplainedEffect]) -> str:
     """Return where a group sits: `joints 2 and 3`, `joint 2`, `the forearm`."""
     if len(group) == 1:
         return _place(group[0].of)
-    return _joints([each.of.removeprefix(_JOINT) for each in group])
+    return _joints_text([each.of.removeprefix(_JOINT) for each in group])
 
 
-def _mostly(joints: Mapping[str, float]) -> str:
+def _main_joints(joints: Mapping[str, float]) -> str:
     """Return the joints that an error mostly goes with; empty where they are half of them."""
-    least_share = _MOSTLY * max(joints.values(), default=0.0)
+    least_share = _MAIN_SHARE * max(joints.values(), default=0.0)
     largest = [joint for joint, share in joints.items() if share >= least_share]
     some = len(largest) <= 2 or 2 * len(largest) < max(map(int, joints))
-    return _joints(largest) if largest and some else ""
+    return _joints_text(largest) if largest and some else ""
 
 
-def _joints(numbers: list[str]) -> str:
+def _joints_text(numbers: list[str]) -> str:
     """Return joints in words: `joint 2`, `joints 2 and 3`."""
     *first, last = sorted(numbers, key=int)
     return f"joints {', '.join(first)} and {last}" if first else f"{_JOINT}{last}"
@@ -247,7 +250,7 @@ def _joints(numbers: list[str]) -> str:
 
 def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
     """Return what a group does, and the error before and after it."""
-    sentence = _told(group)
+    sentence = _statement(group)
     if group[0].weights is not None:
         more = "" if _shared(group)[0] == group[0].ids else "; alternatives are listed"
         sentence += f" (stiffness relative to assumed weights{more})"
@@ -255,7 +258,7 @@ def _sentence(group: list[ExplainedEffect], whole_mm: float) -> str:
     return f"{sentence[:1].upper()}{sentence[1:]}: {before} mm becomes {after} mm."
 
 
-def _that_count(
+def _with_visible_gain(
     groups: list[list[ExplainedEffect]], explained: Explained
 ) -> list[list[ExplainedEffect]]:
     """Return the groups that change the error as it is written."""
@@ -277,20 +280,20 @@ def _errors(group: list[ExplainedEffect], whole_mm: float) -> tuple[str, str]:
     return f"{before_mm:.{places}f}", f"{after_mm:.{places}f}"
 
 
-def _told(group: list[ExplainedEffect]) -> str:
+def _statement(group: list[ExplainedEffect]) -> str:
     """Return what a group does, as sure as that is, without a full stop."""
     here, elsewhere = _candidates(group)
     many = len(group) > 1
     if _is_nameless(group[0]):
         driver = driver_of(here[0].id, many=many)
-        at, tried = here[0].at, _tried(here, elsewhere)
+        at, tried = here[0].at, _likeliest_names(here, elsewhere)
         return f"at {at} something without a name depends on {driver} ({tried})"
     clauses = [(clause_of(each.id, each.at, many=many), each.probability) for each in here]
     clauses += [(clause_of(each.id, each.at), each.probability) for each in elsewhere]
     if len(elsewhere) > _MOST_OTHERS:
         clauses[len(here) :] = [(f"one of {len(elsewhere)} other effects is there", "")]
     if (joints := group[0].joints) is not None:
-        mostly = _mostly(joints)
+        mostly = _main_joints(joints)
         return clauses[0][0] + (f", mostly by {mostly}" if mostly else "")
     if _is_sure(group[0]):
         return ", or ".join(clause for clause, _ in clauses)

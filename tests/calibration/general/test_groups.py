@@ -18,7 +18,7 @@ from pa10cal.errors import ModelError
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import load_model, save_model
 from pa10cal.fit.forward import Forward
-from pa10cal.observe.joined import Member, join
+from pa10cal.observe.joined import GroupCampaign, join
 from pa10cal.observe.pose import Touched
 from pa10cal.observe.quantities import Start
 from pa10cal.observe.seed import locate_base
@@ -64,7 +64,7 @@ def _members(see):
                 q_rad[:, 2] += moved_rad
                 every = every.with_states(replace(every.states, q_rad=q_rad))
                 every = elsewhere(every, 5)
-            found.append(Member(f"of-{k}", every, find_start(ARM, every)))
+            found.append(GroupCampaign(f"of-{k}", every, find_start(ARM, every)))
         return found
 
     return members
@@ -128,7 +128,8 @@ def test_two_halves_of_a_campaign_give_what_the_whole_gives(see):
         whole = see("ur10", "pose", 120, seed=2, noise_m=noise_m, size=0.3)
         start = find_start(ARM, whole)
         halves = [
-            Member(f"half-{k}", whole.take(np.arange(len(whole)) % 2 == k), start) for k in (0, 1)
+            GroupCampaign(f"half-{k}", whole.take(np.arange(len(whole)) % 2 == k), start)
+            for k in (0, 1)
         ]
         one, two = shared(general(ARM, whole)), shared(together(halves))
         assert one.keys() == two.keys()
@@ -159,7 +160,10 @@ def test_what_one_campaign_leaves_open_another_determines(see, members):
         return np.where(np.arange(6) == 4, 0.7, q_rad)
 
     every = see("ur10", "pose", 70, seed=1, noise_m=NOISE_M, size=0.3, posed=held)
-    still, moving = Member("still", every, find_start(ARM, every)), members(MIXED[0], NOISE_M)[1]
+    still, moving = (
+        GroupCampaign("still", every, find_start(ARM, every)),
+        members(MIXED[0], NOISE_M)[1],
+    )
     found = together([still, moving])
     found = per_campaign_fits(found.problem, found.fit)
     first, second = found.campaigns

@@ -10,7 +10,7 @@ from pa10cal.arm.chain import Chain
 from pa10cal.errors import CalibrationError
 from pa10cal.options import Tolerances
 from pa10cal.terms.joint_spring import JointSpring, baseline
-from pa10cal.terms.model import Kept, Model
+from pa10cal.terms.model import DerivativeCache, Model
 from pa10cal.terms.term import shows_torque, yields
 
 #: Effects known to need the moments of the weights, or where the targets were.
@@ -182,7 +182,7 @@ def drawn(effect, rng):
 
 
 def test_kept_derivatives_and_shifts_are_those_worked_out_anew(effect, states):
-    rng, kept = np.random.default_rng(5), Kept()
+    rng, derivative_cache = np.random.default_rng(5), DerivativeCache()
     cooler = replace(states, temperature_C=states.temperature_C - 3.0)
     for at in (
         states,
@@ -195,7 +195,9 @@ def test_kept_derivatives_and_shifts_are_those_worked_out_anew(effect, states):
     ):
         x = drawn(effect, rng)
         np.testing.assert_array_equal(
-            kept.derivative(effect, at, x), effect.derivative(at, x), strict=True
+            derivative_cache.derivative(effect, at, x), effect.derivative(at, x), strict=True
         )
         shift = effect.shift(at, x)
-        np.testing.assert_allclose(kept.shift(effect, at, x), shift, rtol=1e-12, atol=1e-18)
+        np.testing.assert_allclose(
+            derivative_cache.shift(effect, at, x), shift, rtol=1e-12, atol=1e-18
+        )

@@ -144,7 +144,7 @@ class ByRepeats(Scorer):
     def comparison(self, held: Sequence[Effect], most_poses: int | None = None) -> FormComparison:
         found = self.judgement.found
         # The derivatives of many forms are not worth caching.
-        model = replace(found.fit.model, kept=None)
+        model = replace(found.fit.model, derivative_cache=None)
         found = replace(found, fit=replace(found.fit, at=replace(found.fit.at, model=model)))
         if not held:  # formulas then have to reach the noise of repeats
             variances = SharedVariances(0.0, found.score.variances.torque)

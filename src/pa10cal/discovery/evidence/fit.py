@@ -52,7 +52,9 @@ def fit(
         The fit with the least cost.
     """
     baseline, first = problem.baseline, len(problem.baseline.x)
-    model = replace(linear.with_base_term(baseline, effects), kept=problem.kept)
+    model = replace(
+        linear.with_base_term(baseline, effects), derivative_cache=problem.derivative_cache
+    )
     bounds = linear.bounds_about(baseline, model, problem.cells.measured)
     own = np.concatenate([baseline.x, np.zeros(6), baseline.targets_m])
     known: dict[Effect, Array] = {}

@@ -21,7 +21,7 @@ from pa10cal.observe.observations import Observations
 from pa10cal.observe.quantities import MM
 from pa10cal.options import DiscoveryOptions
 from pa10cal.terms.effects.effect import CandidateContext
-from pa10cal.terms.model import Kept
+from pa10cal.terms.model import DerivativeCache
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,9 @@ class EvidenceProblem:
     torques_logged: bool  # whether torques were logged, and scatter
     in_time: TimeFindings = NO_MOTION  # motion of base or instrument in the course of time
     # cache of the derivatives of effects at the cells, the same in all fits
-    kept: Kept = field(default_factory=Kept, compare=False, repr=False)
+    derivative_cache: DerivativeCache = field(
+        default_factory=DerivativeCache, compare=False, repr=False
+    )
 
 
 def prepare(
