@@ -26,6 +26,7 @@ from pa10cal.results.evaluation import Parameter
 from pa10cal.results.maps import FallsBack
 from pa10cal.results.record import CampaignIdentity, shown_probability
 from pa10cal.terms.effects.joint_error_map import JointErrorMap
+from pa10cal.terms.wording import fault_text
 
 
 def verdict_keys(found: Verdict, ahead: Plan = NOTHING_PLANNED) -> VerdictKeys:
