@@ -22,7 +22,7 @@ from pa10cal.campaign.csv_rows import Layout
 from pa10cal.campaign.joint_positions import position_columns
 from pa10cal.options import Positive, Section
 
-#: Words of rotations, and how many columns each takes.
+#: Conventions of orientations: kinds, and sequences of axes.
 _ROTATION = re.compile(
     r"quaternion_(wxyz|xyzw)|rotation_vector|matrix|rpy|euler_[XYZ]{3}|fixed_[xyz]{3}"
 )

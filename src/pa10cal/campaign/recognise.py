@@ -164,60 +164,74 @@ def roles_of(
         text: columns of text, which may be labels, kinds of rows or times, but not measured.
         turns: columns of joint positions in order, where they are known by the joints' names.
     """
-    of, of_whole = _uncertain(names)
-    lone = set(of_whole.values())
+    uncertain, of_whole = _uncertain(names)
+    uncertainties = {*uncertain.values(), *of_whole.values()}
     certain = [
         name
-        for name in names
-        if name not in of.values()
-        and name not in lone
-        and name not in text
-        and name not in turns
+        for name in _without_words(names, "deviation")
+        if name not in (*uncertainties, *text, *turns)
         and not has_word(words_of_name(name)[:1], "uncertain")
-        and not has_word(words_of_name(name), "deviation")
     ]
-    attitude = _attitude(
-        [name for name in certain if not has_word(words_of_name(name), "no position")]
-    )
+    attitude = _attitude(_without_words(certain, "no position"))
     free = [name for name in certain if attitude is None or name not in attitude[0]]
+    positions = _positions(free)
+    for label, triple in positions.items():
+        u = of_whole.get("".join(words_of_name(label)), of_whole.get(""))
+        if u is not None and not any(name in uncertain for name in triple):
+            uncertain |= dict.fromkeys(triple, u)
+    taken = {name for triple in positions.values() for name in triple}
+    free = [name for name in free if name not in taken]
+    no_torques = _without_words(free, "torque")
+    torques = _numbered([name for name in free if name not in no_torques], joints)
+    still = _without_words(no_torques, "no position")
+    turns = turns or _numbered(still, joints)
+    if not turns and joints == 4 and attitude is not None and attitude[1].startswith("quaternion"):
+        # q0 … q3 of an arm with four joints are these, where nothing else is.
+        turns = _numbered([*still, *attitude[0]], joints)
+        attitude = None if turns else attitude
+    free = [name for name in names if name in (*no_torques, *text) and name not in turns]
+    single = _single_columns(free, text)
+    if "distance" in single and "" in of_whole:
+        uncertain.setdefault(single["distance"], of_whole[""])
+    others = {name for key, name in single.items() if key != "time"}
+    times = [name for name in free if has_word(words_of_name(name), "time") and name not in others]
+    return Roles(turns, torques, positions, attitude, uncertain, single, tuple(times))
+
+
+def _without_words(names: Sequence[str], *kinds: str) -> list[str]:
+    """Return the names that have no word of these kinds of `WORDS`."""
+    return [name for name in names if not has_word(words_of_name(name), *kinds)]
+
+
+def _positions(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return triples of columns x, y, z by the words before them; those of commands are last."""
     positions: dict[str, tuple[str, ...]] = {}
-    for some in _measured_first(free):
+    for some in _measured_first(names):
         for axes, place in _by_axis(some, "xyz"):
             if not has_word(place, "rotation", "no position", "torque", "force"):
                 before = _around_axis(axes["x"])
                 label = before if before not in positions else f"{before}{len(positions) + 1}"
                 positions[label] = tuple(axes.values())
-    for label, triple in positions.items():
-        u = of_whole.get("".join(words_of_name(label)), of_whole.get(""))
-        if u is not None and not any(name in of for name in triple):
-            of |= dict.fromkeys(triple, u)
-    taken = {name for triple in positions.values() for name in triple}
-    free = [name for name in free if name not in taken]
-    torques = _numbered([name for name in free if has_word(words_of_name(name), "torque")], joints)
-    free = [name for name in free if not has_word(words_of_name(name), "torque")]
-    still = [name for name in free if not has_word(words_of_name(name), "no position")]
-    turns = turns or _numbered(still, joints)
-    if not turns and attitude is not None and attitude[1].startswith("quaternion"):
-        # q0 … q3 of an arm with four joints are these, where nothing else is.
-        turns = _numbered([*still, *attitude[0]], joints) if joints == 4 else ()
-        attitude = None if turns else attitude
-    free = [name for name in names if name in (*free, *text) and name not in turns]
+    return positions
+
+
+def _single_columns(names: Sequence[str], text: Collection[str]) -> dict[str, str]:
+    """Return the columns that stand alone, such as time or load, by the key of `columns`.
+
+    Quantities are named by a word, or by a part of one; of them only a time may be text.
+    """
     single: dict[str, str] = {}
     for key, vocabulary in WORDS["single"].items():
-        some = [name for name in free if name not in single.values()]
+        free = [name for name in names if name not in single.values()]
         if key in ("temperature", "load", "distance"):
-            some = [name for name in some if name not in text]
-        whole = [name for name in some if has_word(words_of_name(name), key)]
-        if not whole and key in ("time", "temperature", "load", "distance"):
+            free = [name for name in free if name not in text]
+        named = [name for name in free if has_word(words_of_name(name), key)]
+        if not named and key in ("time", "temperature", "load", "distance"):
             part = re.compile("|".join(word for word in vocabulary.split() if len(word) > 3))
-            whole = [name for name in some if any(map(part.search, words_of_name(name)))]
-        if whole:
-            single[key] = whole[0]
-    if "distance" in single and "" in of_whole:
-        of.setdefault(single["distance"], of_whole[""])
-    others = {name for key, name in single.items() if key != "time"}
-    times = [name for name in free if has_word(words_of_name(name), "time") and name not in others]
-    return Roles(turns, torques, positions, attitude, of, single, tuple(times))
+            named = [name for name in free if any(map(part.search, words_of_name(name)))]
+        if named:
+            single[key] = named[0]
+    return single
 
 
 def _measured_first(names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -526,7 +540,6 @@ def with_matrix(roles: Roles, names: Sequence[str], numbers: Array) -> Roles:
         return roles
     first = matrices[0]
     taken = {name for each in matrices for name in (*each.rotation, *each.position)}
-    positions: Mapping[str, tuple[str, ...]] = {"": first.position}
     single = {key: name for key, name in roles.single.items() if name not in taken}
     attitude = (first.rotation, "matrix")
-    return replace(roles, positions=dict(positions), attitude=attitude, single=single)
+    return replace(roles, positions={"": first.position}, attitude=attitude, single=single)
