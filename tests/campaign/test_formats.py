@@ -120,6 +120,16 @@ def test_what_was_not_seen_in_a_take_is_left_out(tmp_path, proposed):
     assert [row.line for row in found.quarantined] == [12, 17]  # below seven lines
 
 
+def test_a_take_may_have_decimal_commas(tmp_path, proposed):
+    raw = sighted(tmp_path, "pose", noise_mm=0.02)
+    time_s = 10.0 * np.arange(len(raw.q))
+    take = re.sub(r"(\d)\.(\d)", r"\1,\2", TAKES["qualisys"][0](time_s, raw.T_instr_target))
+    text = proposed(joints_csv=timed_joints(time_s, raw), take_txt=take)
+    assert yaml.safe_load(text)["columns"]["readings"]["decimal"] == ","
+    found = read_campaign(tmp_path)
+    assert is_read(found, raw.q, raw.T_instr_target, WRITTEN_RAD, WRITTEN_M)
+
+
 def test_of_two_bodies_that_on_the_arm_is_the_target(tmp_path, proposed):
     """The other, which stands still, is a target on the base, though it is named first."""
     raw = sighted(tmp_path, "pose", noise_mm=0.02)

@@ -265,9 +265,7 @@ def hold_out(
         )
     else:
         chosen = in_time[rule.every - 1 :: rule.every]
-        if held_count < stated_count:
-            kept = np.linspace(0, stated_count - 1, held_count).round().astype(np.intp)
-            chosen = chosen[kept]
+        chosen = chosen[np.linspace(0, stated_count - 1, held_count).round().astype(np.intp)]
     if 0 < len(in_time) == len(chosen):
         raise RawDataError(
             "all poses are held out, none is left to calibrate with",

@@ -112,31 +112,8 @@ def sniff(path: Path) -> Sniffed:
     known, notes = format_of_file(path), list[str]()
     made = known is not None and known.table is not None  # whether the table is made of the file
     name = known.name if known is not None and made else None
-    following = table_lines(path, name, notes=notes)
-    head = part_of(following, LINES, LETTERS)
-    lines = [(line.number, line.text) for line in (*head, *_spread(following))]
-    lines = [line for line in lines if not line[1].startswith(_COMMENT)] or lines
-    if not lines:
-        raise empty_file(path)
-    for number, line in lines:
-        if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
-            raise too_many_columns(f"{path}:{number}", most)
-    binary = binary_kind(path)
-    written = [
-        Layout.model_validate({"format": name, "separator": separator, "decimal": decimal})
-        for separator in ((",",) if made else ("tab",) if binary else _SEPARATORS)
-        for decimal in ("." if binary else ".,")
-    ]
-    ways = [_judged(lines, layout) for layout in written if layout.sign != layout.decimal]
-    share, width, layout = max(
-        ways or [(0.0, 0, Layout())], key=lambda way: (round(way[0], 3), way[1])
-    )
-    if made:
-        width = len(layout.fields(lines[0][1]))
-    elif share < 0.3 or width < LEAST_FIELDS:
-        raise _no_rows(path, lines)
-    if not made and _last_is_empty(lines, layout, width):
-        width += 1
+    lines, binary = _lines_looked_at(path, name, notes), binary_kind(path) != ""
+    layout, width = _best_layout(path, lines, name, binary=binary)
     rows = [(number, layout.row(text, width)) for number, text in lines]
     rows = [(number, fields) for number, fields in rows if len(fields) == width]
     values = np.array([[layout.number(field) for field in fields] for _, fields in rows])
@@ -163,20 +140,58 @@ def sniff(path: Path) -> Sniffed:
         above = [text for number, text in lines if number < first]
         titles = _titles(above[-1], width) if above else ()
         names = tuple(str(k) for k in range(1, width + 1))
-    fields = np.array([fields for _, fields in rows[body:]], dtype=object)
     return Sniffed(
         layout,
         "" if binary else encoding_of(path),
         names,
         units,
         tuple(number for number, _ in rows[body:]),
-        fields.reshape(-1, width),
+        np.array([fields for _, fields in rows[body:]], dtype=object).reshape(-1, width),
         values[body:],
         known or format_of_columns(names, values[body:]),
         tuple(dict.fromkeys(notes)),
         titles,
         path.name,
     )
+
+
+def _lines_looked_at(path: Path, name: str | None, notes: list[str]) -> list[tuple[int, str]]:
+    """Return lines of a file, or of the table of a format, each with its number.
+
+    They are those at the beginning, and some that are spread to the end, without comments.
+    """
+    following = table_lines(path, name, notes=notes)
+    head = part_of(following, LINES, LETTERS)
+    lines = [(line.number, line.text) for line in (*head, *_spread(following))]
+    lines = [line for line in lines if not line[1].startswith(_COMMENT)] or lines
+    if not lines:
+        raise empty_file(path)
+    for number, line in lines:
+        if (most := max(len(line.split()), *map(line.count, ";\t,|"))) > MOST_COLUMNS:
+            raise too_many_columns(f"{path}:{number}", most)
+    return lines
+
+
+def _best_layout(
+    path: Path, lines: Sequence[tuple[int, str]], name: str | None, *, binary: bool
+) -> tuple[Layout, int]:
+    """Return the separator and decimal sign that make most fields numbers, and the columns' count.
+
+    Rows of a binary file, and of the table of the format `name`, have tabs; those of a binary file
+    have decimal points. Another file without rows of numbers is refused.
+    """
+    written = [
+        Layout.model_validate({"format": name, "separator": separator, "decimal": decimal})
+        for separator in ((",",) if name else ("tab",) if binary else _SEPARATORS)
+        for decimal in ("." if binary else ".,")
+    ]
+    ways = [_judged(lines, layout) for layout in written if layout.sign != layout.decimal]
+    share, width, layout = max(ways, key=lambda way: (round(way[0], 3), way[1]))
+    if name is not None:
+        return layout, len(layout.fields(lines[0][1]))
+    if share < 0.3 or width < LEAST_FIELDS:
+        raise _no_rows(path, lines)
+    return layout, width + _last_is_empty(lines, layout, width)
 
 
 def _no_rows(path: Path, lines: Sequence[tuple[int, str]]) -> RawDataError:
