@@ -229,23 +229,21 @@ class RawFile:
             raw = raw.finite(columns.position.names, may_be_blank=True)
         rotation = columns.rotation if wanted & set(QUATERNION) else None
         if rotation is not None:
-            raw = raw.finite(rotation.names)
-            off = no_rotation(raw.numbers_of(rotation.names), rotation)
-            raw = raw.take(~off, f"{', '.join(rotation.names[:2])} …: no rotation")
-            raw = raw if rotation.u is None else raw.finite(rotation.u, may_be_blank=True)
+            raw = _rows_with_rotation(raw, rotation)
         made: dict[str, NDArray[Any]] = {}
         non_numeric: dict[str, dict[int, str]] = {}
         for before, place, polar in columns.polar_places():
             ours = [f"{before}{axis}_mm" for axis in "xyz"]
             xyz_mm = polar_to_xyz(raw.numbers_of(place.names), polar, place.unit)
-            made |= zip(ours, xyz_mm.T, strict=True)
-            texts: dict[int, str] = {}
-            for own in place.names:
-                texts |= raw.non_numeric[own]
+            made |= {name: mm for name, mm in zip(ours, xyz_mm.T, strict=True) if name in wanted}
+            # A field that is no number is one of all three coordinates.
+            texts = {
+                line: text for own in place.names for line, text in raw.non_numeric[own].items()
+            }
             non_numeric |= dict.fromkeys(ours, texts)
-        made = {name: values for name, values in made.items() if name in wanted}
-        wanted = wanted - set(made)
-        for name in sorted(wanted - {*QUATERNION, *(f"u_{part}" for part in QUATERNION)}):
+        if rotation is not None:
+            made |= _quaternion_columns(raw, rotation)
+        for name in sorted(wanted - {*made, *(f"u_{part}" for part in QUATERNION)}):
             source = self.words.sources[name]
             if name in TEXT:
                 made[name] = raw.text_of(source.name).astype(object)
@@ -262,14 +260,6 @@ class RawFile:
         if columns.kind is not None and "kind" in made:
             words = columns.kind.words
             made["kind"] = np.array([words.get(word, word) for word in made["kind"]], dtype=object)
-        if rotation is not None:
-            values = raw.numbers_of(rotation.names)
-            made |= zip(QUATERNION, quaternions(values, rotation).T, strict=True)
-            if rotation.u is not None:
-                u = raw.numbers_of(rotation.u)
-                u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), rotation)
-                u = np.maximum(u, LEAST_U)
-                made |= {f"u_{name}": u[:, k] for k, name in enumerate(QUATERNION)}
         translated = replace(raw, columns=made, non_numeric=non_numeric, own=self.words)
         if columns.target is None:
             return translated
@@ -297,6 +287,25 @@ def words_of(campaign: CampaignDescription, prismatic: Mask) -> ColumnMap:
     for key in sorted(campaign.columns.model_fields_set if campaign.columns else ()):
         words |= RawFile.of(campaign, Path(), key, prismatic).words
     return words
+
+
+def _rows_with_rotation(raw: RawRows, rotation: RotationColumns) -> RawRows:
+    """Quarantine rows whose columns of an orientation hold no numbers, or a matrix that is none."""
+    raw = raw.finite(rotation.names)
+    off = no_rotation(raw.numbers_of(rotation.names), rotation)
+    raw = raw.take(~off, f"{', '.join(rotation.names[:2])} …: no rotation")
+    return raw if rotation.u is None else raw.finite(rotation.u, may_be_blank=True)
+
+
+def _quaternion_columns(raw: RawRows, rotation: RotationColumns) -> dict[str, Array]:
+    """Return the contract's columns of an orientation and of its uncertainty, if that is stated."""
+    values = raw.numbers_of(rotation.names)
+    made: dict[str, Array] = dict(zip(QUATERNION, quaternions(values, rotation).T, strict=True))
+    if rotation.u is not None:
+        u = raw.numbers_of(rotation.u)
+        u = quaternion_uncertainty(values, np.where(u > 0.0, u, np.nan), rotation)
+        made |= {f"u_{name}": np.maximum(u[:, k], LEAST_U) for k, name in enumerate(QUATERNION)}
+    return made
 
 
 def _clock(raw: RawRows, time: Time, *, from_first: bool) -> tuple[Array, list[str]]:
