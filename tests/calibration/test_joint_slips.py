@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,11 +16,12 @@ from made_up_sightings import described
 from mended import findings
 from pa10cal import calibrate
 from pa10cal.arm.chain import Chain
+from pa10cal.calibration.joint_slips import joint_zeros
 from pa10cal.campaign.read import read_campaign
 from pa10cal.files.arms import arm_text, parse_arm
 from pa10cal.options import Tolerances
 from pa10cal.terms.model import Model
-from pa10cal.terms.term import link_departures
+from pa10cal.terms.term import TermParameter, link_departures
 
 #: What is logged of each kind of arm, as the coupling that it takes to read it.
 KINDS = {
@@ -108,6 +110,29 @@ def test_one_motor_that_drives_two_slides_is_calibrated_as_one(tmp_path):
     assert np.sqrt(np.mean(off_mm**2)) < 0.06
     found = model.compensate(model.predict(axes).T, seed=axes)
     assert found.q == pytest.approx(axes, abs=1e-6)
+
+
+def test_the_zero_of_a_joint_that_is_not_logged_is_no_slip_of_the_log():
+    """No column and no offset of an axis can put it right."""
+    coupling = {"joint": 3, "by": 2, "factor": -1, "follows": True}
+    rows = industrial(np.random.default_rng(1), 1)
+    arm = parse_arm({"name": "mine", "rows": rows, "coupling": [coupling]}, where="mine.yaml")
+    off = SimpleNamespace(
+        problem=SimpleNamespace(parameters=[TermParameter("delta_theta_3", "rad", 1e-3)]),
+        fit=SimpleNamespace(x=[0.05]),
+    )
+    q_rad = np.zeros((5, arm.n))
+    checked = SimpleNamespace(
+        arm=arm,
+        grid=SimpleNamespace(states=SimpleNamespace(q_rad=q_rad)),
+        payload=None,
+        calibration=lambda _: off,
+        nominal_misfit_m=lambda q: 1e-3 if q.any() else 0.05,
+        may_be_offered=lambda *_: True,
+        offsets_deg=[0.0] * len(arm.axes_slide),
+        words=SimpleNamespace(joint=lambda number: f"q{number}"),
+    )
+    assert joint_zeros(checked) is None
 
 
 @pytest.mark.slow_but_one_in(2)

@@ -253,6 +253,7 @@ def joint_zeros(checked: CheckedCampaign) -> InputFinding | None:
     values = {p.name: x for p, x in zip(found.problem.parameters, found.fit.x, strict=True)}
     zeros_rad = np.array([values.get(f"delta_theta_{k}", 0.0) for k in range(1, arm.n + 1)])
     zeros_rad[arm.prismatic] = 0.0
+    zeros_rad[~np.isin(np.arange(arm.n), arm.coupling.own)] = 0.0  # not logged: they follow others
     k = int(np.argmax(np.abs(zeros_rad)))
     if abs(zeros_rad[k]) < float(np.radians(CHECKS.no_mastering_deg)):
         return None
