@@ -7,7 +7,7 @@ little on the fitted arm; in the end they are calculated anew until that moves n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -81,47 +81,52 @@ def calibrate_general(
     fitted = partial(fit, robust=options.general.robust, max_iterations=options.max_iterations)
     posed = general_problem(arm, observations, start, payload, options, links=links)
     check_enough(posed.problem)
-    source = posed.torques_from
     found = fitted(posed.problem, posed.x_start)
     last = SpringFit(posed.problem, found, posed.springs, posed.x_start)
     unproven: tuple[int, ...] = ()
     if options.general.springs == "auto":
-        assumed = source == "masses" and weights_known(arm).assumed
-        last = _with_shown_springs(last, fitted, stepwise=assumed)
-        if assumed and last.springs:
-            names = (each.name for each in posed.problem.parameters)
-            begin = dict(zip(names, posed.x_start.tolist(), strict=True))
-            shown_springs = last.springs
-            last = with_proven_springs(last, begin, fitted)
-            unproven = tuple(joint for joint in shown_springs if joint not in last.springs)
-    problem, found, springs, x_start = last
-    settled = tilts_not_shown(problem, found)
-    by_masses = bool(springs) and source == "masses"
+        last, unproven = _with_springs_that_help(posed, last, fitted)
+    logged = observations.states
+    by_masses = bool(last.springs) and posed.torques_from == "masses"
+    settled = tilts_not_shown(last.problem, last.found)
     if settled:
-        kept = np.array([parameter.name not in settled for parameter in problem.parameters])
-        problem = replace(problem, model=problem.model.without("tilt"))
-        x_start = _where_others_go(found, kept)
-        about = found.x[kept]
-        if by_masses:
-            problem = _with_torques_at(problem, x_start, observations.states, payload)
-        without_tilts = fitted(problem, x_start, scatter_start=found.scatter, about=about)
-        # Whether the tilts are zero is not known, so the others keep their uncertainty with them.
-        found = replace(without_tilts, covariance=found.covariance[np.ix_(kept, kept)])
+        last = _without_tilts(last, settled, fitted, logged if by_masses else None, payload)
+    problem, found = last.problem, last.found
     if by_masses:
-        covariance = found.covariance
-        problem, found = at_rest(problem, found, observations.states, payload, fitted)
-        found = replace(found, covariance=covariance) if settled else found
+        problem, found = at_rest(problem, found, logged, payload, fitted)
+        if settled:
+            found = replace(found, covariance=last.found.covariance)  # see `_without_tilts`
     return GeneralCalibration(
         problem=problem,
-        x_start=x_start,
+        x_start=last.x_start,
         start=start,
         redundant=posed.redundant,
-        torques_from=source,
+        torques_from=posed.torques_from,
         payload=payload,
         settled=settled,
         fit=found,
         unproven=unproven,
     )
+
+
+def _with_springs_that_help(
+    posed: GeneralProblem, full: SpringFit, fitted: Callable[..., GeneralSolution]
+) -> tuple[SpringFit, tuple[int, ...]]:
+    """Return a fit without the springs that are not needed.
+
+    Under weights that nobody stated they also have to help to predict held-out poses.
+
+    Returns:
+        The fit, and the joints, from 1, of springs that the readings show and that do not help.
+    """
+    assumed = posed.torques_from == "masses" and weights_known(posed.arm).assumed
+    shown_fit = _with_shown_springs(full, fitted, stepwise=assumed)
+    if not (assumed and shown_fit.springs):
+        return shown_fit, ()
+    names = (each.name for each in posed.problem.parameters)
+    begin = dict(zip(names, posed.x_start.tolist(), strict=True))
+    proven = with_proven_springs(shown_fit, begin, fitted)
+    return proven, tuple(joint for joint in shown_fit.springs if joint not in proven.springs)
 
 
 def _with_shown_springs(
@@ -140,6 +145,31 @@ def _with_shown_springs(
         if not stepwise:
             break
     return full
+
+
+def _without_tilts(
+    last: SpringFit,
+    tilts: Collection[str],
+    fitted: Callable[..., GeneralSolution],
+    states_as_logged: PoseStates | None,
+    payload: Payload | None,
+) -> SpringFit:
+    """Return a fit in which some tilts of parallel axes, by name, are zero.
+
+    Whether they are zero is not known, so the others keep the uncertainty that they have with them.
+
+    Args:
+        states_as_logged: the states before torques were calculated; None where these stay.
+    """
+    kept = np.array([parameter.name not in tilts for parameter in last.problem.parameters])
+    problem = replace(last.problem, model=last.problem.model.without("tilt"))
+    x_start = _where_others_go(last.found, kept)
+    if states_as_logged is not None:
+        problem = _with_torques_at(problem, x_start, states_as_logged, payload)
+    about, scatter = last.found.x[kept], last.found.scatter
+    found = fitted(problem, x_start, scatter_start=scatter, about=about)
+    covariance = last.found.covariance[np.ix_(kept, kept)]
+    return SpringFit(problem, replace(found, covariance=covariance), last.springs, x_start)
 
 
 def _where_others_go(found: GeneralSolution, kept: Mask) -> Array:

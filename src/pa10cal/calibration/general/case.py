@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pa10cal.arm.chain import BASE
 from pa10cal.arm.description import weights_known
+from pa10cal.arm.statics import Payload
 from pa10cal.arrays import Mask
 from pa10cal.calibration import accuracy, uncertainty
 from pa10cal.calibration.fit_summary import FitSummary, names_of
@@ -35,7 +37,7 @@ from pa10cal.fit.tails import keep_their_distances
 from pa10cal.fit.validity import angles_seen
 from pa10cal.observe.arrivals import with_arrivals
 from pa10cal.observe.observations import Observations, average_repeats
-from pa10cal.observe.quantities import Start
+from pa10cal.observe.quantities import Deviations, Start
 from pa10cal.observe.time_order import at_one_end
 from pa10cal.results import calibration as records
 from pa10cal.terms.model import Model
@@ -76,29 +78,6 @@ def suspected_outliers(
     return tuple(found)
 
 
-class _Fits(NamedTuple):
-    """The fits of a load case."""
-
-    full: GeneralCalibration  # with all that can be identified, about the prior if there is one
-    geometry: GeneralCalibration  # without springs; with a prior, the frames alone
-    nominal: GeneralCalibration  # the frames alone, about the nominal arm
-
-    @classmethod
-    def of(cls, case: LoadCase, used: Observations, start: Start) -> _Fits:
-        arm, payload, options, prior = case.arm, case.payload, case.options, case.prior
-        rigid = options.with_springs(())
-        nominal = calibrate_general(arm, used, start, payload, rigid, links=False)
-        if prior is not None:
-            expected = prior_of(prior, arm, payload)
-            full = calibrate_from(expected, arm, used, start, payload, options)
-            return cls(full, nominal, nominal)
-        full = calibrate_general(arm, used, start, payload, options)
-        geometry = full
-        if full.springs:
-            geometry = calibrate_general(arm, used, start, payload, rigid)
-        return cls(full, geometry, nominal)
-
-
 def general_case(
     case: LoadCase, start: Start
 ) -> tuple[records.GeneralCalibrationRecord, GeneralCalibration]:
@@ -108,83 +87,22 @@ def general_case(
         CalibrationError: when there are too few poses, a spring lacks torques, the arm as described
             does not fit the readings at all, or the prior is of another arm or of these readings.
     """
-    arm, every, payload = case.arm, case.every, case.payload
-    if case.prior is not None:  # its effects may depend on the direction of arrival
-        every, _ = with_arrivals(every, arm)
-    single = every.of_kind("grid")
-    grid, held_out = average_repeats(single), average_repeats(every.of_kind("holdout"))
-    rows = case.rows(grid.states)
-    used = grid.take(rows)
-    if case.prior is not None:
-        refuse_own_readings(case.prior, used, case.campaign)
-    full, geometry, nominal = _Fits.of(case, used, start)
-    calibrated, load_N = with_discrepancy(full), grid.states.load_N
-
-    def with_model_torques(poses: Observations) -> Observations:
-        states, _ = with_torques(calibrated.model, calibrated.x, poses.states, payload)
-        return poses.with_states(with_loads_read_by(calibrated.model.terms, states))
-
-    grid = with_model_torques(grid)
-    found = calibrated.deviations(grid)
-    noise_mm = accuracy.position_noise_mm(used.measured, full.problem.stated_covariance)
-    all_rms_mm = accuracy.summarise(found.take(rows)).rms_mm
-    _refuse_another_arm(full, all_rms_mm, used.measured.spread_mm, noise_mm)
-    held_out_errors = None
-    if len(held_out):
-        held_out = with_model_torques(held_out)
-        predicted = replace(full.problem, observations=held_out.turned(start.R_ee_target))
-        position = accuracy.of_one_target(held_out.measured, predicted.rows(full.fit.x).jacobian)
-        held_out_errors = accuracy.held_out_errors(
-            calibrated, every, used, held_out, position, full.fit.covariance
-        )
-    outliers, known = suspected_outliers(full.problem, full.fit), weights_known(arm)
-    flagged = np.zeros(len(grid), dtype=bool)
-    flagged[np.flatnonzero(rows)[[outlier.row for outlier in outliers]]] = True
-    trusted = np.flatnonzero(rows & ~flagged)
-    group = per_campaign_fits(full.problem, full.fit)
-    findings = case.findings
-    if group is not None:
-        findings = (*findings, *contradictions(group, full.problem.model.joint_zeros))
-    of_geometry = fitted(geometry).deviations(grid)
-    of_nominal = fitted(nominal).deviations(grid)
-    readings = single.take(case.rows(single.states))
-    evidence = GradeEvidence(
-        ended=_fit_summary(full),
-        train_rms_mm=accuracy.summarise(found.take(trusted)).rms_mm,
-        held_out=held_out_errors,
-        noise_mm=noise_mm,
-        discrepancy_mm=lacking_mm(calibrated.discrepancy, used.states.q_rad),
-        joints_mm=by_uncertain_joints_mm(calibrated.model, calibrated.x, used),
-        spread_mm=used.measured.spread_mm,
-        suspected_outliers=len(outliers),
-        rigid_outliers=sum(RIGID in outlier.why for outlier in outliers),
-        at_one_end=at_one_end(used.states, flagged[rows]),
-        all_rms_mm=all_rms_mm,
-        repeats=uncertainty.scatter_of_repeats(readings, calibrated),
-        from_touches=readings.measured.from_touches,
-        findings=findings,
-        without_springs_mm=None
-        if geometry is full
-        else accuracy.summarise(of_geometry.take(trusted)).rms_mm,
-        weights=known.origin if known.assumed and full.springs else "",
-        com_u_m=payload.com_u_m if payload is not None and full.springs else None,
-        wanted_mm=case.options.wanted_uncertainty_mm,
-        nominal_mm=accuracy.summarise(of_nominal.take(trusted)).rms_mm,
-        arm=arm,
-        turned_rad=_turned_rad(calibrated, used),
-    )
+    found = _FittedCase.of(case, start)
+    full, model, load_N = found.full, found.model, found.grid.states.load_N
+    evidence = found.evidence()
     judged = health(evidence)
     about = FittedTo.of(full.problem.observations, case.load, judged, case.campaign)
+    of_geometry, of_nominal = found.of_geometry, found.of_nominal
     before = accuracy.summarise_by_load(of_nominal, load_N)
-    without_flagged = accuracy.summarise_trusted(of_nominal, found, load_N, flagged)
     by_geometry = accuracy.summarise_by_load(of_geometry, load_N)
-    of_rigid, of_described = (
+    trusted = accuracy.summarise_trusted(of_nominal, found.deviations, load_N, found.flagged)
+    geometry, nominal = (
         records.Fit(**_general_fit_keys(each, with_discrepancy(each), about))
-        for each in (geometry, nominal)
+        for each in (found.geometry, found.nominal)
     )
     record = records.GeneralCalibrationRecord(
-        **case_keys(case, evidence.ended, judged, replace(calibrated, fitted_to=about), grid),
-        **_general_fit_keys(full, calibrated, about),
+        **case_keys(case, evidence.ended, judged, replace(model, fitted_to=about), found.grid),
+        **_general_fit_keys(full, model, about),
         starts=1,
         starts_agreeing=1,
         redundant=full.redundant,
@@ -195,18 +113,164 @@ def general_case(
                 before=before[load],
                 geometry=by_geometry[load],
                 after=after,
-                trusted=without_flagged.get(load),
+                trusted=trusted.get(load),
             )
-            for load, after in accuracy.summarise_by_load(found, load_N).items()
+            for load, after in accuracy.summarise_by_load(found.deviations, load_N).items()
         },
-        geometry=of_rigid,
-        nominal=of_described,
-        suspected_outliers=outliers,
-        group=group,
+        geometry=geometry,
+        nominal=nominal,
+        suspected_outliers=found.outliers,
+        group=found.group,
         prior=full.prior,
         warnings=_warnings(full, judged),
     )
     return record, full
+
+
+@dataclass(frozen=True, eq=False)
+class _FittedCase:
+    """A load case with its fits, and what these leave of the calibration poses of every load."""
+
+    case: LoadCase
+    every: Observations  # single readings of all kinds, with the directions of arrival
+    start: Start
+    used: Observations  # the averaged poses of the load case, which were fitted
+    full: GeneralCalibration  # with all that can be identified, about the prior if there is one
+    geometry: GeneralCalibration  # without springs; with a prior, the frames alone
+    nominal: GeneralCalibration  # the frames alone, about the nominal arm
+    model: FittedModel  # that of the full calibration
+    grid: Observations  # averaged calibration poses of every load, with the torques of the model
+    rows: Mask  # which of these belong to the load case
+
+    @classmethod
+    def of(cls, case: LoadCase, start: Start) -> _FittedCase:
+        """Fit a load case; refuse readings that the arm as described does not fit at all."""
+        arm, every, payload, options = case.arm, case.every, case.payload, case.options
+        if case.prior is not None:  # its effects may depend on the direction of arrival
+            every, _ = with_arrivals(every, arm)
+        grid = average_repeats(every.of_kind("grid"))
+        rows = case.rows(grid.states)
+        used = grid.take(rows)
+        rigid = options.with_springs(())
+        if case.prior is not None:
+            refuse_own_readings(case.prior, used, case.campaign)
+        nominal = calibrate_general(arm, used, start, payload, rigid, links=False)
+        if case.prior is not None:
+            expected = prior_of(case.prior, arm, payload)
+            full = calibrate_from(expected, arm, used, start, payload, options)
+            geometry = nominal
+        else:
+            full = geometry = calibrate_general(arm, used, start, payload, options)
+            if full.springs:
+                geometry = calibrate_general(arm, used, start, payload, rigid)
+        model = with_discrepancy(full)
+        grid = _with_model_torques(model, grid, payload)
+        found = cls(case, every, start, used, full, geometry, nominal, model, grid, rows)
+        spread_mm = used.measured.spread_mm
+        _refuse_another_arm(full, found.all_rms_mm, spread_mm, found.noise_mm)
+        return found
+
+    @cached_property
+    def deviations(self) -> Deviations:
+        """Return the errors of the calibrated model."""
+        return self.model.deviations(self.grid)
+
+    @cached_property
+    def of_geometry(self) -> Deviations:
+        """Return the errors without springs; with a prior, with its frames alone fitted."""
+        return fitted(self.geometry).deviations(self.grid)
+
+    @cached_property
+    def of_nominal(self) -> Deviations:
+        """Return the errors of the nominal arm, with its frames fitted."""
+        return fitted(self.nominal).deviations(self.grid)
+
+    @property
+    def all_rms_mm(self) -> float:
+        """Return the rms error of the poses fitted, suspected outliers among them."""
+        return accuracy.summarise(self.deviations.take(self.rows)).rms_mm
+
+    @property
+    def noise_mm(self) -> float:
+        """Return the rms error that the stated noise makes."""
+        stated = self.full.problem.stated_covariance
+        return accuracy.position_noise_mm(self.used.measured, stated)
+
+    @cached_property
+    def outliers(self) -> tuple[records.SuspectedOutlier, ...]:
+        """Return the suspected outliers among the poses fitted."""
+        return suspected_outliers(self.full.problem, self.full.fit)
+
+    @cached_property
+    def flagged(self) -> Mask:
+        """Return which poses are suspected outliers."""
+        flagged = np.zeros(len(self.grid), dtype=bool)
+        flagged[np.flatnonzero(self.rows)[[outlier.row for outlier in self.outliers]]] = True
+        return flagged
+
+    @cached_property
+    def group(self) -> records.GroupOfCampaigns | None:
+        """Return what each campaign of a group says alone; None for a single campaign."""
+        return per_campaign_fits(self.full.problem, self.full.fit)
+
+    def held_out_errors(self) -> accuracy.HeldOut | None:
+        """Return the errors of held-out poses; None without any."""
+        full, held_out = self.full, average_repeats(self.every.of_kind("holdout"))
+        if not len(held_out):
+            return None
+        held_out = _with_model_torques(self.model, held_out, self.case.payload)
+        turned = replace(full.problem, observations=held_out.turned(self.start.R_ee_target))
+        position = accuracy.of_one_target(held_out.measured, turned.rows(full.fit.x).jacobian)
+        return accuracy.held_out_errors(
+            self.model, self.every, self.used, held_out, position, full.fit.covariance
+        )
+
+    def evidence(self) -> GradeEvidence:
+        """Return what the grade rests on."""
+        case, full, used, model = self.case, self.full, self.used, self.model
+        known, payload, findings = weights_known(case.arm), case.payload, case.findings
+        if self.group is not None:
+            zeros = full.problem.model.joint_zeros
+            findings = (*findings, *contradictions(self.group, zeros))
+        single = self.every.of_kind("grid")
+        readings = single.take(case.rows(single.states))
+        trusted = np.flatnonzero(self.rows & ~self.flagged)
+
+        def trusted_rms_mm(found: Deviations) -> float:
+            return accuracy.summarise(found.take(trusted)).rms_mm
+
+        without_springs = None if self.geometry is full else self.of_geometry
+        return GradeEvidence(
+            ended=_fit_summary(full),
+            train_rms_mm=trusted_rms_mm(self.deviations),
+            held_out=self.held_out_errors(),
+            noise_mm=self.noise_mm,
+            discrepancy_mm=lacking_mm(model.discrepancy, used.states.q_rad),
+            joints_mm=by_uncertain_joints_mm(model.model, model.x, used),
+            spread_mm=used.measured.spread_mm,
+            suspected_outliers=len(self.outliers),
+            rigid_outliers=sum(RIGID in outlier.why for outlier in self.outliers),
+            at_one_end=at_one_end(used.states, self.flagged[self.rows]),
+            all_rms_mm=self.all_rms_mm,
+            repeats=uncertainty.scatter_of_repeats(readings, model),
+            from_touches=readings.measured.from_touches,
+            findings=findings,
+            without_springs_mm=None if without_springs is None else trusted_rms_mm(without_springs),
+            weights=known.origin if known.assumed and full.springs else "",
+            com_u_m=payload.com_u_m if payload is not None and full.springs else None,
+            wanted_mm=case.options.wanted_uncertainty_mm,
+            nominal_mm=trusted_rms_mm(self.of_nominal),
+            arm=case.arm,
+            turned_rad=_turned_rad(model, used),
+        )
+
+
+def _with_model_torques(
+    model: FittedModel, poses: Observations, payload: Payload | None
+) -> Observations:
+    """Return poses with the torques and static loads of a model where none were logged."""
+    states, _ = with_torques(model.model, model.x, poses.states, payload)
+    return poses.with_states(with_loads_read_by(model.model.terms, states))
 
 
 def _warnings(full: GeneralCalibration, judged: records.Health) -> tuple[str, ...]:

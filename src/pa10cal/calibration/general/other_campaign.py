@@ -8,10 +8,10 @@ parameters depart by more than noise, as under a model that lacks an effect, the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -258,30 +258,18 @@ def calibrate_from(
 
     problem, x_start, found = fit_with_targets_shown(unknowns, start, of_prior)
     possible = hypotheses(arm, prior.terms, expected.mean, expected.covariance)
-    released: tuple[MovedPart, ...] = ()
     anew, frames = everything(possible), len(problem.parameters) - len(expected.mean)
     few = problem.readings < GROUPS.few_readings * (len(anew.columns) + frames)
-    for _ in range(GROUPS.most_rounds):
-        if few:
-            at = problem, found.x, np.sqrt(found.weights), prior.expected
-            parts = smallest_set(Misfit.of_poses(*at, prior.model.discrepancy), possible)
-        else:
-            parts = (*released, *_more(found, expected, possible, released))
-        if [each.name for each in parts] == [each.name for each in released]:
-            break
-        released, expected = parts, prior.expected
-        for each in released:
-            expected = expected.widened(each.directions)
-        found = fitted(problem, found.x, expected=expected)
-    residual_m, stated_m = _residual_m(found, observations)
+    moved = _released(prior, problem, found, possible, fitted, few=few)
+    residual_m, stated_m = _residual_m(moved.found, observations)
     if residual_m > GROUPS.contradicted_ratio * stated_m and not few:
         freed = prior.expected.widened(anew.directions)
         fit_of_new_arm = fitted(problem, x_start, expected=freed)
         if _residual_m(fit_of_new_arm, observations)[0] < GROUPS.explained_share * residual_m:
-            released, expected = (MovedPart(anew, 1.0, 0.0),), freed
-            found = fit_of_new_arm
+            moved = _Released((MovedPart(anew, 1.0, 0.0),), freed, fit_of_new_arm)
+    found = moved.found
     if source == "masses":
-        about = partial(fitted, expected=expected)
+        about = partial(fitted, expected=moved.expected)
         problem, found = calibrate.at_rest(problem, found, observations.states, payload, about)
     unknown = len(anew.columns) + frames if few else None
     return calibrate.GeneralCalibration(
@@ -293,8 +281,51 @@ def calibrate_from(
         payload=payload,
         settled={},
         fit=found,
-        prior=_changed(prior, problem, found, released, possible, unknown),
+        prior=_changed(prior, problem, found, moved.parts, possible, unknown),
     )
+
+
+class _Released(NamedTuple):
+    """A fit about a prior that was widened along what moved."""
+
+    parts: tuple[MovedPart, ...]  # what moved
+    expected: GaussianPrior  # the prior, widened
+    found: GeneralSolution
+
+
+def _released(
+    prior: Prior,
+    problem: Problem,
+    found: GeneralSolution,
+    possible: Sequence[Hypothesis],
+    fitted: Callable[..., GeneralSolution],
+    *,
+    few: bool,
+) -> _Released:
+    """Search what moved, in rounds, each about the fit with what the one before found.
+
+    Args:
+        found: the fit about the prior as it is.
+        possible: what may have moved.
+        fitted: fits a problem from a start, about an expected prior.
+        few: whether the readings are so few that the smallest set of changes is sought.
+    """
+    parts: tuple[MovedPart, ...] = ()
+    expected = prior.expected
+    for _ in range(GROUPS.most_rounds):
+        before = parts
+        if few:
+            at = problem, found.x, np.sqrt(found.weights), prior.expected
+            parts = smallest_set(Misfit.of_poses(*at, prior.model.discrepancy), possible)
+        else:
+            parts = (*before, *_more(found, expected, possible, before))
+        if [each.name for each in parts] == [each.name for each in before]:
+            return _Released(before, expected, found)
+        expected = prior.expected
+        for each in parts:
+            expected = expected.widened(each.directions)
+        found = fitted(problem, found.x, expected=expected)
+    return _Released(parts, expected, found)
 
 
 def _more(

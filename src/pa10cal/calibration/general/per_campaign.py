@@ -7,13 +7,15 @@ where the group has them, within the reach of the unknowns, and do not count.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.calibration.general.fit import GeneralSolution, reach_of
 from pa10cal.calibration.rules import GROUPS, UNKNOWNS
 from pa10cal.fit.problem import Problem
@@ -21,6 +23,7 @@ from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.results import calibration as records
 from pa10cal.results.calibration import InputFinding
 from pa10cal.terms.of_campaign import OF
+from pa10cal.terms.term import TermParameter
 
 #: Unit in which a parameter is shown, and the factor to it (unit).
 _SHOWN_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
@@ -69,63 +72,85 @@ class _Difference(NamedTuple):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """The fit of a group of campaigns, linear in steps of its f free unknowns, in reaches."""
+
+    problem: Problem
+    fit: GeneralSolution
+    free: Index  # (f,) which unknowns are not at a bound
+    shared: list[int]  # (s,) which of these belong to the robot, and so to every campaign
+
+    @classmethod
+    def of(cls, problem: Problem, fit: GeneralSolution) -> _Group:
+        free = np.flatnonzero(~fit.at_bound)
+        base = {parameter.name for parameter in problem.model.terms[-1].parameters}
+        names = [problem.parameters[k].name for k in free]
+        shared = [j for j, name in enumerate(names) if OF not in name and name not in base]
+        return cls(problem, fit, free, shared)
+
+    @cached_property
+    def parameters(self) -> list[TermParameter]:
+        """Return the shared parameters, (s,)."""
+        return [self.problem.parameters[k] for k in self.free[self.shared]]
+
+    @cached_property
+    def reach(self) -> Array:
+        """Return the reach of each free unknown, (f,)."""
+        return reach_of(self.problem)[self.free]
+
+    @cached_property
+    def poses(self) -> dict[str, Index]:
+        """Return the poses of each campaign, by its name."""
+        observations = self.problem.observations
+        names = [name for name, _ in observations.measured.campaigns]
+        campaign = observations.states.campaign
+        return {name: np.flatnonzero(campaign == k) for k, name in enumerate(names)}
+
+    @cached_property
+    def by_step(self) -> Array:
+        """Return the derivative (P, b, f) of the residual by a step in reaches."""
+        return self.problem.rows(self.fit.x).jacobian[:, :, self.free] * self.reach
+
+    @cached_property
+    def rows(self) -> dict[str, Gaussian]:
+        """Return the whitened rows of each campaign, by its name."""
+        root = np.sqrt(self.fit.weights)[:, None, None] * self.fit.whitener
+        rows = {}
+        for name, poses in self.poses.items():
+            white = (root[poses] @ self.by_step[poses]).reshape(-1, len(self.free))
+            residual = np.einsum("pij,pj->pi", root[poses], self.fit.residual[poses]).ravel()
+            rows[name] = Gaussian.of(white, -residual)
+        return rows
+
+    def estimate(self, names: Iterable[str]) -> _Estimate:
+        """Return what some campaigns say."""
+        none = Gaussian.none(len(self.free))
+        return _Estimate.of(sum((self.rows[name] for name in names), none))
+
+    def rms_mm(self, name: str, step: Array) -> float:
+        """Return the rms position error of a campaign after a step (f,) of the unknowns."""
+        poses = self.poses[name]
+        columns = self.problem.observations.measured.position_columns
+        residual_m = (self.fit.residual[poses] + self.by_step[poses] @ step)[:, columns]
+        squares = np.sum(residual_m**2, axis=1)
+        return 1e3 * float(np.sqrt(np.average(squares, weights=self.fit.weights[poses])))
+
+
 def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOfCampaigns | None:
     """Compare the campaigns of a group; None for a single campaign, or where nothing is shared."""
-    campaign, measured = problem.observations.states.campaign, problem.observations.measured
-    free = np.flatnonzero(~fit.at_bound)
-    base = {parameter.name for parameter in problem.model.terms[-1].parameters}
-    names = [problem.parameters[k].name for k in free]
-    shared = [j for j, name in enumerate(names) if OF not in name and name not in base]
-    if campaign is None or not shared:
+    group = _Group.of(problem, fit)
+    if problem.observations.states.campaign is None or not group.shared:
         return None
-    parameters = [problem.parameters[k] for k in free[shared]]
-    reach = reach_of(problem)[free]
-    size = reach[shared]
-    root = np.sqrt(fit.weights)[:, None, None] * fit.whitener
-    jacobian = problem.rows(fit.x).jacobian[:, :, free]
-    poses_of = [np.flatnonzero(campaign == k) for k in range(len(measured.campaigns))]
-    rows_of = []  # of each campaign, in steps of the free unknowns in reaches
-    for poses in poses_of:
-        white = (root[poses] @ jacobian[poses] * reach).reshape(-1, len(free))
-        residual = np.einsum("pij,pj->pi", root[poses], fit.residual[poses]).ravel()
-        rows_of.append(Gaussian.of(white, -residual))
-    none = Gaussian.none(len(free))
-
-    def rms_mm(residual: Array, weights: Array) -> float:
-        squares = np.sum(residual[:, measured.position_columns] ** 2, axis=1)
-        return 1e3 * float(np.sqrt(np.average(squares, weights=weights)))
-
-    campaigns, std_alone = {}, {}
-    for number, (name, _) in enumerate(measured.campaigns):
-        poses = poses_of[number]
-        own = _Estimate.of(none + rows_of[number])
-        others = (rows for k, rows in enumerate(rows_of) if k != number)
-        differs = _Difference.between(own, _Estimate.of(sum(others, none)), shared, size)
-        residual_alone = fit.residual[poses] + jacobian[poses] @ (reach * own.step)
-        together_mm = rms_mm(fit.residual[poses], fit.weights[poses])
-        alone_mm = rms_mm(residual_alone, fit.weights[poses])
-        p_value = float(chdtrc(differs.dof, differs.chi_square)) if differs.dof > 0.0 else 1.0
-        gain = 1.0 - (alone_mm / together_mm) ** 2 if together_mm > 0.0 else 0.0
-        campaigns[name] = records.CampaignAlone(
-            poses=len(poses),
-            rms_mm=together_mm,
-            alone_rms_mm=alone_mm,
-            chi_square=differs.chi_square,
-            dof=differs.dof,
-            p_value=p_value,
-            contradicts=p_value < GROUPS.chance_rate and gain > GROUPS.matters_share,
-            worst=records.Difference(
-                name=parameters[differs.worst].name,
-                unit=parameters[differs.worst].unit,
-                value=differs.value,
-                std=differs.std,
-                chi_square=differs.by_one,
-            ),
-        )
-        std_alone[name] = np.sqrt(np.diag(own.covariance)[shared])
-    std = np.sqrt(np.diag(fit.covariance)[free[shared]])
+    alone = {name: group.estimate([name]) for name in group.poses}
+    of_shared = group.free[group.shared]
+    std = np.sqrt(np.diag(fit.covariance)[of_shared])
+    std_alone = {
+        name: np.sqrt(np.diag(own.covariance)[group.shared]) for name, own in alone.items()
+    }
+    size = group.reach[group.shared]
     return records.GroupOfCampaigns(
-        campaigns=campaigns,
+        campaigns={name: _campaign_alone(group, name, own) for name, own in alone.items()},
         parameters={
             parameter.name: records.SharedParameter(
                 unit=parameter.unit,
@@ -135,8 +160,35 @@ def per_campaign_fits(problem: Problem, fit: GeneralSolution) -> records.GroupOf
                     n for n, own in std_alone.items() if own[k] < UNKNOWNS.determined_share
                 ),
             )
-            for k, parameter in enumerate(parameters)
+            for k, parameter in enumerate(group.parameters)
         },
+    )
+
+
+def _campaign_alone(group: _Group, name: str, own: _Estimate) -> records.CampaignAlone:
+    """Return how a campaign differs from all others, by its own estimate."""
+    others = group.estimate(other for other in group.poses if other != name)
+    differs = _Difference.between(own, others, group.shared, group.reach[group.shared])
+    together_mm = group.rms_mm(name, np.zeros(len(group.free)))
+    alone_mm = group.rms_mm(name, own.step)
+    p_value = float(chdtrc(differs.dof, differs.chi_square)) if differs.dof > 0.0 else 1.0
+    gain = 1.0 - (alone_mm / together_mm) ** 2 if together_mm > 0.0 else 0.0
+    worst = group.parameters[differs.worst]
+    return records.CampaignAlone(
+        poses=len(group.poses[name]),
+        rms_mm=together_mm,
+        alone_rms_mm=alone_mm,
+        chi_square=differs.chi_square,
+        dof=differs.dof,
+        p_value=p_value,
+        contradicts=p_value < GROUPS.chance_rate and gain > GROUPS.matters_share,
+        worst=records.Difference(
+            name=worst.name,
+            unit=worst.unit,
+            value=differs.value,
+            std=differs.std,
+            chi_square=differs.by_one,
+        ),
     )
 
 
