@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pa10cal.arm.chain import end_pose_with_screws
-from pa10cal.arrays import Array
+from pa10cal.arrays import Array, Index
 from pa10cal.calibration.rules import GRADES
 from pa10cal.calibration.two_level_problem import TwoLevelRows
 from pa10cal.fit.fitted_model import FittedModel
@@ -37,14 +37,11 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
 
     Returns:
         One entry for each kind, stated with so much of what is stated of the joints as repeats may
-        show; none where too little is repeated, and none of a rounded kind, in
-        which repeats agree in all digits while other kinds differ.
+        show; none where too little is repeated, and none of a rounded kind, in which repeats agree
+        in all digits while other kinds differ.
     """
-    arrival = np.unique(readings.states.arrival, axis=0, return_inverse=True)[1].ravel()
-    group = reading_groups(readings) * (arrival.max(initial=0) + 1) + arrival
-    order = np.lexsort((readings.states.time_s, group))
-    pairs = np.flatnonzero(group[order][1:] == group[order][:-1])
-    if len(pairs) < GRADES.scatter_pairs:
+    first, second = _successive(readings)
+    if len(first) < GRADES.scatter_pairs:
         return ()
     poses = model.as_modelled(readings)
     measured = poses.measured
@@ -52,15 +49,10 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
     compared = measured.compare(T_instr_ee, model.targets_m)
     residual = compared.residual
     variance = np.diagonal(measured.stated_covariance, axis1=1, axis2=2)
-    without_joints = variance
-    if readings.log is not None and (u := readings.log.q_u_stated).any():
-        chain, R = model.model.chain, model.T_instr_base[:3, :3]
-        at = model.model.chain_coordinates(poses.states, model.x)
-        turned = end_pose_with_screws(chain, at).screws[:, :, chain.joint_columns] * u[:, None]
-        along = np.concatenate([R @ turned[:, :3], R @ turned[:, 3:]], axis=1)
-        of_joints = np.sum((compared.by_end @ along) ** 2, axis=2)
-        without_joints = np.maximum(variance - of_joints, 0.0)
-    first, second = order[pairs], order[pairs + 1]
+    of_joints = np.zeros_like(variance)
+    if readings.log is not None:
+        of_joints = _variance_of_joints(model, poses, compared.by_end, readings.log.q_u_stated)
+    without_joints = np.maximum(variance - of_joints, 0.0)
     both = measured.components_seen[first] & measured.components_seen[second]
     difference = residual[second] - residual[first]
     stated_variance = variance[second] + variance[first]
@@ -79,8 +71,33 @@ def scatter_of_repeats(readings: Observations, model: FittedModel) -> tuple[Repe
         found = float(np.sqrt(np.median(squares / variances) / GRADES.median_square)) * stated
         # An error of a joint may be the same in all repeats, as by rounding, or differ in each.
         nearest = min(max(found, least), stated)
-        scatter.append(RepeatScatter(kind=kind, found=found, stated=nearest, pairs=len(pairs)))
+        scatter.append(RepeatScatter(kind=kind, found=found, stated=nearest, pairs=len(first)))
     return tuple(scatter)
+
+
+def _successive(readings: Observations) -> tuple[Index, Index]:
+    """Return readings, and the next ones of the same pose, load and direction of arrival."""
+    arrival = np.unique(readings.states.arrival, axis=0, return_inverse=True)[1].ravel()
+    group = reading_groups(readings) * (arrival.max(initial=0) + 1) + arrival
+    order = np.lexsort((readings.states.time_s, group))
+    pairs = np.flatnonzero(group[order][1:] == group[order][:-1])
+    return order[pairs], order[pairs + 1]
+
+
+def _variance_of_joints(
+    model: FittedModel, poses: Observations, by_end: Array, joint_u: Array
+) -> Array:
+    """Return the variances (P, b) of components by stated uncertainties of joint positions.
+
+    Args:
+        by_end: (P, b, 6) derivative of the components by velocities of the end.
+        joint_u: (P, n) standard uncertainties [rad, m].
+    """
+    chain, R = model.model.chain, model.T_instr_base[:3, :3]
+    at = model.model.chain_coordinates(poses.states, model.x)
+    screws = end_pose_with_screws(chain, at).screws[:, :, chain.joint_columns] * joint_u[:, None]
+    in_instr = np.concatenate([R @ screws[:, :3], R @ screws[:, 3:]], axis=1)
+    return np.asarray(np.sum((by_end @ in_instr) ** 2, axis=2))
 
 
 def with_own_scatter(
