@@ -55,7 +55,7 @@ def read_campaign(
         SettingsError: when a key of the description does not fit.
     """
     from pa10cal.campaign.table import as_in_table
-    from pa10cal.fit.log_errors import without_torque_errors
+    from pa10cal.fit.logged_torques import without_torque_errors
 
     found = read_raw(folder, options, arms=arms)
     every = as_in_table(found.observations, found.arm.prismatic, found.description)

@@ -21,7 +21,7 @@ from pa10cal.discovery.rules import TORQUES
 from pa10cal.discovery.verdict import Verdict, is_sought
 from pa10cal.fit.fitted_model import FittedModel
 from pa10cal.fit.loads import statics_of
-from pa10cal.fit.log_errors import errors_of_logs, scatter_about
+from pa10cal.fit.logged_torques import errors_of_logs, robust_fit
 from pa10cal.fit.uncertain_weights import weight_sizes
 from pa10cal.numerics.gaussian import Gaussian
 from pa10cal.observe.observations import Observations
@@ -117,9 +117,7 @@ class _TorqueRows:
         nuisances = np.concatenate([by_weights, of_logs], axis=2)
         of_faults = [fault.per_unit(states) @ fault.prior_factor for fault in faults]
         columns = np.concatenate([nuisances, *of_faults], axis=2)
-        noise_Nm, x = scatter_about(
-            columns, residual_Nm, TORQUES.reweighted, TORQUES.least_noise_Nm
-        )
+        noise_Nm, x = robust_fit(columns, residual_Nm, TORQUES.reweighted, TORQUES.least_noise_Nm)
         # Residuals beyond the edge count as at the edge (Huber).
         edge_Nm = MASSES.edge * noise_Nm
         off_Nm = np.clip(residual_Nm - columns @ x, -edge_Nm, edge_Nm)

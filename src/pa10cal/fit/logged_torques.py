@@ -1,0 +1,341 @@
+"""Logged torques: compared with those of the weights, fitted by weights, and their errors.
+
+Usual errors of a log are its scale, and friction and zero of every joint. Of the arm (n joints) and
+its tool the weights are fitted as `amounts` (4 n + 3,), deviations from those described: of every
+link mass [kg] and first moments [kg m], then the tool's mass and two tilts of gravity, as the
+columns of `StaticLoads.by_weights`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from pa10cal.arm.chain import Chain
+from pa10cal.arm.description import Arm, weights_known
+from pa10cal.arm.statics import Payload
+from pa10cal.arrays import MEDIAN_TO_SIGMA, Array, Mask
+from pa10cal.fit.loads import statics_of
+from pa10cal.fit.uncertain_weights import weight_sizes, with_assumed_weights
+from pa10cal.numerics.gaussian import Gaussian
+from pa10cal.observe.arrivals import with_arrivals
+from pa10cal.observe.observations import Observations
+from pa10cal.results.record import with_half_width_95
+from pa10cal.rules import MASSES
+from pa10cal.terms.model import Model
+
+#: Iterations of robust reweighting (computing).
+_REWEIGHTED = 4
+
+
+def without_torque_errors(every: Observations, arm: Arm) -> Observations:
+    """Return readings without the zeros and friction that the weighed arm has of their torques.
+
+    A fit takes the zero of a torque, through a spring, as one of the joint, and friction of a motor
+    as lost motion. Predictions calculate torques from the weights, which have neither.
+    """
+    by_log = weights_known(arm).by_log
+    if by_log is None or not (by_log.zero_Nm.any() or by_log.friction_Nm.any()):
+        return every
+    tau_Nm = every.states.tau_Nm
+    if len(by_log.zero_Nm):
+        tau_Nm = tau_Nm - by_log.zero_Nm
+    if len(by_log.friction_Nm):
+        tau_Nm = tau_Nm - by_log.friction_Nm * with_arrivals(every, arm)[0].states.arrival
+    return every.with_states(replace(every.states, tau_Nm=tau_Nm))
+
+
+def errors_of_logs(
+    torque_Nm: Array, rated_Nm: Array, arrival: Array, gain: float = MASSES.gain
+) -> Array:
+    """Return the usual errors of logged torques as columns of unit expected size, (P, n, 3 n).
+
+    Scale errors, friction and zeros of the n joints.
+
+    Args:
+        torque_Nm, arrival: (P, n) torques of the weights, and directions of arrival.
+        rated_Nm: (n,) rated torques.
+        gain: expected size of a scale error.
+    """
+    diagonal = np.eye(len(rated_Nm))
+    zeros_Nm = np.broadcast_to(
+        MASSES.zero_share * rated_Nm[:, None] * diagonal, (*torque_Nm.shape, len(rated_Nm))
+    )
+    friction_Nm = MASSES.friction_share * (rated_Nm * arrival)[:, :, None] * diagonal
+    return np.concatenate([gain * torque_Nm[:, :, None] * diagonal, friction_Nm, zeros_Nm], axis=2)
+
+
+class RobustFit(NamedTuple):
+    """Torques of n joints fitted by columns, each joint weighted by its own scatter."""
+
+    scatter_Nm: Array  # (n,) of the residuals
+    x: Array  # (k,) coefficients of the columns, with a standard normal prior
+
+
+def robust_fit(columns: Array, torque_Nm: Array, rounds: int, least_Nm: float = 0.0) -> RobustFit:
+    """Fit torques (P, n) by columns (P, n, k), reweighted in some rounds; see `RobustFit`.
+
+    Args:
+        least_Nm: lower bound of the scatter.
+    """
+    noise_Nm = np.maximum(_spread(torque_Nm - np.median(torque_Nm, axis=0)), least_Nm)
+    for _ in range(rounds):
+        x = Gaussian.of(columns / noise_Nm[:, None], torque_Nm / noise_Nm).mean
+        noise_Nm = np.maximum(_spread(torque_Nm - columns @ x), least_Nm)
+    return RobustFit(noise_Nm, x)
+
+
+def _spread(residual_Nm: Array) -> Array:
+    """Return the scatter (n,) of each joint's residuals (P, n), from the median of their size."""
+    sigma_Nm = MEDIAN_TO_SIGMA * np.median(np.abs(residual_Nm), axis=0)
+    return np.asarray(np.maximum(sigma_Nm, MASSES.least_of_largest * sigma_Nm.max()))
+
+
+class ErrorsShown(NamedTuple):
+    """Zeros and friction of n joints that logged torques show."""
+
+    zero_Nm: Array  # (n,), 0 where not shown; empty where no joint shows one
+    friction_Nm: Array  # the same, by the direction of arrival
+    u_friction_Nm: Array  # its standard uncertainty
+    text: str  # the large ones, and what to do; empty for none
+
+
+class WeightFit(NamedTuple):
+    """Weights of n links and a tool, fitted to logged torques."""
+
+    amounts: Array  # (4 n + 3,) deviations from the weights described
+    covariance: Array  # (4 n + 3, 4 n + 3) their covariance
+    objective: float  # robust sum of squares plus that of the prior
+    errors: Array  # (c,) errors of the log, over their sizes
+    errors_std: Array  # (c,) their standard uncertainties
+
+
+class _ErrorFit(NamedTuple):
+    """Friction and zeros of n joints fitted to logged torques, with standard uncertainties."""
+
+    friction_Nm: Array
+    zero_Nm: Array
+    u_friction_Nm: Array
+    u_zero_Nm: Array
+
+
+@dataclass(frozen=True)
+class LoggedTorques:
+    """Logged torques of P poses compared with those of the weights described."""
+
+    arm: Arm  # with its weights
+    payload: Payload  # what it carries
+    logged_Nm: Array  # (P, n) logged torques
+    residual_Nm: Array  # (P, n) logged minus calculated torques
+    by_weights: Array  # (P, n, 4 n + 3) derivative of the calculated ones by `amounts`
+    # (P, n, c) columns of usual errors of the log, of unit expected size: those of
+    # `errors_of_logs`, then that of the external load
+    nuisance: Array
+    load_N: Array  # (P,) external load of each pose
+    arrival: Array  # (P, n) direction in which each joint arrived
+    repeated: bool  # whether many of the poses are averages of readings
+
+    @classmethod
+    def of(
+        cls, arm: Arm, payload: Payload, poses: Observations, *, repeated: bool
+    ) -> LoggedTorques:
+        """Return the torques of poses, all logged, of an arm with stated or assumed weights."""
+        states, described = poses.states, arm
+        if arm.weights_known is not None:
+            known = replace(arm.weights_known, by_log=None)
+            described = replace(arm, weights_known=known)
+        calculated = statics_of(Model(Chain.of(described), ()), np.zeros(0), states, payload)
+        rated_Nm = arm.rated_Nm(np.abs(calculated.torque_Nm).max(axis=0))
+        # A wrong size or point of the external load, and a wrong tool, are faults of their own.
+        load = calculated.static_loads.by_load * states.load_N[:, None]
+        # Where nobody stated weights, a scale of the torques is one of the weights.
+        gain = MASSES.gain if arm.weights_known is None else 0.0
+        usual_errors = errors_of_logs(calculated.torque_Nm, rated_Nm, states.arrival, gain)
+        return cls(
+            arm,
+            payload,
+            logged_Nm=states.tau_Nm,
+            residual_Nm=states.tau_Nm - calculated.torque_Nm,
+            by_weights=calculated.static_loads.by_weights,
+            nuisance=np.concatenate([usual_errors, load[:, :, None]], axis=2),
+            load_N=states.load_N,
+            arrival=states.arrival,
+            repeated=repeated,
+        )
+
+    @property
+    def are_of_weights(self) -> bool:
+        """Return whether some weights, of either sign, explain most of the logged torques."""
+        noise_Nm = np.sqrt(np.mean(self._noise_Nm**2))
+        return bool(noise_Nm < MASSES.scatter_share * np.sqrt(np.mean(self.logged_Nm**2)))
+
+    @property
+    def follow_calculated(self) -> bool:
+        """Return whether logged torques, less their errors, correlate with those calculated."""
+        calculated_Nm = self.logged_Nm - self.residual_Nm
+        without = self.without_errors(self.errors_shown(self._any_sizes))
+        logged_Nm = calculated_Nm + without.residual_Nm
+        product = float(np.sum(calculated_Nm * logged_Nm))
+        size = np.linalg.norm(calculated_Nm) * np.linalg.norm(logged_Nm)
+        return bool(product > MASSES.follows * size)
+
+    @cached_property
+    def stated_sizes(self) -> Array:
+        """Return the standard uncertainties (4 n + 3,) of the weights as stated."""
+        return weight_sizes(self.arm, self.payload).columns(self.arm)
+
+    @cached_property
+    def _any_sizes(self) -> Array:
+        """Return the sizes (4 n + 3,) of weights of which nothing is stated."""
+        bare = replace(self.arm, mass_kg=None, com_m=None, weights_known=None)
+        sizes = weight_sizes(with_assumed_weights(bare), self.payload).columns(self.arm)
+        return np.asarray(np.maximum(sizes, MASSES.least_of_largest * sizes.max()))
+
+    @cached_property
+    def _noise_Nm(self) -> Array:
+        """Return the scatter (n,) of logged torques about a fit by weights of any size."""
+        columns = np.concatenate([self.by_weights * self._any_sizes, self.nuisance], axis=2)
+        least_Nm = MASSES.resolved_share * max(float(np.abs(self.logged_Nm).max()), 1.0)
+        scaled = MASSES.any_sizes * columns
+        return robust_fit(scaled, self.residual_Nm, _REWEIGHTED, least_Nm).scatter_Nm
+
+    @property
+    def _usual_zeros_Nm(self) -> Array:
+        """Return the zero (n,) that the torque of each joint may have in any log."""
+        n = self.arm.n
+        return np.asarray(self.nuisance[0, :, 2 * n : 3 * n].diagonal())
+
+    def fitted(self, sizes: Array) -> WeightFit:
+        """Fit weights by Huber's loss, with a prior about those described and masses above zero.
+
+        Args:
+            sizes: (4 n + 3,) standard uncertainties of `amounts`.
+        """
+        columns = np.concatenate([self.by_weights * sizes, self.nuisance], axis=2)
+        column_count, weight_count, noise_Nm = columns.shape[2], len(sizes), self._noise_Nm
+        white = (columns / noise_Nm[:, None]).reshape(-1, column_count)
+        data = (self.residual_Nm / noise_Nm).ravel()
+        rows = Gaussian.of(white, data)
+        x, lower = rows.mean, self._lower_bounds(sizes, column_count)
+        for _ in range(_REWEIGHTED):
+            clipped = white @ x + np.clip(data - white @ x, -MASSES.edge, MASSES.edge)
+            x = rows.taken_of(white.T @ clipped)
+            if (x < lower).any():
+                from scipy.optimize import lsq_linear  # late: it takes long to load
+
+                root = rows.lower.T
+                right = np.linalg.solve(root.T, white.T @ clipped)
+                x = lsq_linear(root, right, (lower, np.inf), method="bvls").x
+        residual = np.clip(data - white @ x, -MASSES.edge, MASSES.edge)
+        covariance = rows.covariance[:weight_count, :weight_count] * np.outer(sizes, sizes)
+        objective = float(residual @ residual + x @ x)
+        std = np.sqrt(np.diag(rows.covariance)[weight_count:])
+        return WeightFit(x[:weight_count] * sizes, covariance, objective, x[weight_count:], std)
+
+    def _lower_bounds(self, sizes: Array, column_count: int) -> Array:
+        """Return lower bounds of all unknowns over their sizes: every mass stays above zero."""
+        lower, mass_kg = np.full(column_count, -np.inf), self.arm.mass_kg
+        assert mass_kg is not None
+        described_kg = np.append(mass_kg, self.payload.mass_kg)  # the tool's is the last
+        masses = 4 * np.arange(len(described_kg))
+        bounded = (described_kg > 0.0) & (sizes[masses] > 0.0)
+        least_kg = -(1.0 - MASSES.least_share) * described_kg[bounded]
+        lower[masses[bounded]] = least_kg / sizes[masses[bounded]]
+        return lower
+
+    def fitted_in_scale_of_log(self, sizes: Array, errors: ErrorsShown) -> WeightFit:
+        """Fit weights to torques less their errors, with the scale errors of the log left in.
+
+        Springs are fitted to torques with these scale errors, and predictions need the same: their
+        columns, the first n, are left out.
+        """
+        without = self.without_errors(errors)
+        return replace(without, nuisance=without.nuisance[:, :, self.arm.n :]).fitted(sizes)
+
+    def without_errors(self, errors: ErrorsShown) -> LoggedTorques:
+        """Return the torques less their zeros and friction."""
+        residual_Nm = self.residual_Nm
+        if len(errors.zero_Nm):
+            residual_Nm = residual_Nm - errors.zero_Nm
+        if len(errors.friction_Nm):
+            residual_Nm = residual_Nm - errors.friction_Nm * self.arrival
+        return replace(self, residual_Nm=residual_Nm)
+
+    def errors_shown(self, sizes: Array) -> ErrorsShown:
+        """Return what the torques show beside weights of these uncertainties (4 n + 3,).
+
+        Zeros no larger than those of usual logs are not reported. Friction is that of motors and
+        gears, which act before the spring of a joint: sensors at the joint show hardly any, so that
+        as small a part is left in. Where poses are repeated, friction is sought as an effect.
+        """
+        fit = self._friction_and_zeros(sizes)
+        zero_shown = np.abs(fit.zero_Nm) > MASSES.differs_errors * fit.u_zero_Nm
+        of_motor_Nm = MASSES.friction_of_motor * self._usual_zeros_Nm / MASSES.zero_share
+        least_Nm = np.maximum(MASSES.differs_errors * fit.u_friction_Nm, of_motor_Nm)
+        friction_shown = (fit.friction_Nm > least_Nm) & (not self.repeated)
+
+        def where(shown: Mask, torque_Nm: Array) -> Array:
+            """Return torques (n,), 0 where not shown; empty where none is."""
+            return np.where(shown, torque_Nm, 0.0) if shown.any() else np.zeros(0)
+
+        return ErrorsShown(
+            where(zero_shown, fit.zero_Nm),
+            where(friction_shown, fit.friction_Nm),
+            where(friction_shown, fit.u_friction_Nm),
+            self._errors_text(fit, zero_shown, friction_shown),
+        )
+
+    def _errors_text(self, fit: _ErrorFit, zero_shown: Mask, friction_shown: Mask) -> str:
+        """Return the large errors that are shown (n,) in words, and what to do."""
+        large_zeros = zero_shown & (np.abs(fit.zero_Nm) > self._usual_zeros_Nm)
+        clauses = []
+        if large_zeros.any():
+            listed = self._listed(fit.zero_Nm, fit.u_zero_Nm, large_zeros)
+            clauses.append(
+                f"logged torques have a zero of {listed}, which is "
+                "taken out before the fit: set the zeros of the torque sensors"
+            )
+        if friction_shown.any():
+            most = friction_shown & (fit.friction_Nm == fit.friction_Nm[friction_shown].max())
+            count = int(friction_shown.sum())
+            clauses.append(
+                f"logged torques hold friction at {count} joint{'s' * (count > 1)}, at the most "
+                f"{self._listed(fit.friction_Nm, fit.u_friction_Nm, most)}, which is taken out "
+                "before the fit"
+            )
+        return "; ".join(clauses)
+
+    def _listed(self, torque_Nm: Array, u_Nm: Array, of_joints: Mask) -> str:
+        """Return torques (n,) with their intervals in words, of some joints (n,)."""
+        return ", ".join(
+            f"{with_half_width_95(torque_Nm[j], u_Nm[j], sign='+')} "
+            f"{'N' if self.arm.prismatic[j] else 'N m'} at joint {j + 1}"
+            for j in np.flatnonzero(of_joints)
+        )
+
+    def _friction_and_zeros(self, sizes: Array) -> _ErrorFit:
+        """Fit friction and zeros beside weights, gain, and every load of its own size.
+
+        They are infinitely uncertain where the torques are too few, or of a group, whose campaigns
+        have a zero each.
+        """
+        n, of_load = self.arm.n, self.nuisance[:, :, -1]
+        rated_Nm = self._usual_zeros_Nm / MASSES.zero_share
+        zeros = np.broadcast_to(np.diag(rated_Nm), (*self.logged_Nm.shape, n))
+        friction = zeros * self.arrival[:, None, :]
+        of_loads = [of_load * (self.load_N == load)[:, None] for load in np.unique(self.load_N)]
+        gains = self.nuisance[:, :, :n]
+        nuisance = np.concatenate([gains, np.stack(of_loads, axis=2), friction, zeros], axis=2)
+        spare = self.residual_Nm.size - len(sizes) - nuisance.shape[2]
+        if spare <= 0 or self.payload.of_campaigns:
+            none, unknown = np.zeros(n), np.full(n, np.inf)
+            return _ErrorFit(none, none, unknown, unknown)
+        fit = replace(self, nuisance=nuisance).fitted(sizes)
+        widened = np.sqrt(self.residual_Nm.size / spare)  # the scatter is of residuals
+        of_both, u = (
+            each[-2 * n :] * np.tile(rated_Nm, 2) for each in (fit.errors, fit.errors_std)
+        )
+        return _ErrorFit(of_both[:n], of_both[n:], widened * u[:n], widened * u[n:])
