@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -86,12 +85,8 @@ def parse_urdf(text: str, *, comments: bool = False) -> UrdfText:
 
 def origin_of(T: Array) -> dict[str, str]:
     """Return a pose (4, 4) as the attributes of an origin, to the last digit."""
-    return {"xyz": number_text(T[:3, 3]), "rpy": number_text(roll_pitch_yaw(T[:3, :3]))}
-
-
-def number_text(values: Iterable[float]) -> str:
-    """Return numbers as text, to the last digit."""
-    return " ".join(repr(float(value)) for value in values)
+    parts = {"xyz": T[:3, 3], "rpy": roll_pitch_yaw(T[:3, :3])}
+    return {name: " ".join(map(repr, part.tolist())) for name, part in parts.items()}
 
 
 def as_comment(text: str) -> str:

@@ -9,7 +9,7 @@ import zlib
 from io import BytesIO
 from pathlib import Path
 from tokenize import TokenError
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
@@ -123,47 +123,29 @@ def checked_covariance(covariance: Array, size: int, where: str) -> Array:
         ModelError: when it is of another shape, has no finite numbers, a variance below zero, or
             correlations that no random numbers have.
     """
-    place = f"{where}: covariance"
+
+    def refusal(what: str, allowed: str, **more: Any) -> ModelError:
+        about = {"where": f"{where}: covariance", "remedy": _WRITE_AGAIN, **more}
+        return ModelError(what, allowed=allowed, **about)
+
     if covariance.shape != (size, size):
-        raise ModelError(
-            f"a covariance of shape {covariance.shape}",
-            where=place,
-            allowed=f"({size}, {size}): parameters, then the base",
-            remedy="write the model again",
-        )
+        what = f"a covariance of shape {covariance.shape}"
+        allowed = f"({size}, {size}): parameters, then the base"
+        raise refusal(what, allowed, remedy="write the model again")
     if covariance.dtype.kind not in "fiu" or not np.isfinite(covariance).all():
-        raise ModelError(
-            "a covariance that is not made of finite numbers",
-            where=place,
-            allowed="finite numbers",
-            remedy=_WRITE_AGAIN,
-        )
+        raise refusal("a covariance that is not made of finite numbers", "finite numbers")
     variance = np.diag(covariance)
     if (variance < 0.0).any():
         worst = int(np.argmin(variance))
-        raise ModelError(
-            f"a variance below zero, that of parameter {worst}",
-            where=place,
-            value=float(variance[worst]),
-            allowed="variances of zero or more",
-            remedy=_WRITE_AGAIN,
-        )
+        what = f"a variance below zero, that of parameter {worst}"
+        raise refusal(what, "variances of zero or more", value=float(variance[worst]))
     # A parameter that is held has none; then it goes with no other.
     std = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     correlation = covariance / std / std[:, None]
     if np.abs(correlation - correlation.T).max(initial=0.0) > LISTS.symmetric_within:
-        raise ModelError(
-            "a covariance that is not symmetric",
-            where=place,
-            allowed="that of a with b equal to that of b with a",
-            remedy=_WRITE_AGAIN,
-        )
+        allowed = "that of a with b equal to that of b with a"
+        raise refusal("a covariance that is not symmetric", allowed)
     held = covariance[variance == 0.0]
     if (held != 0.0).any() or np.linalg.eigvalsh(correlation)[0] < LISTS.eigenvalues_above:
-        raise ModelError(
-            "correlations that no random numbers have",
-            where=place,
-            allowed="no eigenvalue below zero",
-            remedy=_WRITE_AGAIN,
-        )
+        raise refusal("correlations that no random numbers have", "no eigenvalue below zero")
     return np.asarray(covariance, dtype=float)

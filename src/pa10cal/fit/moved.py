@@ -27,14 +27,9 @@ from pa10cal.rules import MOVED
 from pa10cal.terms.effects.effect import is_effect
 from pa10cal.terms.term import Term
 
-JOINT_ZERO, STIFFNESS, LINK, EFFECT, MODEL_ERROR, EVERYTHING = (
-    "joint_zero",
-    "stiffness",
-    "link",
-    "effect",
-    "model_error",
-    "everything",
-)
+#: Kinds of hypotheses, see `Hypothesis.kind`.
+JOINT_ZERO, STIFFNESS, LINK, EFFECT = "joint_zero", "stiffness", "link", "effect"
+MODEL_ERROR, EVERYTHING = "model_error", "everything"
 #: Frames that each campaign has of its own.
 BASE_MOVED, TOOL_MOVED = "base", "tool"
 #: Sizes along all principal axes of a covariance that multiply it by each of `MOVED.factors`.

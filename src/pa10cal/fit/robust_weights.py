@@ -101,16 +101,11 @@ def weighted_rows(
         weights = (limit / np.maximum(distance, limit)) ** 2
     root = np.sqrt(weights)
     scaled = root[:, None, None] * whitener
-    # Of a group, components of other campaigns are zero in every pose: they are left out.
-    normal = np.zeros((rows.jacobian.shape[2],) * 2)
-    measured = problem.observations.measured
-    weighted = np.zeros_like(rows.jacobian) if measured.campaigns else rows.jacobian
-    for at, columns in measured.parts_seen:
+    # Of a group, components of other campaigns are zero in every pose: they are omitted.
+    normal, weighted = np.zeros((rows.jacobian.shape[2],) * 2), np.zeros_like(rows.jacobian)
+    for at, columns in problem.observations.measured.parts_seen:
         block = _times(scaled[at, columns, columns], rows.jacobian[at, columns])
-        if measured.campaigns:
-            weighted[at, columns] = block
-        else:
-            weighted = block
+        weighted[at, columns] = block
         flat = block.reshape(-1, block.shape[2])
         normal += flat.T @ flat
     return WeightedRows(root[:, None] * white, weighted, normal, weights, distance, whitener)

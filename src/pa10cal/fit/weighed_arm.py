@@ -166,11 +166,7 @@ def _freed(torques: LoggedTorques, parts: Iterable[_Part]) -> Array:
 
 
 def _contradictions(torques: LoggedTorques, most: int) -> list[_Contradiction]:
-    """Return what the torques contradict, part by part that which alone explains most.
-
-    Args:
-        most: number of parts at most.
-    """
+    """Return at most so many parts that torques contradict, each that which alone explains most."""
     found = list[_Contradiction]()
     objective = torques.fitted(torques.stated_sizes).objective
     while len(found) < most:
@@ -287,11 +283,9 @@ def _differences_by_log(torques: LoggedTorques, sizes: Array) -> WeighedByLog:
 
 
 def _arm_of_log(torques: LoggedTorques, sizes: Array, why: str) -> Arm:
-    """Return the arm with masses and centres fitted to the torques, and their uncertainty.
+    """Return the arm with masses and centres fitted to the torques from sizes as stated or freed.
 
-    Args:
-        sizes: of the weights before the fit.
-        why: weights are not taken as stated, one clause.
+    `why` weights are not taken as stated is one clause.
     """
     errors = torques.errors_shown(sizes)
     fit = torques.fitted_in_scale_of_log(sizes, errors)
