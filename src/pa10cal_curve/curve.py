@@ -292,7 +292,8 @@ def spline_through(points_m: Array, closed: bool = False) -> Curve:
         closed: whether the curve returns to its first point without a kink.
 
     Raises:
-        CurveError: with fewer than two points, points that are not finite or repeat the one before.
+        CurveError: with fewer than two points, points that are not finite or repeat the one before,
+            or where closed a last point that repeats the first.
     """
     points_m, t = _along(points_m, closed)
     spline = CubicSpline(t, points_m, bc_type="periodic" if closed else "not-a-knot")
@@ -346,6 +347,14 @@ def _along(points_m: Array, closed: bool = False) -> tuple[Array, Array]:
             remedy=f"remove repeated points ({len(repeated)} in all)",
         )
     if closed:
+        if (points_m[0] == points_m[-1]).all():
+            raise CurveError(
+                "the last point of a closed curve repeats the first",
+                where=f"point {len(points_m)}",
+                value=points_m[-1].tolist(),
+                allowed="a last point other than the first, to which the curve returns by itself",
+                remedy="remove the last point",
+            )
         points_m = np.vstack([points_m, points_m[:1]])
     steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
     return points_m, _sum_from_zero(steps)

@@ -17,10 +17,8 @@ from pa10cal.figures.style import evenly, label_space, new_figure, panel
 from pa10cal.reports.theme import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION
 from pa10cal_curve.tables import CurveResults, read_curve
 
-#: Why a gait has nothing to show.
+#: Why a chain that does not move has no gait to show.
 ONE_SHAPE = "one shape does not move"
-
-
 #: The file of a results folder that these are drawn of.
 FROM = "curve.json"
 
@@ -109,8 +107,8 @@ def draw_angles(axes: Axes, results: CurveResults, shape: int) -> None:
 A continuous curve as straight links ({name}). Left, the curve, the links, whose ends lie on it,
 and the z axis of every link. The end of each link is the first point of the curve at the length
 of a link from its beginning, so chords equal the length to rounding. Right, the angles of the
-joints between the links, two rotations each. The roll of the first link about itself is free;
-it was chosen so that the largest joint angle is smallest.
+joints between the links, two rotations each. The roll of the first link about itself is free:
+the settings choose it, by default for the smallest largest joint angle.
 """,
 )
 def draw_curve_shape(results: CurveResults) -> Figure:
@@ -140,9 +138,10 @@ _COLOURS = "RdBu_r"
     needs=(),
     caption="""
 A chain of links that moves ({name}): some of its shapes above; joint angles over time, and the
-largest move between two shapes, below. The helix stays in place while every link turns about
-itself, so every joint bends to all sides in turn. The film shows the same, shape after shape.
-Nothing of it was measured: the angles follow from the shapes alone, moment by moment.
+largest move between two shapes, below. A wave travels along the chain; a chain that rolls keeps
+its shape while every link turns about itself, so every joint bends to all sides in turn. The
+film shows the same, shape after shape. Nothing of it was measured: the angles follow from the
+shapes alone, moment by moment.
 """,
 )
 def draw_curve_gait(results: CurveResults) -> Figure:
@@ -197,8 +196,8 @@ _LEAST_RATE_HZ, _MOST_RATE_HZ = 1, 50
     caption="""
 A chain of links that moves ({name}), shape after shape, with the angles of its joints. The
 film has one frame a shape, at the speed of the gait where that needs between one and fifty
-frames a second. The helix stays in place while every link turns about itself, so every joint
-bends to all sides in turn. Nothing of it was measured: the angles follow from the shapes alone.
+frames a second. A wave travels along the chain; a chain that rolls keeps its shape while every
+link turns about itself. Nothing of it was measured: the angles follow from the shapes alone.
 """,
 )
 def film_curve_film(results: CurveResults, path: Path, dpi: int) -> None:

@@ -141,7 +141,7 @@ class CurveRecord(record.Record):
     order: str  # which turn of a joint comes first: `zy` or `yz`
     largest_angle_deg: float  # largest joint angle of all shapes [deg]
     largest_move_deg: float  # largest move of a joint from one shape to the next [deg]
-    # rolls that keep all joints within limits [deg]; null without limits
+    # rolls at which the first shape keeps all joints within limits [deg]; null without limits
     feasible_rolls_deg: tuple[tuple[float, float], ...] | None
     shapes: tuple[CurveShape, ...]  # every shape
     settings: _Settings  # settings of the curve

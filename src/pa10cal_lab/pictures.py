@@ -312,7 +312,10 @@ _COLUMNS = {
     "unexplained": "unexplained",
     "suspect": "suspected",
 }
-_FOUND_IN = ("effect", "beyond", "unstated_masses", "sorted_rows")
+#: Kinds of trials whose residuals are computed from the truth: those like measured robots.
+_AS_MEASURED = ("unstated_masses", "sorted_rows", "mixed")
+#: Kinds of trials that hide effects.
+_HIDE_EFFECTS = ("effect", "beyond", *_AS_MEASURED)
 
 
 @picture(
@@ -323,9 +326,8 @@ Wild trials by what was put into their raw files ({name}): how many there are, a
 were refused before calibration, were given a false name (a confident one where a fault or an effect
 outside the vocabulary is in them), had the fault reported or the effect named, got *none* although
 an error above three times the noise is in them, predict held-out poses worse than before, were left
-unexplained, or were called suspect. For unstated masses and sorted rows, effects count as above the
-noise if they add half of it to the residual, and as told if they are named or listed. Synthetic
-data.
+unexplained, or were called suspect. For unstated masses, sorted rows and mixed effects, effects
+count as above the noise if they add half of it to the residual, and as told if named or listed.
 """,
 )
 def tabulate_trials_subjects(scores: TrialScoresRecord) -> ResultTable:
@@ -335,7 +337,7 @@ def tabulate_trials_subjects(scores: TrialScoresRecord) -> ResultTable:
     rows = []
     for subject in scores.subjects:
         counts: dict[str, int | str] = dict(subject.counts)
-        if subject.kind not in _FOUND_IN:
+        if subject.kind not in _HIDE_EFFECTS:
             counts["found"] = ""
         what = subject.id.replace("_", " ")
         rows.append([subject.kind, what, subject.trials, *(counts[c] for c in _COLUMNS.values())])
@@ -370,7 +372,7 @@ _NOTES_WILD = (
     "before calibration, or, of a single reading, by quarantine or among the suspected outliers.",
     "A refusal after calibration counts as a crash.",
 )
-_NOTES_MEASURED = (
+_NOTES_AS_MEASURED = (
     "The residual of an effect is computed from the truth: the readings without noise, with the "
     "effect and without it, less all motions of base, joint frames and tool; together with the "
     "noise it gives the ratio of residual to noise.",
@@ -397,7 +399,7 @@ def tabulate_trials_summary(scores: TrialScoresRecord) -> ResultTable:
     notes = _NOTES
     if scores.measured == "wild":
         kinds = {trial.kind for trial in scores.per_trial}
-        notes = _NOTES_MEASURED if kinds <= set(_FOUND_IN[2:]) else _NOTES_WILD
+        notes = _NOTES_AS_MEASURED if kinds <= set(_AS_MEASURED) else _NOTES_WILD
     signs = {True: "≥ ", False: "≤ ", None: ""}
     data = frame_of(
         ("quantity", "of", "to reach", "reached", "95 % interval", "trials", "met"),

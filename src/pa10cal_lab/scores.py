@@ -396,7 +396,7 @@ def true_parameters(hidden: results.HiddenEffect) -> dict[str, float]:
             flat |= {f"{name}_{axis}": float(v) for axis, v in zip(_AXES, value, strict=True)}
         elif isinstance(value, int | float):
             flat[name] = float(value)
-    if "phi" in flat and flat["A"] < 0.0:
+    if "phi" in flat and flat.get("A", 0.0) < 0.0:
         flat |= {"A": -flat["A"], "phi": flat["phi"] + np.pi}
     return flat
 

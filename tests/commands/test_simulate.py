@@ -79,6 +79,8 @@ BAD = [
     ({"poses": {"spacing_m": [0.5, 0.5, 0.5]}}, ["cannot be taken", "poses.spacing_m"]),
     ({"poses": {"centre_deg": [0, 0]}}, ["poses.centre_deg", "6 angles"]),
     ({**SHORT, "without_touches": {}}, ["without_touches", "loads_N is for touches"]),
+    ({"without_touches": {"stand_off_m": [2.0, 1.0]}}, ["stand_off_m", "least distance first"]),
+    ({"poses": {"tilt_seed": -1}}, ["tilt_seed", "0"]),
     ({"without_touches": {"poses": 0}}, ["without_touches.poses", "greater than or equal to 1"]),
     (
         {"without_touches": {"flexible_joints": [7]}},

@@ -182,6 +182,11 @@ def test_a_closed_spline_returns_without_a_kink():
     np.testing.assert_allclose(v[0], v[1], atol=1e-12)
 
 
+def test_a_closed_spline_whose_last_point_repeats_the_first_is_refused():
+    with pytest.raises(CurveError, match="point 5: the last point of a closed curve repeats"):
+        spline_through(np.vstack([SQUARE, SQUARE[:1]]), closed=True)
+
+
 @pytest.mark.parametrize("make", [spline_through, polyline])
 @pytest.mark.parametrize(
     ("points", "message"),

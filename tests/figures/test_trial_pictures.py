@@ -20,9 +20,10 @@ from pa10cal_lab.pictures import (
     draw_trials_confusion,
     draw_trials_intervals,
     draw_trials_power,
+    tabulate_trials_subjects,
     tabulate_trials_summary,
 )
-from pa10cal_lab.trial_records import TrialScoresRecord
+from pa10cal_lab.trial_records import OutcomeCounts, TrialScoresRecord
 
 DRAWN = (draw_trials_confusion, draw_trials_power, draw_trials_intervals)
 COUNTS = {"null": 9, "wrong_noise": 3, "wrong_mass": 3, "pair": 6, "triple": 5}
@@ -141,6 +142,19 @@ def test_the_table_has_a_row_a_bar_with_its_figure(full):
     assert first["trials"] == COUNTS["null"]
     assert list(targets["met"]) == [bar.verdict for bar in scores.bars]
     assert "no" in set(targets["met"])
+
+
+def test_mixed_trials_count_what_was_found_and_have_the_notes_of_measured_robots(full):
+    scores = read(TrialScoresRecord, full)
+    counts = dict.fromkeys(("crashed", "refused", "false_comfort", "worse", "unexplained"), 0)
+    counts |= {"false_name": 0, "suspected": 0, "above_noise": 5, "told": 4, "found": 7}
+    mixed = OutcomeCounts(kind="mixed", id="backlash", trials=9, counts=counts)
+    trials = tuple(each.model_copy(update={"kind": "mixed"}) for each in scores.per_trial)
+    wild = {"measured": "wild", "subjects": (mixed,), "per_trial": trials}
+    table = tabulate_trials_subjects(scores.model_copy(update=wild))
+    assert list(table.data["found"]) == [7]
+    notes = " ".join(tabulate_trials_summary(scores.model_copy(update=wild)).notes)
+    assert "computed from the truth" in notes
 
 
 @pytest.mark.slow

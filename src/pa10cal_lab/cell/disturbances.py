@@ -25,10 +25,8 @@ from pa10cal.settings_reading import parse_section
 from pa10cal_lab.cell.effects.effect import Finite, FinitePositive
 from pa10cal_lab.cell.instruments.touch_trigger_cmm import APPROACH_S, DWELL_S
 from pa10cal_lab.cell.options import DisturbanceOptions
-from pa10cal_lab.cell.raw_log import QUATERNION, RawLog
+from pa10cal_lab.cell.raw_log import QUATERNION, Need, RawLog
 
-#: What a campaign must have for a disturbance to have an effect.
-Need = Literal["loads", "masses", "springs", "repeats", "touches", "attitude", "targets", "tracker"]
 Rng = np.random.Generator
 #: Draws one parameter, for an arm of so many joints.
 Draw = Callable[[int, Rng], Any]
@@ -74,7 +72,7 @@ def disturb(
         seed: of the campaign; every disturbance has a random stream of its own.
 
     Raises:
-        SettingsError: for an unknown disturbance or parameter.
+        SettingsError: for an unknown disturbance or parameter, or one that does nothing here.
     """
     places = []
     for number, entry in enumerate(entries):
@@ -88,6 +86,14 @@ def disturb(
                 remedy="correct the name",
             )
         known = DISTURBANCES[entry.id]
+        if lacking := [need for need in known.needs if not log.has(need)]:
+            raise SettingsError(
+                "the disturbance does nothing in this campaign",
+                where=f"{where}.id",
+                value=entry.id,
+                allowed=f"a campaign with {' and '.join(lacking)}",
+                remedy="remove it, or change the campaign",
+            )
         parameters = parse_section(known.parameters, entry.parameters, where=f"{where}.parameters")
         rng = np.random.default_rng([seed, 1 + number, len(entry.id)])
         places.append(tuple(known.put_into(log, rng, **dict(parameters))))
@@ -155,10 +161,8 @@ def link_masses_off(
     part: Annotated[FinitePositive, "by which part each is off, more or less"] = 0.1,
 ) -> list[str]:
     """The masses of the links in the description of the arm are off."""
-    masses_kg = log.arm.mass_kg
-    if masses_kg is not None:
-        off = part * rng.choice([-1.0, 1.0], log.arm.n)
-        _describe(log, replace(log.arm, mass_kg=masses_kg * (1.0 + off)))
+    off = part * rng.choice([-1.0, 1.0], log.arm.n)
+    _describe(log, replace(log.arm, mass_kg=np.asarray(log.arm.mass_kg) * (1.0 + off)))
     return ["mass_kg"]
 
 
@@ -166,7 +170,7 @@ def link_masses_off(
 def heavy_tails(
     log: RawLog,
     rng: Rng,
-    dof: Annotated[FinitePositive, "degrees of freedom, above 2"] = 3.0,
+    dof: Annotated[float, Field(gt=2.0, allow_inf_nan=False), "degrees of freedom"] = 3.0,
     times: Annotated[FinitePositive, "its standard deviation over the stated one"] = 1.0,
 ) -> list[str]:
     """Readings scatter by Student's t besides; the campaign states the whole of it."""
@@ -301,23 +305,23 @@ def joint_zero(
     off_deg: Annotated[Finite, "by how much"] = 3.0,
 ) -> list[str]:
     """The zero of a joint is off in the log."""
-    log.joints[f"q{joint}_deg"] += off_deg
+    log.joints[log.angle_column(joint)] += off_deg
     return [f"joint {joint}"]
 
 
 @disturbance(kinds=("joint_sign",), draws=_INNER_JOINT)
 def joint_sign(log: RawLog, _rng: Rng, joint: Joint) -> list[str]:
     """A joint is logged with the wrong sign, its torque too."""
-    for name in (f"q{joint}_deg", f"tau{joint}_Nm"):
-        if name in log.joints:
-            log.joints[name] *= -1.0
+    log.joints[log.angle_column(joint)] *= -1.0
+    if (torque := f"tau{joint}_Nm") in log.joints:
+        log.joints[torque] *= -1.0
     return [f"joint {joint}"]
 
 
 @disturbance(kinds=("joint_sign", "label"), draws=_INNER_JOINT)
 def joints_exchanged(log: RawLog, _rng: Rng, joint: Joint) -> list[str]:
     """The columns of a joint and of the one before it are exchanged."""
-    one, other = f"q{joint - 1}_deg", f"q{joint}_deg"
+    one, other = log.angle_column(joint - 1), log.angle_column(joint)
     log.joints[[one, other]] = log.joints[[other, one]].to_numpy()
     return [f"joint {joint - 1}", f"joint {joint}"]
 
@@ -325,7 +329,7 @@ def joints_exchanged(log: RawLog, _rng: Rng, joint: Joint) -> list[str]:
 @disturbance(kinds=("direction",), needs=("touches",), draws=_WITH_FRICTION)
 def direction_reversed(log: RawLog, _rng: Rng, joint: Joint) -> list[str]:
     """The approaches of a joint are logged as if it came from the other side."""
-    approach, name = len(APPROACH_S), f"q{joint}_deg"
+    approach, name = len(APPROACH_S), log.angle_column(joint)
     q = log.joints[name].to_numpy().reshape(-1, approach + len(DWELL_S)).copy()
     rest = q[:, approach:].mean(axis=1, keepdims=True)
     q[:, :approach] = 2.0 * rest - q[:, :approach]
@@ -414,14 +418,13 @@ def loads_exchanged(log: RawLog, rng: Rng) -> list[str]:
 @disturbance(measured=True, kinds=("load",), needs=("loads", "springs"))
 def load_misstated(log: RawLog, _rng: Rng, part: Factor = 0.909) -> list[str]:
     """The largest load of the calibration poses is not what the log says: 40 N for 44."""
-    rows = log.readings
-    most = float(rows.loc[rows["kind"] == "grid", "load_N"].max())
+    most = float(log.configurations["load_N"].iloc[log.of_kind("grid")].max())
     stated = float(np.round(part * most))
-    log.readings.loc[rows["load_N"] == most, "load_N"] = stated
+    log.readings.loc[log.readings["load_N"] == most, "load_N"] = stated
     return [f"{stated:g} N"]
 
 
-@disturbance(kinds=("outlier",))
+@disturbance(kinds=("outlier",), needs=("held_out",))
 def held_out_reading_off(log: RawLog, rng: Rng, size_mm: Size = 40.0) -> list[str]:
     """One reading of a held-out pose is far off."""
     return _move_one(log, "holdout", size_mm, rng)
@@ -538,7 +541,7 @@ def length_typo(
     return [f"delta_{'a' if along_x else 'd'}_{row + 1}"]
 
 
-@disturbance(needs=("targets",))
+@disturbance(needs=("stated_targets",))
 def places_exchanged(log: RawLog, rng: Rng) -> list[str]:
     """The places of two balls or targets are exchanged in the description."""
     places = log.description["tool"]["balls_mm"]

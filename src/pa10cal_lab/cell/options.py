@@ -72,7 +72,9 @@ class CellPosesOptions(Section):
         description="further calibration poses, joint angles each, measured after those of the "
         "layout in every repeat",
     )
-    tilt_seed: int = Field(1, description="draws orientations, held-out points and wide poses")
+    tilt_seed: NonNegativeInt = Field(
+        1, description="draws orientations, held-out points and wide poses"
+    )
 
 
 class CellNoiseOptions(Section):
@@ -228,6 +230,13 @@ class TrackerOptions(Section):
     torque_fraction: NonNegative = Field(
         1.7e-3, description="noise of a logged torque, as a fraction of the joint's rated torque"
     )
+
+    @field_validator("stand_off_m")
+    @classmethod
+    def _least_first(cls, ends_m: tuple[float, float]) -> tuple[float, float]:
+        if ends_m[0] > ends_m[1]:
+            raise ValueError("the least distance first")
+        return ends_m
 
     @property
     def target_count(self) -> int:

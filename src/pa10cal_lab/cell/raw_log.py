@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from pa10cal.arm.description import Arm
 from pa10cal.arrays import Array
+from pa10cal.errors import SettingsError
 
+_OfPoses = Literal["loads", "masses", "springs", "repeats", "held_out"]
+_OfInstrument = Literal["touches", "tracker", "attitude", "targets", "stated_targets"]
+#: What a campaign must have for a disturbance to have an effect.
+Need = _OfPoses | _OfInstrument
 Indices = NDArray[np.int64]
 
 _CONFIGURATION = ["kind", "pose", "load_N", "repeat"]
@@ -66,9 +71,53 @@ class RawLog:
 
     @property
     def configurations(self) -> pd.DataFrame:
-        """Return kind, pose, load, repeat and time of each configuration, in order of time."""
+        """Return kind, pose, load, repeat and time of each configuration, in order of time.
+
+        Without a column for it the kind is `grid`, and the time the number of the first row.
+        """
         first = np.unique(self.configuration, return_index=True)[1]
-        return self.readings.iloc[first][[*_CONFIGURATION, "time_s"]].reset_index(drop=True)
+        table = self.readings.iloc[first].reset_index(drop=True)
+        if "kind" not in table:
+            table["kind"] = "grid"
+        if "time_s" not in table:
+            table["time_s"] = first
+        return table[[*_CONFIGURATION, "time_s"]]
+
+    def has(self, need: Need) -> bool:
+        """Return whether the campaign has what a disturbance needs; springs show in no log."""
+        if need in ("touches", "tracker"):
+            return self.touched == (need == "touches")
+        if need == "loads":
+            return bool(np.ptp(self.readings["load_N"]) > 0.0)
+        if need == "repeats":
+            return bool((self.readings["repeat"] > 1).any())
+        if need == "held_out":
+            return len(self.of_kind("holdout")) > 0
+        if need == "attitude":
+            return QUATERNION[0] in self.readings
+        if need == "targets":
+            return self.touched or len(self.points) > 1
+        if need == "stated_targets":
+            return len(self.description["tool"].get("balls_mm", ())) > 1
+        return need == "springs" or self.arm.mass_kg is not None
+
+    def angle_column(self, joint: int) -> str:
+        """Return the column of a joint's angle, of a joint from 1.
+
+        Raises:
+            SettingsError: when the log has no angle of it.
+        """
+        column = f"q{joint}_deg"
+        if column not in self.joints:
+            known = (str(name) for name in self.joints if str(name).endswith("_deg"))
+            raise SettingsError(
+                "the log has no angle of this joint",
+                where="disturbances: joint",
+                value=joint,
+                allowed=", ".join(known),
+                remedy="name a joint that turns",
+            )
+        return column
 
     def of_kind(self, kind: str) -> Indices:
         """Return the numbers of the configurations of a kind."""

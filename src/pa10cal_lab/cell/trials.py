@@ -18,7 +18,7 @@ from pa10cal.arm.description import Arm
 from pa10cal.errors import SettingsError
 from pa10cal.observe.kinds import sees_several
 from pa10cal.settings_reading import parse_section
-from pa10cal_lab.cell.disturbances import DISTURBANCES, Disturbance, Need
+from pa10cal_lab.cell.disturbances import DISTURBANCES, Disturbance
 from pa10cal_lab.cell.effects.effect import SimulatedEffect, Site, TorqueLogEffect
 from pa10cal_lab.cell.effects.joint import drawn_cogs, drawn_ratio
 from pa10cal_lab.cell.effects.vocabulary import all_effects, nameless, outside, vocabulary
@@ -26,6 +26,7 @@ from pa10cal_lab.cell.instruments.touch_trigger_cmm import UNCERTAINTY_MM
 from pa10cal_lab.cell.measured_trials import SUBJECTS, draw_measured, measured_benches
 from pa10cal_lab.cell.options import SimulateOptions
 from pa10cal_lab.cell.poses import joint_bounds
+from pa10cal_lab.cell.raw_log import Need
 from pa10cal_lab.cell.scenario import (
     ATTITUDE_RAD,
     DISTANCE_POSES,
@@ -350,10 +351,12 @@ def _needs_met(bench: Bench, use: Mapping[str, Any]) -> dict[Need, bool]:
         "masses": bench.arm.mass_kg is not None,
         "springs": bench.touched or bool(bench.flexible_joints),
         "repeats": use["repeats"] > 1,
+        "held_out": True,
         "touches": bench.touched,
         "tracker": not bench.touched,
         "attitude": bench.instrument == "pose",
         "targets": use["targets"] > 1,
+        "stated_targets": use["targets"] > 1,
     }
 
 

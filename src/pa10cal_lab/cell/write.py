@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from pa10cal.arm.description import Arm
 from pa10cal.errors import SimulationError
-from pa10cal.files.arms import arm_names, arm_text
+from pa10cal.files.arms import arm_names, arm_text, load_arm
 from pa10cal.files.output import csv_text, whole_file, write_text
 from pa10cal.results.codec import write
 from pa10cal_lab.cell.campaign import REFERENCE_TEMPERATURE_C, SimulatedCampaign
@@ -62,7 +63,7 @@ def write_campaign(campaign: SimulatedCampaign, folder: Path, truth: Path | None
     log = RawLog.of(campaign_description(campaign), campaign.tables, campaign.truth.robot.arm)
     places = disturb(log, settings.disturbances, settings.random_seed)
     arm = log.arm
-    described = {} if arm.name in arm_names() else {f"{arm.name}.yaml": arm_text(arm)}
+    described = {} if _is_shipped(arm) else {f"{arm.name}.yaml": arm_text(arm)}
     _claim_folder(folder, truth, [*instrument.files.values(), *described])
     if truth is not None:
         write(truth_record(campaign, places), truth)
@@ -169,6 +170,11 @@ def _parameters(robot: Robot) -> dict[str, TrueParameter]:
         parameters[f"K_lin_{joint + 1}"] = TrueParameter(value=k_lin, unit="N m/rad")
         parameters[f"K_cub_{joint + 1}"] = TrueParameter(value=k_cub, unit="N m/rad^3")
     return parameters
+
+
+def _is_shipped(arm: Arm) -> bool:
+    """Return whether an arm is a shipped one; one from a file may differ from that of its name."""
+    return arm.name in arm_names() and arm_text(arm) == arm_text(load_arm(arm.name))
 
 
 def _claim_folder(folder: Path, truth: Path | None, files: Sequence[str]) -> None:

@@ -419,6 +419,37 @@ def test_a_disturbance_changes_the_raw_files_and_says_where(name):
     assert changed
 
 
+NEAR = {"robot": "gx4_351s", "without_touches": {"poses": 8}}
+EVERY = {"robot": "ur10", "without_touches": {"poses": 8, "holdout_every": 3, "clock": "none"}}
+
+
+@pytest.mark.parametrize(
+    ("campaign", "name", "parameters", "message"),
+    [
+        (NEAR, "joint_zero", {"joint": 3}, "no angle of this joint .*got 3.*q1_deg, q2_deg, q4"),
+        (NEAR, "joint_sign", {"joint": 9}, "no angle of this joint"),
+        (NEAR, "joints_exchanged", {"joint": 1}, "no angle of this joint"),
+        (NEAR, "direction_reversed", {"joint": 1}, "does nothing .* a campaign with touches"),
+        (NEAR, "labels_exchanged", {}, "a campaign with targets"),
+        (NEAR, "places_exchanged", {}, "a campaign with stated_targets"),
+        (EVERY, "held_out_reading_off", {}, "a campaign with held_out"),
+        (EVERY, "heavy_tails", {"dof": 2.0}, "dof"),
+        (EVERY, "one_reading_off", {}, None),
+        (EVERY, "jump", {}, None),
+    ],
+)
+def test_a_disturbance_that_is_not_possible_is_refused(campaign, name, parameters, message):
+    settings = SimulateOptions.model_validate(campaign)
+    entries = [DisturbanceOptions(id=name, parameters=parameters)]
+    made = simulate_campaign("raw", load_arm(settings.robot), settings)
+    log = RawLog.of(campaign_description(made), made.tables, made.truth.robot.arm)
+    if message is None:
+        assert disturb(log, entries, 1)
+    else:
+        with pytest.raises(SettingsError, match=message):
+            disturb(log, entries, 1)
+
+
 def test_repeats_run_in_the_order_of_the_settings():
     for trial in draw_trials("right", 30, 7, "wild", [bench.name for bench in WILD_BENCHES]):
         made = simulate_campaign(trial.name, load_arm(trial.settings.robot), trial.settings)

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -316,3 +317,14 @@ def test_an_arm_that_is_not_shipped_is_described_beside_its_campaign(tmp_path):
     assert np.degrees(read.observations.states.q_rad) == pytest.approx(
         np.array([[30.0] * 6, [57.0] * 6])
     )
+
+
+def test_an_arm_of_a_file_is_described_though_it_is_named_as_a_shipped_one(tmp_path):
+    shipped = load_arm("ur10")
+    own = replace(shipped, d_m=shipped.d_m + 0.01)
+    plan = SimulateOptions(without_touches=TrackerOptions(poses=8), robot="ur10")
+    for name, arm in (("own", own), ("shipped", shipped)):
+        write_campaign(simulate_campaign(name, arm, plan), tmp_path / name)
+        assert (tmp_path / name / "ur10.yaml").exists() == (name == "own")
+    found = read_campaign(tmp_path / "own").arm
+    np.testing.assert_allclose(found.d_m, own.d_m, atol=1e-9)
