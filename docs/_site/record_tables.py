@@ -33,7 +33,7 @@ _MODULES = (
     "pa10cal.results.comparison",
     "pa10cal.results.plan",
     "pa10cal.results.outcomes",
-    "pa10cal_lab.coverage_records",
+    "pa10cal_lab.coverage",
     "pa10cal_curve.records",
     "pa10cal.results.montecarlo",
     "pa10cal_lab.trial_records",

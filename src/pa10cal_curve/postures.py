@@ -96,8 +96,7 @@ def _any_roll(chain: RollMap, limits: Array, rng: np.random.Generator) -> float 
 def _leant(x: Array, by_rad: float, rng: np.random.Generator) -> Array:
     """Return a direction that leaves another by an angle, to any side."""
     aside = np.cross(x, rng.standard_normal(3))
-    leant: Array = np.cos(by_rad) * x + np.sin(by_rad) * aside / np.linalg.norm(aside)
-    return leant
+    return np.asarray(np.cos(by_rad) * x + np.sin(by_rad) * aside / np.linalg.norm(aside))
 
 
 def _spline(length_m: float, link_m: float, rng: np.random.Generator) -> Curve:

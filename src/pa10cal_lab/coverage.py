@@ -9,11 +9,12 @@ only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import JsonValue
 from scipy.special import ndtri, stdtrit
 
 from pa10cal.arrays import Array
@@ -27,8 +28,8 @@ from pa10cal.files.output import csv_text
 from pa10cal.observe.kinds import instruments
 from pa10cal.observe.observations import Observations, average_repeats, poses_of
 from pa10cal.observe.quantities import Start
+from pa10cal.results import record
 from pa10cal.terms.joint_spring import baseline
-from pa10cal_lab import coverage_records as results
 from pa10cal_lab.cell.campaign import simulate_campaign
 from pa10cal_lab.cell.individual import draw_individual
 from pa10cal_lab.cell.options import SimulateOptions, TrackerOptions
@@ -62,7 +63,77 @@ _TARGET_M, _TARGET_RAD = 0.05, 1.0
 _OWN, _ANY, _OTHER_POSES = 1, 2, 3
 
 
-def coverage(scores: Array) -> results.Coverage:
+# The record of the study.
+
+
+class ParameterCoverage(record.Part):
+    """How often the interval of one parameter holds the truth."""
+
+    inside: float  # share inside the 95 % interval
+    rms: float  # root mean square of error over standard uncertainty
+
+
+class Coverage(ParameterCoverage):
+    """How often intervals hold the truth."""
+
+    inside_interval95: tuple[float, float]  # 95 % interval of the share
+
+
+class PaperCoverage(Coverage):
+    """The paper's robot under touched balls, calibrated with the paper's model."""
+
+    campaigns: int  # campaigns simulated
+    parameters: Mapping[record.ParameterKey, ParameterCoverage]  # by parameter
+
+
+class ClassCoverage(Coverage):
+    """Coverage of the parameters of one arm under one instrument."""
+
+    # by class of parameters: `angles`, `lengths`, `base`, `tool`, ...
+    by_class: Mapping[Annotated[str, record.Key("class")], Coverage]
+    by_parameter: Mapping[record.ParameterKey, ParameterCoverage]  # by parameter
+
+
+class FreeDeparture(record.Part):
+    """Arms that depart in any way, which have no true parameters."""
+
+    campaigns: int  # campaigns simulated
+    converged: float  # share of fits that converged
+    predictions: Coverage  # of predicted positions
+
+
+class CoverageCase(record.Part):
+    """One arm under one instrument."""
+
+    case: str  # the case in words
+    robot: str  # name of the arm
+    instrument: str  # kind of the instrument
+    targets: int  # number of targets
+    flexible_joints: tuple[int, ...]  # joints with a spring, from 1
+    campaigns: int  # campaigns simulated
+    converged: float  # share of fits that converged
+    unknowns: int  # parameters fitted
+    # parameters not fitted, and those that replace them
+    redundant: Mapping[record.ParameterKey, Mapping[record.ParameterKey, float]]
+    parameters: ClassCoverage  # of parameters
+    predictions: Coverage  # of predicted positions
+    departing_in_any_way: FreeDeparture  # arms that depart in any way
+
+
+@record.filed("pa10cal-coverage/2", "coverage.json", by="coverage")
+class CoverageRecord(record.Record):
+    """`coverage.json`: how often intervals hold the truth of simulated campaigns."""
+
+    provenance: str  # where the data come from
+    settings: Mapping[Annotated[str, record.Key("option")], JsonValue]  # settings of the study
+    paper: PaperCoverage  # the paper's model
+    cases: tuple[CoverageCase, ...]  # the general model, one entry an arm and instrument
+
+
+# Shares of scores, and the study.
+
+
+def coverage(scores: Array) -> Coverage:
     """Return the share of scores (campaigns, parameters) inside their intervals.
 
     A parameter without an interval in some campaign has nan there. The confidence interval of the
@@ -74,23 +145,18 @@ def coverage(scores: Array) -> results.Coverage:
         float(stdtrit(count - 1, 0.975) * shares.std(ddof=1) / np.sqrt(count)) if count > 1 else 1.0
     )
     inside = float(shares.mean())
-    return results.Coverage(
+    return Coverage(
         inside=inside,
         inside_interval95=(max(0.0, inside - half), min(1.0, inside + half)),
         rms=float(np.sqrt(np.nanmean(scores**2))),
     )
 
 
-def coverage_by_parameter(
-    names: Sequence[str], scores: Array
-) -> dict[str, results.ParameterCoverage]:
+def coverage_by_parameter(names: Sequence[str], scores: Array) -> dict[str, ParameterCoverage]:
     """Return the coverage of each parameter by scores (campaigns, parameters)."""
     inside = np.nanmean(_inside(scores), axis=0).tolist()
     rms = np.sqrt(np.nanmean(scores**2, axis=0)).tolist()
-    return {
-        name: results.ParameterCoverage(inside=inside[k], rms=rms[k])
-        for k, name in enumerate(names)
-    }
+    return {name: ParameterCoverage(inside=inside[k], rms=rms[k]) for k, name in enumerate(names)}
 
 
 def _inside(scores: Array) -> Array:
@@ -101,7 +167,7 @@ def _inside(scores: Array) -> Array:
 
 def coverage_study(
     options: CoverageOptions, calibration: CalibrationOptions, say: Callable[[str], None]
-) -> results.CoverageRecord:
+) -> CoverageRecord:
     """Simulate and calibrate all campaigns, and return the coverage of their intervals.
 
     Args:
@@ -122,7 +188,7 @@ def coverage_study(
         shares = {"parameters": case.parameters, "predictions": case.predictions}
         say(_line(case.case, shares | {"of any arm": case.departing_in_any_way.predictions}))
         cases.append(case)
-    return results.CoverageRecord(
+    return CoverageRecord(
         provenance=PROVENANCE,
         settings=options.model_dump(mode="json"),
         paper=paper,
@@ -130,10 +196,10 @@ def coverage_study(
     )
 
 
-def coverage_table(record: results.CoverageRecord) -> str:
+def coverage_table(study: CoverageRecord) -> str:
     """Return a summary as CSV: one line for each class of parameters of a case."""
-    shares: list[tuple[str, str, results.Coverage]] = [(_PAPERS, "all parameters", record.paper)]
-    for case in record.cases:
+    shares: list[tuple[str, str, Coverage]] = [(_PAPERS, "all parameters", study.paper)]
+    for case in study.cases:
         free = case.departing_in_any_way.predictions
         shares += [
             (case.case, "all parameters", case.parameters),
@@ -149,20 +215,18 @@ def coverage_table(record: results.CoverageRecord) -> str:
     return csv_text(header, rows)
 
 
-def _line(title: str, shares: dict[str, results.Coverage]) -> str:
+def _line(title: str, shares: dict[str, Coverage]) -> str:
     shown = (f"{what} {100 * s.inside:.1f} % ({s.rms:.2f})" for what, s in shares.items())
     return f"{title}: {', '.join(shown)} inside (rms score)"
 
 
-def _papers_model(
-    options: CoverageOptions, calibration: CalibrationOptions
-) -> results.PaperCoverage:
+def _papers_model(options: CoverageOptions, calibration: CalibrationOptions) -> PaperCoverage:
     """Score every identifiable parameter of the paper's robot, campaign by campaign."""
     seeds = range(options.random_seed, options.random_seed + options.campaigns)
     scores = [_touched_scores(seed, calibration) for seed in seeds]
     names = [name for name in scores[0] if all(name in row for row in scores)]
     table = np.array([[row[name] for name in names] for row in scores])
-    return results.PaperCoverage(
+    return PaperCoverage(
         campaigns=len(scores),
         parameters=coverage_by_parameter(names, table),
         **dict(coverage(table)),
@@ -197,21 +261,21 @@ class _Scores(NamedTuple):
 
 def _general_model(
     case: CoverageCaseOptions, options: CoverageOptions, calibration: CalibrationOptions
-) -> results.CoverageCase:
+) -> CoverageCase:
     """Return the coverage of one case of the general model."""
     targets = f"{case.targets} target{'s' if case.targets > 1 else ''}"
     several = instruments()[case.instrument].several_targets
     title = f"{case.robot}, {targets if several else case.instrument}"
     own, free = (_scores(case, options, calibration, any_way) for any_way in (False, True))
     classes = [class_of(name) for name in own.names]
-    return results.CoverageCase(
+    return CoverageCase(
         case=title + (", springs" if case.flexible_joints else ""),
         **case.model_dump(mode="json"),
         campaigns=len(own.converged),
         converged=float(own.converged.mean()),
         unknowns=len(own.names),
         redundant={each.name: each.replaced_by for each in own.unknowns.redundant},
-        parameters=results.ClassCoverage(
+        parameters=ClassCoverage(
             **dict(coverage(own.parameters)),
             by_class={
                 kind: coverage(own.parameters[:, [each == kind for each in classes]])
@@ -220,7 +284,7 @@ def _general_model(
             by_parameter=coverage_by_parameter(own.names, own.parameters),
         ),
         predictions=coverage(own.predictions),
-        departing_in_any_way=results.FreeDeparture(
+        departing_in_any_way=FreeDeparture(
             campaigns=len(free.converged),
             converged=float(free.converged.mean()),
             predictions=coverage(free.predictions),

@@ -192,8 +192,7 @@ def prediction_scores(general: GeneralCalibration, exact: Observations) -> Array
     rows = problem.rows(general.fit.x)
     spread = rows.jacobian @ general.fit.covariance
     std = np.sqrt(np.sum(spread * rows.jacobian, axis=2))
-    scores: Array = (rows.residual / std)[problem.components_seen]
-    return scores
+    return np.asarray((rows.residual / std)[problem.components_seen])
 
 
 def class_of(name: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from pa10cal.figures.campaign import by_joint, gap_by_step, residuals
+from pa10cal.figures.campaign import by_joint, residuals
 from pa10cal.figures.campaign.by_joint import highest_separable
 from pa10cal.figures.registry import NothingToShowError
 
@@ -107,7 +107,7 @@ class TestTorque:
 class TestGapByStep:
     def test_a_row_a_name_with_its_errors(self, named):
         found = named.analysis
-        texts = texts_of(gap_by_step.draw_gap_by_step(named))
+        texts = texts_of(residuals.draw_gap_by_step(named))
         assert {"calibrated model", "+ transmission error\n   joint 2"} <= set(texts)
         for step in found.naming:
             for errors in (step.train, step.holdout):
@@ -116,7 +116,7 @@ class TestGapByStep:
         assert found.naming[1].holdout.mean_mm < 0.3 * found.naming[0].holdout.mean_mm
 
     def test_one_row_where_nothing_was_named(self, results):
-        axes = gap_by_step.draw_gap_by_step(results).axes[0]
+        axes = residuals.draw_gap_by_step(results).axes[0]
         assert [label.get_text() for label in axes.get_yticklabels()] == ["calibrated model"]
 
     def test_without_held_out_poses(self, changed):
@@ -124,7 +124,7 @@ class TestGapByStep:
             for step in record["naming"]:
                 step["holdout"] = None
 
-        texts = texts_of(gap_by_step.draw_gap_by_step(changed(of_record=none)))
+        texts = texts_of(residuals.draw_gap_by_step(changed(of_record=none)))
         assert "poses fitted" in texts
         assert not any("held-out" in text for text in texts)
 

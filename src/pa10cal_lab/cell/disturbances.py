@@ -180,8 +180,7 @@ def heavy_tails(
     of_touches = 0.3 if log.touched else 1.0  # touches repeat better than is stated of them
 
     def scatter(shape: tuple[int, ...]) -> Array:
-        drawn: Array = times * unit * rng.standard_t(dof, shape)
-        return drawn
+        return np.asarray(times * unit * rng.standard_t(dof, shape))
 
     for columns in log.points:
         values = log.readings[columns]

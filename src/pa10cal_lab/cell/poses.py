@@ -62,8 +62,7 @@ def centre_rad(arm: Arm, settings: CellPosesOptions) -> Array:
             allowed=f"{arm.n} angles",
             remedy="give one angle a joint",
         )
-    centre: Array = np.radians(settings.centre_deg)
-    return centre
+    return np.asarray(np.radians(settings.centre_deg))
 
 
 def joint_bounds(arm: Arm) -> tuple[Array, Array]:
@@ -188,8 +187,7 @@ def neighbours_path(q: Array) -> Array:
     for _ in range(len(q) - 1):
         distance[:, order[-1]] = np.inf
         order.append(int(np.argmin(distance[order[-1]])))
-    path: Array = q[order]
-    return path
+    return np.asarray(q[order])
 
 
 def _is_clear(T_base_ee: Array) -> bool:
@@ -223,8 +221,7 @@ def _points_outside(half_m: Array, outside_m: float, count: int, rng: np.random.
 
 def _tilts(count: int, tilt_rad: tuple[float, float, float], rng: np.random.Generator) -> Array:
     """Draw (count, 3) rotation vectors about the tool's own axes."""
-    tilts: Array = rng.uniform(-1.0, 1.0, (count, 3)) * np.array(tilt_rad)
-    return tilts
+    return np.asarray(rng.uniform(-1.0, 1.0, (count, 3)) * np.array(tilt_rad))
 
 
 class _Reach:

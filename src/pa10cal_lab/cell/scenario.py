@@ -131,8 +131,7 @@ class Bench:
     @property
     def coulomb_Nm(self) -> Array:
         """(n,) Coulomb friction of the joints."""
-        friction_Nm: Array = COULOMB_PER_RATED * np.nan_to_num(self.arm.torque_limit_Nm)
-        return friction_Nm
+        return np.asarray(COULOMB_PER_RATED * np.nan_to_num(self.arm.torque_limit_Nm))
 
     @property
     def half_m(self) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -75,6 +75,26 @@ class Loading:
     def none(self) -> Strain:
         """Return the unloaded shape."""
         return Strain.none(len(self.time_s), self.mechanism.n)
+
+    def moment_Nm(self, link: int) -> Array:
+        """Return the moment (P, 3) that a link, from 0, carries at its end; -1 for the base."""
+        return self.statics.base_Nm if link < 0 else self.statics.link_Nm[:, link]
+
+    def strain_of(self, link: int, turn_rad: Array, shift_m: Array | None = None) -> Strain:
+        """Return the strain by the rotation and displacement of one link's end, or of the base.
+
+        Args:
+            link: from 0; -1 for the base.
+            turn_rad: (P, 3) rotation along the axes of that end, or of the base.
+            shift_m: (P, 3) displacement along the same axes; None for none.
+        """
+        none = self.none
+        shift = np.zeros_like(turn_rad) if shift_m is None else shift_m
+        if link < 0:
+            return replace(none, base_turn_rad=turn_rad, base_shift_m=shift)
+        turns_rad, shifts_m = none.turn_rad.copy(), none.shift_m.copy()
+        turns_rad[:, link], shifts_m[:, link] = turn_rad, shift
+        return replace(none, turn_rad=turns_rad, shift_m=shifts_m)
 
 
 @dataclass(frozen=True)

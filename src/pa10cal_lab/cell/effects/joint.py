@@ -47,8 +47,7 @@ class Harmonic(effect.SimulatedJointEffect):
         return self.cycles
 
     def at_joint(self, joint: effect.JointState) -> Array:
-        error: Array = self.A * np.sin(self.cycles_of(joint) * joint.q_rad + self.phi)
-        return error
+        return np.asarray(self.A * np.sin(self.cycles_of(joint) * joint.q_rad + self.phi))
 
 
 class SimulatedGearLine(Harmonic):
@@ -135,8 +134,7 @@ class SimulatedJointErrorMap(effect.SimulatedJointEffect):
         closed = [*self.knots, self.knots[0]]
         angles = np.linspace(0.0, 2.0 * np.pi, len(closed))
         spline = CubicSpline(angles, closed, bc_type="periodic")
-        error: Array = spline(joint.q_rad)
-        return error
+        return np.asarray(spline(joint.q_rad))
 
 
 class SimulatedGearRatioError(effect.SimulatedJointEffect):

@@ -179,8 +179,7 @@ class Sawtooth(effect.SimulatedJointEffect):
 
     def at_joint(self, joint: effect.JointState) -> Array:
         turns = joint.q_rad / self.sector
-        error: Array = self.A * (2.0 * (turns - np.floor(turns)) - 1.0)
-        return error
+        return np.asarray(self.A * (2.0 * (turns - np.floor(turns)) - 1.0))
 
 
 class PedestalTilt(effect.SimulatedEffect):
@@ -231,18 +230,12 @@ class SoftBearing(effect.SimulatedEffect):
 
     def strain(self, loading: effect.Loading) -> Strain:
         """Turn what the bearing sits on, whose z is the joint's axis."""
-        link, none = self.joint - 1, loading.none
-        first = link < 0  # it stands on the base
-        moment_Nm = loading.statics.base_Nm if first else loading.statics.link_Nm[:, link]
+        link = self.joint - 1  # of the first joint the base
+        moment_Nm = loading.moment_Nm(link)
         cos, sin = np.cos(self.phi), np.sin(self.phi)
         soft, stiff = np.array([cos, sin, 0.0]), np.array([-sin, cos, 0.0])
         tilt = self.soft * np.outer(moment_Nm @ soft, soft)
-        tilt = tilt + self.stiff * np.outer(moment_Nm @ stiff, stiff)
-        if first:
-            return replace(none, base_turn_rad=tilt)
-        turn = none.turn_rad.copy()
-        turn[:, link] = tilt
-        return replace(none, turn_rad=turn)
+        return loading.strain_of(link, tilt + self.stiff * np.outer(moment_Nm @ stiff, stiff))
 
 
 #: Lines of a joint's waves, their highest order, and how far an order is from a whole number.
@@ -290,5 +283,4 @@ class SmallWaves(effect.SimulatedJointEffect):
     def at_joint(self, joint: effect.JointState) -> Array:
         """Return sum A sin(order q + phi)."""
         phase = np.outer(joint.q_rad, self.orders) + np.array(self.phi)
-        error: Array = np.sin(phase) @ np.array(self.A)
-        return error
+        return np.asarray(np.sin(phase) @ np.array(self.A))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,13 +14,13 @@ from pa10cal_lab.cell.mechanism import GRAVITY_M_S2, Strain
 
 Waves = Annotated[tuple[effect.Finite, ...], Field(min_length=1)]
 
-#: How many half waves a rail has, and how far apart the bearings of a carriage are, of the stroke.
+#: Half waves of a rail; distance of the bearings of a carriage, as a part of the stroke.
 _WAVES, _BEARINGS = 3, (0.1, 0.25)
 #: Out of straight of a rail, root of the sum of the squares of its waves across one axis, and its
 #: sag, a metre of stroke [m].
 _STRAIGHT, _SAG = 1e-4, 5e-5
 _TWIST_RAD = 1e-4
-#: At how many places of a column its bend is added up: exact for an even beam from three on.
+#: Pieces of a column whose bends are added up: exact for an even beam from three on.
 _PIECES = 4
 
 
@@ -35,17 +34,13 @@ class OnSlide(effect.SimulatedEffect):
     def out(self, loading: effect.Loading, stroke_m: Sequence[float]) -> Array:
         """Return how far the carriage is out, (P,), of its stroke."""
         low_m, high_m = stroke_m
-        out: Array = (loading.q[:, self.joint] - low_m) / (high_m - low_m)
-        return out
+        return np.asarray((loading.q[:, self.joint] - low_m) / (high_m - low_m))
 
     def carried(self, loading: effect.Loading, shift_m: Array, turn_rad: Array) -> Strain:
         """Return the strain by what a carriage shifts and turns, (P, 3) along its joint's axes."""
-        mechanism, none = loading.mechanism, loading.none
-        end = mechanism.link_ends[self.joint]
-        turn, shift = none.turn_rad.copy(), none.shift_m.copy()
-        turn[:, self.joint] = turn_rad @ end[:3, :3]
-        shift[:, self.joint] = (shift_m + np.cross(turn_rad, end[:3, 3])) @ end[:3, :3]
-        return replace(none, turn_rad=turn, shift_m=shift)
+        end = loading.mechanism.link_ends[self.joint]
+        at_end_m = shift_m + np.cross(turn_rad, end[:3, 3])
+        return loading.strain_of(self.joint, turn_rad @ end[:3, :3], at_end_m @ end[:3, :3])
 
 
 class SimulatedSlideError(OnSlide):
@@ -93,27 +88,27 @@ class SimulatedSlideError(OnSlide):
         """Shift and turn the carriage by the chord between its bearings, and by the dent."""
         out, length_m = self.out(loading, self.stroke_m), self.stroke_m[1] - self.stroke_m[0]
         behind, ahead = out - 0.5 * self.bearings, out + 0.5 * self.bearings
-        lines = [
-            (_line(each, behind), _line(each, ahead)) for each in (self.across_x, self.across_y)
-        ]
-        (x, y), (by_x, by_y) = (
-            [0.5 * (one + other) for one, other in lines],
-            [(other - one) / (self.bearings * length_m) for one, other in lines],
+        across = self.across_x, self.across_y
+        # At the bearings, (P, 2) along x and y of the joint.
+        at_behind_m, at_ahead_m = (
+            np.stack([_line(waves, at) for waves in across], axis=1) for at in (behind, ahead)
         )
-        twist = 0.5 * (_line(self.twist, behind) + _line(self.twist, ahead))
-        along = self.excess * loading.q[:, self.joint]
-        # Of the weight what acts across the rail.
+        shift_m = 0.5 * (at_behind_m + at_ahead_m)
+        slope = (at_ahead_m - at_behind_m) / (self.bearings * length_m)
+        # The part of gravity's direction that acts across the rail, (P, 2).
         R = loading.mechanism.T_base_joints(loading.q)[self.joint, :, :3, :3]
         down = np.einsum("pij,i->pj", R, GRAVITY_M_S2 / np.linalg.norm(GRAVITY_M_S2))[:, :2]
+        # Deflection and slope of a beam on two supports under the load at `at` of its length.
         at = np.clip(out, 0.0, 1.0)
-        dent = 16.0 * self.sag * (at * (1.0 - at)) ** 2
-        slope = 16.0 * self.sag * at * (1.0 - at) * (1.0 - 2.0 * at) / length_m
-        x, y = x + dent * down[:, 0], y + dent * down[:, 1]
-        by_x, by_y = by_x + slope * down[:, 0], by_y + slope * down[:, 1]
+        dent_m = 16.0 * self.sag * (at * (1.0 - at)) ** 2
+        inclined = 16.0 * self.sag * at * (1.0 - at) * (1.0 - 2.0 * at) / length_m
+        shift_m = shift_m + dent_m[:, None] * down
+        slope = slope + inclined[:, None] * down
+        along_m = self.excess * loading.q[:, self.joint]
+        twist = 0.5 * (_line(self.twist, behind) + _line(self.twist, ahead))
         # z turns towards x about y, and towards y about -x.
-        return self.carried(
-            loading, np.column_stack([x, y, along]), np.column_stack([-by_y, by_x, twist])
-        )
+        turn_rad = np.column_stack([-slope[:, 1], slope[:, 0], twist])
+        return self.carried(loading, np.column_stack([shift_m, along_m]), turn_rad)
 
 
 class SimulatedSlideBending(OnSlide):
@@ -155,5 +150,4 @@ class SimulatedSlideBending(OnSlide):
 def _line(waves: Sequence[float], at: Array) -> Array:
     """Return the sum of half waves, the first of them one over the whole length, at places."""
     orders = np.arange(1, len(waves) + 1)
-    line: Array = np.cos(np.pi * np.multiply.outer(at, orders)) @ np.array(waves)
-    return line
+    return np.asarray(np.cos(np.pi * np.multiply.outer(at, orders)) @ np.array(waves))

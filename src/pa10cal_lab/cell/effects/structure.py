@@ -15,7 +15,7 @@ from pa10cal_lab.cell.effects import effect
 from pa10cal_lab.cell.mechanism import GRAVITY_M_S2, Strain
 
 SECONDS_PER_HOUR = 3600.0
-#: At how many places of a link its bend is added up: exact for an even beam from two on.
+#: Pieces of a link whose bends are added up: exact for an even beam from two on.
 _PIECES = 3
 
 
@@ -37,13 +37,11 @@ class SimulatedLinkEffect(effect.SimulatedEffect):
 
     def strain(self, loading: effect.Loading) -> Strain:
         """Turn and shift the end of the link."""
-        link = loading.link(self.of)
-        carried, none = loading.statics, loading.none
-        turn, shift = none.turn_rad.copy(), none.shift_m.copy()
-        turn[:, link], shift[:, link] = self.end_motion(
+        link, carried = loading.link(self.of), loading.statics
+        turn_rad, shift_m = self.end_motion(
             carried.link_Nm[:, link], carried.link_N[:, link], loading.mechanism.spans_m[link]
         )
-        return replace(none, turn_rad=turn, shift_m=shift)
+        return loading.strain_of(link, turn_rad, shift_m)
 
 
 class SimulatedLinkBending(SimulatedLinkEffect):
@@ -88,8 +86,7 @@ class SimulatedLinkTorsion(SimulatedLinkEffect):
 def _across(vectors: Array, span_m: Array) -> Array:
     """Return the part of vectors (P, 3) across a span (3,)."""
     axis = span_m / np.linalg.norm(span_m)
-    across: Array = vectors - np.outer(vectors @ axis, axis)
-    return across
+    return np.asarray(vectors - np.outer(vectors @ axis, axis))
 
 
 class SimulatedLateralCompliance(effect.SimulatedEffect):
@@ -108,13 +105,9 @@ class SimulatedLateralCompliance(effect.SimulatedEffect):
 
     def strain(self, loading: effect.Loading) -> Strain:
         """Turn the end of the link before the joint, whose z is the joint's axis."""
-        link, none = self.joint - 1, loading.none
+        link = self.joint - 1  # of the first joint the base
         compliance = np.array([self.C_x, self.C_y, 0.0])
-        if link < 0:  # the first joint stands on the base
-            return replace(none, base_turn_rad=compliance * loading.statics.base_Nm)
-        turn = none.turn_rad.copy()
-        turn[:, link] = compliance * loading.statics.link_Nm[:, link]
-        return replace(none, turn_rad=turn)
+        return loading.strain_of(link, compliance * loading.moment_Nm(link))
 
 
 Waves = Annotated[tuple[effect.Finite, ...], Field(min_length=2)]
@@ -178,23 +171,18 @@ class SimulatedAxisWobble(effect.SimulatedEffect):
         turn = np.cross([0.0, 0.0, 1.0], along)
         # Where that line is at the height of the frame.
         shift = lower - along * (lower[:, 2] / along[:, 2])[:, None]
-        none, link = loading.none, self.joint - 1
-        if link < 0:  # the first joint stands on the base
+        if self.joint == 0:  # it stands on the base, whose origin is elsewhere
             first = loading.mechanism.placements[0]
             turn, shift = turn @ first[:3, :3].T, shift @ first[:3, :3].T
             shift = shift - np.cross(turn, first[:3, 3])
-            return replace(none, base_turn_rad=turn, base_shift_m=shift)
-        turns, shifts = none.turn_rad.copy(), none.shift_m.copy()
-        turns[:, link], shifts[:, link] = turn, shift
-        return replace(none, turn_rad=turns, shift_m=shifts)
+        return loading.strain_of(self.joint - 1, turn, shift)
 
 
 def _run_out(waves: Sequence[float], q_rad: Array) -> Array:
     """Return where waves, a cosine and a sine of each, carry the centre of a ring, (P,)."""
     parts = np.array(waves).reshape(-1, 2)
     turned = np.exp(1j * np.multiply.outer(q_rad, np.arange(1, len(parts) + 1)))
-    run_out: Array = np.real(turned @ (parts[:, 0] - 1j * parts[:, 1]))
-    return run_out
+    return np.asarray(np.real(turned @ (parts[:, 0] - 1j * parts[:, 1])))
 
 
 class SimulatedBaseCompliance(effect.SimulatedEffect):
@@ -318,8 +306,7 @@ class SimulatedCmmScale(effect.SimulatedEffect):
     s: effect.Triple = Field(description="relative excess of each axis")
 
     def read_too_much_m(self, p_instr_m: Array) -> Array:
-        extra: Array = p_instr_m * np.array(self.s)
-        return extra
+        return np.asarray(p_instr_m * np.array(self.s))
 
 
 class SimulatedRangeConstant(effect.SimulatedEffect):

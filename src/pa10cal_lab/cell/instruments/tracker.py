@@ -175,8 +175,7 @@ class Tracker(SimulatedInstrument):
         noise_Nm = (
             self.plan.torque_fraction * arm.torque_limit_Nm * rng.standard_normal(tau_Nm.shape)
         )
-        logged: Array = (tau_Nm + noise_Nm).round(3)
-        return logged
+        return np.asarray((tau_Nm + noise_Nm).round(3))
 
 
 def xyz_columns(prefix: str) -> dict[str, list[str]]:
