@@ -16,7 +16,7 @@ from pa10cal_lab.trial_records import (
     FailedTrialRecord,
     HiddenEffect,
     JudgedTrialRecord,
-    PutIn,
+    TrialDisturbance,
     TrialHealth,
     TrialTruthRecord,
 )
@@ -42,7 +42,7 @@ def hidden(name, size=1.0, moved_mm=0.05, apart_mm=None, outside=None, **paramet
 
 def put_in(id, where, stressor, kinds, measured, moved_mm):
     """A stressor or a fault."""
-    return PutIn(
+    return TrialDisturbance(
         id=id, where=where, stressor=stressor, kinds=kinds, measured=measured, moved_mm=moved_mm
     )
 
@@ -174,7 +174,7 @@ def scored(trials):
     named = []
     for number, each in enumerate(trials):
         name = {"campaign": f"trial-{number}"}
-        truth, said = (record.model_copy(update=name) for record in (each.truth, each.said))
+        truth, said = (record.model_copy(update=name) for record in (each.truth, each.judgement))
         named.append(BlindTrial(truth, said))
     return scores_record(named)
 
@@ -182,7 +182,7 @@ def scored(trials):
 def scored_by_command(folder, *trials):
     """The scores that the command makes of trials in a folder, and the rows of its table."""
     paths = {name: folder / name for name in ("verdicts", "truths", "scores", "trials")}
-    paths["verdicts"].write_text(lines([each.said for each in trials]), "utf-8")
+    paths["verdicts"].write_text(lines([each.judgement for each in trials]), "utf-8")
     paths["truths"].write_text(lines([each.truth for each in trials]), "utf-8")
     words = [word for name, path in paths.items() for word in (f"--{name}", str(path))]
     assert run_command("score_trials", words) == 0

@@ -160,11 +160,7 @@ class CurveBounds:
 
 
 def uniform_bounds(
-    start: float,
-    end: float,
-    slowest: float,
-    fastest: float,
-    acceleration: float = np.inf,
+    start: float, end: float, slowest: float, fastest: float, acceleration: float = np.inf
 ) -> CurveBounds:
     """Return bounds that are the same all along a curve without kinks.
 

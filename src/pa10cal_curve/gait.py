@@ -60,31 +60,18 @@ def follow(curves: Sequence[Curve], time_s: Array, options: CurveOptions) -> Gai
     z_carried: Array | None = None
     for curve, time in zip(curves, time_s, strict=True):
         try:
-            if options.link_m is None:
-                points = equal_links(curve, options.links or 1)
-            else:
-                points = lay_points(curve, options.link_m, options.links)
-            if moves and points.n != options.links:
-                raise CurveError(
-                    "the links do not fit on the curve",
-                    where="links",
-                    value=options.links,
-                    allowed=f"{points.n} at most: {points.ending.value}",
-                    remedy="take fewer or shorter links, or a longer curve",
-                )
+            points = _points_on(curve, options, all_links=moves)
             chain = roll.RollMap.of(points.directions, options.order, z_carried)
             rolls.append(_roll(chain, options, time, joints[-1].turns_rad if joints else None))
         except CurveError as error:
-            raise (
-                error
-                if not moves
-                else CurveError(
-                    error.what,
-                    where=f"time {time:g} s, {error.where}",
-                    value=error.value,
-                    allowed=error.allowed,
-                    remedy=error.remedy,
-                )
+            if not moves:
+                raise
+            raise CurveError(
+                error.what,
+                where=f"time {time:g} s, {error.where}",
+                value=error.value,
+                allowed=error.allowed,
+                remedy=error.remedy,
             ) from None
         z_carried = chain.axes_at_zero[:, 2]
         axes_first = first_axes(points.directions, rolls[-1], z_carried)
@@ -93,8 +80,36 @@ def follow(curves: Sequence[Curve], time_s: Array, options: CurveOptions) -> Gai
     return Gait(time_s, tuple(curves), tuple(shapes), tuple(joints), np.unwrap(rolls))
 
 
+def _points_on(curve: Curve, options: CurveOptions, *, all_links: bool) -> CurvePoints:
+    """Lay the links of the options along a curve, all of them or as many as fit.
+
+    Raises:
+        CurveError: when they do not fit.
+    """
+    if options.link_m is None:
+        assert options.links is not None  # the options have one of the two
+        return equal_links(curve, options.links)
+    points = lay_points(curve, options.link_m, options.links)
+    if all_links and points.n != options.links:
+        raise CurveError(
+            "the links do not fit on the curve",
+            where="links",
+            value=options.links,
+            allowed=f"{points.n} at most: {points.ending.value}",
+            remedy="take fewer or shorter links, or a longer curve",
+        )
+    return points
+
+
 def _roll(chain: roll.RollMap, options: CurveOptions, time_s: float, last: Array | None) -> float:
-    """Return the roll of a shape; the last one's turns are (2, n - 1), None of the first."""
+    """Return the roll of the first link in a shape at a time [rad].
+
+    Args:
+        chain: the shape.
+        options: the criterion, limits and gait.
+        time_s: since the start of the gait.
+        last: (2, n - 1) angles of the shape before; None for the first shape.
+    """
     limits, gait = limits_of(options, chain.n - 1), options.gait
     rolling = gait is not None and gait.moves == "roll"
     if options.roll == "smallest_angle" and not rolling:

@@ -142,32 +142,23 @@ def joint_limits(a_rad: Array, b_rad: Array, joints: int) -> Array:
     """Return limits of so many joints (2, 2, joints): of a, then of b, least and most of each.
 
     Args:
-        a_rad: least and most of the turns about z, (2,), or (joints, 2) joint by joint.
-        b_rad: of the turns about y.
+        a_rad: (2,) least and most of the rotations about z, of every joint.
+        b_rad: (2,) of the rotations about y.
 
     Raises:
-        CurveError: when a least limit is above its most, or they are of another number of joints.
+        CurveError: when a least limit is above its most.
     """
-    both = [np.atleast_2d(np.asarray(limits, dtype=float)) for limits in (a_rad, b_rad)]
-    if any(len(limits) not in (1, joints) for limits in both):
-        raise CurveError(
-            "the limits are of another chain",
-            where="limits",
-            value=f"{len(both[0])} of a, {len(both[1])} of b",
-            allowed=f"{joints} each, one a joint between two links",
-            remedy="give limits for every joint",
-        )
-    for name, limits in zip("ab", both, strict=True):
-        bad = np.flatnonzero(~(limits[:, 0] <= limits[:, 1]))
-        if len(bad):
+    both = np.array([a_rad, b_rad], dtype=float)
+    for name, (least, most) in zip("ab", both.tolist(), strict=True):
+        if not least <= most:
             raise CurveError(
                 f"the limits of {name} are invalid",
-                where=f"joint {bad[0] + 1}",
-                value=limits[bad[0]].tolist(),
+                where="joint 1",
+                value=[least, most],
                 allowed="two angles, the least first",
                 remedy="correct the limits",
             )
-    return np.stack([np.broadcast_to(limits, (joints, 2)).T for limits in both])
+    return np.repeat(both[:, :, None], joints, axis=2)
 
 
 def feasible_rolls(chain: RollMap, limits: Array) -> Array:

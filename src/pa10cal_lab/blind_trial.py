@@ -39,11 +39,13 @@ _SAME_ORDER = 0.5
 #: A spring of a joint as an effect.
 SPRING = "joint_compliance"
 
-#: Residual over that of noise alone: from `LARGE` on it is large, from `LIMIT` on its effect counts
-#: as detectable. From `ABOVE` noise floors on a fault has to be reported.
-LARGE, LIMIT, ABOVE = 3.0, 1.5, 3.0
+#: Residual over that of noise alone from which it is large, and from which its effect counts as
+#: detectable.
+LARGE_RATIO, DETECTABLE_RATIO = 3.0, 1.5
+#: Change of the residual over the noise floor from which a fault has to be reported.
+FAULT_RATIO = 3.0
 #: Held-out error with effects over that without, from which predictions count as worse.
-WORSE = 1.05
+WORSE_FACTOR = 1.05
 SUSPECT, CHECK = "suspect_input", "check_the_log"
 #: Faults without a place that a verdict could name.
 _PLACED_BY_KIND = ("step_in_time", "payload")
@@ -53,7 +55,7 @@ _RIVAL = re.compile(r"\bjoint \d|\brail\b|\bload\b|\border of (the )?rows\b", re
 _IN_TIME, _DRIFT = "step_in_time", "base_drift"
 _OF_MOTION = re.compile(r"\b(moved|wander|drift|crept|creep)", re.I)
 #: Largest number of characters that the scores quote of a verdict.
-_SAYS_MOST = 200
+_MOST_QUOTED = 200
 
 #: Outcomes of a hidden effect other than the id that it was called.
 LISTED = "in the alternatives"
@@ -78,17 +80,17 @@ class BlindTrial:
     """The truth of a trial and the verdict on it."""
 
     truth: results.TrialTruthRecord
-    said: results.TrialVerdictRecord  # the verdict, or why there is none
+    judgement: results.TrialVerdictRecord  # the verdict, or why there is none
 
     @property
     def verdict(self) -> results.JudgedTrialRecord | None:
         """Return the verdict; None where the trial failed."""
-        return self.said if isinstance(self.said, results.JudgedTrialRecord) else None
+        return self.judgement if isinstance(self.judgement, results.JudgedTrialRecord) else None
 
     @property
     def refused(self) -> bool:
         """Return whether a command refused the campaign as unfit to be calibrated."""
-        return isinstance(self.said, results.FailedTrialRecord) and self.said.refused
+        return isinstance(self.judgement, results.FailedTrialRecord) and self.judgement.refused
 
     @property
     def kind(self) -> str:
@@ -106,7 +108,7 @@ class BlindTrial:
         return tuple(hidden for hidden in self.hidden if not hidden.outside)
 
     @property
-    def put_in(self) -> tuple[results.PutIn, ...]:
+    def put_in(self) -> tuple[results.TrialDisturbance, ...]:
         """Return stressors and faults in the raw files."""
         return self.truth.put_in
 
@@ -117,7 +119,9 @@ class BlindTrial:
 
     # Size of effects and faults, and whether the data can show them.
 
-    def moved_over_floor(self, hidden: results.HiddenEffect | results.PutIn) -> float | None:
+    def moved_over_floor(
+        self, hidden: results.HiddenEffect | results.TrialDisturbance
+    ) -> float | None:
         """Return the change of the residual by an effect, relative to the noise floor.
 
         Both are position errors, root mean square over averaged poses. That of the floor is
@@ -179,7 +183,11 @@ class BlindTrial:
             return True
         if not self.moves_poses(hidden):
             return self.is_testable(hidden)
-        return (self.ratio(hidden) or 0.0) >= LIMIT
+        return self.is_detectable(hidden)
+
+    def is_detectable(self, hidden: results.HiddenEffect) -> bool:
+        """Return whether the residual with an effect is `DETECTABLE_RATIO` times the noise."""
+        return (self.ratio(hidden) or 0.0) >= DETECTABLE_RATIO
 
     # Names in the verdict, and whether they are right.
 
@@ -214,10 +222,10 @@ class BlindTrial:
         (hidden,) = self.hidden
         return hidden.of in self.verdict.places or any(map(self._leaves_open, self.effects))
 
-    def tells_place(self, hidden: results.HiddenEffect) -> bool:
+    def finds_place(self, hidden: results.HiddenEffect) -> bool:
         """Return whether anything was found at the place of a hidden effect, whatever its name."""
-        said = self.without_springs()
-        places = [name.of for effect in said.effects for name in effect.all_names]
+        effects = self.without_springs().effects
+        places = [name.of for effect in effects for name in effect.all_names]
         return hidden.of in (*places, *(() if self.verdict is None else self.verdict.places))
 
     def is_confidently_wrong(self, *words: str) -> bool:
@@ -304,7 +312,7 @@ class BlindTrial:
         """Return the trial with only these findings; itself where it failed."""
         if self.verdict is None:
             return self
-        return replace(self, said=self.verdict.model_copy(update={"effects": tuple(effects)}))
+        return replace(self, judgement=self.verdict.model_copy(update={"effects": tuple(effects)}))
 
     def _describes_background(self, named: FoundEffect) -> bool:
         """Return whether a finding names an effect of the background, or is a map of its error."""
@@ -371,17 +379,17 @@ class BlindTrial:
         """Return whether the log has a fault that should be reported."""
         return any(not each.stressor or each.kinds for each in self.put_in)
 
-    def matters(self, put_in: results.PutIn) -> bool:
-        """Return whether a stressor or fault is at least `ABOVE` noise floors.
+    def matters(self, put_in: results.TrialDisturbance) -> bool:
+        """Return whether a stressor or fault is at least `FAULT_RATIO` noise floors.
 
         One that cannot be measured matters if it should be reported, as do all of a trial without
         a verdict.
         """
         if not put_in.measured:
             return bool(put_in.kinds) or not put_in.stressor
-        return self.verdict is None or (self.moved_over_floor(put_in) or 0.0) >= ABOVE
+        return self.verdict is None or (self.moved_over_floor(put_in) or 0.0) >= FAULT_RATIO
 
-    def is_told(self, put_in: results.PutIn) -> bool:
+    def is_reported(self, put_in: results.TrialDisturbance) -> bool:
         """Return whether a fault is reported: by kind and place, by a refusal or by a suspicion.
 
         A wrong description that calibration corrects is reported as a departure.
@@ -403,16 +411,16 @@ class BlindTrial:
         )
 
     def hides_much(self) -> bool:
-        """Return whether a hidden effect is at least `ABOVE` noise floors."""
-        return any((self.moved_over_floor(each) or 0.0) >= ABOVE for each in self.hidden)
+        """Return whether a hidden effect is at least `FAULT_RATIO` noise floors."""
+        return any((self.moved_over_floor(each) or 0.0) >= FAULT_RATIO for each in self.hidden)
 
     def has_false_comfort(self) -> bool:
         """Return whether the verdict is `none` though something large is wrong and not reported."""
         if self.verdict is None or self.verdict.word != "none":
             return False
         if self.kind in SUBJECTS:
-            return any((self.ratio(each) or 0.0) >= LIMIT for each in self.hidden)
-        untold = any(self.matters(each) and not self.is_told(each) for each in self.put_in)
+            return any(map(self.is_detectable, self.hidden))
+        untold = any(self.matters(each) and not self.is_reported(each) for each in self.put_in)
         return untold or self.hides_much()
 
     def is_worse(self) -> bool:
@@ -420,9 +428,9 @@ class BlindTrial:
         if self.verdict is None or self.verdict.gap.holdout is None:
             return False
         holdout = self.verdict.gap.holdout
-        return holdout.after.mean_mm > WORSE * holdout.before.mean_mm
+        return holdout.after.mean_mm > WORSE_FACTOR * holdout.before.mean_mm
 
-    def is_accused(self) -> bool:
+    def suspects_data(self) -> bool:
         """Return whether the campaign is refused, or its data are reported as suspect."""
         if self.verdict is None:
             return self.refused
@@ -438,7 +446,7 @@ class BlindTrial:
             *(each.why for each in unexplained if _OF_MOTION.search(each.why)),
             *(effect.either for effect in self.effects if effect.id == _DRIFT),
         )
-        return tuple(said for said in motions if not _RIVAL.search(said))
+        return tuple(text for text in motions if not _RIVAL.search(text))
 
     # Proposed formulas: whether they have the hidden form, order and place.
 
@@ -484,11 +492,6 @@ class BlindTrial:
             failings: what counts against targets.
         """
         verdict = self.verdict
-        said = f"{'refused' if self.refused else 'crashed'}: {getattr(self.said, 'failed', '')}"
-        if verdict is not None:
-            names = (effect.either for effect in verdict.effects)
-            faults = (f"{fault.kind} of {fault.where}" for fault in verdict.faults)
-            said = "; ".join([f"{verdict.word}, {verdict.grade}", *names, *faults])
         failed = "refused" if self.refused else FAILED
         return results.JudgedTrial(
             campaign=self.truth.campaign,
@@ -498,7 +501,7 @@ class BlindTrial:
             hidden=tuple(map(self.judged_effect, self.hidden)),
             put_in=tuple(f"{each.id} at {', '.join(each.where)}" for each in self.put_in),
             verdict=failed if verdict is None else verdict.word,
-            said=said[:_SAYS_MOST],
+            said=self._summary()[:_MOST_QUOTED],
             named=tuple(effect.either for effect in self.effects),
             places=tuple(
                 place or "unknown" for place in (() if verdict is None else verdict.places)
@@ -509,6 +512,15 @@ class BlindTrial:
             noise_floor_mm=None if verdict is None else verdict.gap.noise_floor_mm,
             seconds=None if verdict is None else verdict.seconds,
         )
+
+    def _summary(self) -> str:
+        """Return verdict, grade, names and faults in words, or why there is none."""
+        if self.verdict is None:
+            reason = getattr(self.judgement, "failed", "")
+            return f"{'refused' if self.refused else 'crashed'}: {reason}"
+        names = (effect.either for effect in self.effects)
+        faults = (f"{fault.kind} of {fault.where}" for fault in self.verdict.faults)
+        return "; ".join([f"{self.verdict.word}, {self.verdict.grade}", *names, *faults])
 
 
 def cycles_of(found: FoundEffect) -> float | None:

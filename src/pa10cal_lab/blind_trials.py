@@ -161,7 +161,7 @@ def _truth(
     for entry, where, twin in zip(settings.disturbances, places, twins, strict=True):
         disturbance = DISTURBANCES[entry.id]
         put_in.append(
-            records.PutIn(
+            records.TrialDisturbance(
                 id=disturbance.id,
                 stressor=disturbance.stressor,
                 kinds=disturbance.kinds,

@@ -84,7 +84,7 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         "crashed": verdict is None and not t.refused,
         "refused": t.refused,
         "unexplained": verdict is not None and verdict.word == "unexplained",
-        "word": t.said.word if verdict is not None else "",
+        "word": t.judgement.word if verdict is not None else "",
         "names": len(t.effects),
         "hides": len(t.hidden),
         "first": t.hidden[0].id if t.hidden else "",
@@ -113,7 +113,7 @@ def _trial_row(t: blind_trial.BlindTrial) -> dict[str, Any]:
         ),
         "false_comfort": t.has_false_comfort(),
         "worse": t.is_worse(),
-        "accused": t.is_accused(),
+        "accused": t.suspects_data(),
         "motion_as_fact": bool(t.motions_as_facts()),
         **dict.fromkeys(("says_something", "nameless"), False),
         **dict.fromkeys(("held_out_mm", "seconds", "whole_seconds"), np.nan),
@@ -145,7 +145,7 @@ def _effect_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
             "apart": t.ratio(hidden, partial=True) or np.nan,
             "moved": t.moved_over_floor(hidden) or 0.0,
             "named": named,
-            "place_told": t.tells_place(hidden),
+            "place_told": t.finds_place(hidden),
             "alternatives": np.nan if alternatives is None else alternatives,
             "alone": named and alternatives == 0 and not t.extra(),
         }
@@ -155,7 +155,7 @@ def _fault_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
     """Yield the rows of a trial in the table of stressors and faults."""
     for put_in in t.put_in:
         about = {"campaign": t.truth.campaign, "has_fault": t.has_fault()}
-        yield about | {"matters": t.matters(put_in), "told": t.is_told(put_in)}
+        yield about | {"matters": t.matters(put_in), "told": t.is_reported(put_in)}
 
 
 def _claim_rows(t: blind_trial.BlindTrial) -> Iterator[dict[str, Any]]:
@@ -356,9 +356,9 @@ def _outcomes(
     ids = [each.id for each in (t.hidden if by_effect else t.put_in)]
     for id in dict.fromkeys(ids or ["nothing"]):
         hidden = [each for each in t.hidden if not as_measured or each.id == id]
-        told = [t.is_told(each) for each in t.put_in if t.matters(each)]
+        told = [t.is_reported(each) for each in t.put_in if t.matters(each)]
         if as_measured:
-            told = [t.lists(each) for each in hidden if (t.ratio(each) or 0.0) >= blind_trial.LIMIT]
+            told = [t.lists(each) for each in hidden if t.is_detectable(each)]
         found = sum(map(t.lists, hidden))
         yield id, counted | {"above_noise": len(told), "told": sum(told), "found": found}
 
@@ -407,10 +407,13 @@ def true_parameters(hidden: results.HiddenEffect) -> dict[str, float]:
 #: below some size fail and all above succeed.
 _STEEP = 5.0
 #: Edges of bins of an effect's part of the residual over the noise floor. At two of them the whole
-#: residual is `LIMIT` and `LARGE` times the floor.
+#: residual is `DETECTABLE_RATIO` and `LARGE_RATIO` times the floor.
 MOVED_EDGES = (
     *(0.0, 0.1, 0.2, 0.4),
-    *(float(np.sqrt(ratio**2 - 1.0)) for ratio in (blind_trial.LIMIT, blind_trial.LARGE)),
+    *(
+        float(np.sqrt(ratio**2 - 1.0))
+        for ratio in (blind_trial.DETECTABLE_RATIO, blind_trial.LARGE_RATIO)
+    ),
     *(8.0, np.inf),
 )
 #: Least part of the residual over the noise floor, whose logarithm is finite.

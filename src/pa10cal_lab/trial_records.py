@@ -100,7 +100,7 @@ class HiddenEffect(record.EffectName):
     outside: bool | None = record.optional()
 
 
-class PutIn(record.Part):
+class TrialDisturbance(record.Part):
     """A stressor or a fault that a wild trial puts into the raw files."""
 
     id: str  # id of the disturbance
@@ -126,7 +126,9 @@ class TrialTruthRecord(record.CampaignRecord):
     temperature_drift_C: float  # change of temperature [K]
     flexible_joints: tuple[int, ...]  # joints with a spring, from 1
     hidden_effects: tuple[HiddenEffect, ...]  # effects that it hides
-    put_in: tuple[PutIn, ...] = ()  # stressors and faults in its raw files; of wild trials alone
+    put_in: tuple[
+        TrialDisturbance, ...
+    ] = ()  # stressors and faults in its raw files; of wild trials alone
     # uncertainty stated in place of the true one [mm]; null where it is true
     stated_uncertainty_mm: float | None
     mass_factor: tuple[float, ...]  # factors of the masses that are stated

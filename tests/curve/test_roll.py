@@ -196,7 +196,7 @@ def test_exactly_the_rolls_that_keep_the_limits(random_directions, seed, order, 
     chain = RollMap.of(random_directions(seed, n, bend), order)
     # Limits about zero, aside of it and beyond half a turn.
     centre = random.uniform(-1.0, 1.0, (2, n - 1)) * random.choice([0.0, 0.3, 2.0])
-    limits = joint_limits(*(np.stack([c - width, c + width], axis=1) for c in centre), n - 1)
+    limits = np.stack([centre - width, centre + width], axis=1)
     a_rad, b_rad = chain.angles(SCAN)
     turns = np.stack([a_rad, b_rad], axis=1)
     room = np.minimum(turns - limits[:, 0], limits[:, 1] - turns).min(axis=(1, 2), initial=9)
@@ -234,10 +234,6 @@ def test_a_straight_chain_may_roll_to_anywhere_within_limits_about_zero():
             r"joint 1: the limits of a are invalid .*0.1, -0.1",
         ),
         (lambda: joint_limits([0, 0], [0, np.nan], 1), "the limits of b"),
-        (
-            lambda: joint_limits(*np.zeros((2, 5, 2)), 2),
-            "limits: the limits are of another chain .*5 of a, 5 of b.*; allowed: 2 each",
-        ),
     ],
 )
 def test_limits_that_are_none_are_refused(limits, message):

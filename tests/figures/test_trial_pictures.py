@@ -64,7 +64,7 @@ def trial(rng, number, kind, names, measured):
     layout = LAYOUTS[measured][number % len(LAYOUTS[measured])]
     made = made_up_trials.trial(kind, hidden, said, layout=layout, measured=measured)
     name = {"campaign": f"blind-{number:04d}"}
-    return made.said.model_copy(update=name), made.truth.model_copy(update=name)
+    return made.judgement.model_copy(update=name), made.truth.model_copy(update=name)
 
 
 def write_scores(folder, kinds, measured="touched"):

@@ -330,7 +330,7 @@ def test_a_map_at_the_joint_of_what_has_no_name_is_the_right_place():
 )
 def test_a_place_is_told_by_whatever_name(said, told):
     one = trial("outside", [THIRD], said)
-    assert one.tells_place(THIRD) == told
+    assert one.finds_place(THIRD) == told
 
 
 def test_power_is_studied_by_size_and_by_what_moves():

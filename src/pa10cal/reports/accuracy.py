@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from pa10cal.reports import formatting, pictures
-from pa10cal.reports.blocks import Beside, Callout, Grid, PageBlock, Paragraph, folded, grid
+from pa10cal.reports.blocks import Callout, Grid, PageBlock, Paragraph, SideBySide, folded, grid
 from pa10cal.reports.errors import ALL, FITTED, HELD_OUT, ModelErrors, errors_of, model_titles
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.calibration import (
@@ -46,7 +46,7 @@ def accuracy(results: ResultsBundle) -> Iterator[PageBlock]:
         drawings = [
             pictures.shares_drawing(results.held_out, titles, unit) for unit in ("mm", "deg")
         ]
-        yield Beside(tuple(drawing for drawing in drawings if drawing is not None))
+        yield SideBySide(tuple(drawing for drawing in drawings if drawing is not None))
     if (record := results.verdict) is not None:
         yield reductions_grid(record)
         yield Paragraph(

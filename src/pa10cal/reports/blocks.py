@@ -111,7 +111,7 @@ class Image(PageBlock):
 
 
 @dataclass(frozen=True)
-class Beside(PageBlock):
+class SideBySide(PageBlock):
     """Figures side by side where there is room."""
 
     drawings: tuple[Drawing, ...]

@@ -77,7 +77,7 @@ def measurement_section(results: ResultsBundle) -> Iterator[blocks.PageBlock]:
     if motion is not None:
         knocks_s = [knock.time_s for knock in motion.knocked]
         kinds = ("shift", "turn") if motion.turns else ("shift",)
-        yield blocks.Beside(tuple(motion_drawing(poses, kind, knocks_s) for kind in kinds))
+        yield blocks.SideBySide(tuple(motion_drawing(poses, kind, knocks_s) for kind in kinds))
         yield blocks.Items(tuple(sentence(str(knock)) for knock in motion.knocked))
     if results.quarantined:
         reasons = listed(f"{number} × {reason}" for reason, number in results.quarantined.items())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pa10cal.reports.blocks import Beside, Callout, Items, PageBlock, Paragraph, grid
+from pa10cal.reports.blocks import Callout, Items, PageBlock, Paragraph, SideBySide, grid
 from pa10cal.reports.errors import better_general
 from pa10cal.reports.formatting import (
     NOT_KNOWN,
@@ -47,7 +47,7 @@ def errors_by_angle(results: ResultsBundle) -> Iterator[PageBlock]:
             "map shows at which joint an error is, not whether encoder, gear or controller causes "
             "it. Joints without a map showed no need of one."
         )
-        yield Beside(maps)
+        yield SideBySide(maps)
     if campaigns := tuple(campaigns_drawings(results.verdict)):
         yield Paragraph(
             "The same errors as each campaign alone has them, where it has poses, less the mean "
@@ -56,7 +56,7 @@ def errors_by_angle(results: ResultsBundle) -> Iterator[PageBlock]:
             "of the campaigns, and α, the share of the error that the motor followed, where its "
             "own ripple shows it: 0 if the gear makes the error, 1 if the sensor does."
         )
-        yield Beside(campaigns)
+        yield SideBySide(campaigns)
 
 
 def grade(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock]:

@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from pa10cal.errors import RecordError
 from pa10cal.input_files import read_file, reason
-from pa10cal.reports.blocks import Beside, Drawing, Folded, Image, PageBlock
+from pa10cal.reports.blocks import Drawing, Folded, Image, PageBlock, SideBySide
 from pa10cal.reports.theme import packed_figure, packed_library
 from pa10cal.results.outcomes import PicturesRecord
 
@@ -91,7 +91,7 @@ def rendered(
 def _has_figures(blocks: Iterable[PageBlock]) -> bool:
     """Return whether plotly has to draw one of some blocks, folded ones included."""
     return any(
-        isinstance(block, Drawing | Beside)
+        isinstance(block, Drawing | SideBySide)
         or (isinstance(block, Folded) and _has_figures(block.blocks))
         for block in blocks
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import Beside, Callout, Drawing, PageBlock, Paragraph, grid
+from pa10cal.reports.blocks import Callout, Drawing, PageBlock, Paragraph, SideBySide, grid
 from pa10cal.reports.formatting import sentence
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.reports.theme import BLUE, VERMILLION, new_space
@@ -57,7 +57,7 @@ def residuals(results: ResultsBundle) -> Iterator[PageBlock]:
     if results.verdict is not None and results.verdict.effects and results.analysis is not None:
         models.append("after_mm")
     drawings = tuple(_drawing(rows_by_kind, model, scale, ranges_mm) for model in models)
-    yield Beside(drawings) if len(drawings) > 1 else drawings[0]
+    yield SideBySide(drawings) if len(drawings) > 1 else drawings[0]
     yield grid(
         f"The largest residuals, {_MODELS[models[-1]]}",
         "pose | load [N] | poses | x [mm] | y [mm] | z [mm] | length [mm]",

@@ -12,16 +12,21 @@ import numpy as np
 
 from pa10cal.arm.coupling import CoupledJoint, Coupling
 from pa10cal.arrays import Array
-from pa10cal.reports.blocks import Beside, Callout, Grid, Items, PageBlock, Paragraph, folded, grid
+from pa10cal.reports.blocks import (
+    Callout,
+    Grid,
+    Items,
+    PageBlock,
+    Paragraph,
+    SideBySide,
+    folded,
+    grid,
+)
 from pa10cal.reports.formatting import NOT_KNOWN, count, display_name, listed, mm, named, sentence
 from pa10cal.reports.pictures import plane_drawings, poses_drawing
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results import discovery
-from pa10cal.results.calibration import (
-    CalibrationRecord,
-    GeneralCalibrationRecord,
-    PosesNeeded,
-)
+from pa10cal.results.calibration import CalibrationRecord, GeneralCalibrationRecord, PosesNeeded
 from pa10cal.terms.wording import sag_text
 
 #: Of more suspected outliers a check names only the first; their table has all.
@@ -67,7 +72,7 @@ def trust(results: ResultsBundle, case: CalibrationRecord) -> Iterator[PageBlock
             "each plane of the Monte Carlo, from the closed form. Means are over the grid of the "
             "map; the picture below draws positions at random, so the two differ a little."
         )
-        yield Beside(tuple(plane_drawings(results.planes)))
+        yield SideBySide(tuple(plane_drawings(results.planes)))
 
 
 def outliers_grid(case: GeneralCalibrationRecord) -> Grid:

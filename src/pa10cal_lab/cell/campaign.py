@@ -37,10 +37,7 @@ class SimulatedCampaign:
 
 
 def simulate_campaign(
-    name: str,
-    arm: Arm,
-    settings: SimulateOptions,
-    kcub_reading: KcubReading = "text_e7",
+    name: str, arm: Arm, settings: SimulateOptions, kcub_reading: KcubReading = "text_e7"
 ) -> SimulatedCampaign:
     """Measure one robot in the virtual cell; the same settings give the same campaign.
 
@@ -64,10 +61,7 @@ def robot_of(arm: Arm, settings: SimulateOptions, kcub_reading: KcubReading = "t
 
 
 def measure_campaign(
-    name: str,
-    settings: SimulateOptions,
-    robot: Robot,
-    effects: Sequence[SimulatedEffect] = (),
+    name: str, settings: SimulateOptions, robot: Robot, effects: Sequence[SimulatedEffect] = ()
 ) -> SimulatedCampaign:
     """Measure a given robot; see `simulate_campaign`.
 

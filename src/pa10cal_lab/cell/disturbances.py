@@ -222,9 +222,7 @@ def random_walk(
 
 @disturbance(stressor=True, needs=("tracker",))
 def temperature_ramp(
-    log: RawLog,
-    rng: Rng,
-    rise_C: Annotated[Finite, "from beginning to end"] = 6.0,
+    log: RawLog, rng: Rng, rise_C: Annotated[Finite, "from beginning to end"] = 6.0
 ) -> list[str]:
     """The hall warms up through the whole campaign; the arm does not mind."""
     start_C = float(log.description["reference_temperature_C"]) + rng.uniform(-1.0, 1.0)
@@ -265,9 +263,7 @@ def gross_errors(
 
 @disturbance(stressor=True, needs=("masses",))
 def level_off(
-    log: RawLog,
-    rng: Rng,
-    off_deg: Annotated[Finite, "tilt about a horizontal axis"] = 0.5,
+    log: RawLog, rng: Rng, off_deg: Annotated[Finite, "tilt about a horizontal axis"] = 0.5
 ) -> list[str]:
     """The base stands by a degree off the level that gravity is stated for."""
     about = rng.uniform(-np.pi, np.pi)
@@ -298,10 +294,7 @@ def _two_to_four_deg(_joints: int, rng: Rng) -> float:
 
 @disturbance(kinds=("joint_zero",), draws={"off_deg": _two_to_four_deg, **_INNER_JOINT})
 def joint_zero(
-    log: RawLog,
-    _rng: Rng,
-    joint: Joint,
-    off_deg: Annotated[Finite, "by how much"] = 3.0,
+    log: RawLog, _rng: Rng, joint: Joint, off_deg: Annotated[Finite, "by how much"] = 3.0
 ) -> list[str]:
     """The zero of a joint is off in the log."""
     log.joints[log.angle_column(joint)] += off_deg
@@ -350,8 +343,7 @@ def attitudes(
 
 
 @disturbance(
-    kinds=("step_in_time",),
-    draws={"size_mm": log_between(0.1, 0.5), "after": between(0.35, 0.65)},
+    kinds=("step_in_time",), draws={"size_mm": log_between(0.1, 0.5), "after": between(0.35, 0.65)}
 )
 def jump(
     log: RawLog,
@@ -437,9 +429,7 @@ def one_reading_off(log: RawLog, rng: Rng, size_mm: Size = 5.0) -> list[str]:
 
 @disturbance(needs=("touches",))
 def log_cut(
-    log: RawLog,
-    _rng: Rng,
-    part: Annotated[FinitePositive, "what is left of it"] = 0.04,
+    log: RawLog, _rng: Rng, part: Annotated[FinitePositive, "what is left of it"] = 0.04
 ) -> list[str]:
     """The joint log ends early."""
     log.tables["resolver"] = log.joints.iloc[: max(1, round(part * len(log.joints)))]
@@ -455,9 +445,7 @@ _LINK_M = 0.1
 
 @disturbance(draws={"of": one_of(*get_args(Wrong))})
 def unit(
-    log: RawLog,
-    _rng: Rng,
-    of: Annotated[Wrong, "which figure, and the unit that it is in"],
+    log: RawLog, _rng: Rng, of: Annotated[Wrong, "which figure, and the unit that it is in"]
 ) -> list[str]:
     """A figure is in another unit than its key says."""
     said = log.description
@@ -511,9 +499,7 @@ def payload_off(log: RawLog, _rng: Rng, factor: Factor = 1.2) -> list[str]:
 
 @disturbance(measured=True, kinds=("payload",), needs=("masses", "springs"))
 def payload_centre_off(
-    log: RawLog,
-    rng: Rng,
-    off_mm: Annotated[Finite, "along any axis of the flange"] = 50.0,
+    log: RawLog, rng: Rng, off_mm: Annotated[Finite, "along any axis of the flange"] = 50.0
 ) -> list[str]:
     """The stated centre of mass of the tool is off."""
     axis = int(rng.integers(3))
@@ -523,9 +509,7 @@ def payload_centre_off(
 
 @disturbance()
 def length_typo(
-    log: RawLog,
-    rng: Rng,
-    off_mm: Annotated[Finite, "by how much"] = 27.0,
+    log: RawLog, rng: Rng, off_mm: Annotated[Finite, "by how much"] = 27.0
 ) -> list[str]:
     """The length of one of the longer rows in the description of the arm is a typing error."""
     arm = log.arm

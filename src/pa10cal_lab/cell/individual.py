@@ -14,12 +14,7 @@ from pa10cal.arrays import Array, homogeneous
 from pa10cal.errors import SimulationError
 from pa10cal.options import Tolerances
 from pa10cal_lab.cell.mechanism import Departures, Mechanism
-from pa10cal_lab.cell.options import (
-    SimulateOptions,
-    SlideOptions,
-    TrackerOptions,
-    UnstatedOptions,
-)
+from pa10cal_lab.cell.options import SimulateOptions, SlideOptions, TrackerOptions, UnstatedOptions
 from pa10cal_lab.cell.poses import centre_rad
 from pa10cal_lab.cell.robot import (
     BALLS_DESIGN_M,
@@ -63,10 +58,7 @@ _K_CUB_PER_K_LIN = 1700.0
 
 
 def build_robot(
-    arm: Arm,
-    settings: SimulateOptions,
-    kcub_reading: KcubReading,
-    rng: np.random.Generator,
+    arm: Arm, settings: SimulateOptions, kcub_reading: KcubReading, rng: np.random.Generator
 ) -> Robot:
     """Build one robot with its tool, in front of the instrument.
 
@@ -110,10 +102,7 @@ def build_robot(
 
 
 def draw_individual(
-    arm: Arm,
-    plan: TrackerOptions,
-    rng: np.random.Generator,
-    mass_factor: tuple[float, ...] = (),
+    arm: Arm, plan: TrackerOptions, rng: np.random.Generator, mass_factor: tuple[float, ...] = ()
 ) -> Robot:
     """Draw one robot in front of a tracker: geometry, springs, base, targets; see `build_robot`."""
     geometry, stiffness = rng.spawn(2)  # so that geometry is the same with or without springs

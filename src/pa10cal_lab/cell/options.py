@@ -130,8 +130,7 @@ class TrackerOptions(Section):
     """
 
     instrument: TrackerKind = Field(
-        "pose",
-        description="kind of instrument from docs/instruments.md, other than touches",
+        "pose", description="kind of instrument from docs/instruments.md, other than touches"
     )
     poses: Annotated[int, Field(ge=1)] = Field(
         60, description="configurations, at random within the joint limits"

@@ -173,11 +173,7 @@ def draw_trials(
 
 
 def _refuse(
-    what: str,
-    where: str,
-    value: object,
-    allowed: Iterable[str],
-    remedy: str = "name one of these",
+    what: str, where: str, value: object, allowed: Iterable[str], remedy: str = "name one of these"
 ) -> NoReturn:
     raise SettingsError(what, where=where, value=value, allowed=", ".join(allowed), remedy=remedy)
 
@@ -300,11 +296,7 @@ _TRIES = 2000
 
 
 def _draw_wild(
-    kind: str,
-    number: int,
-    subject: str,
-    benches: Mapping[str, Bench],
-    rng: np.random.Generator,
+    kind: str, number: int, subject: str, benches: Mapping[str, Bench], rng: np.random.Generator
 ) -> Trial:
     """Draw a trial of a subject at a bench where it has an effect."""
     names = list(benches)

@@ -221,10 +221,7 @@ class SimulatedSoftWindup(effect.LoadedJointEffect):
 
     id = "soft_windup"
     trial_places = ("loaded joint",)
-    usual = effect.draws(
-        A=effect.sized(1e-4),
-        tau0=lambda site, _size, _rng: 0.2 * site.typical_Nm,
-    )
+    usual = effect.draws(A=effect.sized(1e-4), tau0=lambda site, _size, _rng: 0.2 * site.typical_Nm)
     plausible_size = 3.0
 
     A: effect.Finite = Field(description="extra deflection under large torque [rad]")

@@ -118,8 +118,7 @@ class SimulatedSlideBending(OnSlide):
     by_moment = True
     by_weights = True
     usual = effect.draws(
-        c=effect.sized(1.5e-6),
-        stroke_m=lambda site, _size, _rng: list(site.stroke_m),
+        c=effect.sized(1.5e-6), stroke_m=lambda site, _size, _rng: list(site.stroke_m)
     )
     plausible_size = 2.0
 

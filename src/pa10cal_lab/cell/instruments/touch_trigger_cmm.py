@@ -48,13 +48,7 @@ class TouchTriggerCmm(instrument.SimulatedInstrument):
         "touch",
         "log",
     )
-    decimals: ClassVar[Mapping[str, int]] = {
-        "time_s": 2,
-        "_mm": 4,
-        "_deg": 5,
-        "_Nm": 3,
-        "_C": 2,
-    }
+    decimals: ClassVar[Mapping[str, int]] = {"time_s": 2, "_mm": 4, "_deg": 5, "_Nm": 3, "_C": 2}
 
     def schedule(self, robot: Robot, streams: instrument.Streams) -> tuple[Schedule, Poses]:
         """Return straight moves, the grid once a load and repeat, and held-out points."""
