@@ -150,7 +150,7 @@ def test_bars_count_springs_and_trials():
     assert motion.limit == 0.0
     assert not any(bar.met for bar in found.values() if bar.share)
     fine = [CASES[name][0] for name in ("named", "another effect", "nothing hidden", "sorted")]
-    fine[1] = replace(fine[1], said=said(names=[TWO, RATIO]))
+    fine[1] = replace(fine[1], judgement=said(names=[TWO, RATIO]))
     assert all(bar.met for bar in scored(fine).bars if bar.trials)
 
 
