@@ -101,23 +101,24 @@ def calibrate(
     from pa10cal.errors import CalibrationError
     from pa10cal.fit.fitted_model import models_of
 
-    used = options or CalibrationOptions()
-    if given := prior or (load_model(used.prior) if used.prior else None):
+    options = options or CalibrationOptions()
+    prior = prior or (load_model(options.prior) if options.prior else None)
+    if prior is not None:
         from pa10cal.calibration.general.other_campaign import refuse_unsound
 
-        refuse_unsound(given, force=force)
-    about = campaign.description, campaign.arm, campaign.observations
-    findings = check_input(*about, used)
-    case = LoadCase(*about, load, used, findings, given)
+        refuse_unsound(prior, force=force)
+    measured = campaign.description, campaign.arm, campaign.observations
+    findings = check_input(*measured, options)
+    case = LoadCase(*measured, load, options, findings, prior)
     try:
         record = calibrated_record(case, base_frame)
-        if used.effects:
+        if options.effects:
             from pa10cal.discovery.given import calibrated_with, listed
 
-            record = calibrated_with(listed(used), record, case, DiscoveryOptions())
+            record = calibrated_with(listed(options), record, case, DiscoveryOptions())
     except CalibrationError as error:
         raise explained(error, findings) from None
-    *_, model = models_of(record, campaign.name).values()
+    *_, model = models_of(record, campaign.name).values()  # the last one has all that was fitted
     return model
 
 

@@ -108,7 +108,9 @@ def test_the_position_expected_is_that_of_the_first_target(instrument):
         before, after = ((end_pose(chain, each) @ place)[:, :3] for each in coordinates)
         k = [parameter.name for parameter in rows.parameters].index(f"delta_{name}")
         np.testing.assert_allclose(
-            rows.tool[:, :, k] / rows.sizes[k], (after - before) / (2.0 * step), atol=1e-7
+            rows.target_jacobian[:, :, k] / rows.sizes[k],
+            (after - before) / (2.0 * step),
+            atol=1e-7,
         )
 
 
@@ -119,7 +121,7 @@ def test_the_position_expected_is_that_under_the_least_load_in_whatever_order():
         for loads_N in ((0.0, 60.0), (60.0, 0.0))
     )
     assert one.springs
-    np.testing.assert_allclose(one.tool, other.tool, atol=1e-12)
+    np.testing.assert_allclose(one.target_jacobian, other.target_jacobian, atol=1e-12)
 
 
 def test_what_rounding_leaves_is_no_effect():

@@ -1,6 +1,6 @@
-"""Campaigns of real robots: what is known of each, and which are at hand.
+"""Campaigns of real robots: what is known of each, which are at hand, the table of their results.
 
-Nothing here comes from a run. The workflow reads this while it plans, so it needs no other library.
+The workflow reads the first two while it plans, before anything is run.
 """
 
 from __future__ import annotations

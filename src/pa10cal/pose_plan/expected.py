@@ -43,7 +43,7 @@ class ExpectedRows:
     white: Array
     # (N, 3, k) derivative of the first target's position [m] by the unknowns in these units,
     # under the least load
-    tool: Array
+    target_jacobian: Array
     effects: dict[Effect, slice]  # effects that would show, with their columns of `white`
     springs: tuple[int, ...]  # joints to which the model gives a spring
 
@@ -55,7 +55,7 @@ class ExpectedRows:
 
 def expected_rows(setup: PlanSetup, q: Array, calibration: CalibrationOptions) -> ExpectedRows:
     """Return the rows of poses at joint positions (N, n) [rad, or m of a prismatic joint]."""
-    observations, start = _foreseen(setup, q)
+    observations, start = _foreseen_observations(setup, q)
     general = general_problem(setup.arm, observations, start, setup.payload, calibration)
     problem, x = general.problem, general.x_start
     every_size = possible_sizes(problem.model, problem.observations.measured)
@@ -83,13 +83,13 @@ def expected_rows(setup: PlanSetup, q: Array, calibration: CalibrationOptions) -
         parameters=problem.parameters,
         sizes=sizes,
         white=white.reshape(len(q), -1, white.shape[2]),
-        tool=_target_jacobian(general, target_m)[least_loaded] * sizes,
+        target_jacobian=_target_jacobian(general, target_m)[least_loaded] * sizes,
         effects=columns,
         springs=general.springs,
     )
 
 
-def _foreseen(setup: PlanSetup, q: Array) -> tuple[Observations, Start]:
+def _foreseen_observations(setup: PlanSetup, q: Array) -> tuple[Observations, Start]:
     """Return every pose under every load as the instrument would observe the nominal arm."""
     kind, options = setup.kind, setup.options
     targets_m = np.array(list(setup.targets.values()))
@@ -188,15 +188,15 @@ def covariance_of(white: Array) -> Array:
     return np.asarray(root @ root.T)
 
 
-def tool_u_mm(tool: Array, covariance: Array) -> Array:
+def target_u_mm(target_jacobian: Array, covariance: Array) -> Array:
     """Return the standard uncertainty of the first target's position in each pose, (N,) [mm].
 
-    By its derivative (N, 3, k), as `ExpectedRows.tool`, and the covariance (k, k).
+    By its derivative (N, 3, k), as `ExpectedRows.target_jacobian`, and the covariance (k, k).
     """
-    variance = np.einsum("pik,pik->p", tool, tool @ covariance)
+    variance = np.einsum("pik,pik->p", target_jacobian, target_jacobian @ covariance)
     return np.asarray(1e3 * np.sqrt(np.maximum(variance, 0.0)))
 
 
-def rms_mm(tool: Array, covariance: Array) -> float:
-    """Return the root mean square of `tool_u_mm` over the poses."""
-    return float(np.sqrt(np.mean(tool_u_mm(tool, covariance) ** 2)))
+def target_rms_u_mm(target_jacobian: Array, covariance: Array) -> float:
+    """Return the root mean square of `target_u_mm` over the poses."""
+    return float(np.sqrt(np.mean(target_u_mm(target_jacobian, covariance) ** 2)))

@@ -30,8 +30,8 @@ from pa10cal.pose_plan.expected import (
     ExpectedRows,
     covariance_of,
     expected_rows,
-    rms_mm,
-    tool_u_mm,
+    target_rms_u_mm,
+    target_u_mm,
 )
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.setup import PlanSetup, instrument_named
@@ -143,11 +143,14 @@ def _planned(
     random_sets = [
         rng.choice(len(rows.white), len(chosen), replace=False) for _ in range(_RANDOM_SETS)
     ]
-    random_mm = [rms_mm(rows.tool, covariance_of(rows.of_model[some])) for some in random_sets]
+    random_mm = [
+        target_rms_u_mm(rows.target_jacobian, covariance_of(rows.of_model[some]))
+        for some in random_sets
+    ]
     T = Chain.of(arm).forward(candidates.q[chosen])
     q = arm.coupling.to_axes(candidates.q[chosen])
     p_m = T[:, :3, 3] + T[:, :3, :3] @ next(iter(setup.targets.values()))
-    u_mm = tool_u_mm(rows.tool[chosen], covariance)
+    u_mm = target_u_mm(rows.target_jacobian[chosen], covariance)
     in_files = np.where(arm.axes_slide, 1e3 * q, np.degrees(q)).tolist()
     expected = records.PlanRecord(
         robot=arm.name,
@@ -159,7 +162,8 @@ def _planned(
             for number, (position, p, u) in enumerate(zip(in_files, p_m, u_mm, strict=True), 1)
         ),
         tool=records.ToolExpected(
-            plan_mm=rms_mm(rows.tool, covariance), random_mm=float(np.median(random_mm))
+            plan_mm=target_rms_u_mm(rows.target_jacobian, covariance),
+            random_mm=float(np.median(random_mm)),
         ),
         parameters={
             parameter.name: records.ExpectedParameter(std=float(u), unit=parameter.unit)

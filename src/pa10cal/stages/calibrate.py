@@ -8,12 +8,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pa10cal.calibration.options import CalibrationOptions, EffectOfPlace
+from pa10cal.calibration.options import CalibrationOptions
 from pa10cal.options import DiscoveryOptions
 
 if TYPE_CHECKING:
+    from pa10cal.calibration.load_case import LoadCase
     from pa10cal.fit.fitted_model import FittedModel
-    from pa10cal.results.calibration import CalibrationRecord
+    from pa10cal.results.calibration import BaseFrameRecord, CalibrationRecord
     from pa10cal.terms.effects.effect import Effect
 
 #: Load case of the general model beside those of the paper's model: all loads together.
@@ -55,12 +56,10 @@ def calibrate(
     """
     import numpy as np
 
-    from pa10cal.calibration.campaign import calibration_record
     from pa10cal.calibration.general.case import as_load
     from pa10cal.calibration.input_checks import check_input, explained
     from pa10cal.calibration.load_case import LoadCase, load_cases
     from pa10cal.calibration.options import takes_general_model
-    from pa10cal.discovery.given import calibrated_with, listed
     from pa10cal.errors import CalibrationError, DiscoveryError
     from pa10cal.results.calibration import BaseFrameRecord, GeneralCalibrationRecord
     from pa10cal.results.codec import read, write
@@ -77,9 +76,9 @@ def calibrate(
     findings = check_input(campaign, arm, observations, settings)
     prior_file = prior or (Path(settings.prior) if settings.prior else None)
     prior_model = None if prior_file is None else _read_prior(prior_file, general, force=force)
-    of_verdict = None
+    verdict, of_verdict = "", None
     if settings.effects == "named" and named is not None:
-        of_verdict, verdict = _effects_of_verdict(named, campaign.name)
+        verdict, of_verdict = _effects_of_verdict(named, campaign.name)
     records: dict[str, CalibrationRecord] = {}
     for name in names:
         began_s = time.perf_counter()
@@ -87,17 +86,13 @@ def calibrate(
         if isinstance(first, GeneralCalibrationRecord) and of_one_load:
             records[name] = as_load(first, name)  # the poses are the same
         else:
+            case = LoadCase(campaign, arm, observations, name, settings, findings, prior_model)
+            if of_verdict == []:
+                about = f"{campaign.name} {name}: the verdict {verdict}"
+                print(f"{about} names no effects to calibrate with")
+            by_general = general or name == GENERAL
             try:
-                case = LoadCase(campaign, arm, observations, name, settings, findings, prior_model)
-                record = calibration_record(case, seed, general=general or name == GENERAL)
-                effects: Sequence[EffectOfPlace | Effect]
-                effects = listed(settings) if of_verdict is None else of_verdict
-                if of_verdict is not None and not of_verdict:
-                    print(
-                        f"{campaign.name} {name}: the verdict {verdict} names no effects to "
-                        "calibrate with"
-                    )
-                records[name] = calibrated_with(effects, record, case, discovery)
+                records[name] = _record(case, seed, of_verdict, discovery, by_general=by_general)
             except (CalibrationError, DiscoveryError) as error:
                 placed = error.within(str(prior_file)) if error.where == "prior" else error
                 placed = placed if load else placed.within(f"load case {name}")
@@ -122,8 +117,36 @@ def _read_prior(path: Path, general: bool, *, force: bool) -> FittedModel:
     return model
 
 
-def _effects_of_verdict(path: Path, campaign: str) -> tuple[list[Effect], str]:
-    """Return the effects of the extended model, and the verdict that it was written with."""
+def _record(
+    case: LoadCase,
+    seed: BaseFrameRecord,
+    of_verdict: Sequence[Effect] | None,
+    discovery: DiscoveryOptions,
+    *,
+    by_general: bool,
+) -> CalibrationRecord:
+    """Calibrate a load case, once more with effects where there are any.
+
+    Args:
+        case: the load case.
+        seed: where the base stands.
+        of_verdict: effects that discovery named; None for those that the settings list.
+        discovery: options for effects to calibrate with.
+        by_general: by the general model; otherwise by the paper's.
+
+    Raises:
+        CalibrationError, DiscoveryError: when the poses do not allow it.
+    """
+    from pa10cal.calibration.campaign import calibration_record
+    from pa10cal.discovery.given import calibrated_with, listed
+
+    record = calibration_record(case, seed, general=by_general)
+    effects = listed(case.options) if of_verdict is None else of_verdict
+    return calibrated_with(effects, record, case, discovery)
+
+
+def _effects_of_verdict(path: Path, campaign: str) -> tuple[str, list[Effect]]:
+    """Return the verdict with which an extended model was written, and its effects."""
     from pa10cal.results.codec import read
     from pa10cal.results.discovery import ExtendedRecord
     from pa10cal.stages.inputs import read_extended
@@ -131,7 +154,7 @@ def _effects_of_verdict(path: Path, campaign: str) -> tuple[list[Effect], str]:
 
     terms = read_extended(path, campaign).model.model.terms
     effects = [term for term in terms if isinstance(term, Effect)]
-    return effects, read(ExtendedRecord, path, campaign).verdict
+    return read(ExtendedRecord, path, campaign).verdict, effects
 
 
 def _write_all(records: Mapping[str, CalibrationRecord], out: Path) -> None:

@@ -91,34 +91,36 @@ def export(
         by_maker = maker_calibration(record.robot, campaign_dir)
         designed = fitted.arm if by_maker is None else by_maker.designed
     part = rigid_part(fitted)
-    best, best_urdf_text, best_dh_text, lines = None, None, None, []
+    part_comments, best, lines = [*comments], None, []
     best_urdf = urdf.with_name(f"{urdf.stem}_rigid_fit.urdf")
     if poses is not None and campaign_dir is not None:
         _, _, observations = read_measured(campaign_dir, poses)
-        beyond = beyond_rigid(fitted, observations)
+        part_comments.append(beyond_rigid(fitted, observations))
         try:
             best = _best_rigid(fitted, part, observations)
         except ModelError as refusal:
             lines = [f"{best_urdf.name} is not written: {refusal.what}"]
-            comments.append(beyond)
         else:
-            best_comments = [*comments, _about_best_rigid(fitted, best)]
-            best_urdf_text = _urdf(best.model, source, fitted.arm.name, best_comments)
-            best_dh_text = dh_text(fitted, mark, best.model, best.error)
+            part_comments.append(str(best.error_of_part))
             lines = [
                 f"{urdf.name}, the rigid part: {best.error_of_part}",
                 f"{best_urdf.name}, geometry fitted for it: {best.error}",
             ]
-            comments += [beyond, str(best.error_of_part)]
 
     # All texts are made before the first is written; a file without a text is not there afterwards.
-    texts: dict[Path, str | None] = {urdf: _urdf(part, source, fitted.arm.name, comments)}
+    texts: dict[Path, str | None] = {
+        urdf: _urdf(part, source, fitted.arm.name, part_comments),
+        best_urdf: None,
+        model.with_name("ur_kinematics.yaml"): _ur_driver_text(part, part_comments),
+        model.with_name("ur_calibration.conf"): _ur_controller_text(part, designed, part_comments),
+    }
+    if best is not None:
+        best_comments = [*comments, _about_best_rigid(fitted, best)]
+        texts[best_urdf] = _urdf(best.model, source, fitted.arm.name, best_comments)
     if dh is not None:
+        best_dh = dh.with_name(f"{dh.stem}_rigid_fit.csv")
         texts[dh] = dh_text(fitted, mark, error=None if best is None else best.error_of_part)
-        texts[dh.with_name(f"{dh.stem}_rigid_fit.csv")] = best_dh_text
-    texts[best_urdf] = best_urdf_text
-    texts[model.with_name("ur_kinematics.yaml")] = _ur_driver_text(part, comments)
-    texts[model.with_name("ur_calibration.conf")] = _ur_controller_text(part, designed, comments)
+        texts[best_dh] = None if best is None else dh_text(fitted, mark, best.model, best.error)
     for path, text in texts.items():
         if text is None:
             path.unlink(missing_ok=True)
