@@ -16,9 +16,6 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-# Manufacturing tolerances of link parameters.
-
-
 class Tolerances(Section):
     """Manufacturing tolerances of link parameters; they scale departures (paper, Section II.C)."""
 
@@ -27,9 +24,6 @@ class Tolerances(Section):
     d_m: Positive = Field(0.25e-3, description="offset")
     beta_rad: Positive = Field(1e-3, description="Hayati parameter between parallel axes")
     theta_rad: Positive = Field(5e-4, description="joint zero")
-
-
-# Options of the base frame.
 
 
 class BaseFrameOptions(Section):
@@ -42,9 +36,6 @@ class BaseFrameOptions(Section):
     min_angle_deg: Annotated[float, Field(gt=0, lt=90)] = Field(
         60.0, description="a smaller angle between the x and y moves counts as parallel"
     )
-
-
-# Options of ingest.
 
 
 class IngestOptions(Section):
@@ -60,9 +51,6 @@ class IngestOptions(Section):
     max_quarantined_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
         0.2, description="a larger share of quarantined rows is refused"
     )
-
-
-# Options of the search for missing effects.
 
 
 class DiscoveryOptions(Section):
@@ -94,9 +82,6 @@ class DiscoveryOptions(Section):
     random_seed: Annotated[int, Field(ge=0)] = Field(
         20080427, description="of the poses from which suggestions are chosen"
     )
-
-
-# Options of the Monte Carlo study.
 
 
 class MonteCarloOptions(Section):

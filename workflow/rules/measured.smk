@@ -72,7 +72,7 @@ rule measured:
         measured_result("measured.log"),
     params:
         calibration=SETTINGS.evaluation.calibration,
-        code=code_of("pa10cal.commands.measured"),
+        code=code_of("pa10cal.commands.fleet"),
         folders=folders_option(each.folder for each in MEASURED.values()),
         out=lambda wildcards, output: os.path.dirname(output.record),
     shell:

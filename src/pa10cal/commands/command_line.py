@@ -84,7 +84,7 @@ GROUPS = {
         "export": "pa10cal.stages.export",
         "figures": "pa10cal.commands.figures",
         "fleet_summary": "pa10cal.commands.fleet",
-        "measured": "pa10cal.commands.measured",
+        "measured": "pa10cal.commands.fleet",
     },
     "arms, effects and public data": dict.fromkeys(
         ("effects", "import_arm", "fetch", "import"), "pa10cal.commands.data"

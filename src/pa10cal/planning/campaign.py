@@ -86,13 +86,8 @@ def check_prior(prior: str | Path, results: Iterable[Path]) -> None:
 def refuse_among_raw_files(results: Path, folder: Path, option: str, given: Path) -> None:
     """Refuse results that would be written into a folder of raw files, or be that folder.
 
-    Args:
-        results: folder of the results of a campaign or group.
-        folder: folder of raw files.
-        option: what the results were stated by, and `given` what it states.
-
     Raises:
-        OutputError: naming the option.
+        OutputError: naming the option that states them, and what it was given.
     """
     if folder in (results, *results.parents):
         raise OutputError(

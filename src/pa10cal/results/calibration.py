@@ -175,7 +175,7 @@ class SharedParameter(record.Part):
     unit: str  # its unit
     std: float  # standard uncertainty by all campaigns together
     # standard uncertainty by each campaign alone
-    std_alone: Mapping[Annotated[str, record.Key("campaign")], float]
+    std_alone: Mapping[record.CampaignKey, float]
     determined_by: tuple[str, ...]  # campaigns that determine it alone
 
 
@@ -183,9 +183,9 @@ class GroupOfCampaigns(record.Part):
     """What the campaigns of a group say alone, linear about the fit of all."""
 
     # each campaign, held against the others
-    campaigns: Mapping[Annotated[str, record.Key("campaign")], CampaignAlone]
+    campaigns: Mapping[record.CampaignKey, CampaignAlone]
     # shared parameters, in the form in which they were solved
-    parameters: Mapping[Annotated[str, record.Key("parameter")], SharedParameter]
+    parameters: Mapping[record.ParameterKey, SharedParameter]
 
 
 class ParameterAlone(record.Part):
@@ -193,6 +193,9 @@ class ParameterAlone(record.Part):
 
     value: float  # its value
     std: float  # its standard uncertainty
+
+
+_ParametersAlone = Mapping[record.ParameterKey, ParameterAlone]
 
 
 class JointErrorAlone(record.Part):
@@ -223,17 +226,9 @@ class EffectByCampaign(record.Part):
     id: str  # id of the effect
     of: str  # where it sits
     # its parameters; of an error by a joint's angle see `errors`
-    parameters: (
-        Mapping[
-            Annotated[str, record.Key("campaign")],
-            Mapping[Annotated[str, record.Key("parameter")], ParameterAlone],
-        ]
-        | None
-    ) = record.optional()
+    parameters: Mapping[record.CampaignKey, _ParametersAlone] | None = record.optional()
     # of an error by a joint's angle
-    errors: Mapping[Annotated[str, record.Key("campaign")], JointErrorAlone] | None = (
-        record.optional()
-    )
+    errors: Mapping[record.CampaignKey, JointErrorAlone] | None = record.optional()
     # how well every two campaigns agree on an error by a joint's angle
     agreement: tuple[CampaignsAgree, ...]
 
@@ -311,9 +306,8 @@ class CalibrationRecord(Fit, record.MeasuredRecord):
     rank: int  # directions of parameter space that the data identify
     unknowns: int  # parameters fitted, the base frame's too
     condition: float  # condition number over the identified directions
-    singular_values: (
-        record.Numbers
-    )  # singular values of the Jacobian in scaled parameters, descending
+    # singular values of the Jacobian in scaled parameters, descending
+    singular_values: record.Numbers
     # directions that are not identifiable, as weights of parameters
     null_directions: tuple[Mapping[record.ParameterKey, float], ...]
     errors: Mapping[record.LoadKey, LoadErrors]  # errors at each load
@@ -380,9 +374,8 @@ class Redundant(record.Part):
     """A parameter that others replace exactly, so it was not fitted."""
 
     name: str  # the parameter
-    replaced_by: Mapping[
-        record.ParameterKey, float
-    ]  # parameters that do the same, with how much of each
+    # parameters that do the same, with how much of each
+    replaced_by: Mapping[record.ParameterKey, float]
 
 
 class SuspectedOutlier(record.Part):
@@ -429,9 +422,8 @@ class GeneralCalibrationRecord(CalibrationRecord):
     geometry: Fit
     nominal: Fit  # the fit of base and tool alone, the arm nominal
     suspected_outliers: tuple[SuspectedOutlier, ...]  # suspected outliers
-    prior: PriorPart | None = (
-        record.optional()
-    )  # the model it started from; not given where none was
+    # the model it started from; not given where none was
+    prior: PriorPart | None = record.optional()
     group: GroupOfCampaigns | None = record.optional()  # of a group, what each campaign says alone
 
     @property
@@ -480,19 +472,15 @@ class BaseFrameRecord(record.MeasuredRecord):
     y_direction_u_rad: float | None = record.optional()  # standard uncertainty of the y axis [rad]
     line_x: StraightLine | None = record.optional()  # the straight move along x
     line_y: StraightLine | None = record.optional()  # the straight move along y
-    angle_between_lines_deg: float | None = (
-        record.optional()
-    )  # angle between the straight moves [deg]
+    # angle between the straight moves [deg]
+    angle_between_lines_deg: float | None = record.optional()
     attitude_scatter_rad: float | None = (
         record.optional()
     )  # root mean square orientation residual [rad]
-    T_ee_target: record.PoseMatrix | None = (
-        record.optional()
-    )  # the target in the end-effector frame [m]
+    # the target in the end-effector frame [m]
+    T_ee_target: record.PoseMatrix | None = record.optional()
     # of a group, the target of each campaign in the end-effector frame [m]
-    T_ee_target_of: Mapping[Annotated[str, record.Key("campaign")], record.PoseMatrix] | None = (
-        record.optional()
-    )
+    T_ee_target_of: Mapping[record.CampaignKey, record.PoseMatrix] | None = record.optional()
     # places of the targets in the end-effector frame [m]
     p_ee_targets_m: Mapping[Annotated[str, record.Key("target")], record.Vector3] | None = (
         record.optional()
@@ -501,9 +489,8 @@ class BaseFrameRecord(record.MeasuredRecord):
     p_base_point_m: record.Vector3 | None = record.optional()
     # what the data do not identify, held at its stated or starting value
     held_as_stated: tuple[str, ...] | None = record.optional()
-    target_stated: bool | None = (
-        record.optional()
-    )  # whether the campaign states the places of its targets
+    # whether the campaign states the places of its targets
+    target_stated: bool | None = record.optional()
     origin_scatter_mm: float  # root mean square position residual [mm]
     origin_poses: int  # poses that the origin stands on
     origin_from: str  # which poses they are

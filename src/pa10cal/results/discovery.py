@@ -202,9 +202,7 @@ class SetGap(LoadGap):
     noise_floor_mm: float  # mean position error that repeatability alone leaves [mm]
     per_load: Mapping[record.LoadKey, LoadGap]  # the gap at each load
     # of a group, the gap in each campaign; not given of a single one
-    per_campaign: Mapping[Annotated[str, record.Key("campaign")], LoadGap] | None = (
-        record.optional()
-    )
+    per_campaign: Mapping[record.CampaignKey, LoadGap] | None = record.optional()
     # inside the joint angles that maps have learnt from; null where effects were judged by repeats,
     # no map was found, or no configuration is
     inside: BeforeAfter | None
@@ -339,9 +337,6 @@ class Separation(record.Part):
     expected_probability: float | None = record.optional()
 
 
-# How much of the error beyond noise is explained, and formulas proposed.
-
-
 class ProposedEvidence(record.Part):
     """How blocks of poses that were left out of the fit are predicted.
 
@@ -367,7 +362,7 @@ class ProposedFormula(record.Part):
     numbers: tuple[float, ...]
     # lowest and highest order, in cycles a turn, that does as well
     orders: tuple[int, int] | None = record.optional()
-    parameters: Mapping[Annotated[str, record.Key("parameter")], EffectParameter]  # its parameters
+    parameters: Mapping[record.ParameterKey, EffectParameter]  # its parameters
     gain: float  # part of the squared error of blocks of poses left out that it takes away
     # maps and smooth unknown functions in whose place it was tried; none where it leaves no more
     # than noise
@@ -412,9 +407,6 @@ class Explained(record.Part):
     noise_mm: float  # root mean square error that noise alone would leave [mm]
 
 
-# The verdict, and the model with it.
-
-
 class VerdictKeys(record.Part):
     """The verdict on a campaign."""
 
@@ -450,9 +442,8 @@ class VerdictKeys(record.Part):
     remaining: Remaining | None = record.optional()  # remaining error of blocks held out of the fit
     # how effects were searched for; null where they were not
     search: SearchByRepeats | SearchByBlocks | None
-    bands: Bands | None = (
-        record.optional()
-    )  # bands of maps, found from the data, where they have some
+    # bands of maps, found from the data, where they have some
+    bands: Bands | None = record.optional()
     # what single poses scatter by about the extended model, where maps have a band
     scatter: PoseScatter | None = record.optional()
     # values of each joint seen by the fit, where effects were judged by blocks and a map was found:

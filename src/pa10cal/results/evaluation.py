@@ -9,8 +9,6 @@ from pydantic import Field
 
 from pa10cal.results import record
 
-# Errors of a model over configurations, and configuration by configuration.
-
 
 class Distances(record.Part):
     """Position errors over a set of configurations."""
@@ -156,7 +154,7 @@ class HeldOutModel(PartAccuracy):
         return {words: part for words, part in parts.items() if part is not None} or {"": self}
 
 
-_Models = Mapping[Annotated[str, record.Key("model")], HeldOutModel]
+_Models = Mapping[record.ModelKey, HeldOutModel]
 
 
 class PartOfCampaign(record.Part):
@@ -184,7 +182,7 @@ class HoldoutRecord(record.MeasuredRecord):
     # parts before and after steps in time that the verdict tells; not given where it tells none
     parts: tuple[PartOfCampaign, ...] | None = record.optional()
     # errors by model with base and tool fitted anew, a base for every part
-    by_parts: Mapping[Annotated[str, record.Key("model")], Accuracy] | None = record.optional()
+    by_parts: Mapping[record.ModelKey, Accuracy] | None = record.optional()
     note: str | None = record.optional()  # why there is no model in it
 
 
@@ -201,7 +199,7 @@ class TransferRecord(record.MeasuredRecord):
     # given where nothing moved
     parts: tuple[PartOfCampaign, ...] | None = record.optional()
     # errors by model with one base for all parts
-    one_base: Mapping[Annotated[str, record.Key("model")], Accuracy] | None = record.optional()
+    one_base: Mapping[record.ModelKey, Accuracy] | None = record.optional()
     # which models are worse here than the nominal arm, one sentence; not given where none is
     worse: str | None = record.optional()
 
@@ -218,9 +216,8 @@ class RepeatabilityRows(record.Table):
     repeats: record.CountColumn  # readings of it
     # whether every joint arrived from the same side in all of them, as the standard has it
     one_direction: record.FlagColumn
-    RP_mm: (
-        record.Column
-    )  # RP_l: mean distance from the mean position, and three standard deviations [mm]
+    # RP_l: mean distance from the mean position, and three standard deviations [mm]
+    RP_mm: record.Column
     # RP_a, RP_b, RP_c: three standard deviations of the rotations about the base's x, y and z
     # [deg]; null where the instrument measures no orientation
     RP_deg: record.VectorColumn | None
@@ -259,5 +256,5 @@ class Iso9283Record(record.MeasuredRecord):
     repeatability: RepeatabilityRows | None = record.optional()
     # accuracy by the model that commands: `uncalibrated`, `geometry`, `linear`, `cubic`,
     # `extended`; not given where `note` says why
-    accuracy: Mapping[Annotated[str, record.Key("model")], PoseAccuracy] | None = record.optional()
+    accuracy: Mapping[record.ModelKey, PoseAccuracy] | None = record.optional()
     note: str | None = record.optional()  # why there is neither in it

@@ -27,9 +27,6 @@ class FallsBack(Part):
     why: str  # what held-out poses show, one sentence
 
 
-# Spacing and smoothness of a map of a joint's error, in the records of discovery.
-
-
 class Fading(Part):
     """How the amplitudes of a map fade with their order."""
 
@@ -55,9 +52,6 @@ class MapForm(Part):
     knots: int  # knots a turn
     fading: Fading | None = optional()  # how its amplitudes fade with their order, where they do
     band: Band | None = optional()  # the band that its amplitudes have, where they do not fade
-
-
-# The bands that maps were given, and what single poses scatter by, in the records of discovery.
 
 
 class BandOfMap(Part):
@@ -96,9 +90,6 @@ class PoseScatter(Part):
     # and the uncertainty of the model
     inside95_train: float
     inside95_holdout: float | None  # the same of held-out poses; null where there are none
-
-
-# What the motor's ripple says of a joint's error, in the records of discovery.
 
 
 #: Correlation of campaigns or turns from which they agree, and how many arcs it takes.

@@ -90,8 +90,6 @@ class FleetRecord(Record):
         return sorted(known, key=lambda each: (each.became.after_mm or 0.0, each.campaign))
 
 
-# `measured/measured.json`: the campaigns of real robots that are at hand, in one table.
-
 #: Models of the table, each with what the one before lacks.
 MeasuredModel = Literal["nominal", "geometry", "springs", "effects"]
 
@@ -142,9 +140,6 @@ class MeasuredRobotsRecord(Record):
     """Campaigns of real robots at hand, with their errors by model."""
 
     robots: tuple[MeasuredRobot, ...]  # every campaign and group at hand
-
-
-# `pictures.json`: the pictures and tables of a campaign or study.
 
 
 class Caption(Part):

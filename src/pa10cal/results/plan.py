@@ -72,25 +72,17 @@ class PlanRecord(Record):
     options: Mapping[Annotated[str, Key("option")], JsonValue]  # options of the plan
 
 
-# Configurations to measure next, as a table.
-
-
 def suggestion_table(
     suggestions: Sequence[SuggestedPose], axes_slide: Sequence[bool], *, with_sides: bool
 ) -> str:
     """Return the configurations to measure as the text of a CSV file that a robot can read.
 
-    Only the header where there are none.
-
-    Args:
-        suggestions: configurations, the first to measure first.
-        axes_slide: whether each axis of the controller slides.
-        with_sides: whether to say from which side each axis arrives, and what poses separate.
+    Only the header where there are none. They may say from which side each axis should arrive.
     """
-    sides: list[str] = []
-    if with_sides:
-        sides = [*(f"arrive{k}_from" for k in range(1, len(axes_slide) + 1)), "separation_nats"]
-    axes = [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(axes_slide, start=1)]
+    numbers = range(1, len(axes_slide) + 1)
+    sides = [*(f"arrive{k}_from" for k in numbers), "separation_nats"] if with_sides else []
+    units = ("mm" if slides else "deg" for slides in axes_slide)
+    axes = [f"q{k}_{unit}" for k, unit in zip(numbers, units, strict=True)]
     header = ["order", *axes, "load_N", *sides, "for"]
     rows = []
     for order, pose in enumerate(suggestions, start=1):

@@ -131,8 +131,10 @@ class Key:
 
 #: Keys of a mapping by load: `22N`.
 LoadKey = Annotated[str, Key("load")]
-#: Keys of a mapping by the name of a parameter: `delta_a_1`.
+#: Keys of a mapping by the name of a parameter: `delta_a_1`; of a campaign; of a model.
 ParameterKey = Annotated[str, Key("parameter")]
+CampaignKey = Annotated[str, Key("campaign")]
+ModelKey = Annotated[str, Key("model")]
 
 Vector3 = Annotated[NDArray[np.float64], Shape(3)]
 Matrix3 = Annotated[NDArray[np.float64], Shape(3, 3)]
@@ -179,9 +181,9 @@ def with_half_width_95(value: float, std: float, sign: str = "") -> str:
     return f"{rounded:{sign}.{decimals}f} ± {half:.{decimals}f}"
 
 
-def optional(description: str | None = None) -> Any:
+def optional() -> Any:
     """Return a field whose key may be absent, and is where its value is None."""
-    return Field(default=None, exclude_if=lambda value: value is None, description=description)
+    return Field(default=None, exclude_if=lambda value: value is None)
 
 
 class Part(BaseModel):

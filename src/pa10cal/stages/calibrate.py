@@ -125,17 +125,9 @@ def _record(
     *,
     by_general: bool,
 ) -> CalibrationRecord:
-    """Calibrate a load case, once more with effects where there are any.
+    """Calibrate a load case by the general or the paper's model; with effects if there are any.
 
-    Args:
-        case: the load case.
-        seed: where the base stands.
-        of_verdict: effects that discovery named; None for those that the settings list.
-        discovery: options for effects to calibrate with.
-        by_general: by the general model; otherwise by the paper's.
-
-    Raises:
-        CalibrationError, DiscoveryError: when the poses do not allow it.
+    The effects are those of the verdict, or without one (None) those that the settings list.
     """
     from pa10cal.calibration.campaign import calibration_record
     from pa10cal.discovery.given import calibrated_with, listed
