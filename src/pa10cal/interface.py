@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pa10cal.calibration.options import CalibrationOptions
-from pa10cal.campaign.read import Campaign, read_group
+from pa10cal.campaign.read import Campaign
 from pa10cal.campaign.read import read_campaign as read_raw
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import FittedModel, load_model
@@ -23,18 +23,6 @@ if TYPE_CHECKING:
     from pa10cal.pose_plan.options import PlanOptions
     from pa10cal.pose_plan.plan import PosePlan
     from pa10cal.results.comparison import ComparisonRecord
-
-__all__ = [
-    "calibrate",
-    "compare",
-    "discover",
-    "load_arm",
-    "load_model",
-    "plan",
-    "read_campaign",
-    "read_group",
-    "report",
-]
 
 
 def read_campaign(

@@ -23,17 +23,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import (
-    Any,
-    Literal,
-    NoReturn,
-    TextIO,
-    Union,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Any, Literal, NoReturn, TextIO, Union, cast, get_args, get_origin, get_type_hints
 
 from pa10cal import __version__
 from pa10cal.errors import (

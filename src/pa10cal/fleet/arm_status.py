@@ -13,13 +13,7 @@ from pa10cal.files.output import csv_text
 from pa10cal.fleet.campaigns import ListedCampaign, in_order
 from pa10cal.results.calibration import UNRESERVED
 from pa10cal.results.codec import read
-from pa10cal.results.outcomes import (
-    Attention,
-    ChainRecord,
-    FleetArm,
-    FleetCampaign,
-    FleetRecord,
-)
+from pa10cal.results.outcomes import Attention, ChainRecord, FleetArm, FleetCampaign, FleetRecord
 
 #: Reasons why an arm needs attention, the most urgent first.
 _BY_URGENCY: tuple[Attention, ...] = get_args(Attention)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -36,8 +37,8 @@ def read(kind: type[_R], path: Path, campaign: str | None = None, within: Path |
         RecordError: when the file is missing or cannot be read, is another kind of file or of
             another campaign, lacks a key, or holds what the key does not allow.
     """
-    allowed = f"a JSON file with schema {kind.SCHEMA}"
-    (content,) = _contents(kind, path, "record", allowed, within)
+    with _refused(kind, path, "the record is", f"a JSON file with schema {kind.SCHEMA}"):
+        content = from_json(_read(path, within), allow_inf_nan=False)
     return _checked(kind, content, str(path), campaign)
 
 
@@ -47,31 +48,29 @@ def read_lines(kind: type[_R], path: Path) -> list[_R]:
     Raises:
         RecordError: as `read` does, naming the line.
     """
-    contents = _contents(kind, path, "records", f"one line of schema {kind.SCHEMA} each")
+    with _refused(kind, path, "the records are", f"one line of schema {kind.SCHEMA} each"):
+        text = _read(path)
+        if text.count(b"\n") + text.count(b"\r") > _MOST_VALUES:
+            raise ValueError(f"more than {_MOST_VALUES} lines")
+        contents = [from_json(line, allow_inf_nan=False) for line in text.splitlines()]
     return [_checked(kind, each, f"{path}:{k}", None) for k, each in enumerate(contents, start=1)]
 
 
-def _contents(
-    kind: type[Record], path: Path, what: str, allowed: str, within: Path | None = None
-) -> list[Any]:
-    """Return what a file holds as JSON: one `record`, or `records` on a line each."""
+@contextmanager
+def _refused(kind: type[Record], path: Path, subject: str, allowed: str) -> Iterator[None]:
+    """Raise a RecordError that begins with `subject`, as `the record is`, if the block fails."""
     try:
-        text = _read(path, within)
-        if what == "records" and text.count(b"\n") + text.count(b"\r") > _MOST_VALUES:
-            raise ValueError(f"more than {_MOST_VALUES} lines")
-        texts = [text] if what == "record" else text.splitlines()
-        return [from_json(each, allow_inf_nan=False) for each in texts]
+        yield
     except FileNotFoundError:
-        is_or_are = "is" if what == "record" else "are"
         raise RecordError(
-            f"the {what} {is_or_are} missing",
+            f"{subject} missing",
             where=str(path),
             allowed=f"a file that pa10cal {kind.COMMAND} wrote",
             remedy=f"run pa10cal {kind.COMMAND} first",
         ) from None
     except (OSError, ValueError) as error:
         raise RecordError(
-            f"the {what} cannot be read",
+            f"{subject.rpartition(' ')[0]} cannot be read",
             where=str(path),
             value=reason(error),
             allowed=allowed,
