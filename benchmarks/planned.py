@@ -21,7 +21,7 @@ from pa10cal.fit.forward import pose_difference
 from pa10cal.interface import calibrate
 from pa10cal.observe.kinds import TrackerKind, instruments
 from pa10cal.options import DiscoveryOptions
-from pa10cal.pose_plan.expected import covariance_of, expected_rows, rms_mm
+from pa10cal.pose_plan.expected import covariance_of, expected_rows, target_rms_u_mm
 from pa10cal.pose_plan.options import PlanOptions
 from pa10cal.pose_plan.plan import plan_poses
 from pa10cal.pose_plan.setup import PlanSetup, instrument_named
@@ -128,7 +128,7 @@ class Cell:
         """Return the tool's expected standard uncertainty over tested poses, rms."""
         setup = PlanSetup(self.arm, instrument_named(self.instrument), options)
         rows = expected_rows(setup, np.concatenate([q, tested]), CalibrationOptions())
-        return rms_mm(rows.tool[len(q) :], covariance_of(rows.white[: len(q)]))
+        return target_rms_u_mm(rows.target_jacobian[len(q) :], covariance_of(rows.white[: len(q)]))
 
     def simulated_mm(self, q: Array, tests: list[Array], seed: int) -> list[float]:
         """Measure a robot of the cell at poses, calibrate it, and return the error of its tool.
