@@ -17,8 +17,8 @@ import numpy as np
 
 from pa10cal.arm.chain import Chain, frames
 from pa10cal.arm.description import Arm
+from pa10cal.command_settings import ChainOptions
 from pa10cal.commands.command_line import limit_threads
-from pa10cal.evaluation.options import ChainOptions
 from pa10cal.files.arms import load_arm
 from pa10cal_lab.blind_trials import try_trial
 from pa10cal_lab.cell.effects.effect import Site

@@ -11,9 +11,9 @@ from benchmarks.fuzz.corpus import CAMPAIGNS as SMALL
 
 import pa10cal
 from mended import write_simulated
+from pa10cal.command_settings import ChainOptions
 from pa10cal.commands.command_line import run_command
 from pa10cal.discovery.verdict_records import extended_record, verdict_record
-from pa10cal.evaluation.options import ChainOptions
 from pa10cal.results.codec import write
 from pa10cal.settings_reading import parse_section
 from pa10cal_lab.blind_trials import calibrated_by_stages, judged_by_stages

@@ -54,7 +54,8 @@ FLOOR = {
 
 #: What a package may import besides itself and `errors`: packages, or single modules.
 MAY_IMPORT = {
-    "settings": {"calibration.options", "evaluation.options"},
+    "settings": {"calibration.options", "command_settings"},
+    "command_settings": {"calibration.options"},
     "settings_reading": set(),
     "input_files": set(),
     "yaml_file": set(),
@@ -128,6 +129,7 @@ MAY_IMPORT = {
         "arm",
         "calibration",
         "campaign",
+        "command_settings",
         "stages",
         "discovery",
         "evaluation",
@@ -155,7 +157,7 @@ MAY_IMPORT = {
         "arm",
         "campaign.description",
         "campaign.table",
-        "evaluation.options",
+        "command_settings",
         "files",
         "options",
         "observe",
@@ -172,7 +174,7 @@ MAY_IMPORT = {
         "reports.summary",
     },
     "reports": {
-        "evaluation.options",
+        "command_settings",
         "observe.instrument",
         "observe.quantities",
         "observe.kinds",
@@ -194,6 +196,7 @@ MAY_IMPORT = {
         "terms",
     },
     "stages": {
+        "command_settings",
         "arm",
         "calibration",
         "campaign",

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.command_settings import ChainOptions, PictureOptions
 from pa10cal.errors import SettingsError
-from pa10cal.evaluation.options import ChainOptions, PictureOptions
 from pa10cal.options import MonteCarloOptions, Section
 from pa10cal.settings import Settings, parse_settings
 from pa10cal.settings_reading import parse_section, read_settings_argument

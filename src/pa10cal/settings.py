@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
+from pa10cal import command_settings
 from pa10cal.calibration.options import CalibrationOptions
+from pa10cal.command_settings import EvaluationOptions, FigureOptions
 from pa10cal.errors import NAME_RULE, fits_a_folder
-from pa10cal.evaluation import options
-from pa10cal.evaluation.options import EvaluationOptions, FigureOptions
 from pa10cal.options import (
     BaseFrameOptions,
     DiscoveryOptions,
@@ -69,13 +69,13 @@ class Settings(Section):
     )
     raw_dir: str = Field("data/raw", description="campaigns, only read")
     results_dir: str = Field("results", description="one folder a campaign is written here")
-    kcub_reading: options.KcubReading = "text_e7"
-    ingest: options.Ingest = IngestOptions()
-    base_frame: options.BaseFrame = BaseFrameOptions()
-    calibration: options.Calibration = CalibrationOptions()
-    montecarlo: options.MonteCarlo = MonteCarloOptions()
-    evaluation: options.Evaluation = EvaluationOptions()
-    discovery: options.Discovery = DiscoveryOptions()
+    kcub_reading: command_settings.KcubReading = "text_e7"
+    ingest: command_settings.Ingest = IngestOptions()
+    base_frame: command_settings.BaseFrame = BaseFrameOptions()
+    calibration: command_settings.Calibration = CalibrationOptions()
+    montecarlo: command_settings.MonteCarlo = MonteCarloOptions()
+    evaluation: command_settings.Evaluation = EvaluationOptions()
+    discovery: command_settings.Discovery = DiscoveryOptions()
     blind_trials: BlindTrialsOptions = Field(
         BlindTrialsOptions(),
         description="campaigns of the virtual cell judged without their truth, and scored apart",
@@ -89,7 +89,7 @@ class Settings(Section):
         description="calibration of a chain of links on two-axis joints, posed along curves, in "
         "the virtual cell",
     )
-    figures: options.Figures = FigureOptions()
+    figures: command_settings.Figures = FigureOptions()
     dataset_sources: dict[str, str] = Field(
         default_factory=dict,
         description="folder or address of a public data set by name, e.g. {ipa-robot-accuracy: "

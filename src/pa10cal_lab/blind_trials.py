@@ -24,8 +24,8 @@ from pa10cal.arrays import Array
 from pa10cal.calibration.campaign import calibrated_record
 from pa10cal.calibration.load_case import COMBINED, LoadCase
 from pa10cal.campaign.read import read_campaign
+from pa10cal.command_settings import ChainOptions, EvaluationOptions
 from pa10cal.errors import Pa10calError
-from pa10cal.evaluation.options import ChainOptions, EvaluationOptions
 from pa10cal.files.arms import load_arm
 from pa10cal.fit.fitted_model import models_of
 from pa10cal.results.calibration import CalibrationRecord

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Literal
 
-from pa10cal.evaluation.options import ChainOptions
+from pa10cal.command_settings import ChainOptions
 
 
 def blind_trials(

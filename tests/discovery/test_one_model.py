@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mended import write_simulated
-from pa10cal.evaluation.options import ChainOptions
+from pa10cal.command_settings import ChainOptions
 from pa10cal.results.codec import read
 from pa10cal.results.evaluation import HoldoutRecord
 from pa10cal_lab.blind_trials import calibrated_by_stages, judged_by_stages

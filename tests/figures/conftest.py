@@ -15,8 +15,8 @@ from built_once import built_once
 from made_up_records import accuracy, effect, made_up_gap, set_gap, stretches_deg, verdict_keys
 from made_up_results import elsewhere, small_results, taken_to_a_model
 from pa10cal.campaign.description import read_description
+from pa10cal.command_settings import ChainOptions, PictureOptions
 from pa10cal.commands.command_line import run_command
-from pa10cal.evaluation.options import ChainOptions, PictureOptions
 from pa10cal.figures.style import WIDTH_MM, theme, write_figure
 from pa10cal.reports.results_bundle import ResultsBundle
 from pa10cal.results.codec import write

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from made_up_results import elsewhere
-from pa10cal.evaluation.options import PictureOptions
+from pa10cal.command_settings import PictureOptions
 from pa10cal.figures import published
 from pa10cal.figures.campaign import paper_against_ours
 from pa10cal.figures.table import ResultTable, figures, frame_of, write_table

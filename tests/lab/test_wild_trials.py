@@ -2,7 +2,7 @@
 
 import pytest
 
-from pa10cal.evaluation.options import ChainOptions
+from pa10cal.command_settings import ChainOptions
 from pa10cal_lab.blind_trial import BlindTrial
 from pa10cal_lab.blind_trials import try_trial
 from pa10cal_lab.cell.trials import draw_trials

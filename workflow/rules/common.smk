@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from pa10cal.errors import Pa10calError, SettingsError
-from pa10cal.evaluation.options import ChainOptions
+from pa10cal.command_settings import ChainOptions
 from pa10cal.fleet.campaigns import campaigns_of
 from pa10cal.planning.campaign import (
     arm_files,

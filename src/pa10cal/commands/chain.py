@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pa10cal.command_settings import ChainOptions
 from pa10cal.errors import OutputError, Pa10calError, SettingsError, no_memory
-from pa10cal.evaluation.options import ChainOptions
 from pa10cal.files.output import MAKE_ROOM, no_room
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pa10cal.evaluation.options import PictureOptions
+from pa10cal.command_settings import PictureOptions
 
 
 def figures(

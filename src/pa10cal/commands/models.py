@@ -493,7 +493,7 @@ def drift(models: tuple[Path, ...], *, out: Path, figures: Path | None = None) -
     record = drift_of(fitted, names)
     write(record, out)
     if figures is not None:
-        from pa10cal.evaluation.options import FigureOptions
+        from pa10cal.command_settings import FigureOptions
         from pa10cal.figures.draw import write_drift
 
         write_drift(record, figures, out.stem, FigureOptions().png_dpi)

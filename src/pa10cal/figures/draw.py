@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from pa10cal.campaign.description import read_description
+from pa10cal.command_settings import FigureOptions, PictureOptions
 from pa10cal.errors import RecordError, SettingsError
-from pa10cal.evaluation.options import FigureOptions, PictureOptions
 from pa10cal.figures.registry import ELSEWHERE, NEEDS, NothingToShowError, Picture, entries
 from pa10cal.figures.style import name_in_title, new_figure, panel, theme, write_figure
 from pa10cal.figures.table import write_table

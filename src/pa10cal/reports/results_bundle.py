@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 from pa10cal.campaign.description import CampaignDescription, read_description
 from pa10cal.campaign.table import read_pose_table
+from pa10cal.command_settings import PictureOptions
 from pa10cal.errors import RecordError, last_message
-from pa10cal.evaluation.options import PictureOptions
 from pa10cal.input_files import read_csv, read_file, reason
 from pa10cal.observe.kinds import instrument_of
 from pa10cal.observe.quantities import Words

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from pa10cal.evaluation.options import ChainOptions
+from pa10cal.command_settings import ChainOptions
 from pa10cal.options import Section
 
 #: Load case of all loads together.

@@ -1,4 +1,4 @@
-"""Options of the evaluation and of the figures, and the sections that several settings hold."""
+"""Settings of the commands `chain` and `figures`, and sections that they share with `settings`."""
 
 from __future__ import annotations
 
@@ -19,9 +19,6 @@ class EvaluationOptions(options.Section):
     )
 
 
-# Options of the figures.
-
-
 class FigureOptions(options.Section):
     """Looks shared by all figures."""
 
@@ -31,7 +28,7 @@ class FigureOptions(options.Section):
     )
 
 
-# Sections that several settings hold, each with its description.
+# Sections as fields of settings, each with its description.
 
 KcubReading = Annotated[
     Literal["text_e7", "table_e8"],
@@ -59,7 +56,7 @@ Figures = Annotated[FigureOptions, Field(description="style shared by all figure
 
 
 class PictureOptions(options.Section):
-    """The settings that pictures of a campaign read."""
+    """Settings of `figures`: what pictures of a campaign read."""
 
     figures: Figures = FigureOptions()
     kcub_reading: KcubReading = "text_e7"
@@ -68,7 +65,7 @@ class PictureOptions(options.Section):
 
 
 class ChainOptions(options.Section):
-    """The settings of every stage from raw files to a model."""
+    """Settings of `chain`: every stage from raw files to a model."""
 
     ingest: Ingest = options.IngestOptions()
     base_frame: BaseFrame = options.BaseFrameOptions()
